@@ -22,6 +22,7 @@ __all__ = ["Verdict"]
 
 STATES = ("green", "amber", "red")
 OPEN = 50.0  # percent of a balance unexplained, above which nothing may be concluded from it
+DOUBTFUL = 25.0  # and above which other mappings of the channels are tried
 LARGE = 15.0  # and above which its estimates deserve a word
 ASTRAY = 20.0  # percent of the measured motion by which a free run may miss it
 NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
@@ -221,7 +222,7 @@ def mapping_that_closes(records: Sequence[Record], fit: Callable[[list[Record]],
             error, pooled, _ = left([change(rec) for rec in records])
         except NRFError:
             continue
-        if error <= min(OPEN, worst / 2):
+        if error <= min(OPEN, worst / 3):
             rows.append((error, pooled, words))
     if not rows:
         return ""
@@ -281,7 +282,7 @@ def verdict_on(
     follows : float
         Error of free runs over some periods, percent NRMSE, where that over the whole record says less.
     wiring : callable, optional
-        Gives the error of wiring without which the balances close, in words; it is asked under a red verdict only.
+        Gives the error of wiring without which the balances close, in words; it is asked where one does not close well.
 
     Returns
     -------
@@ -306,15 +307,18 @@ def verdict_on(
             red.append("The free run diverges" + (f": it misses the motion by {error:.3g} %." if error < 1e3 else "."))
     red += [stopped] if stopped and not red else []
     red += [text for text, sure in (faults or {}).items() if sure]
-    cause = wiring() if wiring is not None and (red or faults) else ""
+    poor = {j: e for j, e in balances.items() if e > LARGE}
+    asked = red or faults or max(poor.values(), default=0.0) > DOUBTFUL
+    cause = wiring() if wiring is not None and asked else ""
     if red or cause:
+        red = red or [f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained." for j, e in poor.items()]
         red = list(dict.fromkeys([*red, *(faults or ())]))
         more = red if cause else [*red[1:], *doubts]
         return Verdict("red", f"Do not use this model. {cause or red[0]}", tuple(dict.fromkeys(more)))
     doubts = [*(faults or ()), *doubts]
     amber = [
         f"{e:.3g} % of the force in the balance of DOF {j} is unexplained: a law is missing, or the channels are noisy."
-        for j, e in balances.items() if e > LARGE
+        for j, e in poor.items()
     ]  # fmt: skip
     what = "; ".join([*found, "linear otherwise"]) if found else "Linear storeys, nothing else was found"
     shown = follows if error > ASTRAY and follows < error else error

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
-from ..diagnostics.verdict import OPEN, free_runs, mapping_that_closes, suspect_channels
+from ..diagnostics.verdict import DOUBTFUL, free_runs, mapping_that_closes, suspect_channels
 from ..estimation.intervals import tolerances_of
 from ..estimation.problem import LEAST_SQUARES, Problem
 from ..estimation.regressor import NRFRegressor
@@ -137,7 +137,7 @@ def close_loop(
         report.faults = suspect_channels((*mine, *kept))
         last = max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)
         left = report.table.filter(like="held-out dof").iloc[last].max()
-        if report.faults or left > OPEN or (report.model.masses <= 0).any():
+        if report.faults or left > DOUBTFUL or (report.model.masses <= 0).any():
             again = clone(baseline).set_params(estimation="ls", constraints=None, optimizer=None)
             report.wiring = mapping_that_closes(mine, again.fit)
         return report

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ..data.channels import FILLED, fillers
+from ..data.io.reading import SLOW
 from ..data.io.summary import kind_of, summary
 from ..data.record import Record
 from ..exceptions import DataQualityWarning, NRFError
@@ -33,7 +34,6 @@ _BRISK, _WIDE = 500.0, 0.3
 _SURE, _LEAST, _FAR = 2.0, 0.02, 0.2
 _STEADY = 0.05  # between halves of a record; 0.02 at most in 130 clean channels, 0.1 where a gain drifts by 20 %
 _NEAR = 0.12  # relative distance within which a ratio is recognised
-_SLOW = 8.0  # Hz; accelerations of structures are sampled faster
 # Rows of arrays that are looked at; squared steps over variance of a drift from fewer than six rows a cycle on (rows
 # in no order: 2); steps this many times as large as those beside, and half as many times the rms, join two stretches.
 _LEAST_ROWS, _MOST_ROWS, _ROUGH, _JUMP = 256, 4096, 1.0, 8.0
@@ -231,7 +231,7 @@ _CHECKS = (
 def data_warnings(record: Record) -> list[str]:
     """Messages on units, clocks, signs, delays and channels of a record that are probably wrong."""
     out = _large(record) + _contradictions(record)
-    if not out and record.fs < _SLOW and any(re.fullmatch(r"a\d+", name) for name in record.channels()):
+    if not out and record.fs < SLOW and any(re.fullmatch(r"a\d+", name) for name in record.channels()):
         out = [f"accelerations at {record.fs:.3g} Hz: {_declared('ms')}"]
     return out + list(check_channels(record)["message"])
 

@@ -46,7 +46,7 @@ def test_brackets_that_hold_no_unit_stay_in_the_name(written):
     """Numbers of floors and compass directions; (N) and (S) of one name are not a force and a time."""
     table = read_table(written("t,a (floor 1),a (floor 2)\n0,1,2\n1,2,3\n"))
     assert list(table.variables) == ["t", "a (floor 1)", "a (floor 2)"]
-    path = written("t,acc (N),acc (S),laser (mm)\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
+    path = written("t [s],acc (N),acc (S),laser (mm)\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
     rec = read_record(path, mapping={"a1": "acc (N)", "a2": "acc (S)", "x1": "laser"})
     np.testing.assert_array_equal(rec.acceleration, [[1, 2], [2, 3], [3, 4]])
     np.testing.assert_allclose(rec.displacement[:, 0], [3e-3, 4e-3, 5e-3])

@@ -220,3 +220,20 @@ def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         variables[str(name)] = column.to_numpy()
     own = None if attributes is None else Attributes.from_json(attributes, path)
     return Table(path, "Parquet", variables, attributes=own)
+
+
+def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read the channels of a TDMS file of LabVIEW, their units and their sampling rate."""
+    nptdms = require("nptdms", "files", "Reading TDMS files")
+    check_size(path, path.stat().st_size, max_bytes)
+    with reading_as(path, "TDMS"):
+        channels = [channel for group in nptdms.TdmsFile.read(path).groups() for channel in group.channels()]
+        several = len({channel.group_name for channel in channels}) > 1
+        variables, units, steps = {}, {}, set()
+        for channel in channels:
+            name = f"{channel.group_name}.{channel.name}" if several else str(channel.name)
+            variables[name] = np.asarray(channel[:])
+            units[name] = str(channel.properties.get("unit_string", channel.properties.get("NI_UnitDescription", "")))
+            steps.add(float(channel.properties.get("wf_increment", 0.0)))
+    fs = 1.0 / steps.pop() if len(steps) == 1 and 0.0 not in steps else None
+    return Table(path, "TDMS", variables, {name: unit for name, unit in units.items() if unit}, fs=fs)

@@ -2,6 +2,8 @@
 
 import csv
 import re
+import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...common.lazy import require
 from ...exceptions import FileFormatError
-from .table import MAX_BYTES, SCHEMA, Attributes, Table, unreadable
+from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, reading_as, unreadable
 from .units import is_unit
 
 _HEAD_BYTES = _TAIL_BYTES = 65536
@@ -74,6 +77,34 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     if cut:
         notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied completely?")
     return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
+
+
+def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read the longest sheet of an Excel file (.xlsx): a row of names, one of units if there is any, numbers."""
+    openpyxl = require("openpyxl", "files", "Reading Excel sheets")
+    with reading_as(path, "Excel"):
+        with zipfile.ZipFile(path) as archive:
+            check_size(path, sum(item.file_size for item in archive.infolist()), max_bytes)
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        sheet, rows = max(((one.title, list(one.iter_rows(values_only=True))) for one in book), key=lambda x: len(x[1]))
+
+    def numeric(row: Sequence[Any]) -> bool:
+        filled = [c for c in row if c is not None]
+        return len(filled) > 1 and not any(isinstance(c, str) for c in filled)
+
+    start = next((k for k, row in enumerate(rows) if numeric(row)), None)
+    if start is None:
+        cure = "Give numbers, one row per sample; a decimal comma that Excel took for text is no number."
+        raise FileFormatError(f"{path}: the sheet {sheet!r} holds no rows of numbers", cure)
+    width = max(k for k, c in enumerate(rows[start], 1) if c is not None)
+    above = [(k, ["" if c is None else str(c).strip() for c in row[:width]]) for k, row in enumerate(rows[: start + 1])]
+    header, units, _ = _header([], above, start, width, "tab")
+    variables = {}
+    for k, name in enumerate(header):
+        column = pd.Series([row[k] for row in rows[start:]])
+        variables[name or f"c{k + 1}"] = column.to_numpy(dtype=float if column.dtype.kind in "biuf" else None)
+    known = {name: unit for name, unit in zip(header, units) if unit}
+    return Table(path, "Excel", variables, known, [f"sheet {sheet!r}"])
 
 
 def _ends_inside_a_number(path: Path, dialect: Dialect) -> str:

@@ -4,9 +4,12 @@ The grammar of one mapping is ``[-] name [ "[:, k]" | "[k, :]" ] [* factor] [@ u
 """
 
 import difflib
+import json
 import re
 import sys
 import tomllib
+import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,8 +18,9 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, FileFormatError
-from ..channels import FILLED, fillers
+from ..channels import FILLED, channel_of, fillers
 from .table import Table, check_file, unreadable
+from .units import kind_of_unit, si_unit, split_suffix
 
 GRAMMAR = '[-] name [:, k] * factor @ unit, e.g. "vir*35.1507", "-acc[:, 2] @ g", "laser @ mm"'
 
@@ -70,7 +74,9 @@ def parse(text: str, table: Table, channel: str) -> Expression:
 def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
     """Samples of a mapping, shape (n_samples,), before units are converted."""
     if expression.name not in table.variables:
+        near = difflib.get_close_matches(expression.name, table.variables, 1, 0.5)
         what = f"{table.path} has no variable {expression.name!r} for channel {channel}"
+        what += f"; did you mean {near[0]!r}?" if near else ""
         raise FileFormatError(what, f"It holds {table.names}.")
     values = table.variables[expression.name]
     wanted = f"Channel {channel} = {expression.name!r} of {table.path}"
@@ -214,3 +220,116 @@ def _inside(path: Path, name: str) -> Path:
         cure = "Put both into one folder."
         raise FileFormatError(f"{path}: the file {name!r} is not in the folder of the mapping file", cure)
     return path.parent / name
+
+
+# Words of the trade by kind: English, German, French, Spanish, Italian, Chinese, Japanese, without accents. Whole
+# words up to two letters, beginnings from three on, any part in Chinese and Japanese. The first kind counts.
+_WORDS = {
+    "t": "t time zeit temps tiempo tempo timestamp secs 时间 時間 時刻",
+    "": "temp temperatur thermo scan index sample row nr no status trigger spare humid 温度 湿度",
+    "a": "acc aceler beschl akzel 加速",
+    "F": "force kraft fuerza forza effort load last charge carga carico shaker hammer impact impakt marteau martillo "
+    "martello exciter erreger excit vibrodin dynamom 荷重 力 加振",
+    "x": "disp displ lvdt laser weg verschieb auslenk deplac desplaz spost dist abstand potentiom 位移 变位 変位",
+    "v": "vel geschw vitess speed ldv 速度",
+}  # fmt: skip
+_BASE_WORDS = "ag xg vg base basis ground boden table tisch sol suelo terreno fundament foundation fondation mesa "
+_BASE_WORDS += "tavola 台 地"
+_TOP = 10**6  # the number of the top floor, before the floors are counted
+_TOP_WORDS = "top roof dach oben toit sommet techo cubierta tetto sommita 屋 顶 頂 上"
+
+
+@dataclass
+class Proposal:
+    """What a column is taken to be: the channel, the mapping, and what is not sure about it."""
+
+    channel: str
+    text: str
+    doubts: list[str] = field(default_factory=list)
+
+
+def _says(name: str, words: str) -> bool:
+    """Whether the name of a column holds one of some words."""
+    plain = unicodedata.normalize("NFKD", name.lower())
+    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    tokens = re.findall(r"[^\W\d_]+", plain)
+    return any(
+        word in plain if not word.isascii() else word in tokens if len(word) < 3 else
+        any(token.startswith(word) for token in tokens) for word in words.split()
+    )  # fmt: skip
+
+
+def propose(table: Table) -> list[Proposal]:
+    """Channels of the columns of a file, from their units, numbers and words; what is not sure is said.
+
+    Parameters
+    ----------
+    table : Table
+
+    Returns
+    -------
+    list of Proposal
+    """
+    found: list[tuple[str, str, str, list[str]]] = []  # kind, name, mapping, doubts
+    most = max((len(v) for v in table.variables.values() if v.ndim), default=0)
+    for name, values in table.variables.items():
+        if not values.ndim or len(values) != most or values.ndim > 2:
+            continue
+        bare, suffix = split_suffix(name)
+        unit, doubts = table.units.get(name) or suffix, []
+        spoken = next((k for k, words in _WORDS.items() if _says(bare, words)), None)
+        own, by_unit = channel_of(bare), kind_of_unit(unit)
+        kind = by_unit or (own[0] if own else spoken)
+        if not kind or spoken == "" and not own:
+            continue
+        if by_unit and spoken and by_unit != spoken and not own:
+            doubts.append(f"its unit {unit} is not that of its name")
+        if not unit and not own:
+            doubts.append(f"no unit: {si_unit(kind if kind == 't' else kind + '1')} taken")
+        quoted = f'"{name}"' if re.search(r'[\[\]*@]|^-', name) else name
+        if values.ndim == 1:
+            found.append((kind, bare, quoted, doubts))
+        else:
+            found += [(kind, f"{bare} {k + 1}", f"{quoted}[:, {k}]", doubts) for k in range(values.shape[1])]
+    out: list[Proposal] = [Proposal("t", text, doubts) for kind, _, text, doubts in found if kind == "t"][:1]
+    motions = {k: [row for row in found if row[0] == k] for k in "axvF"}
+    numbered = {k: _numbered(rows) for k, rows in motions.items()}
+    floors = max((j for k in "axv" for j, *_ in numbered[k]), default=1)
+    for kind, rows in numbered.items():
+        for j, text, doubts in rows:
+            if kind == "F" and not 0 < j <= floors:
+                doubts = doubts if j == _TOP else [*doubts, f"on which floor? the top is taken of F1 to F{floors}"]
+                j = floors
+            channel = f"{kind}{j}" if j else f"{kind}g"
+            if channel in (one.channel for one in out):
+                continue
+            out.append(Proposal(channel, text, doubts))
+    return out
+
+
+def _numbered(rows: list[tuple[str, str, str, list[str]]]) -> list[tuple[int, str, list[str]]]:
+    """Floors of the columns of one kind: 0 for the base, -1 where nothing says it."""
+    on_base = [_says(name, _BASE_WORDS) for _, name, _, _ in rows]
+    above = [row for row, base in zip(rows, on_base) if not base]
+    numbers = [[int(n) for n in re.findall(r"\d+", name)] for _, name, _, _ in above]
+    out = [(0, text, doubts) for (_, _, text, doubts), base in zip(rows, on_base) if base]
+    if rows and rows[0][0] == "F":
+        rest = ((n[-1] if n else _TOP if _says(row[1], _TOP_WORDS) else -1, row) for n, row in zip(numbers, above))
+        return [(j, row[2], row[3]) for j, row in rest]
+    for pick in (-1, 0):
+        chosen = [n[pick] for n in numbers if n]
+        if chosen and len(set(chosen)) == len(chosen) == len(above) and max(chosen) <= 2 * len(chosen):
+            return out + [(n, text, doubts) for n, (_, _, text, doubts) in zip(chosen, above)]
+    tops = [_says(name, _TOP_WORDS) for _, name, _, _ in above]
+    order = sorted(range(len(above)), key=lambda i: tops[i])
+    doubt = "which floor? counted in the order of the columns"
+    return out + [(k, above[i][2], [*above[i][3], doubt]) for k, i in enumerate(order, 1)]
+
+
+def mapping_text(files: Sequence[Path], proposals: Sequence[Proposal]) -> str:
+    """A mapping file (TOML) of proposals; what is not sure stands behind a question mark."""
+    lines = [f"files = [{', '.join(json.dumps(path.name, ensure_ascii=False) for path in files)}]", "", "[channels]"]
+    for one in proposals:
+        doubt = f"   # ? {'; '.join(one.doubts)}" if one.doubts else ""
+        lines.append(f"{one.channel} = {json.dumps(one.text, ensure_ascii=False)}{doubt}")
+    return "\n".join(lines) + "\n"

@@ -12,25 +12,27 @@ import pandas as pd
 from ...exceptions import ChannelError, FileFormatError
 from ..channels import channel_of
 from ..record import BASES, MATRICES, Record, seconds_of
-from .arrays import SIGNATURE, read_hdf5, read_mat, read_npz, read_parquet
-from .delimited import read_delimited, split_unit
+from .arrays import SIGNATURE, read_hdf5, read_mat, read_npz, read_parquet, read_tdms
+from .delimited import read_delimited, read_excel, split_unit
 from .mapping import Expression, line_of, parse
 from .strong_motion import is_strong_motion, read_strong_motion
 from .table import MAX_BYTES, Table, check_file, restored
 from .uff import read_uff
-from .units import dimension_of, factor, si_unit
+from .units import dimension_of, factor, kind_of_unit, si_unit, split_suffix
 
 _TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
+SLOW = 8.0  # Hz; accelerations of structures are sampled faster
 _MOTIONS = ("length", "velocity", "acceleration")
 
 
 @dataclass
 class Source:
-    """Origin of a channel: the mapping or the column's name, the unit in the file, and the variable of the file."""
+    """Origin of a channel: the mapping or the column's name, the unit, the variable of the file; was the unit said?"""
 
     text: str
     unit: str
     name: str = ""
+    declared: bool = False
 
 
 @dataclass
@@ -178,7 +180,8 @@ def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: fl
         return Reading(record, table, sources, (), f"{record.fs:g} Hz, as written by this package")
     lines, sources = lines_of(table, mapping, units)
     if not any(dimension_of(c) in _MOTIONS and c not in BASES.values() for c in lines):
-        cure = "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name."
+        cure = "Name columns a1.., v1.., x1.., F1.., ag, t, or map them: mapping={'x1': 'name'}, --map x1=name; "
+        cure += "pysindy-nrf inspect FILE --write-mapping FILE.toml proposes a mapping."
         raise FileFormatError(f"{table.path}: no column is known to be a motion; it holds {table.names}", cure)
     title = name or (own.name if own else table.path.stem)
     record, clock = record_of(table, lines, sources, fs, title, coordinates or (own.coordinates if own else "relative"))
@@ -204,7 +207,7 @@ def lines_of(
             scale = factor(unit, channel)
             line = line if scale == 1 else line * scale
         lines[channel] = line
-        sources[channel] = Source(expression.text, unit or si_unit(channel), expression.name)
+        sources[channel] = Source(expression.text, unit or si_unit(channel), expression.name, unit is not None)
     stray = [key for key in declared if not any(key in (c, c[:1]) for c in lines)]
     if stray:
         what = f"A unit is given for {stray[0]!r}, which is not among the channels {', '.join(lines) or '(none)'}"
@@ -236,6 +239,10 @@ def record_of(
     record = Record.from_frame(pd.DataFrame(channels), fs=fs, name=name, coordinates=coordinates)
     if len(channels) < len(lines):  # no name of a covariate makes it a channel
         record = record.replace(covariates={c: line for c, line in lines.items() if not dimension_of(c)})
+    bare = "t" in lines and fs is None and not (sources["t"].declared if "t" in sources else False)
+    if bare and record.fs < SLOW and lines["t"].dtype.kind in "iuf" and any(re.fullmatch(r"a\d+", c) for c in channels):
+        what = f"{table.path}: accelerations at {record.fs:.3g} Hz say that the time is in ms, not in s"
+        raise ChannelError(what, "Declare its unit: units={'t': 'ms'}, --unit t=ms (or --unit t=s).")
     if "t" in lines:
         steps = np.diff(seconds_of(lines["t"], record.name)) * record.fs
         jitter = 100 * float(np.abs(steps - 1).max())
@@ -263,9 +270,12 @@ def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | 
     said = {channel_of(str(key)) or str(key): text for key, text in mapping.items()}
     for name in table.variables:
         bare, unit = split_unit(name)
+        bare, unit = (bare, unit) if unit else split_suffix(name)
         channel = channel_of(bare) or ""
         used = channel in chosen or channel in said or any(name in str(text) for text in said.values())
-        if unit and dimension_of(channel) == "force" and not used:
+        if unit and table.variables[name].ndim == 1 and not used and kind_of_unit(unit) == channel[:1]:
+            chosen[channel] = Expression(name, unit=unit)
+        elif unit and dimension_of(channel) == "force" and not used:
             factor(unit, channel)  # an error: a force that acts is not "known to be unforced"
             chosen[channel] = Expression(name, unit=unit)
     for channel, text in said.items():
@@ -303,6 +313,9 @@ def _unit(channel: str, expression: Expression, table: Table, declared: Mapping[
     if dimension_of(channel) is not None and channel[0] in declared:
         return declared[channel[0]]
     written = table.units.get(expression.name)
+    suffix = split_suffix(expression.name)[1]
+    if written is None and suffix is not None and kind_of_unit(suffix) == channel[:1] and dimension_of(channel):
+        written = suffix
     if written is None or expression.factor is None:
         return written
     try:
@@ -337,13 +350,15 @@ READERS = {
     **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".asc"), read_delimited),
     **dict.fromkeys((".parquet", ".pq"), read_parquet), ".mat": read_mat, **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
     **dict.fromkeys((".npz", ".npy"), read_npz), **dict.fromkeys((".uff", ".unv"), read_uff),
+    **dict.fromkeys((".xlsx", ".xlsm"), read_excel), ".tdms": read_tdms,
     **dict.fromkeys((".v2", ".v2c", ".v1", ".v1c", ".v0c"), read_strong_motion),
 }  # fmt: skip
 # First bytes of a file, the suffixes that fit them, and their name.
 _SIGNATURES = (
     (b"PAR1", (".parquet", ".pq"), "Parquet"), (SIGNATURE, (".h5", ".hdf5", ".mat"), "HDF5"),
     (b"MATLAB 5.0", (".mat",), "MATLAB"), (b"MATLAB 7.3", (".mat",), "MATLAB v7.3"),
-    (b"PK\x03\x04", (".npz",), "a ZIP archive (an Excel sheet or NPZ)"), (b"\x93NUMPY", (".npy",), "NumPy"),
+    (b"PK\x03\x04", (".npz", ".xlsx", ".xlsm"), "a ZIP archive (an Excel sheet or NPZ)"),
+    (b"TDSm", (".tdms",), "TDMS"), (b"\x93NUMPY", (".npy",), "NumPy"),
 )  # fmt: skip
 
 
@@ -354,9 +369,9 @@ def read_table(path: Any, *, max_bytes: int = MAX_BYTES) -> Table:
     ----------
     path : path-like or sequence of path-like
         CSV and other delimited text (``.csv .txt .tsv .dat .asc``), Parquet (``.parquet .pq``),
-        MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF 58 (``.uff .unv``) or
-        strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``, or ``.txt`` that starts as one). Several files are
-        channels of one test: their variables are called ``<file>.<variable>``.
+        Excel (``.xlsx``), TDMS (``.tdms``), MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy
+        (``.npz .npy``), UFF 58 (``.uff .unv``) or strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``, or ``.txt``
+        that starts as one). Several files are channels of one test: their variables are called ``<file>.<variable>``.
     max_bytes : int
         Larger files, and archives that unpack to more, are refused.
 

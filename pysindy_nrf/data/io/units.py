@@ -66,6 +66,27 @@ def factor(unit: str, channel: str) -> float:
     raise ChannelError(f"The unit {unit!r} of channel {channel} is unknown", cure)
 
 
+_SUFFIXES = {u.lower(): u for u in ("g", "mg", "gal", "m", "mm", "cm", "in", "ft", "N", "kN", "lbf", "kip", "s", "ms")}
+_SUFFIXES |= {"um": "µm", "us": "µs", "mps": "m/s", "mms": "mm/s", "ms2": "m/s^2", "mps2": "m/s^2", "mss": "m/s^2"}
+
+
+def split_suffix(name: str) -> tuple[str, str | None]:
+    """Name of a column and the unit behind its last underscore: ``acc_2_g``, ``force_kN``, ``time_ms``."""
+    bare, _, suffix = name.strip().rpartition("_")
+    return (bare, _SUFFIXES[suffix.lower()]) if bare and suffix.lower() in _SUFFIXES else (name.strip(), None)
+
+
+def kind_of_unit(unit: str | None) -> str | None:
+    """Letter of the channels that a unit measures (``a``, ``v``, ``x``, ``F``, ``t``), if it is one of theirs."""
+    text = _clean(unit or "")
+    for letter, kind in sorted(_DIMENSIONS.items()) if text else ():
+        if text == _SI[kind] or any(
+            found is not None and found[1] == _EXPONENTS[kind] for found in map(_parsed, _readings(text, kind))
+        ):
+            return letter
+    return None
+
+
 def is_unit(text: str) -> bool:
     """True if a text of a header is a unit of length, velocity, acceleration, force or time."""
     cleaned = _clean(text)

@@ -208,6 +208,7 @@ def _loop_options(command: Any) -> Any:
         opt.degree_option(1, "Total degree of the declared storeys, or box k,q."), opt.law_option, opt.mass_option,
         opt.band_option, click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most."),
         click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap."),
+        click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib)."),
     )  # fmt: skip
     for option in reversed(options):
         command = option(command)
@@ -304,7 +305,7 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
     data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
     report.model.info["inputs"] = session.results.sources
     with session.aside() as folder:
-        written = _write(report, folder)
+        written = _write(report, folder, options["figures"])
     session.finish({"verdict": asdict(verdict)} | data | {"model": report.model.to_dict()}, written)
     return exit_code(verdict)
 
@@ -316,7 +317,7 @@ _OF_A_STEP = (
 )  # fmt: skip
 
 
-def _write(report: Any, folder: Path) -> list[Path]:
+def _write(report: Any, folder: Path, figures: bool) -> list[Path]:
     from ...common.files import atomic_write
     from ...data.io import write_table
     from ..displays._matplotlib import save
@@ -328,7 +329,7 @@ def _write(report: Any, folder: Path) -> list[Path]:
     with atomic_write(words) as file:
         file.write(report.to_markdown())
     written = [model, words, write_table(report.table.rename_axis("model"), folder / "closed_loop.csv")]
-    written += save(folder / "closed_loop.png", pictures(report), columns=2)
+    written += save(folder / "closed_loop.png", pictures(report) if figures else [], columns=2)
     return written + page(lambda path: report.to_html(path), folder / "closed_loop.html")
 
 

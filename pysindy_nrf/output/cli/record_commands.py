@@ -14,8 +14,11 @@ from .options import Session
 @click.command(short_help="Say what a file holds and how it was understood.")
 @opt.files_argument
 @opt.record_options
+@click.option(
+    "--write-mapping", type=click.Path(path_type=Path), help="Propose a channel for every column, in a new TOML file."
+)
 @opt.json_option
-def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, **options: Any) -> None:
     """Say what a file holds and how it was understood. Nothing is solved, nothing is written.
 
     For each FILE: clock, channels with their size in SI units and where each came from, columns that were not
@@ -25,6 +28,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     Examples
       pysindy-nrf inspect shaker.csv
       pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
+      pysindy-nrf inspect tower.csv --write-mapping tower.toml
       pysindy-nrf inspect --mapping campaign.toml
     """
     from ...data.io import describe
@@ -33,6 +37,9 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
 
     session = Session(as_json)
     out = []
+    if write_mapping is not None:
+        _propose(session, files, write_mapping)
+        files, options["mapping_file"] = (), write_mapping
     try:
         readings = opt.readings_of(files, options, session)
     except NRFError:
@@ -48,6 +55,28 @@ def inspect(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
         used = {"clock": reading.clock, "sources": sources, "not_used": list(reading.unused), "doubts": findings}
         out.append(summary(reading.record) | read | used)
     session.emit({"records": out})
+
+
+def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
+    """Write a mapping file with a channel for every column that says what it is."""
+    from ...common.files import atomic_write
+    from ...data.io import read_table
+    from ...data.io.mapping import mapping_text, propose
+
+    if not files:
+        raise click.UsageError("--write-mapping takes the FILE whose columns are to be mapped.")
+    if path.exists():
+        raise NRFError(f"{path} exists, and would be lost", "Give another name.")
+    if any(one.resolve().parent != path.resolve().parent for one in files):
+        raise NRFError(f"{path} is not in the folder of its files", "Write it beside them.")
+    found = propose(read_table(files[0]))
+    text = mapping_text(files, found)
+    with atomic_write(path) as file:
+        file.write(text)
+    doubtful = sum(bool(one.doubts) for one in found)
+    session.say(f"Proposed, in {path}:", "", text)
+    ask = f"Look at the {doubtful} with a question mark" if doubtful else "Every channel is named or has a unit"
+    session.say(f"{ask}; then: pysindy-nrf run --mapping {path}", "")
 
 
 def _say_contents(session: Session, files: tuple[Path, ...]) -> None:

@@ -28,7 +28,7 @@ from ...regression.segments import Extent, Segment, SegmentSet
 from ..intervals import Resolver
 from ..problem import Estimate, law_list
 from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
-from .sources import Chunk, Content, Source, chunk_of, open_source
+from .sources import Chunk, Source, chunk_of, open_source
 
 
 def fitted(add_up: Callable[[str], Accumulator], kind: str = "gram") -> Any:
@@ -189,11 +189,12 @@ class _Passes:
         from tqdm.auto import tqdm
 
         accumulator, number = Accumulator(self.estimator, kind, self.source.n_samples), 0
-        content, chunks = Content(), self.source.chunks()
         if kind == "root":  # interrupted in the second pass, a fit does not repeat the first
-            self.save(accumulator, number, content)
-        elif self.path is not None and (found := self._resumed(self.path)):
-            accumulator, number, content, chunks = found
+            self.save(accumulator, number)
+        elif self.path is not None:
+            found = load(self.path, self.estimator, self.mark)
+            self.own = self.path.exists()  # load refuses any other file
+            accumulator, number = found or (accumulator, number)
         saved = clock.monotonic()
         with tqdm(
             total=self.source.n_samples, initial=accumulator.n_samples, unit="sample", unit_scale=True, delay=1.0,
@@ -201,41 +202,27 @@ class _Passes:
             disable=None if self.progress is None else not self.progress,
         ) as bar:  # fmt: skip
             try:
-                for chunk in chunks:
-                    if self.path is not None:
-                        content.add(chunk)
+                for chunk in islice(self.source.chunks(), number, None):
                     accumulator.add(chunk, number)
                     number += 1
                     bar.update(chunk.n_samples)
                     if clock.monotonic() - saved >= self.save_every:
-                        self.save(accumulator, number, content)
+                        self.save(accumulator, number)
                         saved = clock.monotonic()
             except KeyboardInterrupt as stop:
                 if number:
-                    self.save(accumulator, number, content)
+                    self.save(accumulator, number)
                 if number and self.path is not None:  # without a path there is no state
                     stop.add_note(f"The state is in {self.path}; the same call continues from there.")
                 raise
         return accumulator.close()
 
-    def _resumed(self, path: Path) -> tuple[Accumulator, int, Content, Iterator[Chunk]] | None:
-        """Accumulator, number of the next chunk, hash of those before it if they are as they were, and the others."""
-        found = load(path, self.estimator, self.mark)
-        self.own = path.exists()  # load refuses any other file
-        if found is None:
-            return None
-        accumulator, number, mark = found
-        content, chunks = Content(), self.source.chunks()
-        for chunk in islice(chunks, number):
-            content.add(chunk)
-        return (accumulator, number, content, chunks) if content.value() == mark else None
-
-    def save(self, accumulator: Accumulator, number: int, content: Content) -> None:
+    def save(self, accumulator: Accumulator, number: int) -> None:
         """Write the state of the pass; a warning if that fails."""
         if self.path is None:
             return
         try:
-            save(self.path, accumulator, number, self.mark, content.value())
+            save(self.path, accumulator, number, self.mark)
             self.own = True
         except OSError as error:  # the fit goes on without a state
             warnings.warn(
@@ -251,7 +238,7 @@ class _Passes:
             self.path.unlink(missing_ok=True)
 
 
-_SCHEMA, _VERSION = "pysindy_nrf.FitState", 5
+_SCHEMA, _VERSION = "pysindy_nrf.FitState", 6
 _DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
 
 
@@ -261,8 +248,8 @@ def identity(estimator: Any, source: Source) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def save(path: Path, acc: Accumulator, following: int, mark: str, content: str) -> None:
-    """Write the state of a pass; ``following`` is the next chunk, ``content`` the hash of those before it."""
+def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
+    """Write the state of a pass; ``following`` is the next chunk."""
     arrays: dict[str, Any] = {}
     entries, carry, extent = acc.entries, acc._carry, acc.extent
     if entries:
@@ -278,7 +265,7 @@ def save(path: Path, acc: Accumulator, following: int, mark: str, content: str) 
     if acc.origin is not None:
         arrays["origin"] = np.asarray(acc.origin)
     meta = {
-        "schema": _SCHEMA, "mark": mark, "content": content, "following": following,
+        "schema": _SCHEMA, "mark": mark, "following": following,
         "n_dof": None if acc.model is None else acc.model.chain.n_dof,
         "kind": acc.kind, "block_rows": acc.block_rows, "n_samples": acc.n_samples,
         "blocks": [[e.key, e.record] for e in entries], "open": acc._open is not None,
@@ -289,8 +276,8 @@ def save(path: Path, acc: Accumulator, following: int, mark: str, content: str) 
         np.savez(file, meta=np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8), **arrays)
 
 
-def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] | None:
-    """Accumulator, number of the next chunk and hash of those before it, if the file is a state of these settings."""
+def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | None:
+    """Accumulator and number of the next chunk, if the file is a state of these settings and data."""
     if not path.exists():
         return None
     try:
@@ -328,7 +315,7 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, str] 
                 states[Site(site), int(law)] = data[name]
             last = _segment("last", data, "last") if "last.a" in data else None
             acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
-        return acc, int(meta["following"]), str(meta["content"])
+        return acc, int(meta["following"])
     except FileFormatError:
         raise
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,34 +54,6 @@ class Chunk:
             )
             for i, (name, rows) in enumerate(pieces)
         ]  # fmt: skip
-
-
-class Content:
-    """Running hash of chunks, made in a thread of its own beside the work."""
-
-    def __init__(self) -> None:
-        self._hash, self._pool = hashlib.sha256(), ThreadPoolExecutor(1)
-        self._last = self._pool.submit(bytes)
-
-    def add(self, chunk: Chunk) -> None:
-        """Take a chunk in; one waits at most."""
-        self._last.result()
-        self._last = self._pool.submit(self._take, chunk)
-
-    def _take(self, chunk: Chunk) -> bytes:
-        lines = vars(chunk) | {"covariates": sorted(chunk.covariates)} | chunk.covariates
-        for name, value in lines.items():
-            array = np.atleast_1d(np.asarray(value))
-            array = array.astype(str) if array.dtype.hasobject else array
-            array = np.ascontiguousarray(array.T if array.flags.f_contiguous else array)
-            # SHA-256 of the arrays themselves would take as long as their fit
-            self._hash.update(f"{name} {array.dtype} {array.shape} {zlib.crc32(array.view(np.uint8).data)}".encode())
-        return self._hash.digest()
-
-    def value(self) -> str:
-        """Hash of all chunks so far, hexadecimal."""
-        self._last.result()
-        return self._hash.hexdigest()
 
 
 def cut(value: Any, rows: slice) -> Any:
@@ -249,7 +219,8 @@ class ArraySource(FileSource):
 
     def __init__(self, X: Any, chunk_samples: int | None = None, **given: Any) -> None:
         given = {"X": X, **beside(**given)}
-        self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
+        self._held = [k for k, v in given.items() if not isinstance(v, (str, os.PathLike))]  # in memory
+        self.paths = [Path(v) for k, v in given.items() if k not in self._held]
         self.arrays = {k: load_rows(v, k) for k, v in given.items()}
         x = self.arrays["X"]
         if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
@@ -263,9 +234,10 @@ class ArraySource(FileSource):
         self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
     def identity(self) -> list[Any]:
-        """The size of a chunk, the files, and shapes and types of the arrays."""
-        arrays = ((k, v) for k, v in self.arrays.items() if hasattr(v, "dtype"))
-        return super().identity() + [[k, list(np.shape(v)), str(v.dtype)] for k, v in arrays]
+        """The size of a chunk, the files, shapes and types of the arrays, and what those in memory hold."""
+        held = {k: zlib.crc32(_bytes(self.arrays[k])) for k in self._held}
+        arrays = ((k, np.asarray(v)) for k, v in self.arrays.items())
+        return super().identity() + [[k, list(v.shape), str(v.dtype), held.get(k)] for k, v in arrays]
 
     def chunks(self) -> Iterator[Chunk]:
         """Slices of the arrays."""
@@ -273,6 +245,11 @@ class ArraySource(FileSource):
         for low in range(0, self.n_samples, self.rows):
             rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
             yield chunk_of_arrays(rows, name, low == 0)
+
+
+def _bytes(values: Any) -> Any:
+    array = np.asarray(values)
+    return np.ascontiguousarray(array.astype(str) if array.dtype.hasobject else array).view(np.uint8).data
 
 
 class TableSource(FileSource):

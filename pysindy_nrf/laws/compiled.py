@@ -26,6 +26,8 @@ from numba.extending import intrinsic
 from ..exceptions import LawError
 
 _NAMING = "names with fingerprints"  # code cached under another rule of naming is ignored
+_COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+_INSIDE: Any = _COMPILED | {"no_cpython_wrapper": True}  # what only compiled code calls
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
 _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
@@ -44,7 +46,8 @@ def fingerprint(*functions: Any) -> str:
 
     def visit(value: Any) -> None:
         if isinstance(value, Dispatcher):
-            digest.update(repr(sorted(value.targetoptions.items())).encode())
+            options = {k: sorted(v) if isinstance(v, set) else v for k, v in value.targetoptions.items()}
+            digest.update(repr(sorted(options.items())).encode())
             value = value.py_func
         value = getattr(value, "_defn", value)  # the function behind a numba intrinsic
         if isinstance(value, ModuleType):
@@ -112,7 +115,7 @@ def _attach_cache(compiled: Any, function: Callable) -> Any:
 
 def jit(function: Callable) -> Dispatcher:
     """Compile a plain function on its first call, cached on disk."""
-    return _attach_cache(numba.njit(error_model="numpy", nogil=True)(_named(function)), function)
+    return _attach_cache(numba.njit(**_COMPILED)(_named(function)), function)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -126,12 +129,12 @@ def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
     """A small plain function for use within :func:`jit` code, copied into every place that calls it."""
     if isinstance(function, Dispatcher):
         return function
-    return numba.njit(error_model="numpy", nogil=True, forceinline=True, fastmath=fastmath)(function)
+    return numba.njit(forceinline=True, fastmath=fastmath, **_INSIDE)(function)
 
 
 def part(function: Callable) -> Dispatcher:
     """A larger plain function for use within :func:`jit` code."""
-    return numba.njit(error_model="numpy", nogil=True)(_named(function))
+    return numba.njit(**_INSIDE)(_named(function))
 
 
 def _on_stack(typing_context: Any, size: Any) -> Any:

@@ -217,7 +217,8 @@ def _path(advance: Callable, n_states: int) -> Callable[..., None]:
         doubtful, at = np.empty(_LOOK, dtype=np.uint8), np.empty(2 * _STRETCH, dtype=np.int64)
         shares, drifts = np.empty(2 * _STRETCH), np.empty(2 * _STRETCH)
         middle = np.empty(u.shape[0])
-        z[:, 0] = state
+        for k in range(n_states):
+            z[k, 0] = state[k]
         for low in range(0, s.size - 1, _STRETCH):
             high = min(low + _STRETCH + 1, s.size)
             count = find(s, v, a, t, low, high, doubtful, at, shares, drifts)

@@ -15,6 +15,7 @@ from .system import (
     advance_site,
     advance_states,
     inputs_at,
+    put,
     relative,
     site_force,
     solve,
@@ -50,7 +51,7 @@ def _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0,
                 k.v[stage, j] = v1[j]
             inputs_at(polynomials, interval, (done + c[stage] * h) / dt, k.row)
             if z0.size:
-                z1[:] = z0
+                put(z1, z0)
                 inputs_at(polynomials, interval, (done + 0.5 * c[stage] * h) / dt, k.middle)
                 advance_states(system, x0, v0, x1, v1, z1, c[stage] * h, k.middle, w.u)
             accelerate(system, regime, t0 + c[stage] * h, k.row, x1, v1, z1, k.a[stage], k.force, w)
@@ -89,8 +90,8 @@ def _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0,
         for j in range(n):
             k.x_half[j] = 0.5 * (x0[j] + x1[j]) + 0.125 * h * (v0[j] - v1[j])
             k.v_half[j] = 1.5 * (x1[j] - x0[j]) / h - 0.25 * (v0[j] + v1[j])
-        k.z_once[:] = z0
-        z1[:] = z0
+        put(k.z_once, z0)
+        put(z1, z0)
         inputs_at(polynomials, interval, (done + 0.5 * h) / dt, k.middle)
         advance_states(system, x0, v0, x1, v1, k.z_once, h, k.middle, w.u)
         inputs_at(polynomials, interval, (done + 0.25 * h) / dt, k.middle)
@@ -130,29 +131,6 @@ def _reversal(system, regime, watch, v0, v1, k, stages, v_tol):
             if plus and minus:
                 return i, 2
     return -1, 0
-
-
-@part
-def _locate(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w, i, v_tol):
-    """Length of the step at whose end site i comes to a standstill: regula falsi (Illinois) on its rate."""
-    site = system.sites[i]
-    low, high = 0.0, h
-    v_low, v_high = relative(v0, site), relative(v1, site)
-    if v_low * v_high >= 0.0:  # a slipping site that starts from standstill in the wrong direction
-        return 1e-9 * dt
-    for _ in range(60):
-        h = (low * v_high - high * v_low) / (v_high - v_low)
-        _attempt(system, regime, polynomials, interval, dt, done, h, x0, v0, z0, a0, tables, x1, v1, z1, k, w)
-        rate = relative(v1, site)
-        if abs(rate) <= v_tol or high - low < 1e-14 * dt:
-            break
-        if (rate > 0.0) == (v_high > 0.0):
-            high, v_high = h, rate
-            v_low *= 0.5
-        else:
-            low, v_low = h, rate
-            v_high *= 0.5
-    return h
 
 
 @part
@@ -243,7 +221,7 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
     k.work[:] = 0.0
     for interval in range(last + 1):
         v_tol = 1e-11 * k.top[1]
-        k.row[:] = samples[interval]
+        put(k.row, samples[interval])
         _settle(system, regime, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
         for j in range(n):
             out.x[interval, j], out.v[interval, j], out.a[interval, j] = x[j], v[j], a[j] + samples[interval, n]
@@ -260,10 +238,25 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
                 h = dt - done
             h_tried = h
             arrived = -1  # site that comes to a standstill, or starts to slip, at the end of this step
+            tries = 0  # left to find the instant of a standstill
+            low, high, v_low, v_high = 0.0, 0.0, 0.0, 0.0
             while True:
                 error = _attempt(
                     system, regime, polynomials, interval, dt, done, h, x, v, z, a, tables, x1, v1, z1, k, w
                 )
+                if tries > 0:  # on the way to the standstill of a site: regula falsi (Illinois) on its rate
+                    rate = relative(v1, system.sites[arrived])
+                    tries -= 1
+                    if tries > 0 and abs(rate) > v_tol and high - low >= 1e-14 * dt:
+                        if (rate > 0.0) == (v_high > 0.0):
+                            high, v_high = h, rate
+                            v_low *= 0.5
+                        else:
+                            low, v_low = h, rate
+                            v_high *= 0.5
+                        h = (low * v_high - high * v_low) / (v_high - v_low)
+                        continue
+                    tries = 0
                 if events < 100 and error == error:
                     site, kind = _reversal(system, regime, watch, v, v1, k, stages, v_tol)
                     if kind == 2 and h > shortest:
@@ -271,10 +264,11 @@ def runge_kutta(system, w, k, polynomials, samples, dt, x, v, z, jump, tables, a
                         arrived = -1
                         continue
                     if kind == 1:
-                        h = _locate(
-                            system, regime, polynomials, interval, dt, done, h, x, v, z, a, tables,
-                            x1, v1, z1, k, w, site, v_tol,
-                        )  # fmt: skip
+                        low, high = 0.0, h
+                        v_low, v_high = relative(v, system.sites[site]), relative(v1, system.sites[site])
+                        h = 1e-9 * dt  # of a slipping site that starts from standstill in the wrong direction
+                        if v_low * v_high < 0.0:
+                            tries, h = 60, (low * v_high - high * v_low) / (v_high - v_low)
                         arrived = site
                         events += 1
                         continue
@@ -378,7 +372,7 @@ def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudg
     """Force of a site at the end of a step whose relative acceleration there is larger by the nudge."""
     s1, r1 = relative(x1, site) + 0.25 * dt * dt * nudge, relative(v1, site) + 0.5 * dt * nudge
     if site[MEMORY]:
-        z1[:] = z0
+        put(z1, z0)
         _move(system, site, relative(x0, site), relative(v0, site), s1, r1, z1, dt, middle, w.u)
     force, _ = site_force(system, site, s1, r1, t, row, z1, w.u, w.out)
     return force
@@ -410,7 +404,7 @@ def newmark(system, w, samples, dt, x, v, z, out):
         t, row = (i + 1) * dt, samples[i + 1]
         for j in range(middle.size):
             middle[j] = 0.5 * (samples[i, j] + row[j])
-        a1[:] = a
+        put(a1, a)
         converged = False
         for iteration in range(40):
             for j in range(n):
@@ -422,7 +416,7 @@ def newmark(system, w, samples, dt, x, v, z, out):
                 now = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, 0.0)
                 nudged = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, nudge)
                 slope[k] = (nudged - now) / nudge
-            z1[:] = z
+            put(z1, z)
             _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
             accelerate(system, regime, t, row, x1, v1, z1, found, force1, w)
             for j in range(n):

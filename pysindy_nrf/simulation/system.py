@@ -169,6 +169,13 @@ def inputs_at(polynomials, interval, x, row):
 
 
 @inline
+def put(to, values):
+    """Copy an array into another of its size; a slice would bring its error messages along to be compiled."""
+    for i in range(to.size):
+        to[i] = values[i]
+
+
+@inline
 def relative(y, site):
     """Motion of the upper end of a site relative to its lower end."""
     return y[site[UPPER]] - (y[site[LOWER]] if site[LOWER] >= 0 else 0.0)

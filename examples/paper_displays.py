@@ -1,18 +1,24 @@
-"""Figures of the paper's cases: channels of a test, the force of a device, modes, stiffness over time."""
+"""Figures of the examples: channels, forces, surfaces, loops, energy, modes, free runs, coefficients, tracks."""
 
+import re
+from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from scipy.signal import welch
 
-from pysindy_nrf.estimation import damper_force
+from pysindy_nrf.discrepancy.residual import SiteLoop
+from pysindy_nrf.estimation import damper_force, dissipated_energy
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.monitoring import track
-from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Rule, index_of
+from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figure, Line, Mark, Rule, index_of
 from pysindy_nrf.output.displays._matplotlib import Display
+from pysindy_nrf.output.displays.forces import energy_figure, loop_figure, surface_figure
 from pysindy_nrf.output.displays.motion import below, modes_figure
 from pysindy_nrf.regression.chain_model import as_model, as_segments
+from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.signals.kinematics import base_acceleration_if_any, base_motion
 
 _OVER = {"time": ("time", "s"), "drift": ("drift s_{{{i}}}", "m"), "rate": ("rate v_{{{i}}}", "m/s")}
 
@@ -223,3 +229,276 @@ class ModesDisplay(Display):
         marks += [Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9) for j, line in enumerate(spectrum.T, 1)]
         y = Axis("acceleration", "(m/s²)/√Hz", (0.5 * spectrum.min(), 2 * spectrum.max()), log=True)
         return [shapes, Figure("Spectrum of the accelerations", marks, Axis("frequency", "Hz", (0, f[-1])), y)]
+
+
+class RestoringForceSurfaceDisplay(Display):
+    """Restoring force over drift and rate, the visited region in full colour (paper Figs. 3, 6, 11, 14).
+
+    Parameters
+    ----------
+    surface : DataFrame
+        ``v`` (m/s), ``s`` (m), ``R`` (N), ``visited``; as of :meth:`ChainModel.surface`.
+    site : str
+    reference : array-like of the same length, optional
+        Another force on the same grid, N, drawn as a net: a published law, another model.
+    reference_label : str
+
+    Examples
+    --------
+    >>> from paper_displays import RestoringForceSurfaceDisplay
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> model = NRFRegressor().fit(datasets.load_demo())
+    >>> RestoringForceSurfaceDisplay.from_estimator(model, 1).surface.shape
+    (1681, 4)
+    """
+
+    def __init__(
+        self, surface: pd.DataFrame, site: str = "storey 1", reference: Any = None, reference_label: str = "paper"
+    ) -> None:
+        self.surface, self.site, self.reference, self.reference_label = surface, site, reference, reference_label
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, site: Any, reference: Any = None, size: int = 41) -> Self:
+        """Display of a fitted regressor or model.
+
+        Parameters
+        ----------
+        estimator : NRFRegressor or ChainModel
+        site : str or int
+        reference : callable, optional
+            (v, s) -> N, e.g. the restoring force of another model.
+        size : int
+            Points along each side.
+        """
+        model = getattr(estimator, "model_", estimator)
+        surface = model.surface(site, size)
+        other = None if reference is None else reference(surface["v"].to_numpy(), surface["s"].to_numpy())
+        return cls(surface, str(model.chain.site(site)), other)
+
+    def figures(self) -> list[Figure]:
+        return [surface_figure(self.surface, self.site, self.reference, self.reference_label)]
+
+
+class HysteresisLoopDisplay(Display):
+    """Loops of the restoring force over the drift, identified over measured.
+
+    Parameters
+    ----------
+    drift, identified, measured : ndarray of shape (n_samples,)
+        m, N, and N if known: the force that balances the inertia above the storey.
+    site : str
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from paper_displays import HysteresisLoopDisplay
+    >>> t = np.linspace(0, 6.3, 500)
+    >>> force = 30.0 * np.sin(t) + 10.0 * np.sign(np.cos(t))  # spring and friction
+    >>> HysteresisLoopDisplay(0.001 * np.sin(t), force, site="storey 2").plot().ax_.get_ylabel()
+    'force $R_{2}$ (N)'
+    """
+
+    def __init__(self, drift: Any, identified: Any, measured: Any = None, site: str = "storey 1") -> None:
+        self.drift, self.identified = np.asarray(drift, dtype=float), np.asarray(identified, dtype=float)
+        self.measured = None if measured is None else np.asarray(measured, dtype=float)
+        self.site = site
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, X: Any, F: Any, site: Any, **options: Any) -> Self:
+        """Loops of a storey; "measured" is the force that balances the inertia above it with the identified masses.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or ChainModel
+        X, F, **options
+            Data, as for ``fit``.
+        site : str or int
+            A storey.
+
+        Raises
+        ------
+        ChannelError
+            If the site is no storey, or the chain has further links, whose share of the balance is not known.
+        """
+        model = as_model(estimator)
+        place = model.chain.site(site)
+        if not place.is_storey or any(model.laws[s] for s in model.laws if not s.is_storey):
+            cure = "Pass drift and forces yourself."
+            raise ChannelError(f"The force of {place} cannot be read off the balances above it", cure)
+        i = place.p - 1
+        data = as_segments(estimator, X, F, **options)
+        drift = data.scatter([seg.s[seg.valid] for seg in data.segments])[:, i]
+        above = data.scatter([seg.F[seg.valid] - model.masses * seg.a[seg.valid] for seg in data.segments])
+        return cls(drift, model.restoring_force(data)[:, i], above[:, i:].sum(axis=1), str(place))
+
+    def figures(self) -> list[Figure]:
+        none = np.empty(0)
+        return [loop_figure(SiteLoop(self.site, "", none, self.drift, none, self.identified, self.measured))]
+
+
+class EnergyDisplay(Display):
+    """Dissipated energy over time (paper Figs. 13, 16).
+
+    Parameters
+    ----------
+    time : ndarray of shape (n_samples,)
+        s.
+    energy : mapping of str to ndarray of shape (n_samples,)
+        J, by the name that stands in the legend.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from paper_displays import EnergyDisplay
+    >>> t = np.linspace(0, 10, 500)
+    >>> EnergyDisplay(t, {"identified": 2.0 * t, "true": 2.1 * t}).plot().ax_.get_ylabel()
+    'dissipated energy (J)'
+    """
+
+    def __init__(self, time: Any, energy: Mapping[str, Any]) -> None:
+        self.time = np.asarray(time, dtype=float)
+        self.energy = {name: np.asarray(line, dtype=float) for name, line in energy.items()}
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, X: Any, without: Any = None, **options: Any) -> Self:
+        """Energy dissipated in every storey; parameters as of :func:`pysindy_nrf.estimation.dissipated_energy`.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or ChainModel
+        """
+        table = dissipated_energy(estimator, X, without, **options)
+        return cls(table.index.to_numpy(dtype=float), {name: table[name].to_numpy() for name in table})
+
+    def figures(self) -> list[Figure]:
+        return [energy_figure(pd.DataFrame(self.energy, index=self.time))]
+
+
+class CoefficientsDisplay(Display):
+    """Coefficients of plain SINDy and of this package: one panel a storey, one group of bars a term.
+
+    Parameters
+    ----------
+    shares : DataFrame
+        Shares of the storey forces, by site and term; see :func:`pysindy_nrf.selection.comparison.compare`.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from paper_displays import CoefficientsDisplay
+    >>> index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
+    >>> shares = pd.DataFrame({"truth": [0.1, 0.9], "SINDy": [0.3, 0.6]}, index=index)
+    >>> len(CoefficientsDisplay(shares).plot().ax_)
+    1
+    """
+
+    _columns = 1
+
+    def __init__(self, shares: pd.DataFrame) -> None:
+        self.shares = shares
+
+    @classmethod
+    def from_comparison(cls, comparison: Any) -> Self:
+        """The coefficients that :func:`pysindy_nrf.selection.comparison.compare` found.
+
+        Parameters
+        ----------
+        comparison : Comparison
+        """
+        return cls(comparison.coefficients)
+
+    def figures(self) -> list[Figure]:
+        sites = list(dict.fromkeys(self.shares.index.get_level_values(0)))
+        said = "term: coefficient times its rms; other: what the terms of this storey cannot hold"
+        out = []
+        for site in sites:
+            part = self.shares.loc[site]
+            others = [m for m in part if m != "truth"]
+            colors = {m: CYCLE[k % 5] for k, m in enumerate(others)} | {"truth": "ink"}
+            marks: list[Mark] = [Bars(part[m], str(m), colors[m], hatched=m in others[5:]) for m in part]
+            # bars beyond twice the storey's force (columns that nearly cancel) are cut, and say so by reaching the edge
+            low, high = np.clip([1.1 * part.min(axis=None), 1.1 * part.max(axis=None)], -2.0, 2.0)
+            x = Axis(said if site == sites[-1] else "", ticks=[_typeset(str(term)) for term in part.index])
+            y = Axis(f"{site}\nshare of its force", limits=(low, high), zero=True)
+            out.append(Figure(str(site), marks, x, y, legend="sheet", size=(8.5, 2.3)))
+        return out
+
+
+def _typeset(term: str) -> str:
+    """Powers of v and s as a formula; other words as they are."""
+    return f"${term.replace(' ', chr(92) + ',')}$" if re.fullmatch(r"[vs](\^\d+)?( [vs](\^\d+)?)*", term) else term
+
+
+class FreeRunDisplay(Display):
+    """Displacements a model predicts from the forces alone, over the measured ones.
+
+    Parameters
+    ----------
+    time : ndarray of shape (n_samples,)
+        s.
+    measured, predicted : ndarray of shape (n_samples, n_dof)
+        Displacement of the DOFs relative to the base, m.
+    begin : float, optional
+        Where the drawing begins, s; the error is that of the whole record.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from paper_displays import FreeRunDisplay
+    >>> t = np.linspace(0, 10, 500)
+    >>> x = 1e-3 * np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
+    >>> FreeRunDisplay(t, x, 0.98 * x).plot().error.round(1)  # percent NRMSE of both DOFs
+    array([2., 2.])
+    """
+
+    _columns = 1
+
+    def __init__(self, time: Any, measured: Any, predicted: Any, begin: float | None = None) -> None:
+        self.time, self.begin = np.asarray(time, dtype=float), begin
+        self.measured, self.predicted = np.asarray(measured, dtype=float), np.asarray(predicted, dtype=float)
+
+    @classmethod
+    def from_estimator(cls, estimator: Any, record: Any, **options: Any) -> Self:
+        """Simulate the model under the forces of a record.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or ChainModel
+        record : Record
+            With forces, displacements and the covariates of the laws; its first sample is the initial condition.
+        **options
+            Passed to :func:`pysindy_nrf.simulate`.
+
+        Raises
+        ------
+        ChannelError
+            If the record has no displacement to compare with.
+        """
+        if record.displacement is None:
+            cure = "Fuse its channels with KinematicSmoother first."
+            raise ChannelError(f"Record {record.name!r} has no displacement to compare with", cure)
+        measured, rate = record.displacement, record.velocity
+        if record.coordinates == "absolute" and record.base_moves:  # all relative to the base
+            vg, xg = base_motion(record, record, not {"vg", "xg"} <= set(record.measured))
+            measured, rate = measured - xg[:, None], None if rate is None else rate - vg[:, None]
+        given = {"x0": measured[0], "v0": None if rate is None else rate[0], "covariates": record.covariates}
+        given |= {"base_acceleration": base_acceleration_if_any(record)} | options
+        run = getattr(estimator, "model_", estimator).simulate(record.force, record.dt, **given)
+        return cls(record.time, measured, run.displacement)
+
+    @property
+    def error(self) -> np.ndarray:
+        """Free-run error of every DOF, percent NRMSE."""
+        return np.array([nrmse(x, own) for x, own in zip(self.measured.T, self.predicted.T)])
+
+    def figures(self) -> list[Figure]:
+        out = []
+        for j, error in reversed(list(enumerate(self.error, 1))):
+            marks: list[Mark] = [
+                Line(self.time, self.measured[:, j - 1], "measured", "orange", 1.6),
+                Line(self.time, self.predicted[:, j - 1], f"free run ({error:.2g} % NRMSE)", "blue", 0.8, "dash"),
+            ]
+            x, y = below(j, "time", "s"), Axis(f"x_{{{j}}}", "m")
+            x.limits = None if self.begin is None else (self.begin, self.time[-1])
+            out.append(Figure(f"Free run of DOF {j}", marks, x, y, legend="above", size=(6.5, 1.4)))
+        return out

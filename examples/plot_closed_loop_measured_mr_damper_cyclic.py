@@ -16,9 +16,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import measured_sets
 import numpy as np
+from paper_displays import HysteresisLoopDisplay
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, close_loop, laws
-from pysindy_nrf.output.displays import HysteresisLoopDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")

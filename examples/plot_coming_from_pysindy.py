@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pysindy as ps
+from paper_displays import CoefficientsDisplay
 from pysindy.utils import duffing
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.output.displays import CoefficientsDisplay
 from pysindy_nrf.selection.comparison import compare
 from pysindy_nrf.simulation.noise import add_noise
 

@@ -19,11 +19,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import paper_cases as cases
 import paper_published as published
-from paper_displays import DamperForceDisplay
+from paper_displays import DamperForceDisplay, EnergyDisplay
 
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.estimation import damper_force
-from pysindy_nrf.output.displays import EnergyDisplay
 from pysindy_nrf.regression.errors import nrmse
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")

@@ -15,11 +15,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import paper_cases as cases
 import paper_published as published
-from paper_displays import RecordDisplay
+from paper_displays import RecordDisplay, RestoringForceSurfaceDisplay
 from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.output.displays import RestoringForceSurfaceDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -17,10 +17,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import paper_cases as cases
+from paper_displays import HysteresisLoopDisplay
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.output.displays import HysteresisLoopDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

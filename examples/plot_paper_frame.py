@@ -20,15 +20,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import paper_cases as cases
 import paper_published as published
-from paper_displays import DamperForceDisplay, ModesDisplay, RecordDisplay
+from paper_displays import DamperForceDisplay, EnergyDisplay, ModesDisplay, RecordDisplay, RestoringForceSurfaceDisplay
 from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.estimation import linear_twin
-from pysindy_nrf.output.displays import (
-    EnergyDisplay,
-    RestoringForceSurfaceDisplay,
-)
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

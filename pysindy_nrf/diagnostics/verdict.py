@@ -20,7 +20,6 @@ from .test_planning import creates_energy
 
 __all__ = ["Verdict"]
 
-STATES = ("green", "amber", "red")
 OPEN = 50.0  # percent of a balance unexplained, above which nothing may be concluded from it
 DOUBTFUL = 25.0  # and above which other mappings of the channels are tried
 LARGE = 15.0  # and above which its estimates deserve a word
@@ -80,28 +79,13 @@ def free_runs(
     model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None = None, names: Sequence[str] | None = None,
     dt: float | None = None,
 ) -> FreeRuns:  # fmt: skip
-    """Run a model alone, from the first measured state, under the measured force of every record.
-
-    Parameters
-    ----------
-    model : ChainModel
-    data : SegmentSet
-    filters : sequence of FairFilter or None, optional
-        Band of each record in which the error is taken.
-    names : sequence of str, optional
-        Of the records; their own if None.
-    dt : float, optional
-        s; that of the records if None.
-
-    Returns
-    -------
-    FreeRuns
-    """
+    """Run a model alone, from the first measured state, under the measured force of every record."""
     out, rows = FreeRuns(pd.DataFrame()), {}
     if (model.masses <= 0).any():
         out.why_not = "a mass is not positive"
         return out
-    for seg, filter, name in zip(data.segments, filters or [None] * len(data.segments), names or _names(data)):
+    names = names or [seg.name for seg in data.segments]
+    for seg, filter, name in zip(data.segments, filters or [None] * len(names), names):
         if np.isnan(seg.F[seg.valid]).any() or (dt is None and seg.dt is None):
             out.why_not = f"a force of {name} is unknown" if seg.dt or dt else "the sampling step is not known"
             continue
@@ -121,11 +105,6 @@ def free_runs(
     return out
 
 
-def _names(data: SegmentSet) -> list[str]:
-    """Names of the records of data."""
-    return [seg.name for seg in data.segments]
-
-
 def rearranged(record: Record, worst: Iterable[int] = ()) -> Iterator[tuple[str, Callable[[Record], Record]]]:
     """Errors of wiring that a record may hold: in words, and as a function that corrects a record."""
     n, unknown = record.n_dof, set(record.unknown)
@@ -133,22 +112,22 @@ def rearranged(record: Record, worst: Iterable[int] = ()) -> Iterator[tuple[str,
     for j, k in itertools.product(record.forced, range(1, n + 1)):
         if k != j and k not in unknown and (k not in record.forced or j < k):
             words = f"F{j} and F{k} exchanged" if k in record.forced else f"the force F{j} acting on floor {k}"
-            yield words, _exchange(("force",), j, k)
+            yield words, _exchange(("force",), j, k, n)
     for j in record.forced:
-        yield f"F{j} reversed", _reverse(("force",), j)
+        yield f"F{j} reversed", _reverse(("force",), j, n)
     if len(record.forced) > 1:
         yield "all forces reversed", lambda one: one.replace(force=-one.force)
     for j in range(1, n + 1):
         here = [key for key, held in measured.items() if j in held]
         for keys in [(key,) for key in here] + ([tuple(here)] if len(here) > 1 else []):
-            yield f"{' and '.join(f'{MATRICES[key]}{j}' for key in keys)} reversed", _reverse(keys, j)
+            yield f"{' and '.join(f'{MATRICES[key]}{j}' for key in keys)} reversed", _reverse(keys, j, n)
     for j, k in itertools.combinations(range(1, n + 1), 2):
         if n > _EXCHANGES and k > j + 1 and not {j, k} <= set(worst):
             continue
         both = [key for key, held in measured.items() if {j, k} <= set(held)]
         for keys in [(key,) for key in both] + ([tuple(both)] if len(both) > 1 else []):
             words = " and ".join(f"{MATRICES[key]}{j} with {MATRICES[key]}{k}" for key in keys)
-            yield f"{words} exchanged", _exchange(keys, j, k)
+            yield f"{words} exchanged", _exchange(keys, j, k, n)
     if record.base_moves:
         other = {"relative": "absolute", "absolute": "relative"}[record.coordinates]
         if measured["displacement"] or measured["velocity"]:
@@ -164,40 +143,25 @@ def _columns(record: Record, key: str) -> list[int]:
     return [] if held is None else [j + 1 for j in range(held.shape[1]) if not np.isnan(held[:, j]).all()]
 
 
-def _reverse(keys: tuple[str, ...], j: int) -> Callable[[Record], Record]:
+def _changed(keys: tuple[str, ...], order: Sequence[int], signs: Sequence[float]) -> Callable[[Record], Record]:
+    """A function that takes channels of a record in another order of the DOFs and with other signs."""
+    return lambda one: one.replace(**{key: getattr(one, key)[:, list(order)] * np.asarray(signs) for key in keys})
+
+
+def _reverse(keys: tuple[str, ...], j: int, n: int) -> Callable[[Record], Record]:
     """A function that reverses channels of a DOF."""
-
-    def turned(one: Record) -> Record:
-        signs = np.where(np.arange(one.n_dof) == j - 1, -1.0, 1.0)
-        return one.replace(**{key: getattr(one, key) * signs for key in keys})
-
-    return turned
+    return _changed(keys, range(n), [-1.0 if k == j - 1 else 1.0 for k in range(n)])
 
 
-def _exchange(keys: tuple[str, ...], j: int, k: int) -> Callable[[Record], Record]:
+def _exchange(keys: tuple[str, ...], j: int, k: int, n: int) -> Callable[[Record], Record]:
     """A function that exchanges channels of two DOFs."""
-
-    def exchanged(one: Record) -> Record:
-        order = np.arange(one.n_dof)
-        order[[j - 1, k - 1]] = order[[k - 1, j - 1]]
-        return one.replace(**{key: getattr(one, key)[:, order] for key in keys})
-
-    return exchanged
+    return _changed(keys, [{j - 1: k - 1, k - 1: j - 1}.get(i, i) for i in range(n)], np.ones(n).tolist())
 
 
 def mapping_that_closes(records: Sequence[Record], fit: Callable[[list[Record]], Any]) -> str:
     """The error of wiring without which every balance closes, in words; empty if none does.
 
-    Parameters
-    ----------
-    records : sequence of Record
-    fit : callable
-        From records to an object with ``errors_`` (as of a regressor), ``masses_`` and ``known_masses``.
-
-    Returns
-    -------
-    str
-        E.g. ``"With the force F1 acting on floor 3 every balance closes (0.6 % left at most)."``
+    ``fit`` turns records into an object with ``errors_``, ``masses_`` and ``known_masses``, as of a regressor.
     """
     records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
 
@@ -262,31 +226,11 @@ def verdict_on(
 ) -> Verdict:  # fmt: skip
     """Verdict on a model.
 
-    Parameters
-    ----------
-    model : ChainModel
-    balances : mapping of int to float
-        Balance error of each DOF, percent NRMSE.
-    found : sequence of str
-        What the model holds beside linear storeys, in words.
-    free : FreeRuns, optional
-    bounds : mapping of str to (float, float), optional
-        95 % intervals by the name of the parameter: ``"m1"``, ``"storey 2: s"``.
-    known_masses : iterable of int
-    doubts : sequence of str
-        What else makes the numbers doubtful.
-    faults : mapping of str to bool
-        Channels that seem to be reversed or in the wrong column, and whether they are; else ``wiring`` tells.
-    stopped : str
-        Why nothing may be claimed at all.
-    follows : float
-        Error of free runs over some periods, percent NRMSE, where that over the whole record says less.
-    wiring : callable, optional
-        Gives the error of wiring without which the balances close, in words; it is asked where one does not close well.
-
-    Returns
-    -------
-    Verdict
+    ``balances``: percent NRMSE by DOF. ``found``: what it holds beside linear storeys, in words. ``bounds``: intervals
+    by parameter (``"m1"``, ``"storey 2: s"``). ``doubts``: what else is doubtful. ``faults``: channels that seem
+    reversed or in the wrong column, and whether that is sure. ``stopped``: why nothing may be claimed. ``follows``:
+    error of free runs over some periods. ``wiring`` gives the error of wiring without which the balances close; it is
+    asked where one does not close well.
     """
     bounds, known = dict(bounds or {}), set(known_masses)
     error = float("nan") if free is None else free.error

@@ -319,7 +319,7 @@ def compare(
     -------
     Comparison
         ``table``, and ``coefficients``: the storey forces of each model taken apart into the terms of their own storey,
-        which :class:`pysindy_nrf.output.displays.CoefficientsDisplay` draws.
+        which ``examples/plot_coming_from_pysindy.py`` draws.
 
     Examples
     --------

@@ -8,7 +8,17 @@ import pandas as pd
 import paper_cases as cases
 import paper_published as published
 import pytest
-from paper_displays import DamperForceDisplay, ModesDisplay, RecordDisplay, TrackDisplay
+from paper_displays import (
+    CoefficientsDisplay,
+    DamperForceDisplay,
+    EnergyDisplay,
+    FreeRunDisplay,
+    HysteresisLoopDisplay,
+    ModesDisplay,
+    RecordDisplay,
+    RestoringForceSurfaceDisplay,
+    TrackDisplay,
+)
 from planarity import PlanarityDisplay, planarity
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
@@ -23,7 +33,6 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
 from pysindy_nrf import Record, displays  # noqa: E402
-from pysindy_nrf.output.displays import FreeRunDisplay  # noqa: E402
 from pysindy_nrf.output.displays.models import OrderSelectionDisplay  # noqa: E402
 
 
@@ -46,12 +55,12 @@ def made(fitted):
     report = compare_tests(NRFRegressor(degree=1), case.measured.to_features(), case.measured.to_features(), n_blocks=5)
     law = published.FRAME_COMPLETE.model().restoring_forces[4]
     return {
-        "surface": displays.RestoringForceSurfaceDisplay.from_estimator(model, 4, law, size=15),
-        "loops": displays.HysteresisLoopDisplay.from_estimator(model, X, F, 2),
+        "surface": RestoringForceSurfaceDisplay.from_estimator(model, 4, law, size=15),
+        "loops": HysteresisLoopDisplay.from_estimator(model, X, F, 2),
         "damper": DamperForceDisplay.from_estimator(model, case.bare, X, 4, case.damper[:, 3], "rate"),
         "damper over time": DamperForceDisplay.from_estimator(model, case.bare, X, 4, over="time"),
-        "energy": displays.EnergyDisplay.from_estimator(model, X),
-        "free run": displays.FreeRunDisplay.from_estimator(model, case.exact),
+        "energy": EnergyDisplay.from_estimator(model, X),
+        "free run": FreeRunDisplay.from_estimator(model, case.exact),
         "change": displays.ChangeMapDisplay.from_report(report, 2, size=15),
         "modes": ModesDisplay.from_estimator(model, case.exact),
         "planarity": PlanarityDisplay(planarity(model, X, F, draws=2, random_state=0)),
@@ -76,7 +85,7 @@ def test_plot_returns_self_and_labels_carry_units(made, name, tmp_path):
 def test_curves_are_the_models_on_the_sheet_and_on_the_page(fitted):
     """A force in N over a drift in m, drawn over mm; the page takes kN where the force is large."""
     _, X, F, model = fitted
-    display = displays.HysteresisLoopDisplay.from_estimator(model, X, F, 2).plot()
+    display = HysteresisLoopDisplay.from_estimator(model, X, F, 2).plot()
     drift, force = X["s2"].to_numpy(), model.restoring_force(X)[:, 1]
     line = next(line for line in display.ax_.lines if line.get_label() == "identified")
     np.testing.assert_allclose(line.get_xdata(), 1e3 * drift)
@@ -90,7 +99,7 @@ def test_curves_are_the_models_on_the_sheet_and_on_the_page(fitted):
 
 def test_loops_show_the_force_that_balances_the_inertia_above(fitted):
     case, X, F, _ = fitted
-    display = displays.HysteresisLoopDisplay.from_estimator(case.truth, X, F, 2)
+    display = HysteresisLoopDisplay.from_estimator(case.truth, X, F, 2)
     assert np.allclose(display.measured, display.identified, atol=1e-6)
 
 
@@ -127,7 +136,7 @@ def test_names_that_are_markup_stay_text_on_the_page():
 def test_a_force_with_memory_is_no_surface():
     model = ChainModel([10.0], {1: [laws.PowerSeries(1, [1.0, 1e3]), laws.Dahl(sigma=1e4, Fd=5.0)]})
     with pytest.raises(LawError, match="no surface"):
-        displays.RestoringForceSurfaceDisplay.from_estimator(model, 1)
+        RestoringForceSurfaceDisplay.from_estimator(model, 1)
 
 
 def test_wrong_requests_are_refused(fitted):
@@ -135,9 +144,9 @@ def test_wrong_requests_are_refused(fitted):
     with pytest.raises(ChannelError, match="over="):
         DamperForceDisplay.from_estimator(model, case.bare, X, 1, over="colour")
     with pytest.raises(ChannelError, match="balances above"):
-        displays.HysteresisLoopDisplay.from_estimator(model, X, F, "dof 2")
+        HysteresisLoopDisplay.from_estimator(model, X, F, "dof 2")
     with pytest.raises(ChannelError, match="no displacement"):
-        displays.FreeRunDisplay.from_estimator(model, case.exact.replace(displacement=None))
+        FreeRunDisplay.from_estimator(model, case.exact.replace(displacement=None))
 
 
 def orders(errors, **more):
@@ -161,7 +170,7 @@ def test_errors_over_orders_of_magnitude_are_drawn_on_a_log_scale():
 def test_everything_draws_on_axes_that_are_given():
     _, axes = plt.subplots(1, 3)
     index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
-    displays.CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[:1])
+    CoefficientsDisplay(pd.DataFrame({"truth": [0.1, 0.9]}, index=index)).plot(axes[:1])
     ModesDisplay.from_estimator(datasets.demo_truth()).plot(axes[1:2])
     track = pd.DataFrame({"record": "quake", "t": np.arange(8.0), "k1": 4e4, "k2": 3e4})
     TrackDisplay(track).plot(axes[2])

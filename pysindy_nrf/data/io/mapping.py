@@ -260,16 +260,7 @@ def _says(name: str, words: str) -> bool:
 
 
 def propose(table: Table) -> list[Proposal]:
-    """Channels of the columns of a file, from their units, numbers and words; what is not sure is said.
-
-    Parameters
-    ----------
-    table : Table
-
-    Returns
-    -------
-    list of Proposal
-    """
+    """Channels of the columns of a file, from their units, numbers and words; what is not sure is said."""
     found: list[tuple[str, str, str, list[str]]] = []  # kind, name, mapping, doubts
     most = max((len(v) for v in table.variables.values() if v.ndim), default=0)
     for name, values in table.variables.items():

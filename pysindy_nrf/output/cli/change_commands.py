@@ -58,7 +58,6 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
     from ...data.io import write_table
     from ...estimation import damper_force, dissipated_energy, linear_twin
     from ...regression.chain_model import as_segments, storey_names
-    from ..displays import EnergyDisplay
 
     session = Session(as_json)
     records = _read([file, *([bare] if bare else [])], options, session)
@@ -88,11 +87,11 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
         if options["figures"]:
             from ...discrepancy.residual import loops_of
             from ..displays._matplotlib import save
-            from ..displays.forces import loop_figure
+            from ..displays.forces import energy_figure, loop_figure
 
             loops = [loop_figure(loop) for loop in loops_of(estimator.model_, data, estimator.problem_.filters(data))]
             written += save(folder / "loops.png", loops, columns=max(1, min(3, len(loops))))
-            written += save(folder / "energy.png", EnergyDisplay(energy.index, dict(energy.items())).figures())
+            written += save(folder / "energy.png", [energy_figure(energy)])
     session.finish({"storeys": table, "masses_kg": estimator.masses_}, written)
 
 

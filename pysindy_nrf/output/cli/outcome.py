@@ -18,12 +18,11 @@ from ...estimation.noise_spectra import transfer
 from ...regression.input_arrays import from_arrays
 from ...regression.segments import SegmentSet
 from ...signals.kinematics import base_acceleration
-from ...signals.zero_phase_filter import FairFilter, filters_of
-from ..displays import FreeRunDisplay
+from ...signals.zero_phase_filter import filters_of
 from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
 from ..displays.forces import loop_figure
-from ..displays.motion import response_figures
+from ..displays.motion import free_run_figure, response_figures
 from ..report import available as pages_available
 from ..report import write_html
 from ..report.content import band_text, listed
@@ -261,30 +260,7 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
         data = outcome.data
         loops = [loop_figure(loop) for loop in loops_of(outcome.estimator.model_, data, filters_of(band, data))]
         written += save(folder / "restoring_forces.png", loops, columns=max(1, min(3, len(loops))))
-    if outcome.free is not None and outcome.free.runs:
-        display = _free_run(outcome, band)
-        last = f", last {display.time[-1] - display.begin:.3g} s" if display.begin > display.time[0] else ""
-        title = f"The model alone under the measured force{last}, {band_text(band)}"
-        written += save(folder / "free_run.png", display.figures(), title=title)
-    return written
-
-
-def _free_run(outcome: Outcome, band: Any) -> Any:
-    """Measured and free-run displacements at the end of the first record, where a model has had time to go wrong."""
-    assert outcome.free is not None
-    seg, run = outcome.free.runs[0]
-    measured, own = np.cumsum(seg.s[seg.valid], axis=1), run.displacement
-    begin = run.time[_start_of_last_cycles(measured)]
-    if band is not None:
-        filter = FairFilter(band, run.fs)
-        measured, own = filter.apply(measured), filter.apply(own)
-    return FreeRunDisplay(run.time, measured, own, begin)
-
-
-def _start_of_last_cycles(measured: np.ndarray) -> int:
-    """Row where the last 25 cycles of the top displacement begin."""
-    crossings = np.flatnonzero(np.diff(np.signbit(measured[:, -1] - measured[:, -1].mean())))
-    return int(crossings[-50]) if len(crossings) >= 50 else 0
+    return written + save(folder / "free_run.png", free_run_figure(outcome.free))
 
 
 def finish(

@@ -1,18 +1,14 @@
 """Figures of restoring forces: surfaces, loops, the energy dissipated."""
 
-from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...discrepancy.residual import SiteLoop
-from ...estimation import dissipated_energy
-from ...exceptions import ChannelError, NRFError
+from ...exceptions import NRFError
 from ...mechanics.sites import Site
-from ...regression.chain_model import as_model, as_segments
 from ._figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Surface, Table, index_of, rms
-from ._matplotlib import Display
 
 _TURN = "Drag to turn, or use the arrow keys."
 
@@ -122,147 +118,10 @@ def _span(x: np.ndarray) -> str:
     return f"{x.min():.3g} to {x.max():.3g} N"
 
 
-class RestoringForceSurfaceDisplay(Display):
-    """Restoring force over drift and rate, the visited region in full colour (paper Figs. 3, 6, 11, 14).
-
-    Parameters
-    ----------
-    surface : DataFrame
-        ``v`` (m/s), ``s`` (m), ``R`` (N), ``visited``; as of :meth:`ChainModel.surface`.
-    site : str
-    reference : array-like of the same length, optional
-        Another force on the same grid, N, drawn as a net: a published law, another model.
-    reference_label : str
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, datasets, displays
-    >>> model = NRFRegressor().fit(datasets.load_demo())
-    >>> displays.RestoringForceSurfaceDisplay.from_estimator(model, 1).surface.shape
-    (1681, 4)
-    """
-
-    def __init__(
-        self, surface: pd.DataFrame, site: str = "storey 1", reference: Any = None, reference_label: str = "paper"
-    ) -> None:
-        self.surface, self.site, self.reference, self.reference_label = surface, site, reference, reference_label
-
-    @classmethod
-    def from_estimator(cls, estimator: Any, site: Any, reference: Any = None, size: int = 41) -> Self:
-        """Display of a fitted regressor or model.
-
-        Parameters
-        ----------
-        estimator : NRFRegressor or ChainModel
-        site : str or int
-        reference : callable, optional
-            (v, s) -> N, e.g. the restoring force of another model.
-        size : int
-            Points along each side.
-        """
-        model = getattr(estimator, "model_", estimator)
-        surface = model.surface(site, size)
-        other = None if reference is None else reference(surface["v"].to_numpy(), surface["s"].to_numpy())
-        return cls(surface, str(model.chain.site(site)), other)
-
-    def figures(self) -> list[Figure]:
-        return [surface_figure(self.surface, self.site, self.reference, self.reference_label)]
-
-
-class HysteresisLoopDisplay(Display):
-    """Loops of the restoring force over the drift, identified over measured.
-
-    Parameters
-    ----------
-    drift, identified, measured : ndarray of shape (n_samples,)
-        m, N, and N if known: the force that balances the inertia above the storey.
-    site : str
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.output.displays import HysteresisLoopDisplay
-    >>> t = np.linspace(0, 6.3, 500)
-    >>> force = 30.0 * np.sin(t) + 10.0 * np.sign(np.cos(t))  # spring and friction
-    >>> HysteresisLoopDisplay(0.001 * np.sin(t), force, site="storey 2").plot().ax_.get_ylabel()
-    'force $R_{2}$ (N)'
-    """
-
-    def __init__(self, drift: Any, identified: Any, measured: Any = None, site: str = "storey 1") -> None:
-        self.drift, self.identified = np.asarray(drift, dtype=float), np.asarray(identified, dtype=float)
-        self.measured = None if measured is None else np.asarray(measured, dtype=float)
-        self.site = site
-
-    @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, F: Any, site: Any, **options: Any) -> Self:
-        """Loops of a storey; "measured" is the force that balances the inertia above it with the identified masses.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor or ChainModel
-        X, F, **options
-            Data, as for ``fit``.
-        site : str or int
-            A storey.
-
-        Raises
-        ------
-        ChannelError
-            If the site is no storey, or the chain has further links, whose share of the balance is not known.
-        """
-        model = as_model(estimator)
-        place = model.chain.site(site)
-        if not place.is_storey or any(model.laws[s] for s in model.laws if not s.is_storey):
-            cure = "Pass drift and forces yourself."
-            raise ChannelError(f"The force of {place} cannot be read off the balances above it", cure)
-        i = place.p - 1
-        data = as_segments(estimator, X, F, **options)
-        drift = data.scatter([seg.s[seg.valid] for seg in data.segments])[:, i]
-        above = data.scatter([seg.F[seg.valid] - model.masses * seg.a[seg.valid] for seg in data.segments])
-        return cls(drift, model.restoring_force(data)[:, i], above[:, i:].sum(axis=1), str(place))
-
-    def figures(self) -> list[Figure]:
-        none = np.empty(0)
-        return [loop_figure(SiteLoop(self.site, "", none, self.drift, none, self.identified, self.measured))]
-
-
-class EnergyDisplay(Display):
-    """Dissipated energy over time (paper Figs. 13, 16).
-
-    Parameters
-    ----------
-    time : ndarray of shape (n_samples,)
-        s.
-    energy : mapping of str to ndarray of shape (n_samples,)
-        J, by the name that stands in the legend.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.output.displays import EnergyDisplay
-    >>> t = np.linspace(0, 10, 500)
-    >>> EnergyDisplay(t, {"identified": 2.0 * t, "true": 2.1 * t}).plot().ax_.get_ylabel()
-    'dissipated energy (J)'
-    """
-
-    def __init__(self, time: Any, energy: Mapping[str, Any]) -> None:
-        self.time = np.asarray(time, dtype=float)
-        self.energy = {name: np.asarray(line, dtype=float) for name, line in energy.items()}
-
-    @classmethod
-    def from_estimator(cls, estimator: Any, X: Any, without: Any = None, **options: Any) -> Self:
-        """Energy dissipated in every storey; parameters as of :func:`pysindy_nrf.estimation.dissipated_energy`.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor or ChainModel
-        """
-        table = dissipated_energy(estimator, X, without, **options)
-        return cls(table.index.to_numpy(dtype=float), {name: table[name].to_numpy() for name in table})
-
-    def figures(self) -> list[Figure]:
-        marks: list[Mark] = [
-            Line(self.time, line, name, CYCLE[k % 6], 1.5, DASHES[k % 6])
-            for k, (name, line) in enumerate(self.energy.items())
-        ]
-        return [Figure("Dissipated energy", marks, Axis("time", "s"), Axis("dissipated energy", "J"))]
+def energy_figure(energy: pd.DataFrame) -> Figure:
+    """Energy dissipated over time (J by s), one line a column."""
+    marks: list[Mark] = [
+        Line(energy.index, line, str(name), CYCLE[k % 6], 1.5, DASHES[k % 6])
+        for k, (name, line) in enumerate(energy.items())
+    ]
+    return Figure("Dissipated energy", marks, Axis("time", "s"), Axis("dissipated energy", "J"))

@@ -1,69 +1,13 @@
-"""Figures that compare models: coefficients, orders, the change between two tests."""
+"""Figures that compare models: orders, the change between two tests."""
 
-import re
 from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 
 from ...selection.one_se_rule import errors_of, standard_error
-from ._figure import CYCLE, Axis, Bars, Figure, Line, Map, Mark, index_of
+from ._figure import Axis, Figure, Line, Map, Mark, index_of
 from ._matplotlib import Display
-
-
-class CoefficientsDisplay(Display):
-    """Coefficients of plain SINDy and of this package: one panel a storey, one group of bars a term.
-
-    Parameters
-    ----------
-    shares : DataFrame
-        Shares of the storey forces, by site and term; see :func:`pysindy_nrf.selection.comparison.compare`.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> from pysindy_nrf.output.displays import CoefficientsDisplay
-    >>> index = pd.MultiIndex.from_tuples([("storey 1", "v"), ("storey 1", "s")])
-    >>> shares = pd.DataFrame({"truth": [0.1, 0.9], "SINDy": [0.3, 0.6]}, index=index)
-    >>> len(CoefficientsDisplay(shares).plot().ax_)
-    1
-    """
-
-    _columns = 1
-
-    def __init__(self, shares: pd.DataFrame) -> None:
-        self.shares = shares
-
-    @classmethod
-    def from_comparison(cls, comparison: Any) -> Self:
-        """The coefficients that :func:`pysindy_nrf.selection.comparison.compare` found.
-
-        Parameters
-        ----------
-        comparison : Comparison
-        """
-        return cls(comparison.coefficients)
-
-    def figures(self) -> list[Figure]:
-        sites = list(dict.fromkeys(self.shares.index.get_level_values(0)))
-        said = "term: coefficient times its rms; other: what the terms of this storey cannot hold"
-        out = []
-        for site in sites:
-            part = self.shares.loc[site]
-            others = [m for m in part if m != "truth"]
-            colors = {m: CYCLE[k % 5] for k, m in enumerate(others)} | {"truth": "ink"}
-            marks: list[Mark] = [Bars(part[m], str(m), colors[m], hatched=m in others[5:]) for m in part]
-            # bars beyond twice the storey's force (columns that nearly cancel) are cut, and say so by reaching the edge
-            low, high = np.clip([1.1 * part.min(axis=None), 1.1 * part.max(axis=None)], -2.0, 2.0)
-            x = Axis(said if site == sites[-1] else "", ticks=[_typeset(str(term)) for term in part.index])
-            y = Axis(f"{site}\nshare of its force", limits=(low, high), zero=True)
-            out.append(Figure(str(site), marks, x, y, legend="sheet", size=(8.5, 2.3)))
-        return out
-
-
-def _typeset(term: str) -> str:
-    """Powers of v and s as a formula; other words as they are."""
-    return f"${term.replace(' ', chr(92) + ',')}$" if re.fullmatch(r"[vs](\^\d+)?( [vs](\^\d+)?)*", term) else term
 
 
 class OrderSelectionDisplay(Display):

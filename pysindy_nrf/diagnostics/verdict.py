@@ -360,14 +360,15 @@ def effect_words(
     place = {"ground": f"between floor {where} and the ground", "dof": f"on floor {where}"}.get(kind, f"in {site}")
     for key, x in values.items():
         if x is not None and key in unit:
-            bounds = ends.get(key)
-            span = "" if bounds is None or not np.isfinite(bounds).all() else f" ({digits(*bounds)} {unit[key]})"
-            return f"{name} of {float(x):.3g} {unit[key]}{span} {place}"
+            low, high = ends.get(key) or (np.nan, np.nan)
+            span = f" ({digits(low, high)} {unit[key]})" if np.isfinite(high - low) else ""
+            return f"{name} of {digits(low, high, float(x))} {unit[key]}{span} {place}"
     return f"{name} {place}"
 
 
-def digits(low: float, high: float) -> str:
-    """Two ends of an interval with the digits that tell them apart."""
-    most = max(abs(low), abs(high))
-    need = 3 if not high > low else int(np.clip(np.ceil(np.log10(most / (high - low) + 1e-300)) + 1, 3, 7))
-    return f"{low:.{need}g} to {high:.{need}g}"
+def digits(low: float, high: float, *more: float) -> str:
+    """Two ends of an interval with the digits that tell them apart; or other numbers with the same digits."""
+    need, most = 3, max(abs(low), abs(high))
+    if high > low:
+        need = int(np.clip(np.floor(np.log10(most / (high - low))) + 2, 3, 7))
+    return " to ".join(f"{x:.{need}g}" for x in more or (low, high))

@@ -10,6 +10,7 @@ from scipy.stats import norm
 from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
+from ..common.lazy import Hook
 from ..data.channels import require_two_dimensions, sample_weights
 from ..data.record import Record
 from ..diagnostics.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
@@ -280,6 +281,40 @@ class FittedChain:
             dt = self.dt if any(seg.dt is None for seg in data.segments) else None
             self._free = free_runs(self.model_, data, self.problem_.filters(data), dt=dt)
         return self._free
+
+    def summary(self) -> str:
+        """The verdict with its reasons, the masses and the equations, as text."""
+        return f"{self.verdict()}\n{self.model_}"
+
+    def print(self) -> None:
+        """Print :meth:`summary`."""
+        print(self.summary())
+
+    def equations(self, digits: int = 4) -> list[str]:
+        """The restoring forces as text; see :meth:`ChainModel.equations`."""
+        check_is_fitted(self)
+        return self.model_.equations(digits)
+
+    def to_latex(self) -> str:
+        """Balances and restoring forces as LaTeX; see :meth:`ChainModel.to_latex`."""
+        check_is_fitted(self)
+        return self.model_.to_latex()
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the force of every site over its drift, and the free run over the measured motion (matplotlib).
+
+        Parameters
+        ----------
+        ax : array of Axes, optional
+            New ones if None.
+
+        Returns
+        -------
+        Display
+            With ``ax_`` and ``figure_``.
+        """
+        check_is_fitted(self)
+        return Hook.MODEL_FIGURE(self).plot(ax)
 
     def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
         """95 % intervals by parameter, and why there are none."""

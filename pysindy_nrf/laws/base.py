@@ -460,7 +460,10 @@ class ForceLaw:
         """
         pieces = []
         numbers = self.coefficients if self.coefficients is not None else [None] * len(self.terms())
+        sparse = len(self.terms()) > 2 and self.coefficients is not None and np.any(self.coefficients)
         for term, c in zip(self.terms(), numbers, strict=True):
+            if sparse and c == 0:  # taken out by a sparse fit
+                continue
             label = subscript(term.label, index)
             factor = term.symbol if c is None else f"{c:.{digits}g}"
             pieces.append(f"{factor} {label}" if label != "1" else factor)

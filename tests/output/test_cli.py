@@ -145,7 +145,7 @@ def test_help_of_every_command(command, capsys):
     assert f"`{command}" in PAGE
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in ("demo", "plan")])
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in ("demo", "plan", "laws")])
 def test_no_command_shows_a_traceback(command, here, capsys):
     (here / "bad.csv").write_bytes(os.urandom(500))
     for arguments in ([], ["nowhere.csv"], ["bad.csv"], ["nowhere.csv", "bad.csv"], ["--nonsense"], ["."], [""]):

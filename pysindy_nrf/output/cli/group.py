@@ -17,7 +17,7 @@ from ...exceptions import MissingExtraError, NRFError
 from .change_commands import damage, forces
 from .model_commands import close_loop, compare, demo, identify, run_test, select_order
 from .options import in_options, printable
-from .record_commands import inspect, plan, report, simulate
+from .record_commands import inspect, list_laws, plan, report, simulate
 
 USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130  # and outcome.RED
 
@@ -57,6 +57,7 @@ def cli() -> None:
 
 for command in (
     demo, inspect, run_test, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan,
+    list_laws,
 ):  # fmt: skip
     cli.add_command(command)
 

@@ -91,6 +91,34 @@ def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
             return
 
 
+@click.command("laws", short_help="List the force laws that storeys may have.")
+@click.argument("words", nargs=-1)
+@opt.json_option
+def list_laws(words: tuple[str, ...], as_json: bool) -> None:
+    """List the force laws: name for --law, family, formula, and what it describes. WORDS choose among them.
+
+    \b
+    Examples
+      pysindy-nrf laws
+      pysindy-nrf laws friction
+    """
+    from ...laws import registry
+
+    session, rows = Session(as_json), []
+    for name, law in sorted(registry().items(), key=lambda item: (item[1].family, item[0])):
+        about = (law.__doc__ or "").strip().splitlines()[0].replace("``", "")
+        try:
+            formula = law().equation()
+        except (NRFError, TypeError):
+            formula = ""
+        row = {"name": name, "family": law.family, "formula": formula, "describes": about}
+        if all(word.lower() in " ".join(row.values()).lower() for word in words):
+            rows.append(row)
+    for row in rows:
+        session.say(f"{row['name']}  ({row['family']})", f"    {row['describes']}", f"    {row['formula']}")
+    session.emit({"laws": rows})
+
+
 @click.command(short_help="Run a model alone under the forces of a file.")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("forces", required=False, type=click.Path(path_type=Path))

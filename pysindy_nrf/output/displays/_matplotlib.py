@@ -67,6 +67,18 @@ class Display:
         return self
 
 
+class Drawing(Display):
+    """Figures that stand beside each other."""
+
+    _columns = 3
+
+    def __init__(self, figures: Sequence[Figure]) -> None:
+        self._figures = list(figures)
+
+    def figures(self) -> list[Figure]:
+        return self._figures
+
+
 def available() -> bool:
     """Whether matplotlib is installed."""
     from importlib.util import find_spec

@@ -13,14 +13,15 @@ def below(dof: int, label: str, unit: str) -> Axis:
     return Axis(label, unit) if dof == 1 else Axis()
 
 
-def free_run_figure(free: Any, points: int = 3000) -> list[Figure]:
-    """The free run over the measurement, at the DOF that moves most, about its largest motion; thinned to be drawn."""
+def free_run_figure(free: Any, cycles: float = 25.0) -> list[Figure]:
+    """The free run over the measurement, at the DOF that moves most, over some cycles about its largest motion."""
     if free is None or not free.runs:
         return []
     (seg, run), errors = free.runs[0], free.table.iloc[0]
     x = np.cumsum(seg.s[seg.valid], axis=1)
     j = int(np.argmax(np.abs(x).max(axis=0)))
-    width = min(len(x), points)
+    crossings = np.count_nonzero(np.diff(np.signbit(x[:, j] - x[:, j].mean())))
+    width = min(len(x), int(2 * cycles * len(x) / max(crossings, 1)) + 2)
     start = int(np.clip(np.abs(x[:, j]).argmax() - width // 3, 0, len(x) - width))
     rows = slice(start, start + width, max(1, width // 1500))
     own = np.clip(run.displacement[rows, j], *(2.5 * np.abs(x[:, j]).max() * np.array([-1, 1])))

@@ -25,6 +25,7 @@ from ...signals.kinematics import to_features
 from ...signals.zero_phase_filter import filters_of
 from ..displays import BeforeAfterDisplay
 from ..displays._figure import Figure, Table, dof_words, table
+from ..displays._matplotlib import Drawing
 from ..displays.evidence import dependence_figures, evidence_figures, residual_figure
 from ..displays.forces import force_figure, loop_figure
 from ..displays.motion import free_run_figure, modes_figure
@@ -209,6 +210,13 @@ def of_model(
         groups = {"regressor": subject.get_params(deep=False), **groups}
     content.settings = _settings(settings_of(**groups))
     return content
+
+
+def drawing(regressor: Any) -> Drawing:
+    """The force of every site of a fitted regressor over its drift, and its free run."""
+    data = regressor.fit_data("Fit again to draw the model over its data.")
+    loops = loops_of(regressor.model_, data, regressor.problem_.filters(data))
+    return Drawing([*map(loop_figure, loops), *free_run_figure(regressor.free_runs())])
 
 
 # columns of ``missing_terms_`` of a regressor, in words

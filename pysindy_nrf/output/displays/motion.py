@@ -20,8 +20,8 @@ def free_run_figure(free: Any, cycles: float = 25.0) -> list[Figure]:
     (seg, run), errors = free.runs[0], free.table.iloc[0]
     x = np.cumsum(seg.s[seg.valid], axis=1)
     j = int(np.argmax(np.abs(x).max(axis=0)))
-    crossings = np.count_nonzero(np.diff(np.signbit(x[:, j] - x[:, j].mean())))
-    width = min(len(x), int(2 * cycles * len(x) / max(crossings, 1)) + 2)
+    crossings = int(np.count_nonzero(np.diff(np.signbit(x[:, j] - x[:, j].mean()))))
+    width = min(len(x), int(2 * cycles * len(x)) // max(crossings, 1) + 2)
     start = int(np.clip(np.abs(x[:, j]).argmax() - width // 3, 0, len(x) - width))
     rows = slice(start, start + width, max(1, width // 1500))
     own = np.clip(run.displacement[rows, j], *(2.5 * np.abs(x[:, j]).max() * np.array([-1, 1])))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -212,8 +213,9 @@ class Workspace:
                 out.append(BlockRows(b.segment, slice(*ends)))
             return out
 
-        out = Workspace(data, same(self.search), same(self.held), self.known_masses, self.strategy)
-        out.filters = self.filters
+        out = copy(self)
+        out.data, out.search, out.held = data, same(self.search), same(self.held)
+        out._motions, out._scales = {}, {}
         return out
 
     def motion(self, site: Site, segment: int) -> Motion:

@@ -13,7 +13,7 @@ from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .catalogue import Candidate
-from .constants import FINALISTS, HOPELESS, LARGE_GAIN, LEAST_SHARE
+from .constants import FINALISTS, HOPELESS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .judge import admissible
 from .prepare import Prepared
 from .residual import simulated
@@ -78,13 +78,12 @@ class Search:
 
     def candidates(self, state: State, most: int | None = None, finalists: int = FINALISTS) -> list[Finding]:
         """Findings on top of a state, each at so many sites at most, the best first, cross-validated."""
-        found = []
-        for proposal in (p for p in self.proposals if most is None or len(p.sites) <= most):
+        found: list[Finding] = []
+        for proposal in sorted(self.proposals, key=lambda p: len(p.law.free_shape)):
             self.progress()
-            for base in self._bases(state, proposal):
-                best = self._scanned(base, proposal, state)
-                if best is not None:
-                    found.append(best)
+            if (most is None or len(proposal.sites) <= most) and _worth_a_scan(proposal, found):
+                scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
+                found += [scan for scan in scans if scan is not None]
         found.sort(key=lambda f: -f.screen)
         return sorted(filter(None, map(self.judged, _varied(found, finalists))), key=lambda f: -_value(f))
 
@@ -339,6 +338,16 @@ class Forward:
                 self._eliminate()
                 if self.state.trial.gain_over(before.trial).value <= 0:
                     self.state = before
+
+
+def _worth_a_scan(proposal: Proposal, found: Sequence[Finding]) -> bool:
+    """Whether a law of three shape parameters or more refines one that promises something at the same sites."""
+    law = proposal.law
+    if len(law.free_shape) < 3:
+        return True
+    simple = [f.screen for f in found if f.proposal.sites == proposal.sites and law.contains(f.proposal.law)]
+    least = max(LEAST_GAIN / 4, TENTH * max((f.screen for f in found), default=0.0))
+    return not simple or max(simple) >= least
 
 
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:

@@ -167,23 +167,21 @@ def calibrated(
     """
     work, windows = trial.ruler.work, trial.ruler.windows
     thin = np.arange(0, windows.size, -(-windows.size // _COLUMNS))
-    errors: list[_Error] = []
-    changes, rows, numbers = [], [], []
-    for error in _errors(work, ready, tolerances):
-        data = _erroneous(work, ready, [(error, 0.1 * error.most)])
-        if data is not None:
-            touched, spectra = _changed(trial, work.with_data(data), error)
-            changes.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
-            rows += touched
-            numbers += [len(errors)] * len(touched)
-            errors.append(error)
-    start = np.zeros(len(errors)) if start is None else start
+    readings = {i: _Readings(work.data.segments[i], ready, i) for i in work.searched}
+    errors = list(_errors(work, readings, tolerances))
     if not errors:
-        return Freed(trial, start)
+        return Freed(trial, np.zeros(0))
+    changes, rows, numbers = [], [], []
+    for number, error in enumerate(errors):
+        data = _erroneous(work, readings, [(error, 0.1 * error.most)])
+        touched, spectra = _changed(trial, work.with_data(data), error)
+        changes.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
+        rows += touched
+        numbers += [number] * len(touched)
+    start = np.zeros(len(errors)) if start is None else start
     shares = _Errors(trial, thin, np.vstack(changes), np.array(rows), np.array(numbers)).fitted(start)
-    data = _erroneous(work, ready, [(e, x * e.most) for e, x in zip(errors, shares)])
     try:
-        freed = trial if data is None else on(trial, data)
+        freed = on(trial, _erroneous(work, readings, [(e, x * e.most) for e, x in zip(errors, shares)]))
     except NRFError:
         return Freed(trial, shares)
     return Freed(freed if freed.gain_over(trial).value > 0 else trial, shares)
@@ -223,7 +221,8 @@ class _Errors:
 
     def _at(self, shares: np.ndarray) -> np.ndarray:
         at = self.spectra.copy()
-        np.add.at(at, self.rows, shares[self.numbers, None] * self.changes)
+        for change, row, number in zip(self.changes, self.rows, self.numbers):
+            at[row] += shares[number] * change
         return at
 
     def _weights(self, shares: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
@@ -272,55 +271,75 @@ class _Errors:
         return step
 
 
-def _errors(work: Workspace, ready: Prepared, tolerances: Mapping[str, float]) -> Iterator[_Error]:
+def _errors(
+    work: Workspace, readings: Mapping[int, _Readings], tolerances: Mapping[str, float]
+) -> Iterator[_Error]:  # fmt: skip
     """Every error that a channel of the search may have."""
-    measured = set().union(*(ready.records[i].measured for i in work.searched))
+    measured = set().union(*(r.measured for r in readings.values()))
     dofs = range(1, work.n_dof + 1)
     for kind, j, (name, most) in product("avxF", dofs, tolerances.items()):
-        if f"{kind}{j}" not in measured or (kind == "F" and j not in work.forced) or not most:
-            continue
-        others = [k for k in dofs if k != j and kind != "F"] if name == "cross_axis" else [j]
-        yield from (_Error(kind, j, name, k, most) for k in others)
+        if f"{kind}{j}" in measured and most:
+            others = [k for k in dofs if k != j and kind != "F"] if name == "cross_axis" else [j]
+            yield from (_Error(kind, j, name, k, most) for k in others)
 
 
-def _erroneous(work: Workspace, ready: Prepared, errors: Sequence[tuple[_Error, float]]) -> SegmentSet | None:
-    """Records whose channels have further errors of some sizes; None where no record has such channels."""
+def _erroneous(
+    work: Workspace, readings: Mapping[int, _Readings], errors: Sequence[tuple[_Error, float]]
+) -> SegmentSet:  # fmt: skip
+    """Records whose channels have further errors of some sizes."""
     segments = list(work.data.segments)
     for error, size in errors:
-        for i in work.searched:
-            seg, record = work.data.segments[i], ready.records[i]
-            if f"{error.kind}{error.dof}" in record.measured:
-                changes = _reading(seg, error, ready.noise[i], ready.clean)
-                segments[i] = segments[i].moved(error.dof, **{key: size * y for key, y in changes.items()})
-    changed = any(a is not b for a, b in zip(segments, work.data.segments))
-    return SegmentSet(segments, work.data.n_samples) if changed else None
+        for i, seen in readings.items():
+            if f"{error.kind}{error.dof}" in seen.measured:
+                changes = {key: size * y for key, y in seen.unit(error).items()}
+                segments[i] = segments[i].moved(error.dof, **changes)
+    return SegmentSet(segments, work.data.n_samples)
 
 
-def _reading(seg: Segment, error: _Error, noise: Mapping[str, float], clean: bool) -> dict[str, np.ndarray]:
-    """What an error of unit size changes of the fused motion of a DOF, or of its force, (n_samples,)."""
-    step = seg.dt or 1.0
-    if error.kind == "F":
-        source = {"F": np.asarray(seg.F[:, error.dof - 1], dtype=float)}
-    else:
-        source = {key: np.asarray(y, dtype=float) for key, y in _motion(seg, error.source).items()}
-    if error.name == "delay":
-        source = {key: np.gradient(y, step) for key, y in source.items()}
-    if error.kind == "F":
-        return {} if np.isnan(source["F"][seg.valid]).any() else source
-    if clean:
-        return {error.kind: source[error.kind]}
-    orders = {"x": 0, "v": 1, "a": 2}
-    levels = {key: noise.get(f"{key}{error.dof}", np.inf) for key in orders}
-    omega = 2.0 * np.pi * np.fft.rfftfreq(seg.n_valid, step)
-    weight = {key: (omega**order / levels[key]) ** 2 for key, order in orders.items() if levels[key] > 0}
-    total = sum(weight.values())
-    with np.errstate(invalid="ignore"):
-        share = np.where(total > 0, weight[error.kind] / np.where(total > 0, total, 1.0), 0.0)
-    out = {}
-    for key, y in source.items():
-        out[key] = np.zeros(seg.n_samples)
-        out[key][seg.valid] = np.fft.irfft(share * np.fft.rfft(y[seg.valid]), seg.n_valid)
-    return out
+class _Readings:
+    """What errors of the channels of one record change of its fused motion and its forces."""
+
+    def __init__(self, seg: Segment, ready: Prepared, record: int) -> None:
+        self.seg, self.clean, self.noise = seg, ready.clean, ready.noise[record]
+        self.step = seg.dt or 1.0
+        unknown = np.isnan(seg.F[seg.valid]).any(axis=0)
+        forced = {f"F{j}" for j in range(1, seg.n_dof + 1) if not unknown[j - 1] and seg.F[seg.valid, j - 1].any()}
+        self.measured = {c for c in ready.records[record].measured if c[0] != "F"} | forced
+        self._spectra: dict[tuple[int, bool], dict[str, np.ndarray]] = {}
+
+    def unit(self, error: _Error) -> dict[str, np.ndarray]:
+        """Changes by an error of unit size, (n_samples,)."""
+        late = error.name == "delay"
+        if error.kind == "F":
+            source = {"F": np.asarray(self.seg.F[:, error.dof - 1], dtype=float)}
+        elif self.clean:
+            source = {error.kind: _motion(self.seg, error.source)[error.kind]}
+        else:
+            source = {}
+            share = self._share(error)
+            for key, y in self._transformed(error.source, late).items():
+                source[key] = np.zeros(self.seg.n_samples)
+                source[key][self.seg.valid] = np.fft.irfft(share * y, self.seg.n_valid)
+            return source
+        return {key: np.gradient(y, self.step) if late else y for key, y in source.items()}
+
+    def _transformed(self, dof: int, late: bool) -> dict[str, np.ndarray]:
+        """Spectra of the motion of a DOF, or of its rates."""
+        if (dof, late) not in self._spectra:
+            motion = {key: np.asarray(y[self.seg.valid], dtype=float) for key, y in _motion(self.seg, dof).items()}
+            self._spectra[dof, late] = {
+                key: np.fft.rfft(np.gradient(y, self.step) if late else y) for key, y in motion.items()
+            }
+        return self._spectra[dof, late]
+
+    def _share(self, error: _Error) -> np.ndarray:
+        """Part that a channel has in the fused motion, by frequency: what fusion gives it by the noise of all."""
+        omega = 2.0 * np.pi * np.fft.rfftfreq(self.seg.n_valid, self.step)
+        levels = {key: self.noise.get(f"{key}{error.dof}", 0.0) for key in "xva"}
+        weight = {key: (omega**k / levels[key]) ** 2 for k, key in enumerate("xva") if levels[key] > 0}
+        total = sum(weight.values(), np.zeros(len(omega)))
+        own = weight.get(error.kind, np.zeros(len(omega)))
+        return np.where(total > 0, own / np.where(total > 0, total, 1.0), 0.0)
 
 
 def _changed(trial: Trial, work: Workspace, error: _Error) -> tuple[list[int], np.ndarray]:

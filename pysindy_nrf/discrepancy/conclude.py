@@ -84,7 +84,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     if no_claim:
         stopped = f"{no_claim}. Nothing is claimed"
         steps, stands, confirmed = [], stands[:1], stands[0]
-    general = _general(confirmed)
+    general = _general(confirmed, forward)
     there = general[general["there"]]
     if len(there) and not no_claim and len(forward.state.effects) < settings["max_steps"]:
         stopped += f". {words.not_in_catalogue(there)}"
@@ -97,7 +97,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     return report
 
 
-def _general(final: Stand) -> pd.DataFrame:
+def _general(final: Stand, forward: Forward) -> pd.DataFrame:
     """What the general law without memory and the general hysteresis still gain at each storey and tie, dB."""
     trial = final.trial
     rows = {}
@@ -105,11 +105,14 @@ def _general(final: Stand) -> pd.DataFrame:
         drift, rate, *_ = trial.ruler.work.scales(site)
         for law in (SmoothSurface(S=drift, V=0.2 * rate), PrandtlIshlinskii(uy=2.0 * drift)):
             try:
-                gain = trial.with_laws([(site, law)]).gain_over(trial)
+                after = trial.with_laws([(site, law)])
             except NRFError:  # its columns depend on those of the model
                 continue
+            gain = after.gain_over(trial)
+            there = judge.is_there(gain) and gain.value > FAR * gain.error
+            there = there and judge.is_there(forward.beyond_errors(after, trial, law))
             words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
-            rows[str(site), words_of] = gain.value, gain.error, judge.is_there(gain) and gain.value > FAR * gain.error
+            rows[str(site), words_of] = gain.value, gain.error, there
     index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None
     return pd.DataFrame(list(rows.values()), index, columns=["gain (dB)", "standard error", "there"])
 

@@ -229,21 +229,26 @@ class Forward:
 
     def _by_errors(self, finding: Finding, state: State) -> bool:
         """Whether errors of the channels within tolerances explain an effect as well."""
-        if finding.is_fault or finding.after is None or state.ready is None:
+        if finding.is_fault or finding.after is None:
             return False
-        if state.trial not in self._freed:
-            self._freed = {state.trial: calibrated(state.trial, state.ready, self.tolerances)}
-        after, errors = calibrated(
-            finding.after.trial, state.ready, self.tolerances, self._freed[state.trial].errors
-        )  # fmt: skip
-        finding.beyond_errors = after.gain_over(self._freed[state.trial].trial)
-        if judge.is_there(finding.beyond_errors, finding.proposal.law):
-            # these errors may lie nearer to the least
-            again = calibrated(state.trial, state.ready, self.tolerances, errors)
-            if again.trial.gain_over(self._freed[state.trial].trial).value > 0:
-                self._freed[state.trial] = again
-                finding.beyond_errors = after.gain_over(again.trial)
+        finding.beyond_errors = self.beyond_errors(finding.after.trial, state.trial, finding.proposal.law)
         return not judge.is_there(finding.beyond_errors, finding.proposal.law)
+
+    def beyond_errors(self, after: Trial, before: Trial, law: ForceLaw) -> Gain:
+        """Gain of a law where both models are freed of the errors that channels may have."""
+        assert self.state.ready is not None
+        given = self.state.ready, self.tolerances
+        if before not in self._freed:
+            self._freed = {before: calibrated(before, *given)}
+        one = self._freed[before]
+        two = calibrated(after, *given, one.errors)
+        gain = two.trial.gain_over(one.trial)
+        if not judge.is_there(gain, law):
+            return gain
+        again = calibrated(before, *given, two.errors)  # these errors may lie nearer to the least
+        if again.trial.gain_over(one.trial).value > 0:
+            self._freed[before] = again
+        return two.trial.gain_over(self._freed[before].trial)
 
     def _by_chance(self, state: State, faults: bool) -> float:
         """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""

@@ -1,8 +1,10 @@
 """Every example of the gallery runs as it stands and draws what it promises."""
 
+import json
 import os
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,20 @@ MEASURED = os.environ.get("PYSINDY_NRF_DATA")
 SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force", "plot_paper_2dof_surfaces")
 ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
 pytestmark = pytest.mark.examples
+
+
+NOTEBOOKS = sorted((Path(__file__).parents[1] / "examples" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
+def test_the_notebook_runs(path, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    namespace = {"__name__": path.stem}
+    with warnings.catch_warnings(action="ignore"):
+        for cell in json.loads(path.read_text("utf-8"))["cells"]:
+            if cell["cell_type"] == "code":
+                exec(compile("".join(cell["source"]), path.name, "exec"), namespace)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)

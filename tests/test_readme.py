@@ -1,8 +1,10 @@
 """The README alone leads from a file with odd names in mm and g to masses and a page."""
 
 import re
+import runpy
 from pathlib import Path
 
+import measured
 import numpy as np
 import pytest
 from scipy import signal
@@ -50,7 +52,7 @@ def test_a_file_in_mm_and_g_to_a_page(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr()
     assert "SHAKER top" in said.out and "LVDT 3" in said.out and "--map" in said.err
     commands = re.findall(r"^pysindy-nrf ((?:inspect|identify) --mapping tower\.toml)", README, re.MULTILINE)
-    assert len(commands) == 2
+    assert len(commands) == 2 and len(README.splitlines()) < 130  # three screens
     for command in commands:
         assert run(command.split()) == 0
     said = capsys.readouterr().out
@@ -61,3 +63,12 @@ def test_a_file_in_mm_and_g_to_a_page(tmp_path, monkeypatch, capsys):
     np.testing.assert_allclose(found, STIFFNESSES, rtol=0.02)
     page = Path("nrf_output/report.html").read_text("utf-8")
     assert "<h1" in page and page.count("Restoring-force surface of storey") >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["bundled frame", "EMPS positioning stage"])
+def test_the_verdicts_are_those_that_the_readme_prints(name):
+    script = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "readme_numbers.py"))
+    if name != "bundled frame":
+        measured.folder("emps")
+    assert script["line"](name) in README

@@ -370,5 +370,5 @@ def digits(low: float, high: float, *more: float) -> str:
     """Two ends of an interval with the digits that tell them apart; or other numbers with the same digits."""
     need, most = 3, max(abs(low), abs(high))
     if high > low:
-        need = int(np.clip(np.floor(np.log10(most / (high - low))) + 2, 3, 7))
+        need = int(np.clip(np.floor(np.log10(most)) - np.floor(np.log10((high - low) / 2)) + 1, 3, 7))
     return " to ".join(f"{x:.{need}g}" for x in more or (low, high))

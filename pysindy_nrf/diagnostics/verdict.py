@@ -26,6 +26,7 @@ LARGE = 15.0  # and above which its estimates deserve a word
 ASTRAY = 20.0  # percent of the measured motion by which a free run may miss it
 NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
 CARRIES = 0.25  # and from which on a negative stiffness is no error of a weak spring
+_TRIED = 6  # mappings of the channels that are fitted to fused motions
 _ROWS = 20_000  # samples of a record that are enough to tell which channels close a balance
 _EXCHANGES = 6  # DOFs up to which every pair of channels is exchanged; beyond, neighbours only
 
@@ -158,18 +159,21 @@ def _exchange(keys: tuple[str, ...], j: int, k: int, n: int) -> Callable[[Record
     return _changed(keys, [{j - 1: k - 1, k - 1: j - 1}.get(i, i) for i in range(n)], np.ones(n).tolist())
 
 
-def mapping_that_closes(records: Sequence[Record], fit: Callable[[list[Record]], Any]) -> str:
+def mapping_that_closes(
+    records: Sequence[Record], fit: Callable[[list[Record]], Any], quick: Callable[[list[Record]], Any] | None = None
+) -> str:
     """The error of wiring without which every balance closes, in words; empty if none does.
 
-    ``fit`` turns records into an object with ``errors_``, ``masses_`` and ``known_masses``, as of a regressor.
+    ``fit`` turns records into an object with ``errors_``, ``masses_`` and ``known_masses``, as of a regressor. So does
+    ``quick``, coarsely: by it the mappings are put in order, and only the best are fitted.
     """
     records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
 
-    def left(tried: list[Record]) -> tuple[float, float, list[int]]:
+    def left(change: Callable[[Record], Record] | None = None, fit: Any = fit) -> tuple[float, float, list[int]]:
         """Largest and pooled error, and the DOFs that do not close; infinite for a mass that no structure has."""
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
             try:
-                found = fit(tried)
+                found = fit([rec if change is None else change(rec) for rec in records])
             except NRFError:
                 return np.inf, np.inf, []
         errors = found.errors_["error"]
@@ -179,13 +183,12 @@ def mapping_that_closes(records: Sequence[Record], fit: Callable[[list[Record]],
             return np.inf, np.inf, []
         return float(of_dofs.max()), float(errors["pooled"]), [int(k[4:]) for k, e in of_dofs.items() if e > OPEN]
 
-    worst, _, where = left(list(records))
-    rows = []
-    for words, change in rearranged(records[0], where):
-        try:
-            error, pooled, _ = left([change(rec) for rec in records])
-        except NRFError:
-            continue
+    worst, _, where = left()
+    rows, tried = [], list(rearranged(records[0], where))
+    if quick is not None and np.isfinite(left(fit=quick)[0]):  # else motions are missing that only fusion fills in
+        tried = sorted(tried, key=lambda one: left(one[1], quick)[:2])[:_TRIED]
+    for words, change in tried:
+        error, pooled, _ = left(change)
         if error <= min(OPEN, worst / 3):
             rows.append((error, pooled, words))
     if not rows:

@@ -72,6 +72,7 @@ class FittedChain:
     _fused_jointly: bool = False  # True if X was fused jointly over the DOFs
     _given: Any = None  # the records of the fit, if records were given
     _free: FreeRuns | None = None
+    _verdict: Verdict | None = None
 
     def fit_data(self, cure: str) -> SegmentSet:
         """Data of the fit.
@@ -253,6 +254,8 @@ class FittedChain:
         balance does not close, the fit is repeated with other mappings of the channels, and the one that closes named.
         """
         check_is_fitted(self)
+        if self._verdict is not None:
+            return self._verdict
         bounds, doubts = self.bounds()
         missing = self.missing_terms_[self.missing_terms_["biased"].astype(bool)]
         doubts = [text for held in self.data_warnings_.values() for text in held] + doubts
@@ -262,11 +265,12 @@ class FittedChain:
             free, shares = self.free_runs(), shares_of(self.model_, self._records)
         errors = self.errors_["error"].drop("pooled")
         found = list(nonlinear_parts(self.model_, shares, bounds).values())
-        return verdict_on(
+        self._verdict = verdict_on(
             self.model_, {int(k[4:]): float(e) for k, e in errors.items()}, found,
             free, bounds, known_masses=self.problem_.known_masses, doubts=doubts,
             faults=suspect_channels(self._given or []), wiring=self._wiring,
         )  # fmt: skip
+        return self._verdict
 
     def free_runs(self) -> FreeRuns:
         """Free runs of the model over the data of the fit, in the band of the fit.
@@ -340,7 +344,9 @@ class FittedChain:
                 for seg in self._records.segments
             ]  # fmt: skip
         again = clone(self).set_params(estimation="ls", constraints=None)
-        return "" if given is None else mapping_that_closes(list(given), again.fit)
+        return "" if given is None else mapping_that_closes(
+            list(given), again.fit, lambda records: again.fit(from_arrays(records, smooth=False))
+        )  # fmt: skip
 
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
         """Free run of the identified model; parameters as of :func:`pysindy_nrf.simulate`.

@@ -357,12 +357,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        data = "_records", "_fused_separately", "_separate_resolver", "_given", "_free"  # not part of the model
+        # the data, and what is read from them, are not part of the model
+        data = "_records", "_fused_separately", "_separate_resolver", "_given", "_free", "_verdict"
         return state | {key: None for key in data if key in state}
 
     def _publish(self, found: Estimate, data: SegmentSet) -> None:
         self._fused_separately, self._separate_resolver, self._fused_jointly = None, None, False
-        self._given = self._free = None
+        self._given = self._free = self._verdict = None
         problem, solve_order, model, solution, grams = found
         layout = problem.layout
         self.problem_ = problem.with_laws(model.laws)

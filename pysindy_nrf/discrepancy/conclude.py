@@ -335,7 +335,7 @@ def _report(
         ],
         columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
     )
-    floor, source = floor_of(settings["noise_floor"], work, model, None if noise is None else noise.work)
+    floor, source = floor_of(work, model, None if noise is None else noise.work)
     evidence = _evidence(stands, steps, floor)
     data, filters = searched(work)
     return LoopReport(

@@ -42,27 +42,12 @@ from .characterisation import (
     share_of,
     thinning,
 )
-from .constants import AT_FLOOR, EXPLAINED, FAR, FLOOR, NEARLY
+from .constants import AT_FLOOR, FAR, FLOOR, NEARLY
 from .prepare import Workspace
 from .residual import NoiseFloor, Residual, searched_residual
 from .words import Agreement, Location, Obstacle, ResidualKind
 
 # -- is it noise ------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Coupling:
-    """What is left of a storey's force (percent of it) although no law of a chain explains it.
-
-    ``own`` is the share of its squares that laws of the storey's own motion explain, ``others`` the share of the rest
-    that is linear in the motion of the other storeys, ``coupled`` whether that is sure; all on data left out.
-    """
-
-    storey: int
-    percent: float
-    own: float
-    others: float
-    coupled: bool
 
 
 @dataclass
@@ -72,11 +57,9 @@ class Detection:
     ``verdicts`` has rows ``"dof j"`` and ``"storey i"``; columns ``verdict`` (a ``ResidualKind``), ``percent`` (of the
     reference), ``floor ratio`` (rms over that of the noise floor), ``linear share`` (of the squares that drifts, rates
     and inputs explain on data left out) and ``nonlinear share`` (of the rest, by laws of the site's own motion).
-    ``couplings`` are storeys whose residual is no function of their own motion, the loudest first.
     """
 
     verdicts: pd.DataFrame
-    couplings: list[Coupling]
 
     @property
     def is_noise(self) -> bool:
@@ -92,7 +75,6 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
     every = min(thinning([seg.s[seg.valid, i] for seg in segments]) for i in range(residual.n_dof))
     sides = [_Motion(r, every) for r in (residual, *([] if floor is None else floor.draws))]
     rows: dict[str, dict[str, Any]] = {}
-    coupled = []
     for where, size in residual.sizes.iterrows():
         if not np.isfinite(size["rms"]):
             continue
@@ -101,13 +83,8 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
         if size["rms"] > FLOOR * size["reference"]:
             row |= _verdict(sides, where, ratio)
         rows[where] = row
-        if where.startswith("storey") and row["verdict"] != ResidualKind.NOISE and not ratio < AT_FLOOR:
-            coupled.append(_coupling(sides[0], where, size["percent"]))
     columns = ["verdict", "percent", "floor ratio", "linear share", "nonlinear share"]
-    found = [one for one in coupled if one.own < EXPLAINED or one.coupled]
-    return Detection(
-        pd.DataFrame.from_dict(rows, orient="index").reindex(columns=columns), sorted(found, key=lambda c: -c.percent)
-    )
+    return Detection(pd.DataFrame.from_dict(rows, orient="index").reindex(columns=columns))
 
 
 def _verdict(sides: list[_Motion], where: str, ratio: float) -> dict[str, Any]:
@@ -129,17 +106,6 @@ def _verdict(sides: list[_Motion], where: str, ratio: float) -> dict[str, Any]:
     else:  # its size alone speaks for it, and residual and floor may both be off
         verdict = ResidualKind.NOISE if ratio < AT_FLOOR**2 else ResidualKind.UNMEASURED
     return {"verdict": verdict, "linear share": shares[0], "nonlinear share": shares[1]}
-
-
-def _coupling(side: _Motion, where: str, percent: float) -> Coupling:
-    """What a storey's own motion explains of its residual, and what that of the others explains of the rest."""
-    site, fit = Site(where), side.fit(where)
-    # columns that explain nothing on data left out only add to what is left
-    own = {names: fit.share(where, names)[0] for names in ((f"own {site}",), (f"own {site}", f"law {site}"))}
-    best = max(own, key=lambda names: own[names])
-    others, error = fit.share(where, ["motion"], best if own[best] > 0 else ())
-    sure = others * (1 - max(own[best], 0.0)) > NEARLY and others > FAR * error
-    return Coupling(site.p, float(percent), own[best], others, bool(sure))
 
 
 class _Motion:
@@ -185,8 +151,6 @@ class _Motion:
         for site in dict.fromkeys([*self.chain.sites, *map(Site, range(1, n + 1))]):
             motions = [seg.motion(site, seg.valid) for seg in segments]
             groups[f"law {site}"] = own_columns(motions, filters, every)
-            if site.is_storey:
-                groups[f"own {site}"] = seen(np.column_stack([m.s, m.v]) for m in motions)
         for where in residual.sizes.index:
             parts = residual.at(where)
             if all(np.isfinite(parts[i]).all() for i in use):
@@ -455,11 +419,6 @@ class Evidence:
     def site(self) -> str:
         """The site whose force is characterised; empty if there is nothing to locate."""
         return "" if self.localisation is None else self.localisation.site
-
-    @property
-    def couplings(self) -> list[Coupling]:
-        """Storeys of the last model whose residual is loud and no function of their own motion."""
-        return [] if self.chosen or self.floor is None or self.detection is None else self.detection.couplings
 
     @property
     def detection_sentence(self) -> str:

@@ -35,7 +35,7 @@ from .windows import Windows, split, window_length
 def close_loop(
     records: Any, baseline: NRFRegressor | None = None, catalogue: Iterable[Any] | None = None, heldout: Any = None,
     band: tuple[float | None, float | None] | None = None, random_state: Any = 0, *, max_steps: int = 4,
-    noise_floor: Any = "channels", calibration: Mapping[str, float] | None = None, progress: bool = False,
+    calibration: Mapping[str, float] | None = None, progress: bool = False,
 ) -> LoopReport:  # fmt: skip
     """Find the effects a model lacks, add them, and report the error before and after.
 
@@ -66,11 +66,6 @@ def close_loop(
         For the parametric bootstrap.
     max_steps : int
         Effects at most.
-    noise_floor : {"channels", "repeats"}, float, mapping of int to float or NoiseFloor
-        What noise alone leaves of the forces, against which the evidence measures residuals. ``"channels"``: a free
-        run of the model with the noise by which the channels of a DOF contradict each other. ``"repeats"``: the
-        records are repetitions of one test, sample by sample, and differ by noise. Or the rms of the noise in each
-        balance, N: one number, or by DOF.
     calibration : mapping, optional
         Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another DOF's motion that it reads) as
         shares, 0.03 where nothing is known, and ``delay`` in s, half a sampling step. What is none beyond them
@@ -130,7 +125,7 @@ def close_loop(
             forward.run(max_steps)
         settings = {
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
-            "baseline": baseline, "noise_floor": noise_floor, "calibration": tolerances,
+            "baseline": baseline, "calibration": tolerances,
         }  # fmt: skip
         report = concluded(forward, first, settings, rng)
         report.free_runs = free_runs(report.model, ready.data)

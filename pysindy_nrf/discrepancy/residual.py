@@ -13,7 +13,7 @@ of every link and ground link that crosses the cut, and of the DOF sites above i
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,15 +29,13 @@ from ..regression.chain_model import ChainModel
 from ..regression.errors import free_run_of
 from ..regression.segments import BlockRows, Segment, SegmentSet
 from ..signals.kinematics import base_acceleration_if_any
-from ..signals.noise_levels import LOUDEST, levels_of, noisy_base, quiet_drive
+from ..signals.noise_levels import levels_of, noisy_base, quiet_drive
 from .prepare import Prepared, Workspace, prepare
 from .ruler import Ruler, Trial
 from .windows import Windows
 
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
-# Rows in common that repeated records need.
-_FEWEST = 64
 # Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
 _POINTS, _PER_CYCLE = 1000, 40
 _MOTIONS = ("acceleration", "velocity", "displacement")
@@ -193,83 +191,20 @@ class NoiseFloor:
         return out
 
     @classmethod
-    def given(cls, levels: Any, n_dof: int) -> NoiseFloor:
-        """Noise floor that the user knows."""
-        if isinstance(levels, Mapping):
-            wrong = [j for j in levels if j not in range(1, n_dof + 1)]
-            if wrong:
-                what = f"The noise floor names balance {wrong[0]!r}"
-                raise ChannelError(what, f"The chain has balances 1 to {n_dof}.")
-            levels = [levels.get(j, np.nan) for j in range(1, n_dof + 1)]
-        values = np.array(levels, dtype=float)
-        cure = "Give the rms of the noise in each balance, N."
-        if values.ndim and values.shape != (n_dof,):
-            raise ChannelError(f"{values.size} noise levels for {n_dof} balances", cure)
-        if (values < 0).any() or np.isinf(values).any():
-            raise ChannelError("A noise floor is negative or infinite", cure)
-        values = np.broadcast_to(values, (n_dof,)).copy()
-        return cls(values, np.sqrt(from_top(values[None] ** 2)[0]), "given by the user")
-
-    @classmethod
-    def from_repeats(cls, residual: Residual) -> NoiseFloor:
-        """Noise floor from the same test done several times."""
-        every, segments = residual.balance, residual.data.segments
-        count = len(every)
-        drive = np.array([np.nan_to_num(seg.F[seg.valid].astype(float)) for seg in segments])
-        bases = [seg.ag[seg.valid] for seg in segments if seg.ag is not None]
-        if not drive.any() and len(bases) == count:
-            drive = np.array(bases)
-        common = drive.mean(axis=0)
-        if drive.any() and np.sqrt(np.mean((drive - common) ** 2)) > LOUDEST * np.sqrt(np.mean(common**2)):
-            cure = "Align repetitions of one test sample by sample, or use noise_floor='channels'."
-            raise ChannelError("The records were not excited alike, so their difference is not noise", cure)
-        mean, factor = np.mean(every, axis=0), np.sqrt(count / (count - 1))
-        noise = replace(residual, balance=[factor * (e - mean) for e in every])
-        return cls.from_draws([noise], f"{count} repeated records")
-
-    @classmethod
     def from_draws(cls, draws: list[Residual], source: str) -> NoiseFloor:
         """Noise floor from residuals of noise alone."""
         parts = [e for residual in draws for e in residual.balance]
         return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
 
 
-def floor_of(given: Any, work: Workspace, model: ChainModel, noise: Workspace | None) -> tuple[NoiseFloor | None, str]:
-    """The noise floor that a user gave or asked for, and where it comes from."""
-    if isinstance(given, NoiseFloor):
-        if len(given.balance) != work.n_dof:
-            cure = "Make it of records of the same chain."
-            raise ChannelError(f"The noise floor has {len(given.balance)} balances, the chain {work.n_dof}", cure)
-        return given, given.source
-    if isinstance(given, str) and given == "repeats":
-        floor = NoiseFloor.from_repeats(_repeated(work, model))
-    elif isinstance(given, str) and given == "channels":
-        if noise is None:
-            return None, "not known: the model has no free run"
-        noise.filters = [work.filters[i] for i in work.searched]
-        drawn = residual_of(model, *searched(noise))
-        floor = NoiseFloor.from_draws([drawn], "a free run of the model with the noise of the channels")
-    elif isinstance(given, (Mapping, float, int, list, tuple, np.ndarray)) and not isinstance(given, bool):
-        floor = NoiseFloor.given(given, work.n_dof)
-    else:
-        cure = "Choose 'channels' or 'repeats', or give the rms of the noise in each balance, N: {dof: rms}."
-        raise ChannelError(f"noise_floor={given!r} is unknown", cure)
+def floor_of(work: Workspace, model: ChainModel, noise: Workspace | None) -> tuple[NoiseFloor | None, str]:
+    """What noise alone leaves of the forces, from records of noise, and where it comes from."""
+    if noise is None:
+        return None, "not known: the model has no free run"
+    noise.filters = [work.filters[i] for i in work.searched]
+    drawn = residual_of(model, *searched(noise))
+    floor = NoiseFloor.from_draws([drawn], "a free run of the model with the noise of the channels")
     return floor, floor.source
-
-
-def _repeated(work: Workspace, model: ChainModel) -> Residual:
-    """Residual of repeated records along the rows that the search may see in all of them."""
-    used = list(work.searched)
-    segments = [work.data.segments[i] for i in used]
-    least = min(seg.n_samples for seg in segments)
-    seen = np.all([work.seen_rows(i)[:least] for i in used], axis=0)
-    runs = np.flatnonzero(np.diff(np.r_[False, seen, False].astype(int))).reshape(-1, 2)
-    first, last = max(runs, key=lambda r: r[1] - r[0]) if len(runs) else (0, 0)
-    if len(used) < 2 or last - first < _FEWEST:
-        what = f"{len(used)} record{'s' * (len(used) != 1)} with {last - first} rows in common tell no noise"
-        raise ChannelError(what, "Give repetitions of one test, aligned sample by sample, or noise_floor='channels'.")
-    pieces = [replace(seg, valid=slice(int(first), int(last))) for seg in segments]
-    return residual_of(model, SegmentSet(pieces, work.data.n_samples), [work.filters[i] for i in used])
 
 
 # -- records as a model would have produced them (parametric bootstrap) ------------------------------

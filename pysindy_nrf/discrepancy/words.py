@@ -193,14 +193,11 @@ def _located(table: pd.DataFrame) -> str:
 
 
 def characterisation(evidence: Any) -> str:
-    """What the missing force depends on, and what no law of a chain explains."""
+    """What the missing force depends on."""
     if evidence.characterisation is None:
-        text = not_possible("characterisation", evidence)
-    else:
-        said = characterised(evidence.characterisation)
-        text = f"The force missing at {evidence.site} {said[0].lower()}{said[1:]}"
-    coupled = "; ".join(map(_coupling, evidence.couplings))
-    return f"{text} Not explained by a chain law: {coupled}." if coupled else text
+        return not_possible("characterisation", evidence)
+    said = characterised(evidence.characterisation)
+    return f"The force missing at {evidence.site} {said[0].lower()}{said[1:]}"
 
 
 def characterised(found: Any) -> str:
@@ -228,18 +225,7 @@ def _kind(found: Any) -> str:
     return _DEPENDENCE[found.dependence].format(found=found, parity=parity, marks=marks)
 
 
-# -- what no chain law explains, and channels -------------------------------------------------------
-
-
-def _coupling(one: Any) -> str:
-    """What is left of one storey's force."""
-    text = (
-        f"storey {one.storey}, {one.percent:.3g} % of its force: its own drift, rate and path explain "
-        f"{100 * max(one.own, 0.0):.0f} % of that on data left out"
-    )
-    if one.coupled:
-        text += f", coupling to the drifts and rates of the other storeys {100 * one.others:.0f} % of the rest"
-    return text
+# -- channels -------------------------------------------------------
 
 
 def contradictions(found: Sequence[Any]) -> str:

@@ -167,15 +167,6 @@ def test_bad_input_is_named():
         close_loop(still)
 
 
-@pytest.mark.parametrize(
-    ("noise_floor", "said"),
-    [("loud", "noise_floor='loud'"), ("repeats", "1 record with"), ({7: 1.0}, "balance 7"), (-1.0, "negative")],
-)
-def test_a_floor_that_does_not_fit_is_refused(noise_floor, said):
-    with pytest.raises(ChannelError, match=said):
-        close_loop(record(None, seed=1), catalogue=[laws.CubicStiffness()], noise_floor=noise_floor)
-
-
 def test_a_covariate_that_a_held_out_record_lacks_is_named_before_the_search():
     rec = record(friction, seed=3).replace(covariates={"u": np.linspace(0, 1, 3500)})
     baseline = NRFRegressor(laws={2: [laws.PowerSeries(1), laws.CovariateFriction(covariate="u")]}, degree=1)

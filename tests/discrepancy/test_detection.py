@@ -9,7 +9,7 @@ from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
 from pysindy_nrf.discrepancy.evidence import detect
-from pysindy_nrf.discrepancy.residual import NoiseFloor, from_top, residual_of, rms
+from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
 from pysindy_nrf.discrepancy.words import ResidualKind
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.zero_phase_filter import filters_of
@@ -92,7 +92,7 @@ def test_unmeasured_force_is_tied_to_no_measured_signal():
     model = ChainModel(m, {i + 1: [laws.LinearViscous(c[i]), laws.LinearElastic(k[i])] for i in range(2)})
     noise = np.random.default_rng(0).standard_normal((len(t), 2))
     residual = residual_of(model, from_arrays(np.hstack([a, v, s]), case.F + noise, dt=case.dt))
-    verdicts = detect(residual, NoiseFloor.given(1.0, 2)).verdicts["verdict"]
+    verdicts = detect(residual, NoiseFloor(np.ones(2), np.ones(2), "")).verdicts["verdict"]
     assert verdicts["dof 2"] == ResidualKind.UNMEASURED and verdicts["dof 1"] == ResidualKind.NOISE
     assert detect(residual).verdicts.loc["dof 1", "verdict"] == ResidualKind.UNMEASURED  # the noise is not known
 
@@ -146,50 +146,5 @@ def test_hysteresis_of_an_element_without_mass_is_no_linear_effect():
     X = np.column_stack([np.gradient(np.gradient(s, 1e-2), 1e-2), np.gradient(s, 1e-2), s])
     model = ChainModel([0.0], {1: [laws.LinearElastic(6e4)]})
     residual = residual_of(model, from_arrays(X, (3e4 * s + slider)[:, None], dt=1e-2))
-    found = detect(residual, NoiseFloor.given(1.0, 1)).verdicts.loc["dof 1"]
+    found = detect(residual, NoiseFloor(np.ones(1), np.ones(1), "")).verdicts.loc["dof 1"]
     assert found["verdict"] == ResidualKind.NONLINEAR and found["nonlinear share"] > 0.3
-
-
-# -- coupling ---------------------------------------------------------------------------------------
-
-
-def chain_residual(rho, n=3000, seed=0):
-    """A residual whose storey forces are given functions of drifts and rates that are noise."""
-    rng = np.random.default_rng(seed)
-    s, v = rng.standard_normal((2, n, len(rho)))
-    X = np.hstack([rng.standard_normal((n, len(rho))), v, s])
-    F = 10 * rng.standard_normal((n, len(rho)))
-    model = ChainModel([1.0] * len(rho), {i + 1: [laws.LinearElastic(1.0)] for i in range(len(rho))})
-    storeys = np.column_stack([f(s, v) for f in rho])
-    e = storeys - np.column_stack([storeys[:, 1:], np.zeros(n)])
-    return dataclasses.replace(residual_of(model, from_arrays(X, F, dt=0.01)), balance=[e])
-
-
-def test_a_storey_that_follows_another_is_coupled_and_one_that_follows_itself_is_not():
-    found = chain_residual(
-        [
-            lambda s, v: s[:, 0] ** 3 + 5 * np.sign(v[:, 0]),
-            lambda s, v: 2 * s[:, 0] + np.random.default_rng(9).standard_normal(len(s)),
-        ]
-    )
-    assert rms([from_top(found.balance[0])])[1] == pytest.approx(np.sqrt(5), rel=0.05)
-    one = detect(found).couplings
-    assert [c.storey for c in one] == [2]
-    # 4 of 5 parts are linear in the other storey, of what its own motion leaves: all
-    assert one[0].own == pytest.approx(0.0, abs=0.02) and one[0].others == pytest.approx(0.8, abs=0.03)
-    assert one[0].percent == pytest.approx(found.sizes.loc["storey 2", "percent"])
-    level = found.sizes.loc["storey 2", "rms"]
-    assert not detect(found, NoiseFloor(np.ones(2), np.full(2, level), "")).couplings
-    assert detect(found, NoiseFloor(np.ones(2), np.full(2, 0.1 * level), "")).couplings
-
-
-@pytest.mark.parametrize(
-    "own, other, listed", [(0.55, 0.0, False), (0.45, 0.0, True), (0.93, 1, True), (0.97, 1, False)]
-)
-def test_a_storey_is_listed_if_half_is_unexplained_or_a_twentieth_follows_the_others(own, other, listed):
-    def force(s, v):
-        rest = s[:, 0] if other else np.random.default_rng(9).standard_normal(len(s))
-        return np.sqrt(own) * np.sign(v[:, 1]) + np.sqrt(1 - own) * rest
-
-    found = detect(chain_residual([lambda s, v: 0 * s[:, 0], force], 8000)).couplings
-    assert bool(found) == listed and (not found or found[0].own == pytest.approx(own, abs=0.02))

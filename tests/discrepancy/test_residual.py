@@ -1,13 +1,12 @@
 """The residual is the missing force with its sign, in the band, in one step and in a free run."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from chains import duffing, parameters
 
 from pysindy_nrf import ChainModel, laws
-from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
+from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
@@ -88,51 +87,3 @@ def test_unforced_balance_is_measured_by_its_inertia():
     sizes = residual_of(ChainModel(case.m * [1.1, 1.0], model_of(case).laws), data_of(case)).sizes
     assert list(sizes["of"]) == ["m a", "F", "storey force", "storey force"]
     assert sizes.loc["dof 1", "percent"] == pytest.approx(100 * 0.1 / 1.1, rel=1e-9)
-
-
-# -- noise floor ------------------------------------------------------------------------------------
-
-
-def noise(n, seed=0):
-    return np.random.default_rng(seed).standard_normal(n)
-
-
-def test_floors_that_are_given_add_up_from_the_top():
-    floor = NoiseFloor.given({1: 3.0, 3: 4.0}, 3)
-    assert floor.at("dof 1") == 3.0 and np.isnan(floor.at("dof 2")) and floor.at("storey 3") == 4.0
-    assert np.isnan(floor.storey[:2]).all() and NoiseFloor.given(2.0, 3).storey == pytest.approx(2 * np.sqrt([3, 2, 1]))
-    assert NoiseFloor.given([1.0, 2.0], 2).covariance() == pytest.approx(np.diag([1.0, 4.0]))
-    for wrong in ({4: 1.0}, {0: 1.0}, [1.0, 2.0], -1.0, np.inf):
-        with pytest.raises(ChannelError):
-            NoiseFloor.given(wrong, 3)
-    assert NoiseFloor.given(0.0, 2).storey.tolist() == [0.0, 0.0]
-
-
-def repeats(forces, left, n=400):
-    """Records of one storey under given forces that leave given residuals."""
-    model = ChainModel([1.0], {1: [laws.LinearElastic(1.0)]})
-    ids = np.repeat(np.arange(len(forces)), n)
-    data = from_arrays(np.zeros((n * len(forces), 3)), np.concatenate(forces)[:, None], record=ids, dt=0.01)
-    return replace(residual_of(model, data), balance=[e[:, None] for e in left])
-
-
-def test_repeated_records_differ_by_noise_that_is_estimated_without_bias():
-    force = noise(400, 1)
-    left = [noise(400, k) + 10 * force for k in range(2, 5)]
-    floor = NoiseFloor.from_repeats(repeats([force] * 3, left))
-    assert (
-        floor.balance[0] == pytest.approx(np.sqrt(np.mean(np.var(left, axis=0, ddof=1))))
-        and "3 repeated" in floor.source
-    )
-
-
-@pytest.mark.parametrize("share, alike", [(0.19, True), (0.21, False)])
-def test_records_excited_otherwise_are_no_repetitions(share, alike):
-    force = np.tile([1.0, -1.0], 200)
-    other = share * np.tile([1.0, 1.0, -1.0, -1.0], 100)
-    found = repeats([force + other, force - other], [noise(400), noise(400, 1)])
-    if alike:
-        NoiseFloor.from_repeats(found)
-    else:
-        with pytest.raises(ChannelError, match="not excited alike"):
-            NoiseFloor.from_repeats(found)

@@ -115,3 +115,11 @@ def test_the_battery_says_what_sure_names_are_worth():
 
 def test_masses_and_terms_beside_pysindy_are_printed():
     assert run("pysindy_table.py", "--quick").count("| roof | 2 % |") == 7
+
+
+def test_a_sensor_on_top_tells_a_linear_chain():
+    """Without noise to 1e-6, at half a percent of it to two percent (median of the worst parameter)."""
+    lines = [line for line in run("fewer_sensors.py", "--quick").splitlines() if line.startswith("linear")]
+    worst = {line.split("%")[0].split()[-1]: float(line.split("median")[1].split()[0]) for line in lines}
+    assert len(lines) == 6 and worst["0"] < 1e-4 and worst["0.5"] < 2
+    assert all("refused 0 of" in line for line in lines)

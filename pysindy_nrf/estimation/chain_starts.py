@@ -9,8 +9,10 @@ noise, chains drawn at random are fitted to poles and residues.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares, nnls
 
 from ..exceptions import IdentifiabilityError
@@ -18,9 +20,11 @@ from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from .free_run_fit import Shot
 
-ROUNDS = 12  # of the poles
+ROUNDS = 8  # of the poles, with those of noise and without
+EXTRA = (0, 2)  # poles for noise
 DRAWS, KEPT = 40, 4  # chains drawn at random; starting values at most
 ALIKE = 0.02  # starting values whose logarithms differ by less are one
+WIDTH, FLOOR = 9, 0.05  # lines of a local mean of the response; part of its rms below which weights are even
 POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
 NEAR, SHARE = 5e-3, 0.05  # error of a frequency, and of a residue as a share of the largest, that count as one
 
@@ -31,7 +35,6 @@ class Modes:
 
     poles: np.ndarray
     residues: list[tuple[int, int, np.ndarray]]
-    misfit: float
 
 
 @dataclass
@@ -45,12 +48,13 @@ class Linear:
 
 
 def chain_starts(
-    shots: Sequence[Shot], chain: Chain, links: Sequence[Site], known: Mapping[int, float], random_state: int = 0
-) -> list[Linear]:
+    shots: Sequence[Shot], chain: Chain, links: Sequence[Site], known: Mapping[int, float],
+    band: tuple[float, float] = (0.0, np.inf), random_state: int = 0,
+) -> list[Linear]:  # fmt: skip
     """Starting values of the masses and of the springs and dampers in some links, the best first."""
-    found = modes_of(shots, chain.n_dof)
     rng = np.random.default_rng(random_state)
-    starts = sorted(_matched(found, chain, links, known, rng), key=lambda one: one.misfit)
+    every = (one for found in modes_of(shots, chain.n_dof, band) for one in _matched(found, chain, links, known, rng))
+    starts = sorted(every, key=lambda one: one.misfit)
     kept: list[Linear] = []
     for one in starts:
         new = np.log(np.concatenate([one.masses, one.stiffness]))
@@ -62,8 +66,10 @@ def chain_starts(
     return kept[:KEPT]
 
 
-def _spectra(shots: Sequence[Shot]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Imaginary frequencies (1/s), channels over their rms, and inputs of every shot, line by line."""
+def _spectra(
+    shots: Sequence[Shot], band: tuple[float, float]
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Imaginary frequencies (1/s), channels as accelerations, and inputs of every shot, line by line."""
     for shot in shots:
         seg, rows = shot.segment, shot.segment.valid
         ag = np.zeros(seg.n_valid) if seg.ag is None else seg.ag[rows]
@@ -74,8 +80,11 @@ def _spectra(shots: Sequence[Shot]) -> Iterator[tuple[np.ndarray, np.ndarray, np
         driven = (np.abs(U) ** 2 / np.maximum((np.abs(U) ** 2).max(axis=0), 1e-300)).sum(axis=1)
         smooth = [np.convolve(part, np.ones(width) / width, "same") for part in (power, driven)]
         use = (smooth[0] > POWER * smooth[0].max()) & (smooth[1] > POWER * smooth[1].max())
+        use &= (f >= band[0]) & (f <= band[1])
         inside = slice(int(np.argmax(use)), len(use) - int(np.argmax(use[::-1])))
-        yield 2j * np.pi * f[inside], Y[inside], U[inside]
+        s = 2j * np.pi * f[inside]
+        orders = [{"x": 2, "v": 1, "a": 0}[channel[0]] for channel in shot.channels]
+        yield s, Y[inside] * s[:, None] ** orders, U[inside]
 
 
 def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
@@ -84,13 +93,16 @@ def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
     return np.stack([a + b, 1j * (a - b)], axis=2).reshape(len(s), -1)
 
 
-def modes_of(shots: Sequence[Shot], n: int) -> Modes:
-    """Poles and residues of n modes by vector fitting, from the best of some first poles."""
-    data, channels = list(_spectra(shots)), shots[0].channels
+def modes_of(shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np.inf)) -> list[Modes]:
+    """Poles and residues of n modes by vector fitting, from several first poles."""
+    data, channels = list(_spectra(shots, band)), shots[0].channels
     inputs = [u for u in range(n + 1) if any(np.any(U[:, u]) for *_, U in data)]
     ends = np.array([[abs(s[0]), abs(s[-1])] for s, *_ in data])
     low, high = ends[:, 0].min(), ends[:, 1].max()
-    level = [np.sqrt(sum((np.abs(Y[:, c]) ** 2).sum() for _, Y, _ in data)) for c in range(len(channels))]
+    every = np.abs(np.concatenate([Y for _, Y, _ in data]))
+    # a noisy force errs in proportion to the response
+    weights = 1 / (uniform_filter1d(every, WIDTH, axis=0) + FLOOR * np.sqrt(np.mean(every**2, axis=0)))
+    weights /= np.sqrt(((weights * every) ** 2).sum(axis=0))
     force = [np.sqrt(sum((np.abs(U[:, u]) ** 2).sum() for *_, U in data)) for u in inputs]
 
     def columns(poles: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
@@ -99,16 +111,19 @@ def modes_of(shots: Sequence[Shot], n: int) -> Modes:
         for r, (s, _, U) in enumerate(data):
             fractions = np.column_stack([_basis(s, poles), np.ones(len(s))])
             parts = [fractions * (U[:, u] / force[i])[:, None] for i, u in enumerate(inputs)]
-            parts += [fractions * (k == r) / np.sqrt(len(s)) for k in range(len(data))]
+            ends_too = np.column_stack([fractions, s / abs(s[-1])]) / np.sqrt(len(s))
+            parts += [ends_too * (k == r) for k in range(len(data))]
             wide.append(np.hstack(parts))
-        return _real(np.vstack(wide)), _real(np.concatenate([Y[:, c] for _, Y, _ in data]) / level[c])
+        both = np.column_stack([np.vstack(wide), np.concatenate([Y[:, c] for _, Y, _ in data])])
+        both = _real(both * weights[:, c, None])
+        return both[:, :-1], both[:, -1]
 
     def relocated(poles: np.ndarray) -> np.ndarray:
         """Zeros of the common denominator."""
         gram, right = [], []
         for c in range(len(channels)):
             own, y = columns(poles, c)
-            shared = np.vstack([_basis(s, poles) * (Y[:, c] / level[c])[:, None] for s, Y, _ in data])
+            shared = np.vstack([_basis(s, poles) * Y[:, c, None] for s, Y, _ in data]) * weights[:, c, None]
             size = np.linalg.norm(own, axis=0)
             size[size == 0] = 1.0
             wide = np.column_stack([own / size, -_real(shared), y])
@@ -116,35 +131,50 @@ def modes_of(shots: Sequence[Shot], n: int) -> Modes:
             gram.append(R[:, :-1])
             right.append(R[:, -1])
         sigma = np.linalg.lstsq(np.vstack(gram), np.concatenate(right), rcond=None)[0]
-        A, b = np.zeros((2 * n, 2 * n)), np.tile([2.0, 0.0], n)
+        m = len(poles)
+        A, b = np.zeros((2 * m, 2 * m)), np.tile([2.0, 0.0], m)
         for k, pole in enumerate(poles):
             A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[pole.real, pole.imag], [-pole.imag, pole.real]]
         found = np.linalg.eigvals(A - np.outer(b, sigma))
-        found = found[np.argsort(-found.imag)][:n]  # two real ones become a pair
+        found = found[np.argsort(-found.imag)][:m]  # two real ones become a pair
         return -np.abs(found.real) + 1j * np.clip(np.abs(found.imag), 0.5 * low, 1.5 * high)
 
-    best = None
-    for spread in (np.linspace, np.geomspace):
-        poles = spread(max(low, high / 300), high, n + 2)[1:-1] * (-0.01 + 1j)
-        for _ in range(ROUNDS):
+    def fitted(poles: np.ndarray) -> tuple[float, list[np.ndarray], np.ndarray]:
+        """What is left, the values of every channel, and the energy of every mode in all channels."""
+        left, values, energy = 0.0, [], np.zeros(len(poles))
+        for c in range(len(channels)):
+            own, y = columns(poles, c)
+            x, *_ = np.linalg.lstsq(own, y, rcond=None)
+            left += float(((y - own @ x) ** 2).sum())
+            values.append(x)
+            for i in range(len(inputs)):
+                part = x[i * (2 * len(poles) + 1) :][: 2 * len(poles)].reshape(-1, 2)
+                energy += (part**2).sum(axis=1) / -poles.real
+        return left, values, energy
+
+    out: list[Modes] = []
+    for spread, extra in product((np.linspace, np.geomspace), EXTRA):
+        poles, best = spread(max(low, high / 300), high, n + extra + 2)[1:-1] * (-0.01 + 1j), None
+        for number in range(2 * ROUNDS):
             poles = relocated(poles)
-            left, values = 0.0, []
-            for c in range(len(channels)):
-                own, y = columns(poles, c)
-                x, *_ = np.linalg.lstsq(own, y, rcond=None)
-                left += float(((y - own @ x) ** 2).sum())
-                values.append(x)
-            if best is None or left < best[0]:
-                best = left, poles, values
-    assert best is not None
-    left, poles, values = best
-    residues = []
-    for c, (channel, x) in enumerate(zip(channels, values)):
-        for i, u in enumerate(inputs):
-            part = x[i * (2 * n + 1) :][: 2 * n].reshape(n, 2) @ [1, 1j] * level[c] / force[i]
-            residues.append((int(channel[1:]) - 1, u, part / poles ** {"x": 0, "v": 1, "a": 2}[channel[0]]))
-    order = np.argsort(np.abs(poles))
-    return Modes(poles[order], [(j, u, r[order]) for j, u, r in residues], left)
+            if number == ROUNDS:  # poles of noise hold little energy
+                poles = poles[np.argsort(-fitted(poles)[2])[:n]]
+            if number >= ROUNDS:
+                left, values, _ = fitted(poles)
+                if best is None or left < best[0]:
+                    best = left, poles, values
+        assert best is not None
+        left, poles, values = best
+        order = np.argsort(np.abs(poles))
+        if any(np.allclose(poles[order], other.poles, rtol=1e-3) for other in out):
+            continue
+        residues = []
+        for channel, x in zip(channels, values):
+            for i, u in enumerate(inputs):
+                part = x[i * (2 * n + 1) :][: 2 * n].reshape(n, 2) @ [1, 1j] / force[i] / poles**2
+                residues.append((int(channel[1:]) - 1, u, part[order]))
+        out.append(Modes(poles[order], residues))
+    return out
 
 
 def _real(values: np.ndarray) -> np.ndarray:

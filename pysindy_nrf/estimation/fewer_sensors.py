@@ -24,13 +24,13 @@ from ..signals.kinematics import base_acceleration_if_any
 from .chain_starts import chain_starts
 from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, placed
 from .intervals import InfluenceResolver
-from .noise_spectra import lines_of, transfer
+from .noise_spectra import common_band, lines_of, transfer
 from .problem import Problem
 
-MOST_STEPS, FEW_STEPS = 40, 8  # iterations at most; of a trial, and once the noise is known
-ROUNDS = 3  # of noise and estimate
-WINDOW, WINDOWS = 400, 8  # samples at least, and number at most, of windows in which nonlinear laws are fitted first
-TRIALS = (0.2, 0.4, 0.6, 0.8)  # first values of shape parameters, as shares of the way between their bounds
+MOST_STEPS, FEW_STEPS, LAST_STEPS = 40, 6, 3  # iterations at most; of a trial; once the noise is known
+ROUNDS = 2  # of noise and estimate
+WINDOW, WINDOWS = 150, 8  # samples at least, and number at most, of windows in which nonlinear laws are fitted first
+TRIALS = (0.3, 0.5, 0.7)  # first values of shape parameters, as shares of the way between their bounds
 NEAR = 3.0  # cost of a trial over the least, above which it is not followed
 RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
 UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
@@ -115,7 +115,7 @@ def estimate(
     links = [site for site in layout.acting if site.kind == "link"]
     linear = LawLayout(chain, {site: (PowerSeries(1),) for site in links})
     tried: list[tuple[FreeRunFit, Solution]] = []
-    for one in chain_starts(shots, chain, links, known):
+    for one in chain_starts(shots, chain, links, known, common_band([shot.segment for shot in shots], band)):
         laws = {site: PowerSeries(1, pair) for site, *pair in zip(links, one.damping, one.stiffness)}
         fit = FreeRunFit(free_parameters(ChainModel(one.masses, laws, chain), known), _copies(shots), linear, band)
         if (got := _solved(fit, fit.rebuild.start, FEW_STEPS)) is not None:
@@ -137,7 +137,7 @@ def estimate(
     for _ in range(ROUNDS):
         if not fit.learn_noise(best.model, fit.shots[0].channels):
             break
-        got = _solved(fit, best.u, FEW_STEPS)
+        got = _solved(fit, best.u, LAST_STEPS)
         if got is None:
             break
         best = got
@@ -159,7 +159,7 @@ def _copies(shots: Sequence[Shot]) -> list[Shot]:
 def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
     """Estimate with free initial states; None if the first free run diverges."""
     try:
-        return fit.solve(u, steps=steps, move=True, settled=0.01)
+        return fit.solve(u, steps=steps, move=True, settled=0.02)
     except SimulationError:
         return None
 
@@ -188,14 +188,12 @@ def _with_laws(
             tried.append((got.cost, got.u, rebuild))
     if not tried:
         raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
-    ends = []
-    for _, u, rebuild in sorted(tried, key=lambda one: one[0])[:2]:
-        fit = FreeRunFit(rebuild, _copies(first.shots), problem.layout, problem.band)
-        if (got := _solved(fit, u, MOST_STEPS)) is not None:
-            ends.append((got.cost, fit, got))
-    if not ends:
+    _, u, rebuild = min(tried, key=lambda one: one[0])
+    fit = FreeRunFit(rebuild, _copies(first.shots), problem.layout, problem.band)
+    best = _solved(fit, u, MOST_STEPS // 2)
+    if best is None:
         raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
-    return min(ends, key=lambda one: one[0])[1:]
+    return fit, best
 
 
 def _coefficients(

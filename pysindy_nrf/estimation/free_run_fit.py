@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
+from ..exceptions import BiasWarning, IdentifiabilityError, LawError, NRFError, SimulationError
 from ..laws.shape import Shape
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
@@ -37,6 +37,7 @@ FEWEST_ROWS = 64  # of a part of a shot; shorter ones are left out
 FORCE_HOLDS = ("cubic", "linear", "zero")  # of the force between its samples
 DIFFERENCE = 1e-6  # of parameters, for sensitivities
 RANK = 3e-5  # directions of the initial state that move the channels less, as a share, stay as they are
+LONGEST = 2.0  # change of a logarithm in a step
 MOST_DAMPING = 1e9  # of a step, as a share of the squared sensitivities, above which no step is better
 
 
@@ -203,7 +204,8 @@ class FreeRunFit:
         """Noise from the gaps of free runs, and the forces corrected by the motion; False if there are no gaps."""
         runs = [shot.run(model) for shot in self.shots]
         gaps = [s.measured - s.read(model) for s in self.shots]
-        noise = noise_model(model, self.layout, [s.segment for s in self.shots], runs, gaps, channels)
+        layout = LawLayout(model.chain, model.laws)
+        noise = noise_model(model, layout, [s.segment for s in self.shots], runs, gaps, channels)
         if noise is None:
             return False
         self.noise = noise
@@ -240,9 +242,10 @@ class FreeRunFit:
                 if move:
                     for shot, state in zip(self.shots, now.states):
                         shot.start = shot.start + (state[:, -1] + state[:, :-1] @ step).reshape(2, -1)
+                far = np.abs(step[self.rebuild.scale == 0]).max(initial=0.0) > LONGEST
                 try:
-                    new = self.evaluate(u + step, rows, now.residuals @ now.residuals)
-                except SimulationError:
+                    new = None if far else self.evaluate(u + step, rows, now.residuals @ now.residuals)
+                except (SimulationError, LawError):
                     new = None
                 if new is not None:
                     break

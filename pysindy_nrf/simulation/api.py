@@ -140,6 +140,8 @@ def linear_run(
     M, C, K = matrices
     n, base = len(M), np.zeros(len(F)) if base_acceleration is None else base_acceleration
     A = np.vstack([np.eye(2 * n)[n:], -np.linalg.solve(M, np.hstack([K, C]))])
+    if not np.isfinite(A).all():
+        return None
     values, vectors = np.linalg.eig(A)
     if not np.linalg.cond(vectors) < 1e10 or (values.real * dt * len(F) > 200).any():
         return None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from chains import driven, worst
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, laws
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
@@ -89,3 +89,25 @@ def test_a_forced_end_tells_the_whole_chain_and_one_more_sensor_what_it_brings(e
 def test_of_a_shaken_chain_a_sensor_on_top_tells_its_frequencies_alone():
     """The response of the top to the base has poles and no zeros: n numbers, of 2 n unknowns."""
     assert Chain(4).sensing(sensors=4).rank == 4
+
+
+def test_several_records_and_a_shaken_base_with_a_known_mass(exact):
+    two = [add_noise(driven(TRUTH, [j], 4.0, FS, 100.0, (0.5, 50.0), seed=j), 0.01, random_state=j) for j in (1, 4)]
+    model = NRFRegressor(degree=1).fit([seen(rec, [2, 4]) for rec in two])
+    assert worst(parameters(model.model_), parameters(TRUTH)) < 0.01 and len(model.motions_) == 2
+    ag = 2.0 * exact.force[:, 3] / 100.0
+    shaken = simulate(TRUTH, None, 1 / FS, base_acceleration=ag)
+    model = NRFRegressor(degree=1, known_masses={4: MASSES[3]}).fit(seen(shaken, [2, 3]))
+    assert worst(parameters(model.model_), parameters(TRUTH)) < 1e-5
+
+
+@pytest.mark.slow
+def test_a_declared_law_in_a_storey_whose_floor_has_no_sensor():
+    """A cubic spring in storey 1 of two floors, a sensor on the top alone, 0.5 % noise: masses to 2 %, the law to 5 %."""
+    bent = [laws.Duffing(1e5, 5e8), laws.LinearViscous(25.0)]
+    truth = ChainModel([12.0, 9.0], {1: bent, 2: laws.PowerSeries(1, [20.0, 1.2e5])})
+    record = add_noise(driven(truth, [2], 4.0, 150.0, 100.0, (0.5, 40.0), seed=2), 0.005, random_state=1)
+    told = {"storey 1": [laws.Duffing(), laws.LinearViscous()]}
+    model = NRFRegressor(degree=1, laws=told).fit(seen(record, [2]))
+    assert worst(model.masses_, [12.0, 9.0]) < 0.02
+    assert worst(model.model_.coefficients["storey 1"][:2], [1e5, 5e8]) < 0.05

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from ..data.channels import finite_span
 from ..data.record import Record
-from ..exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, NRFWarning, SimulationError
+from ..exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, NRFError, NRFWarning
 from ..laws import ForceLaw, PowerSeries
 from ..laws.shape import ShapeScale
 from ..mechanics.sites import Site
@@ -160,7 +160,7 @@ def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
     """Estimate with free initial states; None if the first free run diverges."""
     try:
         return fit.solve(u, steps=steps, move=True, settled=0.02)
-    except SimulationError:
+    except NRFError:
         return None
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..exceptions import BiasWarning, IdentifiabilityError, LawError, NRFError, SimulationError
+from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
 from ..laws.shape import Shape
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
@@ -245,7 +245,7 @@ class FreeRunFit:
                 far = np.abs(step[self.rebuild.scale == 0]).max(initial=0.0) > LONGEST
                 try:
                     new = None if far else self.evaluate(u + step, rows, now.residuals @ now.residuals)
-                except (SimulationError, LawError):
+                except NRFError:  # the run diverges, or a shape has no such value
                     new = None
                 if new is not None:
                     break

@@ -14,7 +14,9 @@ from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.monitoring import track
 from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figure, Line, Mark, Rule, index_of
 from pysindy_nrf.output.displays._matplotlib import Display
+from pysindy_nrf.output.displays.evidence import before_after_figure
 from pysindy_nrf.output.displays.forces import energy_figure, loop_figure, surface_figure
+from pysindy_nrf.output.displays.models import change_figure
 from pysindy_nrf.output.displays.motion import below, modes_figure
 from pysindy_nrf.regression.chain_model import as_model, as_segments
 from pysindy_nrf.regression.errors import nrmse
@@ -502,3 +504,64 @@ class FreeRunDisplay(Display):
             x.limits = None if self.begin is None else (self.begin, self.time[-1])
             out.append(Figure(f"Free run of DOF {j}", marks, x, y, legend="above", size=(6.5, 1.4)))
         return out
+
+
+class ChangeMapDisplay(Display):
+    """Where in the (v, s) plane a storey's force changed, and where the change is significant.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As of :meth:`pysindy_nrf.monitoring.change.ChangeReport.map`.
+    site : str
+    largest : float, optional
+        Force at the ends of the colour scale, N; the largest change if None. One scale for all storeys lets them
+        be compared.
+    colorbar : bool
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> from paper_displays import ChangeMapDisplay
+    >>> v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
+    >>> table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5})  # 4 kN/m of stiffness lost
+    >>> table["significant"], table["visited"] = abs(table["change"]) > 1.0, True
+    >>> ChangeMapDisplay(table, "storey 2").plot().ax_.get_title(loc="left")
+    'storey 2'
+    """
+
+    def __init__(
+        self, table: pd.DataFrame, site: str = "storey 1", largest: float | None = None, colorbar: bool = True
+    ) -> None:
+        self.table, self.site, self.largest, self.colorbar = table, site, largest, colorbar
+
+    @classmethod
+    def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> Self:
+        """Map of one storey of a :class:`pysindy_nrf.monitoring.change.ChangeReport`.
+
+        Parameters
+        ----------
+        report : ChangeReport
+        site : str or int
+        largest, size
+            As for :class:`ChangeMapDisplay`, and the points along each side.
+        """
+        return cls(report.map(site, size), str(report.before.chain.site(site)), largest)
+
+    def figures(self) -> list[Figure]:
+        return [change_figure(self.table, self.site, self.largest, self.colorbar)]
+
+
+class BeforeAfterDisplay(Display):
+    """Held-out errors of the baseline and after each effect that the closed loop added."""
+
+    def __init__(self, report: Any) -> None:
+        self.report = report
+
+    @classmethod
+    def from_report(cls, report: Any) -> Self:
+        """The errors of a report of :func:`pysindy_nrf.close_loop`."""
+        return cls(report)
+
+    def figures(self) -> list[Figure]:
+        return [before_after_figure(self.report)]

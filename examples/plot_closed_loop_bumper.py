@@ -13,9 +13,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from paper_displays import BeforeAfterDisplay
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
-from pysindy_nrf.output.displays import BeforeAfterDisplay
 from pysindy_nrf.simulation.noise import add_noise
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import paper_cases as cases
+from paper_displays import BeforeAfterDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.output.displays import BeforeAfterDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

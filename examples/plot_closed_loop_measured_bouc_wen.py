@@ -15,10 +15,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import measured_sets
-from paper_displays import HysteresisLoopDisplay
+from paper_displays import BeforeAfterDisplay, HysteresisLoopDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.output.displays import BeforeAfterDisplay
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:

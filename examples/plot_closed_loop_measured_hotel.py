@@ -15,10 +15,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import measured_sets
-from paper_displays import HysteresisLoopDisplay
+from paper_displays import BeforeAfterDisplay, HysteresisLoopDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.output.displays import BeforeAfterDisplay
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")

@@ -15,11 +15,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import paper_cases as cases
-from paper_displays import FreeRunDisplay, TrackDisplay
+from paper_displays import ChangeMapDisplay, FreeRunDisplay, TrackDisplay
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.monitoring import compare_tests, find_onset, track
-from pysindy_nrf.output.displays import ChangeMapDisplay
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -22,7 +22,7 @@ _LAZY = {
 # Layers and the modules that users name, by the name under which `from pysindy_nrf import ...` gives them.
 _LAZY_MODULES = {
     "data": "data", "datasets": "datasets", "diagnostics": "diagnostics", "discrepancy": "discrepancy",
-    "displays": "output.displays", "estimation": "estimation", "excitation": "simulation.excitation", "io": "data.io",
+    "estimation": "estimation", "excitation": "simulation.excitation", "io": "data.io",
     "mechanics": "mechanics", "monitoring": "monitoring", "output": "output", "regression": "regression",
     "scorers": "selection.scorers", "selection": "selection", "signals": "signals", "simulation": "simulation",
     "streaming": "estimation.streaming",

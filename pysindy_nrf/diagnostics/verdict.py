@@ -327,24 +327,21 @@ def shares_of(model: ChainModel, data: SegmentSet) -> dict[str, pd.Series]:
 
 def nonlinear_parts(model: ChainModel, shares: Mapping[str, pd.Series], bounds: Bounds | None = None) -> dict[str, str]:
     """What the laws of a model add to linear storeys, in words by site, where it carries a part of the force."""
-    out: dict[str, str] = {}
-    for site, held in model.laws.items():
-        for law in held:
-            terms = list(law.terms())
-            if all(term.label in ("v", "s") for term in terms):
-                continue
-            own = shares.get(str(site), pd.Series(dtype=float))
-            seen = [t.label for t in terms if t.label not in ("v", "s") and own.get(t.label, 0.0) > 100 * NOTICED]
-            if law.name == "power_series":
-                if seen:
-                    text = f"{_kind(seen)} in {site} ({seen[0]} carries {own[seen[0]]:.2g} % of its force)"
-                    out[str(site)] = f"{out[str(site)]}, {text}" if str(site) in out else text
-            elif seen or not len(own):
-                ends = {t.symbol: (bounds or {}).get(f"{site}: {t.label}") for t in terms}
-                values = dict(zip((t.symbol for t in terms), np.asarray(law.coefficients, dtype=float)))
-                text = effect_words(law.name, str(site), values, ends, {t.symbol: t.unit for t in terms})
-                out[str(site)] = f"{out[str(site)]}, {text}" if str(site) in out else text
-    return out
+    out: dict[str, list[str]] = {}
+    for site, law in ((str(site), law) for site, held in model.laws.items() for law in held):
+        terms = [t for t in law.terms() if t.label not in ("v", "s")]
+        own = shares.get(site, pd.Series(dtype=float))
+        seen = [t.label for t in terms if own.get(t.label, 0.0) > 100 * NOTICED]
+        if law.name == "power_series" and seen:
+            text = f"{_kind(seen)} in {site} ({seen[0]} carries {own[seen[0]]:.2g} % of its force)"
+            out.setdefault(site, []).append(text)
+        elif terms and law.name != "power_series" and (seen or not len(own)):
+            ends = {t.symbol: (bounds or {}).get(f"{site}: {t.label}") for t in law.terms()}
+            values = dict(zip((t.symbol for t in law.terms()), np.asarray(law.coefficients, dtype=float)))
+            values = {t.symbol: values[t.symbol] for t in terms}  # what is linear is no effect
+            units = {t.symbol: t.unit for t in terms}
+            out.setdefault(site, []).append(effect_words(law.name, site, values, ends, units))
+    return {site: ", ".join(texts) for site, texts in out.items()}
 
 
 def _kind(labels: Sequence[str]) -> str:

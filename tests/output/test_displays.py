@@ -9,6 +9,7 @@ import paper_cases as cases
 import paper_published as published
 import pytest
 from paper_displays import (
+    ChangeMapDisplay,
     CoefficientsDisplay,
     DamperForceDisplay,
     EnergyDisplay,
@@ -32,7 +33,7 @@ matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-from pysindy_nrf import Record, displays  # noqa: E402
+from pysindy_nrf import Record  # noqa: E402
 from pysindy_nrf.output.displays.models import OrderSelectionDisplay  # noqa: E402
 
 
@@ -61,7 +62,7 @@ def made(fitted):
         "damper over time": DamperForceDisplay.from_estimator(model, case.bare, X, 4, over="time"),
         "energy": EnergyDisplay.from_estimator(model, X),
         "free run": FreeRunDisplay.from_estimator(model, case.exact),
-        "change": displays.ChangeMapDisplay.from_report(report, 2, size=15),
+        "change": ChangeMapDisplay.from_report(report, 2, size=15),
         "modes": ModesDisplay.from_estimator(model, case.exact),
         "planarity": PlanarityDisplay(planarity(model, X, F, draws=2, random_state=0)),
         "record": RecordDisplay(case.measured, "velocity"),

@@ -139,12 +139,12 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
             write_table(report.changed, folder / "changed.csv"), write_table(report.table, folder / "fitted_apart.csv"),
         ]  # fmt: skip
         if options["figures"]:
-            from ..displays import ChangeMapDisplay
             from ..displays._matplotlib import save
+            from ..displays.models import change_figure
 
             sites = [f"storey {cut.storey}" for cut in report.comparison.cuts]
             largest = max(report.map(site)["change"].abs().max() for site in sites)
-            maps = [fig for site in sites for fig in ChangeMapDisplay.from_report(report, site, largest).figures()]
+            maps = [change_figure(report.map(site), site, largest) for site in sites]
             written += save(folder / "change.png", maps, columns=min(3, len(maps)))
     words = {"said": str(report).splitlines(), "damaged": report.damaged}
     listed = {"changed": report.changed, "explained": report.explained, "fitted_apart": report.table}

@@ -6,23 +6,20 @@ changed, and no others. Earlier results that share a file with it, or came from 
 
 import hashlib
 import json
-import platform
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from ... import __version__
+from ...common.audit import versions
 from ...common.files import PART, atomic_write, file_behind, hold, left_behind
 from ...exceptions import NRFError
 
 MANIFEST = "manifest.json"
 _SCHEMA, _VERSION, _LOCK, _OLD = "pysindy_nrf.Manifest", 1, "lock", "replaced"
-_PACKAGES = ("numpy", "scipy", "pandas", "scikit-learn", "pysindy")
 
 
 class Results:
@@ -143,8 +140,3 @@ def sha256(path: Path) -> str:
     """SHA-256 of a file, hexadecimal."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def versions() -> dict[str, str]:
-    """Versions of this package, of Python and of what computes."""
-    return {"python": platform.python_version(), "pysindy_nrf": __version__, **{p: version(p) for p in _PACKAGES}}

@@ -71,16 +71,6 @@ class Bars:
 
 
 @dataclass(eq=False)
-class Area:
-    """Grey band between two curves."""
-
-    x: Any
-    low: Any
-    high: Any
-    name: str = ""
-
-
-@dataclass(eq=False)
 class Rule:
     """Thin upright line, with a text at its head."""
 
@@ -113,7 +103,7 @@ class Surface:
     style: str = "full"
 
 
-Mark = Line | Bars | Area | Rule | Map | Surface
+Mark = Line | Bars | Rule | Map | Surface
 
 
 @dataclass(eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...common.files import atomic_write
 from ...common.lazy import require
-from ._figure import Area, Axis, Bars, Figure, Line, Map, Mark, Rule, Surface
+from ._figure import Axis, Bars, Figure, Line, Map, Mark, Rule, Surface
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their lightness.
 _COLORS = {
@@ -209,12 +209,6 @@ def _bars(ax: Any, bars: Bars, lying: bool, k: int, n: int) -> None:
         ax.annotate(text, (end, place), (6, 0), textcoords="offset points", va="center", fontsize="small")
 
 
-def _area(ax: Any, area: Area, fx: float, fy: float, _: float) -> None:
-    """Draw a grey band."""
-    x, low, high = fx * np.asarray(area.x), fy * np.asarray(area.low), fy * np.asarray(area.high)
-    ax.fill_between(x, low, high, color="0.5", alpha=0.3, linewidth=0, label=area.name or None)
-
-
 def _rule(ax: Any, rule: Rule, fx: float, *_: float) -> None:
     """Draw a thin upright line and its text."""
     ax.axvline(fx * rule.x, color="0.4", linewidth=0.8, linestyle=":")
@@ -266,4 +260,4 @@ def _space(ax: Any, figure: Figure) -> None:
         ax.legend(loc="upper left", fontsize="x-small", frameon=False)
 
 
-_PENS: dict[type[Mark], Any] = {Line: _line, Area: _area, Rule: _rule, Map: _map, Surface: _surface}
+_PENS: dict[type[Mark], Any] = {Line: _line, Rule: _rule, Map: _map, Surface: _surface}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ._figure import Area, Axis, Bars, Figure, Line, Surface
+from ._figure import Axis, Bars, Figure, Line, Surface
 
 # Resolved in the browser, so that one figure is readable in light, in dark and in print.
 _INK, _MUTED = "var(--ink)", "var(--muted)"
@@ -68,7 +68,7 @@ def _axes(figure: Figure) -> list[Axis]:
 
 def _along(figure: Figure, side: str) -> Any:
     """All numbers that an axis shows, for its unit; only of what is drawn in full."""
-    shown = [mark for mark in figure.marks if isinstance(mark, (Line, Area)) or getattr(mark, "style", "") == "full"]
+    shown = [mark for mark in figure.marks if isinstance(mark, Line) or getattr(mark, "style", "") == "full"]
     lines = [getattr(mark, side, None) for mark in shown]
     return np.concatenate([[np.nan], *(np.ravel(np.asarray(x, dtype=float)) for x in lines if x is not None)])
 
@@ -90,13 +90,6 @@ def _trace(mark: Any, figure: Figure, scales: list[float]) -> list[dict[str, Any
         return [_bars(mark, figure)]
     if isinstance(mark, Surface):
         return [_surface(mark, figure, scales)]
-    if isinstance(mark, Area):
-        x = np.asarray(mark.x, dtype=float)
-        ends = [rounded(f * np.concatenate(v)) for f, v in zip(scales, ((x, x[::-1]), (mark.low, mark.high[::-1])))]
-        return [
-            {"type": "scatter", "mode": "lines", "x": ends[0], "y": ends[1], "fill": "toself", "fillcolor": _MUTED,
-             "opacity": 0.3, "line": {"width": 0}, "name": mark.name, "hoverinfo": "skip"}
-        ]  # fmt: skip
     return [_line(mark, scales)] if isinstance(mark, Line) else []
 
 

@@ -1,14 +1,13 @@
 """Figures of what a model leaves: residuals, what explains them, where the missing force acts, what it depends on."""
 
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...discrepancy.evidence import Evidence
 from ._figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
-from ._matplotlib import Display
 
 _VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}
 _DEPENDENCES = {
@@ -153,67 +152,25 @@ def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:
     )  # fmt: skip
 
 
-class BeforeAfterDisplay(Display):
-    """Held-out errors of the baseline and after each effect that the closed loop added.
-
-    Parameters
-    ----------
-    names, balances : sequence of str
-        The baseline and each effect; the names of the columns.
-    errors : ndarray of shape (n_models, n_balances)
-        Held-out balance error, percent NRMSE; the first column is the pooled one.
-    confirmed : sequence of bool, optional
-        Whether the models are confirmed; all of them if None.
-
-    Examples
-    --------
-    >>> from pysindy_nrf.output.displays import BeforeAfterDisplay
-    >>> names, balances = ["linear storeys", "cubic stiffness at storey 1"], ["DOF 1", "DOF 2"]
-    >>> BeforeAfterDisplay(names, [[43.9, 4.3], [2.2, 4.2]], balances).plot().ax_.get_ylabel()
-    'held-out balance error (% NRMSE)'
-    """
-
-    def __init__(
-        self, names: Sequence[str], errors: Any, balances: Sequence[str], confirmed: Sequence[bool] | None = None
-    ) -> None:
-        self.names, self.balances = list(names), list(balances)
-        self.confirmed = [True] * len(self.names) if confirmed is None else list(confirmed)
-        self.errors = np.asarray(errors, dtype=float)
-
-    @classmethod
-    def from_report(cls, report: Any) -> Self:
-        """The errors of a report of :func:`pysindy_nrf.close_loop`.
-
-        Parameters
-        ----------
-        report : LoopReport
-        """
-        balances = [c for c in report.table if c.startswith("held-out dof")]
-        columns = ["held-out", *balances] if len(balances) > 1 else ["held-out"]
-        named = ["pooled" if c == "held-out" else dof_words(c.removeprefix("held-out ")) for c in columns]
-        words = [str(i).replace("_", " ") for i in report.table.index]
-        held = [True, *(step.confirmed for step in report.steps)]
-        shown = [words[0], *(f"+ {w}" for w in words[1:])]
-        return cls(shown, report.table[columns].to_numpy(dtype=float), named, held)
-
-    def figures(self) -> list[Figure]:
-        final = max((k for k, held in enumerate(self.confirmed) if held), default=0)
-        first, last = self.errors[[0, final], 0]
-        names = [n if held else f"{n} (not confirmed)" for n, held in zip(self.names, self.confirmed)]
-        marks: list[Mark] = [
-            Bars(row, name, ("muted", *CYCLE)[k % 7], hatched=not self.confirmed[k])
-            for k, (name, row) in enumerate(zip(names, self.errors))
-        ]
-        return [
-            Figure(
-                "Held-out balance error before and after", marks, Axis(ticks=self.balances),
-                Axis("held-out balance error", "% NRMSE", (0, 1.25 * np.nanmax(self.errors))),
-                alt=f"Held-out error by balance; {self.balances[0]}: from {first:.3g} to {last:.3g} percent.",
-                caption="Data that neither the search nor any fit has seen.",
-                table=table(
-                    "Held-out balance error, percent NRMSE",
-                    pd.DataFrame(self.errors, names, self.balances), index="model",
-                ),
-                wide=True, height=280,
-            )
-        ]  # fmt: skip
+def before_after_figure(report: Any) -> Figure:
+    """Held-out errors of the baseline and after each effect that the closed loop added."""
+    balances = [c for c in report.table if c.startswith("held-out dof")]
+    columns = ["held-out", *balances] if len(balances) > 1 else ["held-out"]
+    named = ["pooled" if c == "held-out" else dof_words(c.removeprefix("held-out ")) for c in columns]
+    held = [True, *(step.confirmed for step in report.steps)]
+    words = [("+ " if k else "") + str(i).replace("_", " ") for k, i in enumerate(report.table.index)]
+    errors = report.table[columns].to_numpy(dtype=float)
+    first, last = errors[[0, max(k for k, kept in enumerate(held) if kept)], 0]
+    names = [n if kept else f"{n} (not confirmed)" for n, kept in zip(words, held)]
+    marks: list[Mark] = [
+        Bars(row, name, ("muted", *CYCLE)[k % 7], hatched=not held[k])
+        for k, (name, row) in enumerate(zip(names, errors))
+    ]
+    return Figure(
+        "Held-out balance error before and after", marks, Axis(ticks=named),
+        Axis("held-out balance error", "% NRMSE", (0, 1.25 * np.nanmax(errors))),
+        alt=f"Held-out error by balance; {named[0]}: from {first:.3g} to {last:.3g} percent.",
+        caption="Data that neither the search nor any fit has seen.",
+        table=table("Held-out balance error, percent NRMSE", pd.DataFrame(errors, words, named), index="model"),
+        wide=True, height=280,
+    )  # fmt: skip

@@ -50,56 +50,14 @@ class OrderSelectionDisplay(Display):
         return [Figure("Order selection", marks, x, y)]
 
 
-class ChangeMapDisplay(Display):
-    """Where in the (v, s) plane a storey's force changed, and where the change is significant.
-
-    Parameters
-    ----------
-    table : DataFrame
-        As of :meth:`pysindy_nrf.monitoring.change.ChangeReport.map`.
-    site : str
-    largest : float, optional
-        Force at the ends of the colour scale, N; the largest change if None. One scale for all storeys lets them
-        be compared.
-    colorbar : bool
-
-    Examples
-    --------
-    >>> import numpy as np, pandas as pd
-    >>> from pysindy_nrf.output.displays import ChangeMapDisplay
-    >>> v, s = (g.ravel() for g in np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.002, 0.002, 9)))
-    >>> table = pd.DataFrame({"v": v, "s": s, "change": -4e3 * s, "error": 0.5})  # 4 kN/m of stiffness lost
-    >>> table["significant"], table["visited"] = abs(table["change"]) > 1.0, True
-    >>> ChangeMapDisplay(table, "storey 2").plot().ax_.get_title(loc="left")
-    'storey 2'
-    """
-
-    def __init__(
-        self, table: pd.DataFrame, site: str = "storey 1", largest: float | None = None, colorbar: bool = True
-    ) -> None:
-        self.table, self.site, self.largest, self.colorbar = table, site, largest, colorbar
-
-    @classmethod
-    def from_report(cls, report: Any, site: Any, largest: float | None = None, size: int = 41) -> Self:
-        """Map of one storey of a :class:`pysindy_nrf.monitoring.change.ChangeReport`.
-
-        Parameters
-        ----------
-        report : ChangeReport
-        site : str or int
-        largest, size
-            As for :class:`ChangeMapDisplay`, and the points along each side.
-        """
-        return cls(report.map(site, size), str(report.before.chain.site(site)), largest)
-
-    def figures(self) -> list[Figure]:
-        n = int(round(len(self.table) ** 0.5))
-        columns = (self.table[k].to_numpy().reshape(n, n) for k in ("v", "s", "change", "visited", "significant"))
-        v, s, change, visited, significant = columns
-        shown = np.where(visited, change, np.nan)
-        top = self.largest or float(np.nanmax(np.abs(shown))) or 1.0
-        doubt = visited & ~significant
-        found = Map(s, v, shown, "change of force (N)", top, doubt, "not significant", self.colorbar)
-        i = index_of(self.site)
-        x, y = Axis(f"drift s_{{{i}}}", "m"), Axis(f"rate v_{{{i}}}", "m/s")
-        return [Figure(f"Change of the force of {self.site}", [found], x, y, heading=self.site)]
+def change_figure(table: pd.DataFrame, site: Any, largest: float | None = None, colorbar: bool = True) -> Figure:
+    """Where in the (v, s) plane the force of a site changed (``ChangeReport.map``), and where significantly."""
+    n = int(round(len(table) ** 0.5))
+    columns = (table[k].to_numpy().reshape(n, n) for k in ("v", "s", "change", "visited", "significant"))
+    v, s, change, visited, significant = columns
+    shown = np.where(visited, change, np.nan)
+    top = largest or float(np.nanmax(np.abs(shown))) or 1.0
+    found = Map(s, v, shown, "change of force (N)", top, visited & ~significant, "not significant", colorbar)
+    i = index_of(site)
+    x, y = Axis(f"drift s_{{{i}}}", "m"), Axis(f"rate v_{{{i}}}", "m/s")
+    return Figure(f"Change of the force of {site}", [found], x, y, heading=str(site))

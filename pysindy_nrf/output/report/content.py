@@ -23,10 +23,9 @@ from ...signals.channel_checks import Measured, measured
 from ...signals.kinematic_smoother import KinematicSmoother
 from ...signals.kinematics import to_features
 from ...signals.zero_phase_filter import filters_of
-from ..displays import BeforeAfterDisplay
 from ..displays._figure import Figure, Table, dof_words, table
 from ..displays._matplotlib import Drawing
-from ..displays.evidence import dependence_figures, evidence_figures, residual_figure
+from ..displays.evidence import before_after_figure, dependence_figures, evidence_figures, residual_figure
 from ..displays.forces import force_figure, loop_figure
 from ..displays.motion import free_run_figure, modes_figure
 from .equations import Estimate, as_text, balance_equations, law_equation, pretty, shape_values
@@ -129,7 +128,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
 
 def pictures(report: Any) -> list[Figure]:
     """What comes first of a closed loop: before and after, the missing force, the free run."""
-    out = BeforeAfterDisplay.from_report(report).figures()
+    out = [before_after_figure(report)]
     first = next((e for e, s in zip(report.evidence, report.steps) if s.confirmed), None)
     if first is not None and first.characterisation is not None:
         out += dependence_figures(first.characterisation, ("s", "v"), f" at {first.site}")[1:]

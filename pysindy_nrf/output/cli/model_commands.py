@@ -12,7 +12,7 @@ from click.core import ParameterSource
 from ...exceptions import ChannelError
 from ...mechanics.chain import Chain
 from . import options as opt
-from .options import Session, paragraphs
+from .options import Session
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")
@@ -292,7 +292,7 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
         )  # fmt: skip
         verdict = report.verdict
     session.warnings = [one for one in dict.fromkeys([*doubts, *session.warnings]) if one not in verdict.reasons]
-    session.headed("Verdict", paragraphs([verdict.sentence], f"{verdict.state.upper()}: "), paragraphs(verdict.reasons))
+    session.headed("Verdict", opt.verdict_words(verdict))
     session.headed("What was found", f"{lead(report)}\n\n{report}")
     band = ", ".join(filter(None, [band_text(report.band), band_source(report)]))
     shown = report.table.drop(columns="band")

@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -123,7 +124,7 @@ _OPTIONS = {
 
 def in_options(message: Any) -> str:
     """A message of the library in the words of the command line."""
-    words = str(message)
+    words = re.sub(r"\b(strategy|estimation)='(\w+)'", r"--\1 \2", str(message))
     for argument, option in _OPTIONS.items():
         words = words.replace(argument, option)
     return words
@@ -145,6 +146,12 @@ def paragraphs(notes: Sequence[str], first: str = "  - ") -> str:
         110, initial_indent=first, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
     )
     return "\n".join(lines.fill(note) for note in notes)
+
+
+def verdict_words(verdict: Any) -> str:
+    """A verdict with its reasons, in the words of the command line and in lines that a terminal shows whole."""
+    said = paragraphs([in_options(verdict.sentence)], f"{verdict.state.upper()}: ")
+    return "\n".join([said, *([paragraphs([*map(in_options, verdict.reasons)])] if verdict.reasons else [])])
 
 
 def printable(words: str) -> str:

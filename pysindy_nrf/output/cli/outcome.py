@@ -26,7 +26,7 @@ from ..displays.motion import free_run_figure, response_figures
 from ..report import available as pages_available
 from ..report import write_html
 from ..report.content import band_text, listed
-from .options import Session, heading, paragraphs, table, warned
+from .options import Session, heading, paragraphs, table, verdict_words, warned
 
 RED = 4  # exit code
 Progress = Callable[[Iterable[Any], str], Iterable[Any]]
@@ -115,9 +115,7 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     """Masses, equations, errors and modes of an outcome; ``truth`` is the model behind a simulated record."""
     est, model = outcome.estimator, outcome.estimator.model_
     known = dict(est.known_masses or {})
-    said = [heading("Verdict"), paragraphs([outcome.verdict.sentence], outcome.verdict.state.upper() + ": ")]
-    said += [paragraphs(outcome.verdict.reasons)] if outcome.verdict.reasons else []
-    said.append(heading("Masses"))
+    said = [heading("Verdict"), verdict_words(outcome.verdict), heading("Masses")]
     for j, mass in enumerate(model.masses, 1):
         note = "  (given)" if j in known else f"  (truth {truth.masses[j - 1]:g})" if truth is not None else ""
         said.append(f"  m{j} = {mass:.5g} kg{note}")

@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from ..data.channels import finite_span
 from ..data.record import Record
+from ..diagnostics.verdict import FreeRuns
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, NRFError, NRFWarning
 from ..laws import ForceLaw, PowerSeries
 from ..laws.shape import ShapeScale
@@ -70,6 +71,8 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
         estimator._examine(found, runs, runs, False)
     estimator.missing_terms_, estimator.jump_bias_ = estimator.missing_terms_[:0], estimator.jump_bias_[:0]
     estimator.errors_ = _channel_errors(fit.shots, model)
+    table = estimator.errors_.drop(index="pooled").set_index("of")["error"]
+    estimator._free = FreeRuns(pd.DataFrame([table], index=["measured channels"]))
     estimator.motions_ = [_motions(fit, number, best) for number in range(len(fit.shots))]
     estimator.data_warnings_ = {"channels": [], "forces": [], "records": [], "masses": notes}
     if notes:
@@ -279,11 +282,12 @@ def _rivals(found: Sequence[Solution]) -> list[str]:
 
 
 def _channel_errors(shots: Sequence[Shot], model: ChainModel) -> pd.DataFrame:
-    """Free-run errors of the measured channels, percent NRMSE."""
+    """Free-run errors of the measured channels, percent NRMSE; of each DOF the channel with the largest."""
     pairs = [(shot.measured, shot.read(model)) for shot in shots]
     measured, run = (np.concatenate(part) for part in zip(*pairs))
     left, size = np.sqrt(np.mean((run - measured) ** 2, axis=0)), np.sqrt(np.mean(measured**2, axis=0))
-    rows = {c: [100 * e / s, e, s, c[0]] for c, e, s in zip(shots[0].channels, left, size)}
+    found = sorted((100 * e / s, e, s, c) for c, e, s in zip(shots[0].channels, left, size))
+    rows: dict[str, list] = {f"dof {one[3][1:]}": list(one) for one in found}
     rows["pooled"] = [100 * float(np.sqrt(np.mean((left / size) ** 2))), np.nan, np.nan, ""]
     return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
 

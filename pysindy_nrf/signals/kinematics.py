@@ -31,8 +31,8 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
         if not have & {f"a{j}", f"v{j}", f"x{j}"}:
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
-                f"Measure a{j}, v{j} or x{j}: the storeys beside an uninstrumented floor cannot be told apart. "
-                "Or leave the floor out: the storeys are then those in series, right well below its resonance."
+                f"Measure a{j}, v{j} or x{j}, or fit the records themselves (NRFRegressor.fit): the free run is then "
+                "fitted to the other channels."
             )
     if not isinstance(smooth, (bool, KinematicSmoother)):
         raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")

@@ -60,7 +60,8 @@ def test_intervals_hold_the_truth(fitted):
     ci = fitted.confidence_intervals().set_index("parameter")
     true = {**{f"m{j}": m for j, m in enumerate(MASSES, 1)}, **{f"storey {i}: s": k for i, k in enumerate(SPRINGS, 1)}}
     assert sum(ci.lower[name] <= value <= ci.upper[name] for name, value in true.items()) >= 6
-    assert fitted.errors_.loc[["a2", "a4"], "error"].between(1.5, 3.0).all()  # what is left is the noise
+    assert fitted.errors_.loc[["dof 2", "dof 4"], "error"].between(1.5, 3.0).all()  # what is left is the noise
+    assert 1.5 < fitted.free_runs().error < 3.0 and "free run predicts the motion to 2" in str(fitted.verdict())
 
 
 def test_what_cannot_be_told_is_refused(exact):

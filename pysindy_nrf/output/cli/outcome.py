@@ -76,7 +76,9 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
         else:
             data = estimator.fit(records).fit_data("")
         step = None if data.segments[0].dt else 1.0 / records[0].fs
-        estimator._free = free_runs(estimator.model_, data, estimator.problem_.filters(data), _names(records), step)
+        if estimator._free is None:
+            filters = estimator.problem_.filters(data)
+            estimator._free = free_runs(estimator.model_, data, filters, _names(records), step)
         shares = shares_of(estimator.model_, data)
         outcome = Outcome(estimator, estimator.verdict(), estimator.free_runs(), shares, data=data)
     outcome.warnings = [one for one in messages() if one not in outcome.verdict.reasons]
@@ -153,6 +155,8 @@ def _balance(errors: pd.DataFrame) -> list[str]:
     return [
         f"balance error, pooled: {row['error']:.4g} %"
         if name == "pooled"
+        else f"free-run error of {row['of']}, measured: {row['error']:.4g} %"
+        if row["of"] not in ("F", "m a")
         else f"balance error of {dof_words(name)}: {row['error']:.4g} % of the "
         f"{'applied force' if row['of'] == 'F' else 'inertia m a'} "
         f"({row['residual']:.4g} of {row['reference']:.4g} N rms)"

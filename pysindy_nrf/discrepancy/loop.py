@@ -19,6 +19,7 @@ from ..laws.elastic import LinearElastic
 from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
+from ..regression.input_arrays import from_arrays
 from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
@@ -134,7 +135,7 @@ def close_loop(
         left = report.table.filter(like="held-out dof").iloc[last].max()
         if report.faults or left > DOUBTFUL or (report.model.masses <= 0).any():
             again = clone(baseline).set_params(estimation="ls", constraints=None, optimizer=None)
-            report.wiring = mapping_that_closes(mine, again.fit)
+            report.wiring = mapping_that_closes(mine, again.fit, lambda recs: again.fit(from_arrays(recs, smooth=False)))
         return report
 
 

@@ -135,7 +135,9 @@ def close_loop(
         left = report.table.filter(like="held-out dof").iloc[last].max()
         if report.faults or left > DOUBTFUL or (report.model.masses <= 0).any():
             again = clone(baseline).set_params(estimation="ls", constraints=None, optimizer=None)
-            report.wiring = mapping_that_closes(mine, again.fit, lambda recs: again.fit(from_arrays(recs, smooth=False)))
+            report.wiring = mapping_that_closes(
+                mine, again.fit, lambda records: again.fit(from_arrays(records, smooth=False))
+            )
         return report
 
 

@@ -41,7 +41,7 @@ LEVEL = 0.95  # of the intervals of motions
 
 def lacks_motion(records: Any) -> bool:
     """Whether some floor has no sensor in a record."""
-    return any(
+    return all(isinstance(rec, Record) for rec in records) and any(
         not {f"a{j}", f"v{j}", f"x{j}"} & set(rec.measured) for rec in records for j in range(1, rec.n_dof + 1)
     )
 

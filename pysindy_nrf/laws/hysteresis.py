@@ -80,7 +80,7 @@ class ModifiedDahl(ForceLaw):
     >>> from pysindy_nrf import laws
     >>> damper = laws.ModifiedDahl(K0=50.0, C0=399.0, Fd=34.85, f0=0.0, sigma=5e4)
     >>> print(damper.equation(1))
-    50 s1 + 399 v1 + 34.85 Z1 + 0  (sigma = 5e+04)
+    50 s1 + 399 v1 + 34.85 Z1  (sigma = 5e+04)
     """
 
     name = "modified_dahl"

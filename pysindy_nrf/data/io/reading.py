@@ -241,8 +241,9 @@ def record_of(
         record = record.replace(covariates={c: line for c, line in lines.items() if not dimension_of(c)})
     bare = "t" in lines and fs is None and not (sources["t"].declared if "t" in sources else False)
     if bare and record.fs < SLOW and lines["t"].dtype.kind in "iuf" and any(re.fullmatch(r"a\d+", c) for c in channels):
-        what = f"{table.path}: accelerations at {record.fs:.3g} Hz say that the time is in ms, not in s"
-        raise ChannelError(what, "Declare its unit: units={'t': 'ms'}, --unit t=ms (or --unit t=s).")
+        unit = "ms" if 1e3 * record.fs >= SLOW else "us"
+        what = f"{table.path}: accelerations at {record.fs:.3g} Hz say that the time is in {unit}, not in s"
+        raise ChannelError(what, f"Declare its unit: units={{'t': '{unit}'}}, --unit t={unit} (or --unit t=s).")
     if "t" in lines:
         steps = np.diff(seconds_of(lines["t"], record.name)) * record.fs
         jitter = 100 * float(np.abs(steps - 1).max())

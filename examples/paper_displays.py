@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 from scipy.signal import welch
 
+from pysindy_nrf import Record
 from pysindy_nrf.discrepancy.residual import SiteLoop
 from pysindy_nrf.estimation import damper_force, dissipated_energy
 from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.laws import Motion, PowerSeries
 from pysindy_nrf.monitoring import track
 from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figure, Line, Mark, Rule, index_of
 from pysindy_nrf.output.displays._matplotlib import Display
@@ -20,6 +22,7 @@ from pysindy_nrf.output.displays.models import change_figure
 from pysindy_nrf.output.displays.motion import below, modes_figure
 from pysindy_nrf.regression.chain_model import as_model, as_segments
 from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.kinematics import base_acceleration_if_any, base_motion
 
 _OVER = {"time": ("time", "s"), "drift": ("drift s_{{{i}}}", "m"), "rate": ("rate v_{{{i}}}", "m/s")}
@@ -382,7 +385,7 @@ class CoefficientsDisplay(Display):
     Parameters
     ----------
     shares : DataFrame
-        Shares of the storey forces, by site and term; see :func:`pysindy_nrf.selection.comparison.compare`.
+        Shares of the storey forces, by site and term.
 
     Examples
     --------
@@ -400,14 +403,32 @@ class CoefficientsDisplay(Display):
         self.shares = shares
 
     @classmethod
-    def from_comparison(cls, comparison: Any) -> Self:
-        """The coefficients that :func:`pysindy_nrf.selection.comparison.compare` found.
+    def from_comparison(cls, table: pd.DataFrame, record: Record, degree: int = 3) -> Self:
+        """The storey forces of each model of a comparison, taken apart into the terms of their own storey.
 
         Parameters
         ----------
-        comparison : Comparison
+        table : DataFrame
+            Of :func:`pysindy_nrf.compare_with_sindy`, with ``truth``.
+        record : Record
+            That it was made of.
+        degree : int
         """
-        return cls(comparison.coefficients)
+        forces = table.attrs["storey_forces"]
+        (seg,) = from_arrays(record).segments
+        rest = slice(seg.valid.stop - len(forces["truth"]), seg.valid.stop)
+        law, rows = PowerSeries(degree), {}
+        for i in range(seg.n_dof):
+            columns = law.features(Motion(seg.s[rest, i].astype(float), seg.v[rest, i].astype(float)))
+            scale = np.sqrt(np.mean(columns**2, axis=0))
+            wanted = np.column_stack([R[:, i] for R in forces.values()])
+            found = np.linalg.lstsq(columns / scale, wanted, rcond=None)[0]
+            left = np.sqrt(np.mean((wanted - columns / scale @ found) ** 2, axis=0))
+            size = np.sqrt(np.mean(forces["truth"][:, i] ** 2))
+            for label, row in zip([*(term.label for term in law.terms()), "other"], np.vstack([found, left]) / size):
+                rows[f"storey {i + 1}", label] = row
+        index = pd.MultiIndex.from_tuples(rows, names=["site", "term"])
+        return cls(pd.DataFrame(np.array(list(rows.values())), index=index, columns=list(forces)))
 
     def figures(self) -> list[Figure]:
         sites = list(dict.fromkeys(self.shares.index.get_level_values(0)))

@@ -18,8 +18,7 @@ from paper_displays import CoefficientsDisplay
 from pysindy.utils import duffing
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.selection.comparison import compare
+from pysindy_nrf import ChainModel, NRFRegressor, compare_with_sindy, excitation, laws, simulate
 from pysindy_nrf.simulation.noise import add_noise
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
@@ -103,6 +102,7 @@ print(f"k2/m1 = {6e4 / 10:.0f}, k2/m2 = {6e4 / 8:.0f} 1/s^2 in truth")
 # the first 70 % of the noisy record. SINDy is handed the true masses, which it cannot find; with them the forces of its
 # normalised and hand-steered models are even a little better than ours. What it lacks is the masses where no force
 # acts, and with them newtons.
-found = compare(record, truth=truth, optimizers={"STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}, free_run=2)
-print(found.table[["terms", "precision", "recall", "mass_error", "restoring_force_error"]].round(2).to_string())
-CoefficientsDisplay.from_comparison(found).plot().figure_.savefig(folder / "coming_from_pysindy.png", dpi=150)
+optimizers = {"STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
+found = compare_with_sindy(record, truth=truth, optimizers=optimizers, free_run=2)
+print(found[["terms", "precision", "recall", "mass_error", "restoring_force_error"]].round(2).to_string())
+CoefficientsDisplay.from_comparison(found, record).plot().figure_.savefig(folder / "coming_from_pysindy.png", dpi=150)

@@ -15,14 +15,12 @@ import pysindy as ps
 
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import ChannelError, NRFError, SimulationError
-from ..laws import PowerSeries
-from ..laws.shape import Motion
 from ..regression.chain_model import ChainModel
 from ..regression.errors import Sizes, nrmse, pooled_percent
 from ..regression.input_arrays import from_arrays
 from .sparsity import default_paths, select_sparsity
 
-__all__ = ["compare", "compare_with_sindy"]
+__all__ = ["compare_with_sindy"]
 
 
 @dataclass
@@ -300,82 +298,6 @@ class Ours:
         return self.model.simulate(data.F, x0=data.x[0], v0=data.xdot[0]).displacement
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """Plain SINDy and this package on the same data."""
-
-    table: pd.DataFrame  # see compare_with_sindy
-    coefficients: pd.DataFrame  # see term_shares
-
-
-def compare(
-    X: Any, F: Any = None, dt: float | None = None, *, truth: ChainModel | None = None, degree: int = 3,
-    optimizers: Mapping[str, Any] | str | None = None, heldout: float = 0.3, free_run: int = 500,
-    time_limit: float = 10.0, coordinates: str = "relative",
-) -> Comparison:  # fmt: skip
-    """:func:`compare_with_sindy`, and what each model makes of every storey.
-
-    Returns
-    -------
-    Comparison
-        ``table``, and ``coefficients``: the storey forces of each model taken apart into the terms of their own storey,
-        which ``examples/plot_coming_from_pysindy.py`` draws.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
-    >>> from pysindy_nrf.selection.comparison import compare
-    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 2.0, 1000.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=0)
-    >>> found = compare(simulate(truth, F, 1e-3), truth=truth, free_run=2, optimizers={})
-    >>> stiffness = found.coefficients.loc[("storey 1", "s")]
-    >>> bool(abs(stiffness["truth"] - stiffness["pysindy_nrf, least squares"]) < 0.01)
-    True
-    """
-    data = from_arrays(X, F, coordinates=coordinates, dt=dt)
-    if len(data.segments) != 1 or data.segments[0].ag is not None:
-        raise ChannelError("The comparison takes one contiguous record on a base at rest", "Choose one record.")
-    segment = data.segments[0]
-    step = segment.dt
-    if step is None:
-        raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
-    if not 0 < heldout < 1:
-        raise ChannelError(f"heldout={heldout!r} is not a share", "Give a number between 0 and 1.")
-    rows = segment.valid
-    a, v, s, force = (getattr(segment, k)[rows].astype(float) for k in ("a", "v", "s", "F"))
-    whole = Part(a, v, s, force, step)
-    if np.isnan(whole.F).any():
-        raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
-    cut = round(len(whole.a) * (1 - heldout))
-    search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
-    given: Any = optimizers
-    if given is None:
-        given = {"STLSQ": ps.STLSQ(), "STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
-    if given == "select":
-        given = {f"{name} selected": path for name, path in default_paths().items()}
-    if isinstance(given, str):
-        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
-    entries: dict[str, Any] = {
-        "SINDy, defaults": PlainSINDy(degree, normalise=False), "SINDy, normalised": PlainSINDy(degree, normalise=True),
-        "SINDy, hand-steered": HandSteeredSINDy(degree), "pysindy_nrf, least squares": Ours(degree, None),
-        "pysindy_nrf, instrumental variables": Ours(degree, None, "iv"),
-        **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
-    }  # fmt: skip
-    with warnings.catch_warnings(action="ignore"):
-        reference = Ours(degree, None)
-        reference.fit(search)
-        model = reference.model.model_ if truth is None else truth
-        R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
-        ruler = Ruler(model, truth is not None, R, np.sqrt(np.mean(R**2, axis=0)))
-        found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
-    lines = {name: line for name, (line, _) in found.items()}
-    forces = {name: R for name, (_, R) in found.items() if R is not None}
-    if ruler.known:
-        forces = {"truth": ruler.R, **forces}
-    table = pd.DataFrame.from_dict(lines, orient="index", columns=COLUMNS).rename_axis("model")
-    return Comparison(table, term_shares(forces, rest, degree, ruler.size))
-
-
 def compare_with_sindy(
     X: Any, F: Any = None, dt: float | None = None, *, truth: ChainModel | None = None, degree: int = 3,
     optimizers: Mapping[str, Any] | str | None = None, heldout: float = 0.3, free_run: int = 500,
@@ -428,7 +350,8 @@ def compare_with_sindy(
         ``balance_error`` (pooled percent NRMSE, one step, as the two before); ``free_run_error`` (percent NRMSE of the
         displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of the two estimates of a storey,
         percent) and ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included; ``note``.
-        NaN = cannot be known.
+        NaN = cannot be known. ``attrs["storey_forces"]`` holds the storey forces (N) that each model finds on the rest
+        of the record, by its name, and the true ones.
 
     Raises
     ------
@@ -452,10 +375,47 @@ def compare_with_sindy(
     >>> bool(table.loc["pysindy_nrf, STLSQ", "terms"] < table.loc["SINDy, normalised", "terms"])
     True
     """
-    return compare(
-        X, F, dt, truth=truth, degree=degree, optimizers=optimizers, heldout=heldout, free_run=free_run,
-        time_limit=time_limit, coordinates=coordinates,
-    ).table  # fmt: skip
+    data = from_arrays(X, F, coordinates=coordinates, dt=dt)
+    if len(data.segments) != 1 or data.segments[0].ag is not None:
+        raise ChannelError("The comparison takes one contiguous record on a base at rest", "Choose one record.")
+    segment = data.segments[0]
+    step = segment.dt
+    if step is None:
+        raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
+    if not 0 < heldout < 1:
+        raise ChannelError(f"heldout={heldout!r} is not a share", "Give a number between 0 and 1.")
+    rows = segment.valid
+    a, v, s, force = (getattr(segment, k)[rows].astype(float) for k in ("a", "v", "s", "F"))
+    whole = Part(a, v, s, force, step)
+    if np.isnan(whole.F).any():
+        raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
+    cut = round(len(whole.a) * (1 - heldout))
+    search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
+    given: Any = optimizers
+    if given is None:
+        given = {"STLSQ": ps.STLSQ(), "STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
+    if given == "select":
+        given = {f"{name} selected": path for name, path in default_paths().items()}
+    if isinstance(given, str):
+        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
+    entries: dict[str, Any] = {
+        "SINDy, defaults": PlainSINDy(degree, normalise=False), "SINDy, normalised": PlainSINDy(degree, normalise=True),
+        "SINDy, hand-steered": HandSteeredSINDy(degree), "pysindy_nrf, least squares": Ours(degree, None),
+        "pysindy_nrf, instrumental variables": Ours(degree, None, "iv"),
+        **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
+    }  # fmt: skip
+    with warnings.catch_warnings(action="ignore"):
+        reference = Ours(degree, None)
+        reference.fit(search)
+        model = reference.model.model_ if truth is None else truth
+        R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
+        ruler = Ruler(model, truth is not None, R, np.sqrt(np.mean(R**2, axis=0)))
+        found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
+    lines = {name: line for name, (line, _) in found.items()}
+    table = pd.DataFrame.from_dict(lines, orient="index", columns=COLUMNS).rename_axis("model")
+    forces = {name: R for name, (_, R) in found.items() if R is not None}
+    table.attrs["storey_forces"] = {"truth": ruler.R, **forces} if ruler.known else forces
+    return table
 
 
 COLUMNS = [
@@ -508,23 +468,3 @@ def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:
         return np.inf, "free run diverges"
     share = [nrmse(rest.x[:, j], x[:, j]) for j in range(rest.n_dof)]
     return float(np.sqrt(np.mean(np.square(share)))), ""
-
-
-ELSEWHERE = "other"
-
-
-def term_shares(forces: Mapping[str, np.ndarray], part: Part, degree: int, size: np.ndarray) -> pd.DataFrame:
-    """Storey forces of each model, taken apart into the terms of their own storey."""
-    law, rows = PowerSeries(degree), {}
-    labels = [term.label for term in law.terms()]
-    for i in range(part.n_dof):
-        columns = law.features(Motion(part.s[:, i], part.v[:, i]))
-        scale = np.sqrt(np.mean(columns**2, axis=0))
-        scale[scale == 0] = 1.0
-        wanted = np.column_stack([R[:, i] for R in forces.values()])
-        found = np.linalg.lstsq(columns / scale, wanted, rcond=None)[0]
-        left = np.sqrt(np.mean((wanted - columns / scale @ found) ** 2, axis=0))
-        for label, row in zip([*labels, ELSEWHERE], np.vstack([found, left]) / size[i]):
-            rows[f"storey {i + 1}", label] = row
-    index = pd.MultiIndex.from_tuples(rows, names=["site", "term"])
-    return pd.DataFrame(np.array(list(rows.values())), index=index, columns=list(forces))

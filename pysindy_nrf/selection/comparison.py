@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from ..exceptions import ChannelError, NRFError, SimulationError
 from ..regression.chain_model import ChainModel
 from ..regression.errors import Sizes, nrmse, pooled_percent
 from ..regression.input_arrays import from_arrays
-from .sparsity import default_paths, select_sparsity
+from .sparsity import select_sparsity
 
 __all__ = ["compare_with_sindy"]
 
@@ -256,7 +256,7 @@ class HandSteeredSINDy(PlainSINDy):
 
 
 class Ours:
-    """NRFRegressor with some optimizer, or with the one of several that the held-out rule chooses."""
+    """NRFRegressor with some optimizer, or with the terms that the held-out rule leaves ("select")."""
 
     finds_masses = True
     note = ""
@@ -265,10 +265,8 @@ class Ours:
         self.degree, self.optimizer, self.estimation = degree, optimizer, estimation
 
     def fit(self, data: Part) -> None:
-        if isinstance(self.optimizer, Sequence):
-            found = select_sparsity(data.X, data.F, paths={"path": self.optimizer}, degree=self.degree, dt=data.dt)
-            self.note = f"chosen: {found.table.index[found.table['chosen']][0][1]}"
-            model = found.regressor("path")
+        if isinstance(self.optimizer, str):
+            model = select_sparsity(data.X, data.F, degree=self.degree, dt=data.dt).regressor()
         else:
             model = NRFRegressor(self.degree, optimizer=self.optimizer, estimation=self.estimation, dt=data.dt)
         self.model: Any = model.fit(data.X, data.F)
@@ -318,10 +316,9 @@ def compare_with_sindy(
         and ``restoring_force_error``.
     degree : int
         Of the power series everywhere.
-    optimizers : mapping of str to PySINDy optimizer or sequence of them, or "select", optional
-        Rows of this package beside least squares. Of a sequence the held-out rule of
-        :func:`~pysindy_nrf.selection.select_sparsity` chooses one, within the first part of the
-        record, and ``note`` says which; ``"select"`` takes its default paths (STLSQ, ensemble, SR3, SSR, FROLS). STLSQ
+    optimizers : mapping of str to PySINDy optimizer, or "select", optional
+        Rows of this package beside least squares; ``"select"`` has one with the terms that
+        :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within the first part of the record. STLSQ
         at PySINDy's default threshold (a tenth of each balance's force) and at a hundredth if None.
     heldout : float
         Share of the record at its end on which all errors are measured.
@@ -395,7 +392,7 @@ def compare_with_sindy(
     if given is None:
         given = {"STLSQ": ps.STLSQ(), "STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
     if given == "select":
-        given = {f"{name} selected": path for name, path in default_paths().items()}
+        given = {"terms selected": "select"}
     if isinstance(given, str):
         raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
     entries: dict[str, Any] = {

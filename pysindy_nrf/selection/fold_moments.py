@@ -185,10 +185,6 @@ class FoldMoments:
             self._totals[key] = found if fold == EVERY else (found[0][0], found[1][0], found[2][0])
         return self._totals[key]
 
-    def sum_of(self, pieces: Iterable[int]) -> BlockGrams:
-        """Roots of some pieces, in the monomials themselves; a piece may be there several times."""
-        return self._sums(np.bincount(list(pieces), minlength=len(self.pieces))[None].astype(float))[0]
-
     def _sums(self, wanted: np.ndarray) -> BlockGrams:
         """Roots of the monomials, each the sum of so many times each piece."""
         return self.pieces.sum(wanted).roots().transformed(self.layout, {g: self._back(g.dofs) for g in self.groups})
@@ -207,8 +203,8 @@ class FoldMoments:
         """A candidate's own columns."""
         return total.transformed(order.layout, {g: order.index(g, total) for g in groups})
 
-    def solve_order(self, total: BlockGrams, order: Order, inner: Any = None) -> SolveOrder:
-        """The solve that the forces in some samples and an optimizer allow."""
+    def solve_order(self, total: BlockGrams, order: Order) -> SolveOrder:
+        """The solve that the forces in some samples allow."""
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
             seen = total.sizes[j,] > 0
@@ -220,21 +216,19 @@ class FoldMoments:
                 unknown.append(j)
             elif np.all(pushed):
                 forced.append(j)
-        key = tuple(forced), tuple(unknown), order.layout.acting, inner is not None
+        key = tuple(forced), tuple(unknown), order.layout.acting, self.inner is not None
         if key not in self._solve_orders:
             known = self.known_masses, self.strategy
             self._solve_orders[key] = plan_solve_order(self.chain, *key[:2], *known, *key[2:])
         return self._solve_orders[key].require_complete()
 
-    def fit(
-        self, order: Order, fold: Any, inner: Any = None, total: BlockGrams | None = None
-    ) -> tuple[Solution, SolveOrder, BlockGrams]:
+    def fit(self, order: Order, fold: Any) -> tuple[Solution, SolveOrder, BlockGrams]:
         """Solve one candidate on the training side of a fold."""
-        total, inner = self.total(fold)[0] if total is None else total, inner or self.inner
-        solve_order = self.solve_order(total, order, inner)
+        total = self.total(fold)[0]
+        solve_order = self.solve_order(total, order)
         own = self.cut(total, order, order.groups(solve_order))
         with warnings.catch_warnings(action="ignore", category=RankWarning):
-            return solve(own, solve_order, self.known_masses, inner), solve_order, own
+            return solve(own, solve_order, self.known_masses, self.inner), solve_order, own
 
     def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import chains
 import numpy as np
+import pandas as pd
 import pysindy as ps
 import pytest
 
@@ -132,6 +133,7 @@ def test_bad_input(case, options, message):
 def test_the_storey_forces_that_every_model_finds_come_with_the_table():
     case = chains.duffing(3, [2], seed=2, n_samples=3000)
     table = compare_with_sindy(case.X, case.F, case.dt, truth=true_model(case), free_run=1, optimizers={})
+    assert len(pd.concat([table, table.copy()])) == 2 * len(table)
     forces = table.attrs["storey_forces"]
     np.testing.assert_allclose(forces["truth"], case.storey_forces[2100:], rtol=1e-9)
     size = case.storey_forces.std()

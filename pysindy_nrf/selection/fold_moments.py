@@ -39,7 +39,6 @@ class Monomials(PowerSeries):
 
 _ROWS = 2048  # sampled for the factors of the sites
 EVERY = "every"  # stands for all folds, stacked
-PIECES = 20  # at least, over all records: blocks for the effective number of samples
 
 
 @dataclass
@@ -134,10 +133,9 @@ class FoldMoments:
 
     def _blocks(self) -> Iterator[tuple[int, Block]]:
         """All samples, and the number of the piece they belong to."""
-        whole = sum(seg.n_valid for seg in self.data.segments)
         for seg, filter in zip(self.data.segments, self.filters):
             classes = self.class_of[seg.rows][seg.valid]
-            cuts = _cuts(classes, max(whole // PIECES, 256))
+            cuts = _cuts(classes)
             shuffled: dict[int, int] = {}  # piece of each class
             blocks = map(self._whiten, seg.blocks(self.layout, filter=filter))
             if cuts is not None:
@@ -230,14 +228,6 @@ class FoldMoments:
         with warnings.catch_warnings(action="ignore", category=RankWarning):
             return solve(own, solve_order, self.known_masses, self.inner), solve_order, own
 
-    def piece_norms(self, order: Order, dofs: tuple[int, ...], weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squared length of a combination of a candidate's columns in each piece, and the samples behind it."""
-        group = next(g for g in self.groups if g.dofs == dofs)
-        back = self._back(dofs)
-        whole = np.zeros(back.shape[1])
-        whole[order.index(group, self.total(None)[0])] = weights
-        return self.pieces.norms(dofs, (back @ whole)[:, None])[:, 0] ** 2, self.pieces.sizes[dofs]
-
 
 def _factor(columns: np.ndarray) -> np.ndarray:
     """Triangular factor of some columns that can be divided by."""
@@ -270,10 +260,9 @@ def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple
     return np.repeat(code, np.diff(starts, append=size)), membership
 
 
-def _cuts(classes: np.ndarray, longest: int) -> np.ndarray | None:
+def _cuts(classes: np.ndarray) -> np.ndarray | None:
     """Where pieces start, or None if the folds are too fine to be cut into pieces."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(classes)) + 1])
     if len(starts) > 8 and len(classes) / len(starts) < 64:
         return None
-    ends = ((lo, hi, max(1, round((hi - lo) / longest))) for lo, hi in zip(starts, [*starts[1:], len(classes)]))
-    return np.concatenate([np.linspace(*part, endpoint=False).astype(int) for part in ends])
+    return starts

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 from ..laws.power_series import exponents_of
-from ..regression.chain_solve import Solution, StepFit, model_of
+from ..regression.chain_solve import Solution, model_of
 from ..regression.errors import balance_sizes, free_run_error, pooled_error, pooled_percent, residual_weights
 from ..regression.grams import BlockGrams
 from ..regression.segments import BlockRows
@@ -228,33 +228,3 @@ def _runs(fold_moments: FoldMoments, fold: int) -> list[BlockRows]:
 
 _SCORES: dict[str, Any] = {"balance": _balance, "acceleration": _acceleration, "free_run": _free_run}
 SCORINGS = tuple(_SCORES)
-
-
-def information(fits: list[StepFit], grams: BlockGrams, shares: dict[tuple[int, ...], float]) -> tuple[float, float]:
-    r"""Akaike's and Schwarz's criterion of a chain, summed over the steps of its solve."""
-    aic = bic = 0.0
-    for fit in fits:
-        dofs = fit.step.dofs
-        seen = grams.sizes[dofs] if dofs in grams.groups else grams.n_samples
-        size = max(seen * shares.get(dofs, 1.0), 2.0)
-        level = 2.0 * size * np.log(max(fit.share, FLOOR) * fit.residual / fit.share if fit.share else FLOOR)
-        aic += level + 2.0 * fit.n_columns
-        bic += level + np.log(size) * fit.n_columns
-    return float(aic), float(bic)
-
-
-def independent_shares(fold_moments: FoldMoments, order: Order) -> dict[tuple[int, ...], float]:
-    r"""Independent samples in the residual of each balance, as a share of its samples."""
-    solution, solve_order, grams = fold_moments.fit(order, None)
-    shares = {}
-    for dofs in grams.groups:
-        weights = residual_weights(solution.masses, solution.coefficients, grams, dofs)
-        square, size = fold_moments.piece_norms(order, dofs, weights)
-        held = size > 0
-        if held.sum() < 4:
-            continue
-        square = square[held]
-        size, whole = size[held], square.sum() / size[held].sum()
-        spread = np.average((square / size / whole - 1.0) ** 2, weights=size) if whole > 0 else 0.0
-        shares[dofs] = float(np.clip(2.0 / (spread * size.mean()), 0.0, 1.0)) if spread > 0 else 1.0
-    return shares

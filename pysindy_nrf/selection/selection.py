@@ -1,6 +1,6 @@
 """Order selection: all degrees, all boxes (k, q), all folds from one pass over the samples."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -34,20 +34,19 @@ class OrderSelection:
         Order of each storey by itself: one that adds nothing to the balances of its storey is lowered.
     table : DataFrame
         One row for each order: ``terms`` (of the whole chain), ``score`` and ``standard_error`` over the folds,
-        ``balance_error`` (held out, percent NRMSE), ``acceleration_r2``, ``free_run_error`` (if asked for), ``aic`` and
-        ``bic`` (above the smallest one) and ``chosen``.
+        ``balance_error`` (held out, percent NRMSE), ``acceleration_r2``, ``free_run_error`` (if asked for) and
+        ``chosen``.
     fold_scores : DataFrame
         Scores, orders by folds; equal to those of ``GridSearchCV``.
-    cv_results_ : dict
-        The same in the form of scikit-learn's searches.
     """
 
-    def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: Any, source: Any) -> None:
-        self.scoring, self.rule = scoring, rule if isinstance(rule, str) else getattr(rule, "__name__", repr(rule))
+    def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: str, source: Any) -> None:
+        self.scoring, self.rule = scoring, rule
         self._labels, self._source = labels, source
         self._scores = scores
-        self.cv_results_ = cv_results(labels, scores)
-        self._chosen = _rule(rule)(self.cv_results_)
+        ranks, errors = [rules.complexity_of({"degree": label}) for label in labels], rules.errors_of(scores)
+        one = rule == "one_standard_error"
+        self._chosen = rules.choose(errors, ranks) if one else int(np.nanargmax(scores.mean(axis=1)))
         self.best_order = labels[self._chosen]
 
     @cached_property
@@ -70,9 +69,6 @@ class OrderSelection:
         table["acceleration_r2"] = scores["acceleration"].mean(axis=1)
         if "free_run" in scores:
             table["free_run_error"] = -scores["free_run"].mean(axis=1)
-        criteria = np.array(list(_criteria(held, self._labels)))
-        for key, column in zip(("aic", "bic"), criteria.T):
-            table[key] = column - np.nanmin(column) if np.isfinite(column).any() else column
         table["chosen"] = np.arange(len(table)) == self._chosen
         return table
 
@@ -106,10 +102,9 @@ class OrderSelection:
 
 def select_order(
     X: Any, F: Any = None, *, degrees: Iterable[int] | None = range(1, 8),
-    boxes: Iterable[tuple[int, int]] | None = None, cv: Any = 5,
-    rule: str | Callable[[Mapping[str, Any]], int] = "one_standard_error", scoring: str = "balance",
-    free_run: bool = False, record: Any = None, time: Any = None, base_acceleration: Any = None, covariates: Any = None,
-    **regressor_params: Any,
+    boxes: Iterable[tuple[int, int]] | None = None, cv: Any = 5, rule: str = "one_standard_error",
+    scoring: str = "balance", free_run: bool = False, record: Any = None, time: Any = None,
+    base_acceleration: Any = None, covariates: Any = None, **regressor_params: Any,
 ) -> OrderSelection:  # fmt: skip
     """Choose the order of the power series by held-out error, at the cost of about one fit.
 
@@ -128,8 +123,7 @@ def select_order(
         Boxes (k, q) of the paper's eq. (2): powers of v up to k, of s up to q.
     cv : int, splitter or iterable of (train, test)
         Blocks in time for a number.
-    rule : {"one_standard_error", "best"} or callable
-        A callable takes ``cv_results_`` and returns an index.
+    rule : {"one_standard_error", "best"}
     scoring : {"balance", "acceleration", "free_run"}
         See :mod:`pysindy_nrf.selection.scorers`.
     free_run : bool
@@ -161,7 +155,8 @@ def select_order(
     if scoring not in rules.SCORINGS:
         cure = f"Choose {', '.join(rules.SCORINGS)}, or use GridSearchCV with your own scorer."
         raise NRFError(f"scoring={scoring!r} is unknown here", cure)
-    _rule(rule)
+    if rule not in _RULES:
+        raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(_RULES)}.")
     if "degree" in regressor_params:
         raise ChainError("degree is what is selected", "Give degrees=..., or orders= for storeys whose order is known.")
     estimator = NRFRegressor(**regressor_params)
@@ -184,31 +179,6 @@ def _every(held: FoldMoments, labels: list[Any], scorings: list[str]) -> list[np
     return [np.array([scores[name] for scores in found]) for name in scorings]
 
 
-def _criteria(held: FoldMoments, labels: list[Any]) -> Iterator[tuple[float, float]]:
-    """Information criteria of all orders on all data."""
-    largest = max(labels, key=lambda label: len(exponents_of(label)))
-    try:
-        shares = rules.independent_shares(held, _order(held, largest))
-    except NRFError:
-        shares = {}
-    for label in labels:
-        try:
-            solution, _, grams = held.fit(_order(held, label), None)
-            yield rules.information(solution.fits, grams, shares)
-        except NRFError:
-            yield np.nan, np.nan
-
-
-def cv_results(labels: list[Any], scores: np.ndarray) -> dict[str, Any]:
-    """Scores in the form of scikit-learn's ``cv_results_``."""
-    out: dict[str, Any] = {"params": [{"degree": label} for label in labels]}
-    out["param_degree"] = np.ma.array(labels + [None], dtype=object)[:-1]
-    for i, column in enumerate(scores.T):
-        out[f"split{i}_test_score"] = column
-    out["mean_test_score"], out["std_test_score"] = scores.mean(axis=1), scores.std(axis=1)
-    return out
-
-
 def _labels(degrees: Any, boxes: Any) -> list[Any]:
     labels = [*(degrees if degrees is not None else ()), *(tuple(box) for box in boxes or ())]
     labels = [int(d) if hasattr(d, "__index__") and not isinstance(d, bool) else d for d in labels]
@@ -218,16 +188,6 @@ def _labels(degrees: Any, boxes: Any) -> list[Any]:
     if empty:
         raise NRFError(f"Order {empty[0]!r} has no terms", "Start at degree 1.")
     return list(dict.fromkeys(labels))
-
-
-def _rule(rule: Any) -> Callable[[Mapping[str, Any]], int]:
-    if callable(rule):
-        return rule
-    if rule == "one_standard_error":
-        return rules.one_standard_error
-    if rule == "best":
-        return lambda results: int(np.nanargmax(results["mean_test_score"]))
-    raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(_RULES)}, or give a function of cv_results_.")
 
 
 def fold_moments_of(

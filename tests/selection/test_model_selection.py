@@ -240,21 +240,6 @@ def test_one_storey_is_linear_and_one_is_cubic():
     assert found.regressor().degree == 3
 
 
-def test_the_information_criteria_find_the_order_and_count_independent_samples(cubic):
-    case, X = cubic
-    table = select_order(X, case.F).table
-    assert table["aic"].idxmin() == table["bic"].idxmin() == "3" and table["chosen"].idxmax() == "3"
-    # white residual of a linear chain: BIC charges ln(N) for each coefficient that adds nothing
-    linear = chains.duffing(1, [1], seed=3, n_samples=5_000, cubic=False)
-    F = linear.F + 5.0 * np.random.default_rng(0).standard_normal(linear.F.shape)
-    table = select_order(linear.X, F, degrees=[1, 2]).table
-    slope = (table["bic"].iloc[1] - table["aic"].iloc[1]) / 3  # three more terms: ln N - 2 each
-    assert slope == pytest.approx(np.log(5_000) - 2, abs=1.0)
-    # each sample five times over is not five times the evidence
-    slow = select_order(np.repeat(linear.X, 5, axis=0), np.repeat(F, 5, axis=0), degrees=[1, 2]).table
-    assert (slow["bic"].iloc[1] - slow["aic"].iloc[1]) / 3 == pytest.approx(slope, abs=1.0)
-
-
 def test_the_free_run_is_judged_too():
     case = chains.duffing(2, [2], seed=6, n_samples=2000, substeps=4)
     found = select_order(case.X, case.F, degrees=[1, 3], cv=3, free_run=True, dt=case.dt)
@@ -349,8 +334,6 @@ def test_a_fold_without_a_force_says_so():
         select_order([linear_record(0.01), free.replace(name="free")], degrees=[1, 2], cv=RecordSplit())
 
 
-def test_the_rule_may_be_the_users_own():
-    rec = linear_record(0.02)
-    last = select_order(rec, degrees=[1, 2, 3], rule=lambda results: len(results["params"]) - 1)
-    best = select_order(rec, degrees=[1, 2, 3], rule="best")
-    assert last.best_order == 3 and str(best.best_order) == best.fold_scores.mean(axis=1).idxmax()
+def test_the_rule_may_be_the_least_error():
+    best = select_order(linear_record(0.02), degrees=[1, 2, 3], rule="best")
+    assert str(best.best_order) == best.fold_scores.mean(axis=1).idxmax()

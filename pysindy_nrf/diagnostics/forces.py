@@ -23,11 +23,6 @@ _LOST = 1e-9  # of the square of a column, what rounding leaves of it
 _ALIKE = 1.2  # times what its own coefficients leave: a gain of the force explains the difference
 
 
-def _probes(u: np.ndarray, clock: np.ndarray) -> np.ndarray:
-    """Functions of a force in units of its rms: push and pull, soft saturation, dead band, drift of the gain."""
-    return np.array([np.abs(u), u**3, np.sign(u), clock * u])
-
-
 class ForceProbes:
     """Gram matrices of [own columns | further laws | constant, ramp | functions of the force | force], by fold."""
 
@@ -66,7 +61,9 @@ class ForceProbes:
                 offered = np.stack([np.hstack([w.offered[s][:, some] for w in windows]) for s in group.sites])
                 more = np.vstack([offered[:, :-LASTING].reshape(-1, block.n_samples), offered[0, -LASTING:]])
                 u = force / (self.rms[j - 1] or 1.0)
-                rows = np.vstack([*own, more, _probes(u, offered[0, -1]), u])
+                # push and pull, soft saturation, dead band, drift of the gain
+                probes = np.array([np.abs(u), u**3, np.sign(u), offered[0, -1] * u])
+                rows = np.vstack([*own, more, probes, u])
                 self.widths[j] = len(own), len(more)
                 out.setdefault(j, {})[key] = rows @ rows.T
         return out

@@ -101,7 +101,8 @@ def _jumping(model: Any) -> list[Finding]:
 
 def _excitation(model: Any) -> list[Finding]:
     out = []
-    sizes = {site: _drift(region) for site, region in model.model_.visited.items() if site.is_storey}
+    visited = ((site, region) for site, region in model.model_.visited.items() if site.is_storey)
+    sizes = {site: max(abs(region.low[1]), abs(region.high[1])) for site, region in visited}
     top = max(sizes.values(), default=0.0)
     for site, size in sizes.items():
         if top and size < WEAK * top:
@@ -111,10 +112,6 @@ def _excitation(model: Any) -> list[Finding]:
             )
             out.append((2.0 + WEAK - size / top, "excitation", str(site), size, text))
     return out
-
-
-def _drift(region: Any) -> float:
-    return max(abs(region.low[1]), abs(region.high[1]))
 
 
 def _conditioning(model: Any) -> list[Finding]:

@@ -35,13 +35,9 @@ class Window:
         """Samples."""
         return self.block.acceleration.shape[1]
 
-    def forward(self, site: Site) -> np.ndarray:
-        """Sign of the rate of a site."""
-        return self.offered[site][0]
-
     def rate(self, site: Site) -> np.ndarray:
-        """Rate of a site, divided by its rms; the second further column is the square of it with its sign."""
-        return self.forward(site) * np.sqrt(np.abs(self.offered[site][1]))
+        """Rate of a site, divided by its rms: of the further columns, the first is its sign, the second its square."""
+        return self.offered[site][0] * np.sqrt(np.abs(self.offered[site][1]))
 
     def enough(self) -> Window:
         """Samples that are enough where their order does not matter."""

@@ -161,7 +161,8 @@ def check_variable(law: ForceLaw, rng: np.random.Generator) -> None:
     assert law.variable in (None, *changes), f"{law}: variable is {law.variable!r}"
     if law.variable is None:
         return
-    _differ(law.features(replace(motion, **changes[law.variable])), columns, law)
+    followed = law.variable == "1" or not np.allclose(law.features(replace(motion, **changes[law.variable])), columns)
+    assert followed, f"{law}: the force does not follow {law.variable!r}"
     if law.variable != "v":  # a force that opposes the rate may depend on the drift, too
         rest: dict[str, Any] = {"s": other.s, "v": other.v, "a": other.a, "t": motion.t + 0.3}
         rest.pop(law.variable, None)
@@ -249,7 +250,7 @@ def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Name, family, symbols, units and the equation are present and unambiguous."""
+    """Name, family, symbols and labels are present and unambiguous."""
     terms = law.terms()
     assert law.name.isidentifier() and law.family, f"{law}: name or family is missing"
     places = {"link", "ground", "new link", "two storeys", "dof", "sensor"}
@@ -258,13 +259,6 @@ def check_text(law: ForceLaw, rng: np.random.Generator) -> None:
         texts = [getattr(term, field) for term in terms]
         assert len(set(texts)) == len(texts) and all(texts), f"{law}: {field}s {texts} are not distinct"
     assert not {term.symbol for term in terms} & set(law.shape), f"{law}: a coefficient and a shape share a name"
-    assert list(law.parameters) == [*law.shape, *(term.symbol for term in terms)], f"{law}: parameters are wrong"
-    free = law.with_values()
-    free.coefficients = None
-    for text in (free.equation(), law.equation()):
-        for term in terms:
-            assert term.label == "1" or term.label in text, f"{law}: {term.label!r} is not in its equation {text!r}"
-    assert repr(law).startswith(type(law).__name__ + "("), f"{law}: repr is {law!r}"
     assert type(law).__doc__, f"{type(law).__name__} has no documentation"
 
 
@@ -322,7 +316,3 @@ def _in(unit: str, size: dict[str, float], law: ForceLaw) -> float:
             exponent = float((law.shape[power] if power in law.shape else power) or 1.0)
             value *= size[base] ** (exponent if k == 0 else -exponent)
     return value
-
-
-def _differ(columns: np.ndarray, others: np.ndarray, law: ForceLaw) -> None:
-    assert law.variable == "1" or not np.allclose(columns, others), f"{law}: the force does not follow {law.variable!r}"

@@ -91,16 +91,17 @@ class ChangeReport:
 
 def compare_tests(
     estimator: Any, before: Any, after: Any, *, level: float = 0.01, least: float = 1.0, n_blocks: int = 20,
-    same_masses: bool = True, options: Any = None,
+    options: Any = None,
 ) -> ChangeReport:  # fmt: skip
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
-    Each storey's force follows from the forces and the inertia of the floors above it. Where both tests moved, one law
-    with kinks, loops and powers explains it in both, and a term of a storey, or a mass, counts as changed if its
-    difference is significant and large: then no amplitude, and no law that the regressor lacks, explains it. A declared
-    law with a state or a shape is compared on its own parameters. Standard errors come from leaving out one of
-    ``n_blocks`` consecutive pieces of a test at a time (jackknife). Give Records where channels are noisy: their DOFs
-    are then fused one by one, so that errors are not alike in a whole record.
+    Each storey's force follows from the forces and the inertia of the floors above it. Where both tests moved, one
+    law with kinks, loops and powers explains it in both, and a term of a storey, or a mass, counts as changed if its
+    difference is significant and large: then no amplitude, and no law that the regressor lacks, explains it. A
+    declared law with a state or a shape is compared on its own parameters. Standard errors come from leaving out one
+    of ``n_blocks`` consecutive pieces of a test at a time (jackknife). Masses are equal in both tests unless one
+    changed. Give Records where channels are noisy: their DOFs are then fused one by one, so that errors are not alike
+    in a whole record.
 
     Parameters
     ----------
@@ -113,8 +114,6 @@ def compare_tests(
         Smallest change of interest, percent of the force of the storey's spring, or of the mass.
     n_blocks : int
         Pieces of each test.
-    same_masses : bool
-        Masses are equal in both tests unless the data show that one changed. If False, each test has its own.
     options : mapping, optional
         Passed to ``fit`` (``dt`` is a parameter of the regressor).
 
@@ -150,7 +149,7 @@ def compare_tests(
     ]  # fmt: skip
     if not cuts:
         raise ChainError("No storey's force is known in both tests", "Measure the force on every floor above a storey.")
-    comparison = Comparison(cuts, masses, free, [] if same_masses else free)
+    comparison = Comparison(cuts, masses, free)
     comparison.search(level, least)
     replicates = []
     for i, ((problem, data), own) in enumerate(zip(pairs, comparison.masses_of_tests())):

@@ -129,13 +129,13 @@ def cut_of(
 class Comparison:
     """Differences between two tests that the data ask for, found one by one; all cuts share the masses."""
 
-    def __init__(self, cuts: Sequence[Cut], masses: np.ndarray, free: Sequence[int], own: Sequence[int]) -> None:
+    def __init__(self, cuts: Sequence[Cut], masses: np.ndarray, free: Sequence[int]) -> None:
         self.cuts, self.masses, self.free = list(cuts), masses, list(free)
         n = len(masses)
         # unknowns: departures of the masses from those given, their changes, the changes of each cut's terms
         self.names = [("", f"m{j + 1}") for j in range(n)] + [(f"dof {j + 1}", "m") for j in range(n)]
         self.names += [(f"storey {cut.storey}", term) for cut in self.cuts for term in cut.terms]
-        self.base = [j - 1 for j in free] + [n + j - 1 for j in own]  # those that nobody asks about
+        self.base = [j - 1 for j in free]  # those that nobody asks about
         self.found: list[int] = []
         self.p: dict[int, float] = {}
         departures = np.zeros(n)

@@ -23,8 +23,7 @@ FLOOR = 2e-4
 
 def one_standard_error(
     results: Mapping[str, Any], *, metric: str = "score",
-    complexity: Callable[[Mapping[str, Any]], float] | Sequence[float] | None = None, min_gain: float = MIN_GAIN,
-    floor: float = FLOOR,
+    complexity: Callable[[Mapping[str, Any]], float] | None = None, min_gain: float = MIN_GAIN,
 ) -> int:  # fmt: skip
     r"""The one-standard-error rule, as ``GridSearchCV(refit=one_standard_error)`` takes it.
 
@@ -34,6 +33,8 @@ def one_standard_error(
     .. math:: \bar e \le \max\left(\bar e_{best} + \mathrm{SE}_{best}, \;
               \frac{\bar e_{best}}{1 - \mathrm{min\_gain}}\right).
 
+    Errors below 0.02 % of the reference are as good as none: round-off is no reason for more terms.
+
     Parameters
     ----------
     results : mapping
@@ -41,13 +42,11 @@ def one_standard_error(
         percent (0 is best), as those of :mod:`pysindy_nrf.selection.scorers` and ``NRFRegressor.score``.
     metric : str
         Name of the score, if the search had several.
-    complexity : callable or sequence, optional
-        From the parameters of a candidate to its complexity, or the complexities themselves. By default the
-        number of terms (``degree``, ``orders``), then the larger ``threshold`` first.
+    complexity : callable, optional
+        From the parameters of a candidate to its complexity. By default the number of terms (``degree``, ``orders``),
+        then the larger ``threshold`` first.
     min_gain : float
         Share of the held-out error that more terms must take off; 0 for the rule of the book.
-    floor : float
-        Error that is as good as none, as a share of the reference; round-off is no reason for more terms.
 
     Returns
     -------
@@ -68,13 +67,8 @@ def one_standard_error(
     1
     """
     scores = fold_scores(results, metric)
-    if complexity is None:
-        ranks = [complexity_of(params) for params in results["params"]]
-    elif callable(complexity):
-        ranks = [(float(complexity(params)),) for params in results["params"]]
-    else:
-        ranks = [(float(c),) for c in complexity]
-    return choose(errors_of(scores), ranks, min_gain, floor)
+    ranks = [(complexity or complexity_of)(params) for params in results["params"]]
+    return choose(errors_of(scores), ranks, min_gain)
 
 
 def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray:
@@ -97,11 +91,10 @@ def errors_of(scores: np.ndarray) -> np.ndarray:
 
 
 def choose(
-    errors: np.ndarray, complexity: Sequence[Any], min_gain: float = MIN_GAIN, floor: float = FLOOR,
-    paired: bool = False,
-) -> int:  # fmt: skip
+    errors: np.ndarray, complexity: Sequence[Any], min_gain: float = MIN_GAIN, paired: bool = False
+) -> int:
     """The rule on errors; see :func:`one_standard_error`."""
-    errors = np.maximum(errors, floor)
+    errors = np.maximum(errors, FLOOR)
     mean = errors.mean(axis=1)
     if not np.isfinite(mean).any():
         raise NRFError("No candidate could be fitted and scored on every fold", "Use fewer folds or lower orders.")

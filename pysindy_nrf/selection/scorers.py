@@ -29,45 +29,27 @@ from ..regression.errors import free_run_error
 from ..regression.segments import BlockRows
 from ..signals.zero_phase_filter import filters_of
 
-METADATA = ("record", "time", "base_acceleration", "covariates")
-
 
 class ChainScorer:
     """A scorer that scikit-learn accepts, and that passes records, time and covariates on; greater is better."""
 
     def __init__(self, name: str, judge: Callable[..., float]) -> None:
         self.name, self.judge = name, judge
-        self._requested: dict[str, bool | str | None] = dict.fromkeys(METADATA, True)
 
     def __call__(self, estimator: Any, X: Any, y: Any = None, **metadata: Any) -> float:
         """Score a fitted regressor, or a pipeline that ends in one."""
         regressor, X, metadata = _unwrapped(estimator, X, metadata)
         return self.judge(regressor, X, y, **metadata)
 
-    def set_score_request(self, **requests: bool | str | None) -> ChainScorer:
-        """Say which metadata to pass, under which name, as for scikit-learn's scorers."""
-        unknown = [name for name in requests if name not in METADATA]
-        if unknown:
-            raise NRFError(f"The scorer knows no metadata {unknown[0]!r}", f"It takes {', '.join(METADATA)}.")
-        new = ChainScorer(self.name, self.judge)
-        new._requested = {**self._requested, **requests}
-        return new
-
     def get_metadata_routing(self) -> MetadataRequest:
         """What scikit-learn should pass."""
         request = MetadataRequest(owner=self)
-        for name, wanted in self._requested.items():
-            request.score.add_request(param=name, alias=wanted)
+        for name in ("record", "time", "base_acceleration", "covariates"):
+            request.score.add_request(param=name, alias=True)
         return request
 
     def __repr__(self) -> str:
         return f"scorers.{self.name}"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, ChainScorer) and (self.name, self._requested) == (other.name, other._requested)
-
-    def __hash__(self) -> int:
-        return hash(self.name)
 
 
 def _unwrapped(estimator: Any, X: Any, metadata: dict[str, Any]) -> tuple[Any, Any, dict[str, Any]]:

@@ -18,7 +18,7 @@ from ..regression.chain_solve import require_moving
 from ..regression.input_arrays import from_arrays
 from . import one_se_rule as rules
 from .fold_moments import FoldMoments, Order
-from .splitters import n_splits_of
+from .splitters import BlockedTimeSplit
 
 _RULES = ("one_standard_error", "best")
 
@@ -214,7 +214,7 @@ def fold_moments_of(
         raise ChainError("Every site has a law or an order already", "Leave a storey out of laws= and orders=.")
     starts = [0, *(seg.rows.start for seg in data.segments[1:]), data.n_samples]  # rows left out go with those before
     ids = np.repeat(np.arange(len(data.segments)), np.diff(starts))  # numbers: two records may have one name
-    splitter = n_splits_of(cv)
+    splitter = BlockedTimeSplit(int(cv)) if isinstance(cv, (int, np.integer)) else cv
     folds = list(splitter.split(np.empty((data.n_samples, 1)), None, ids) if hasattr(splitter, "split") else splitter)
     held = FoldMoments(
         chain, fixed, searched, data, folds, problem.filters(data), problem.known_masses, problem.strategy,

@@ -142,10 +142,3 @@ class BlockedTimeSplit(_RecordSplitter):
                 for rows, test in zip(records, tests)
             ]  # fmt: skip
             yield np.concatenate(tests), np.concatenate(near)
-
-
-def n_splits_of(cv: Any) -> Any:
-    """A splitter: the one given, or blocks in time for a number."""
-    if isinstance(cv, (int, np.integer)) and not isinstance(cv, bool):
-        return BlockedTimeSplit(int(cv))
-    return cv

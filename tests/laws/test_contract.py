@@ -140,9 +140,6 @@ BREAKS = {
         (laws.Duffing, {"acts_at": ("roof",)}, "acts_at is"),
         (laws.Duffing, {"terms": lambda self: (TWO[0], TWO[1]._replace(symbol="k"))}, "symbols .* are not distinct"),
         (laws.Duffing, {"columns": (TWO[0], TWO[1]._replace(label="s"))}, "labels .* are not distinct"),
-        (laws.Duffing, {"parameters": {"k": 1.0}}, "parameters are wrong"),
-        (laws.Duffing, {"equation": lambda self, index="": "s"}, "is not in its equation"),
-        (laws.Duffing, {"__repr__": lambda self: "Duffing"}, "repr is"),
         (laws.Dahl, {"terms": lambda self: (Term("sigma", "Z", "N"),)}, "share a name"),
     ],
 }  # fmt: skip

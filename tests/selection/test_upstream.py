@@ -19,19 +19,6 @@ def test_unbiasing_on_raw_si_columns_loses_the_cubic():
     assert abs(lost[3]) < 0.1 * true[3]
 
 
-def _problem():
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(200, 5))
-    return A, A @ [5.0, 4.0, 3.0, 2.0, 1.0] + 0.01 * rng.normal(size=200)
-
-
-@pytest.mark.parametrize("greedy", [ps.SSR(kappa=0.0), ps.FROLS(max_iter=10, alpha=1e-10)])
-def test_greedy_optimizers_never_return_the_full_model(greedy):
-    """Limits that ChainOptimizer's documentation names."""
-    A, y = _problem()
-    assert np.count_nonzero(greedy.fit(A, y[:, None]).coef_) < 5
-
-
 def test_ensembles_read_two_attributes_that_the_contract_does_not_name():
     """Why the chain optimizers carry max_iter and copy_X, which say nothing there."""
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common import number_of
 from ..common.lazy import Hook
 from ..exceptions import ChannelError
 from ..mechanics.chain import MOST_DOFS
@@ -357,14 +358,9 @@ class Record:
 @np.errstate(over="ignore")
 def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
     """Sampling rate and first time of a record, checked for an even clock."""
-    given = np.nan
-    if fs is not None:
-        try:
-            given = float(fs)
-        except (TypeError, ValueError):
-            pass
-        if not np.isfinite(given) or given <= 0:
-            raise ChannelError(f"Record {name!r}: fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
+    given = number_of(fs)
+    if fs is not None and not 0 < given < np.inf:
+        raise ChannelError(f"Record {name!r}: fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
     if time is None:
         if fs is None:
             raise ChannelError(f"Record {name!r} has no clock", "Give fs= in Hz, or the time of the samples.")

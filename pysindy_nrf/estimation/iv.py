@@ -79,14 +79,11 @@ def fits_one_step(model: ChainModel, dt: float) -> bool:
     return values is not None and bool(np.abs(values).max() * dt <= COARSE)
 
 
-def run_of(
-    model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False, start: tuple | None = None,
-    hold: str = "cubic",
-) -> Segment:  # fmt: skip
+def run_of(model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False) -> Segment:
     """Motion of a model under a record's forces, ``delay`` samples late, low-passed as the measured one if limited."""
     rows, dt = segment.valid, segment.step
     integrator = classical_run if fits_one_step(model, dt) else ChainModel.simulate
-    record = free_run_of(model, segment, start=start, integrator=integrator, rtol=1e-5, hold=hold)
+    record = free_run_of(model, segment, integrator=integrator, rtol=1e-5, hold="cubic")
     shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
     smooth = None
     if limited and segment.resolved is not None and segment.resolved < 0.45 / dt:
@@ -156,10 +153,10 @@ class IVResult:
 
 
 def instrumental_variables(
-    start: ChainModel, data: SegmentSet, problem: Problem, solve_order: SolveOrder, filters: Sequence[Any] | None = None
+    start: ChainModel, data: SegmentSet, problem: Problem, solve_order: SolveOrder
 ) -> IVResult | None:
     """Iterated instrumental variables for all strategies and laws."""
-    layout, source = problem.layout, _Instruments(data, problem, solve_order, filters)
+    layout, source = problem.layout, _Instruments(data, problem, solve_order)
     if not source.usable:
         _fall_back("in every record the force on some DOF is unknown, and a free run needs all forces", FORCES)
         return None
@@ -302,9 +299,9 @@ def _shape_step(
 class _Instruments:
     """Free runs of models under the forces of some records, as instruments of their balances."""
 
-    def __init__(self, data: SegmentSet, problem: Problem, order: SolveOrder, filters: Sequence[Any] | None) -> None:
+    def __init__(self, data: SegmentSet, problem: Problem, order: SolveOrder) -> None:
         self.data, self.problem, self.layout, self.order = data, problem, problem.layout, order
-        self.filters = problem.filters(data) if filters is None else filters
+        self.filters = problem.filters(data)
         self.groups = groups_of(self.layout, order)
         self.usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
         self.segments = [data.segments[i] for i in self.usable]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ChainError, LawError
-from ..laws.base import ForceLaw, Term
+from ..laws.base import ForceLaw
 from ..laws.power_series import PowerSeries
 from ..laws.shape import Motion
 from ..mechanics.chain import Chain
@@ -223,10 +223,6 @@ class LawLayout(Layout):
                         what = f"{site}: {owner[term.label]} and {type(law).__name__} both hold the term {term.label!r}"
                         raise LawError(what, "Their coefficients cannot be told apart; leave one out.")
                     owner[term.label] = type(law).__name__
-
-    def terms_at(self, site: str) -> list[Term]:
-        """Terms at a site, in column order."""
-        return [term for law in self.laws.get(Site(site), ()) for term in law.terms()]
 
     def labels(self, site: str) -> list[str]:
         """Distinct labels of the terms at a site, as :func:`distinct_labels` makes them."""

@@ -49,26 +49,22 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     if not np.isfinite(share) or share < 0:
         raise ChannelError(f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %.")
     measured = record.channels()
-    names = _chosen(measured, record, channels)
     rng = generator(random_state, "noise")
-    noisy = {}
-    for name in names:
+    changes: dict[str, Any] = {}
+    for name in _chosen(measured, record, channels):
         column = np.asarray(measured[name], dtype=float)
         rms = np.sqrt(np.nanmean(column**2))
-        noisy[name] = column + share * rms * rng.standard_normal(len(column))
-    changes: dict[str, Any] = {}
-    for name, column in noisy.items():
-        match = re.fullmatch(r"([Favx])(\d+)", name)
-        if match and name not in record.covariates:
-            key = OF_LETTER[match[1]]
-            if key not in changes:
-                changes[key] = np.array(getattr(record, key), dtype=float)
-            changes[key][:, int(match[2]) - 1] = column
+        column = column + share * rms * rng.standard_normal(len(column))
+        if name in record.covariates:
+            changes.setdefault("covariates", dict(record.covariates))[name] = column
         elif name in _LINES:
             changes[_LINES[name]] = column
         else:
-            changes.setdefault("covariates", dict(record.covariates))[name] = column
-    return record.replace(**changes) if changes else record.replace()
+            key = OF_LETTER[name[0]]
+            if key not in changes:
+                changes[key] = np.array(getattr(record, key), dtype=float)
+            changes[key][:, int(name[1:]) - 1] = column
+    return record.replace(**changes)
 
 
 def _chosen(measured: dict[str, np.ndarray], record: Record, channels: Iterable[str] | None) -> list[str]:

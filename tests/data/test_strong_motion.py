@@ -29,18 +29,6 @@ def test_the_peaks_are_those_of_the_header(channel):
         assert line[at] == float(value) and at / 50 == pytest.approx(float(time), abs=0.021)
 
 
-def test_velocity_is_the_rate_of_displacement():
-    """In SI: the three series of a channel belong to one motion."""
-    pytest.importorskip("pint")
-    rec = read_record(
-        path_of(5), mapping={"a1": "acceleration", "v1": "velocity", "x1": "displacement"}, coordinates="absolute"
-    )
-    rate = np.gradient(rec.displacement[:, 0], rec.dt)
-    v = rec.velocity[:, 0]
-    assert rate @ v / (v @ v) == pytest.approx(1, abs=0.02)
-    assert np.abs(rec.acceleration).max() == pytest.approx(4.88587, rel=1e-6)
-
-
 def test_several_files_of_one_test():
     pytest.importorskip("pint")
     paths = [path_of(2), path_of(5)]

@@ -60,13 +60,6 @@ def test_record_ids_beside_arrays(data):
 
 
 @pytest.mark.slow
-def test_tables(client, data, in_memory):
-    dd = pytest.importorskip("dask.dataframe")
-    frame = table(*data)
-    same(NRFRegressor().fit(dd.from_pandas(frame, npartitions=7)), in_memory)
-
-
-@pytest.mark.slow
 def test_delayed_records_of_a_roving_hammer(client):
     """Record j forces DOF j alone, and only its worker ever holds it; the answer is that of one list of records."""
     first = chains.duffing(3, [1], seed=1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import chains
 import numpy as np
 import pytest
 from hypothesis import given
@@ -180,15 +179,6 @@ def test_a_force_that_depends_on_the_path_is_no_surface(dahl):
 def test_what_cannot_be_a_model(make, message):
     with pytest.raises((ChainError, LawError), match=message):
         make()
-
-
-def test_the_model_runs_free(chain4):
-    """The identified model, left alone under the measured force, moves as the structure did."""
-    model = NRFRegressor(degree=3, dt=chain4.dt).fit(chain4.X, chain4.F)
-    given = (chain4.m, chain4.c, chain4.k, chain4.k3)
-    *_, s = chains.integrate(*given, chain4.F[:800], chain4.dt, substeps=8)
-    x = model.simulate(chain4.F[:800]).displacement
-    assert np.abs(x - s.cumsum(axis=1)).max() < 1e-5 * np.abs(s).max()
 
 
 def test_a_model_with_a_floor_that_nothing_holds():

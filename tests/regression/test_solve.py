@@ -189,9 +189,6 @@ def test_a_chain_held_at_both_ends(forced):
     assert model.restoring_forces_[4].coefficients[["v", "s"]].tolist() == pytest.approx([60.0, 5e4], rel=EXACT)
 
 
-# -- against NumPy's least squares ------------------------------------------------------------------
-
-
 # -- the paper's damper ---------------------------------------------------------------------------
 
 

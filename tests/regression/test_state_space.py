@@ -46,22 +46,6 @@ def test_its_right_hand_side_is_newtons_second_law(case):
     assert np.abs(rates[:, N:] - a).max() < 1e-12 * np.abs(a).max()
 
 
-def test_its_free_run_is_that_of_an_independent_integrator(case):
-    model = truth_of(case)
-    start = state_of(case)[1000]
-    t = np.arange(60) * case.dt
-    run = model.to_sindy(case.dt).simulate(start, t, u=lambda tau: np.zeros((np.size(tau), N)) if np.ndim(tau) else np.zeros(N))
-
-    def rate(_, y):
-        x, v = y[:N], y[N:]
-        s, w = np.diff(x, prepend=0.0), np.diff(v, prepend=0.0)
-        R = case.c * w + case.k * s + case.k3 * s**3
-        return np.concatenate([v, (-R + np.append(R[1:], 0.0)) / case.m])
-
-    exact = solve_ivp(rate, (0, t[-1]), start, t_eval=t[: len(run)], rtol=1e-10, atol=1e-14, method="DOP853").y.T
-    assert np.abs(run - exact).max() < 1e-5 * np.abs(exact).max()
-
-
 @settings(deadline=None, max_examples=25)
 @given(st.integers(1, 5), st.integers(0, 10_000))
 def test_there_and_back_is_the_same_model(n, seed):

@@ -11,7 +11,7 @@ import sys
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -83,7 +83,7 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     variables: dict[str, np.ndarray] = {}
     total = 0
     with reading_as(path, kind), h5py.File(path, "r") as file:
-        for name, item in data_sets(h5py, file):
+        for name, item in data_sets(h5py, file).items():
             text = matlab and item.attrs.get("MATLAB_class") in (b"char", "char")
             empty = item.shape is None or "MATLAB_empty" in item.attrs
             if text or empty or name.startswith("#") or item.dtype.kind not in "biufc":
@@ -103,28 +103,11 @@ def require_own(path: Any, name: str, item: Any) -> None:
         raise FileFormatError(f"{path}: the data set {name!r} lies in another file, which is not opened", cure)
 
 
-def data_sets(h5py: Any, file: Any) -> Iterator[tuple[str, Any]]:
-    """Name and data set, each once, of those that the file itself holds; links into other files are not followed."""
-
-    def number(item: Any) -> Any:
-        return h5py.h5g.get_objinfo(item.id).objno
-
-    seen = {number(file["/"])}
-    stack = [("", file)]
-    while stack:
-        name, item = stack.pop()
-        if isinstance(item, h5py.Dataset):
-            yield name, item
-        if not isinstance(item, h5py.Group):
-            continue
-        inside = []
-        for key in item:
-            if isinstance(item.get(key, getlink=True), h5py.HardLink):
-                own = number(item[key])
-                if own not in seen:
-                    seen.add(own)
-                    inside.append((f"{name}/{key}" if name else key, item[key]))
-        stack += reversed(inside)
+def data_sets(h5py: Any, file: Any) -> dict[str, Any]:
+    """Data sets by name, each once, that the file itself holds; links into other files are not followed."""
+    found: dict[str, Any] = {}
+    file.visititems(lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {}))
+    return found
 
 
 _HEADER, _COMPRESSED = 128, 15

@@ -92,12 +92,8 @@ def is_unit(text: str) -> bool:
     cleaned = _clean(text)
     if cleaned in _SI.values():
         return True
-    if _tokens(cleaned) is None or (len(cleaned) == 1 and cleaned not in "msgNGh"):
-        return False  # "acc (A)" numbers a sensor
-    return any(
-        found is not None and found[1] == _EXPONENTS[kind] for kind in _SI
-        for found in map(_parsed, _readings(cleaned, kind))
-    )  # fmt: skip
+    numbers_a_sensor = len(cleaned) == 1 and cleaned not in "msgNGh"  # "acc (A)"
+    return not numbers_a_sensor and kind_of_unit(text) is not None
 
 
 def _clean(unit: str) -> str:

@@ -285,15 +285,11 @@ class Accumulator:
 
     def merge(self, other: Accumulator) -> Accumulator:
         """Add the chunks of another accumulator of the same data; both closed."""
-        if other.model is None:
-            self.runs = joined([*self.runs, *other.runs])
-            self.n_samples += other.n_samples
-            return self
-        if self.model is None:
+        if self.model is None and other.model is not None:
             for name, value in vars(other).items():
                 if name not in ("runs", "n_samples"):
                     setattr(self, name, value)
-        else:
+        elif self.model is not None and other.model is not None:
             if self.model.chain.n_dof != other.model.chain.n_dof:
                 what = f"One part of the data has {self.model.chain.n_dof} DOFs, another {other.model.chain.n_dof}"
                 raise ChannelError(what, "Give records of one chain.")

@@ -77,8 +77,8 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         n = n_dof_of(names, "The table")
         wanted = wanted_columns(names, n, covariates, coordinates, "The table")
         values = {c: item[c].to_numpy() for c in wanted}
-        if item.index.name in ("t", "time") or item.index.dtype.kind in "mM":
-            values.setdefault("t", item.index.to_numpy())
+        if (time := _table_time(item)) is not None:
+            values["t"] = time
         return chunk_of_columns(values, n, covariates, "record", first, coordinates)
     if isinstance(item, tuple) and len(item) == 2:
         return Chunk(item[0], item[1], first=first, time=_table_time(item[0]))
@@ -310,7 +310,7 @@ class HDF5Source(TableSource):
         self._h5py = require("h5py", "files", "Reading HDF5 files")
         try:
             with self._h5py.File(self.path, "r") as file:
-                sets = {k: v for k, v in data_sets(self._h5py, file) if "/" not in k}
+                sets = {k: v for k, v in data_sets(self._h5py, file).items() if "/" not in k}
                 for name, held in sets.items():
                     require_own(self.path, name, held)
                 lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}

@@ -69,7 +69,7 @@ def close_loop(
         Effects at most.
     calibration : mapping, optional
         Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another DOF's motion that it reads) as
-        shares, 0.03 where nothing is known, and ``delay`` in s, half a sampling step. What is none beyond them
+        shares, 0.02 where nothing is known, and ``delay`` in s, 0.4 of a sampling step. What is none beyond them
         is not claimed.
     progress : bool
         Show a progress bar (tqdm) where the error stream is a terminal.

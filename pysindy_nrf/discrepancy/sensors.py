@@ -17,7 +17,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import lsq_linear, minimize_scalar
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
 
 from ..exceptions import NRFError
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
@@ -137,13 +138,13 @@ def _motion(seg: Segment, dof: int) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Error:
-    """Part of another DOF's channel, of its own rate or of itself that a channel reads, and the most it may be."""
+    """Part of another DOF's channel, of its own rate or of itself that a channel reads, and its standard deviation."""
 
     kind: str
     dof: int
     name: str
     source: int
-    most: float
+    deviation: float
 
 
 # Columns of the spectra by which errors are estimated: some for each of a hundred errors in each of 24 bands.
@@ -151,7 +152,7 @@ _COLUMNS = 8_000
 
 
 class Freed(NamedTuple):
-    """A trial on records freed of errors of channels, and these errors as shares of their tolerances."""
+    """A trial on records freed of errors of channels, and these errors in standard deviations."""
 
     trial: Trial
     errors: np.ndarray
@@ -160,9 +161,9 @@ class Freed(NamedTuple):
 def calibrated(
     trial: Trial, ready: Prepared, tolerances: Mapping[str, float], start: np.ndarray | None = None
 ) -> Freed:  # fmt: skip
-    """The trial on records freed of the errors of all channels, within tolerances, that leave the least residual.
+    """The trial on records freed of the likeliest errors of all channels that are credible together.
 
-    Bounded least squares in the errors; masses, coefficients and weights follow them (variable projection, Golub and
+    Least squares in the errors; masses, coefficients and weights follow them (variable projection, Golub and
     Pereyra 1973). An effect that these errors explain as well is none.
     """
     work, windows = trial.ruler.work, trial.ruler.windows
@@ -173,31 +174,33 @@ def calibrated(
         return Freed(trial, np.zeros(0))
     changes, rows, numbers = [], [], []
     for number, error in enumerate(errors):
-        data = _erroneous(work, readings, [(error, 0.1 * error.most)])
+        data = _erroneous(work, readings, [(error, 0.1 * error.deviation)])
         touched, spectra = _changed(trial, work.with_data(data), error)
         changes.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
         rows += touched
         numbers += [number] * len(touched)
     start = np.zeros(len(errors)) if start is None else start
-    shares = _Errors(trial, thin, np.vstack(changes), np.array(rows), np.array(numbers)).fitted(start)
+    channels = len({(e.kind, e.dof) for e in errors})
+    shares = _Errors(trial, thin, np.vstack(changes), np.array(rows), np.array(numbers), channels).fitted(start)
     try:
-        freed = on(trial, _erroneous(work, readings, [(e, x * e.most) for e, x in zip(errors, shares)]))
+        freed = on(trial, _erroneous(work, readings, [(e, x * e.deviation) for e, x in zip(errors, shares)]))
     except NRFError:
         return Freed(trial, shares)
     return Freed(freed if freed.gain_over(trial).value > 0 else trial, shares)
 
 
 class _Errors:
-    """Errors of channels, as shares of their tolerances, in some columns of the spectra of a trial.
+    """Errors of channels, in standard deviations, in some columns of the spectra of a trial.
 
     Row ``rows[i]`` of the spectra changes by ``changes[i]`` for each unit of error ``numbers[i]``.
     """
 
     def __init__(
-        self, trial: Trial, thin: np.ndarray, changes: np.ndarray, rows: np.ndarray, numbers: np.ndarray
+        self, trial: Trial, thin: np.ndarray, changes: np.ndarray, rows: np.ndarray, numbers: np.ndarray, channels: int
     ) -> None:
+        self.channels = channels
         self.fit, self.changes, self.rows, self.numbers = trial.fit, changes, rows, numbers
-        self.spectra, self.weights = trial.spectra[:, thin], trial.weights
+        self.spectra, self.weights, self.samples = trial.spectra[:, thin], trial.weights, trial.ruler.windows.size
         self.lowest = [g.dofs[0] - 1 for g in self.fit.groups]
         self.used, self.band = np.empty((len(self.lowest), len(thin))), np.empty(len(thin), dtype=int)
         for each, spans in zip(trial.used(self.fit), trial.ruler.windows.spans):
@@ -243,32 +246,36 @@ class _Errors:
         return new, cost if np.isfinite(power).all() else np.inf
 
     def _step(self, shares: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The step that leaves the least residual to first order, within the tolerances."""
-        at, size = self._at(shares), 0.1
+        """The step to the likeliest errors, to first order: the least residual by errors that are credible together."""
+        at, part = self._at(shares), 0.1
         grams = np.empty((len(shares) + 1, len(self.used), len(at), len(at)))
         for u, (j, used) in enumerate(zip(self.lowest, self.used)):
             heavy = at * (weights[j, self.band] * used)
             grams[:, u] = heavy @ at.T
-            cross = size * heavy @ self.changes.T
+            cross = part * heavy @ self.changes.T
             for column, row, number in zip(cross.T, self.rows, self.numbers):
                 grams[number + 1, u, :, row] += column
                 grams[number + 1, u, row] += column
         rows = self.fit.rows(*self.fit.solve(grams))[0]
         each = np.sqrt(weights[:, self.band] * self.used[self.fit.judged])
-        slopes = np.tensordot((rows[1:] - rows[0]) / size, at, 1)
+        slopes = np.tensordot((rows[1:] - rows[0]) / part, at, 1)
         for change, row, number in zip(self.changes, self.rows, self.numbers):
             slopes[number] += np.outer(rows[number + 1, :, row], change)
         table = np.vstack([(slopes * each).reshape(len(shares), -1), (rows[0] @ at * each).reshape(1, -1)])
-        good = np.isfinite(table).all(axis=1)
-        normal = table[good] @ table[good].T
-        # a prior of the tolerances, so weak that it only chooses between errors that the records cannot tell apart
-        prior = max(1e-6 * normal[-1, -1], 1e-12 * normal.diagonal().max()) * np.eye(len(normal) - 1)
-        factor = np.linalg.cholesky(normal[:-1, :-1] + prior).T
-        target = np.linalg.solve(factor.T, -normal[:-1, -1] - prior @ shares[good[:-1]])
-        step = np.zeros_like(shares)
-        bounds = -1.0 - shares[good[:-1]], 1.0 - shares[good[:-1]]
-        step[good[:-1]] = lsq_linear(factor, target, bounds).x
-        return step
+        table[~np.isfinite(table).all(axis=1)] = 0.0
+        normal = table @ table.T
+        size, turn = np.linalg.eigh(normal[:-1, :-1])
+        pull = turn.T @ (normal[:-1, :-1] @ shares - normal[:-1, -1])
+
+        def found(weight: float) -> np.ndarray:
+            return turn @ (pull / (np.maximum(size, 0.0) + weight))
+
+        # the prior of the errors, and more of it until all of them together are credible: one for each channel
+        weight = max(weights.shape[1] / self.samples, 1e-12 * size[-1])
+        credible = chi2.median(self.channels)
+        while np.sum(found(weight) ** 2) > credible and weight < 1e12 * size[-1]:
+            weight *= 2.0
+        return found(weight) - shares
 
 
 def _errors(
@@ -280,7 +287,7 @@ def _errors(
     for kind, j, (name, most) in product("avxF", dofs, tolerances.items()):
         if f"{kind}{j}" in measured and most:
             others = [k for k in dofs if k != j and kind != "F"] if name == "cross_axis" else [j]
-            yield from (_Error(kind, j, name, k, most) for k in others)
+            yield from (_Error(kind, j, name, k, most / np.sqrt(3.0)) for k in others)
 
 
 def _erroneous(

@@ -143,7 +143,6 @@ class BreakAwayFriction(_Friction):
     shapes = (Shape("d", "m", 0.02, 2.0, "s"),)
     columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "Peak[s]", "N"))
     n_states = 1
-    expected_positive = ("dF",)
     special_cases = {CoulombFriction: lambda c: BreakAwayFriction(d=1.0, Fc=c.values[0], dF=0.0)}
 
     @staticmethod

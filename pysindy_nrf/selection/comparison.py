@@ -91,7 +91,6 @@ class PlainSINDy:
 
     finds_masses = False
     targets_of_one = False  # targets divided by their norm
-    note = ""
 
     def __init__(self, degree: int, normalise: bool) -> None:
         self.degree, self.normalise = degree, normalise
@@ -259,7 +258,6 @@ class Ours:
     """NRFRegressor with some optimizer, or with the terms that the held-out rule leaves ("select")."""
 
     finds_masses = True
-    note = ""
 
     def __init__(self, degree: int, optimizer: Any, estimation: str = "ls") -> None:
         self.degree, self.optimizer, self.estimation = degree, optimizer, estimation
@@ -457,7 +455,7 @@ def row_of(
         entry.terms, precision, recall,
         float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
         ruler.force_error(R) if ruler.known else np.nan, ruler.force_error(own) if ruler.known else np.nan,
-        ruler.balance_error(handed, a_hat, rest), run, gap, found, seconds, "; ".join(filter(None, (entry.note, note))),
+        ruler.balance_error(handed, a_hat, rest), run, gap, found, seconds, note,
     ], R  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from ..mechanics.sites import Site
 from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
 from ..regression.gram_pass import GramPass
 from ..regression.grams import BlockGrams
-from ..regression.layout import Block, Group, LawLayout, cut_at
+from ..regression.layout import Block, Group, LawLayout
 from ..regression.segments import SegmentSet
 
 
@@ -71,7 +71,7 @@ class Order:
 
 
 class FoldMoments:
-    """Gram matrices of the pieces into which the folds cut the data, of all orders that will be asked for."""
+    """Gram matrices of the samples that are on the same sides of all folds, of all orders that will be asked for."""
 
     def __init__(
         self, chain: Chain, laws: Mapping[Site, Sequence[ForceLaw]], orders: Mapping[Site, Iterable[Any]],
@@ -90,11 +90,11 @@ class FoldMoments:
         self.n_folds = len(folds)
         self._solve_orders: dict[Any, SolveOrder] = {}
         self._backs: dict[tuple[int, ...], np.ndarray] = {}
-        self.piece_class: list[int] = []
-        self.sums: list[np.ndarray] = []  # of the accelerations, for the variance behind R^2
-        self.counts: list[np.ndarray] = []
+        size = len(self.membership), chain.n_dof
+        self.sums, self.counts = np.zeros(size), np.zeros(size)  # of the accelerations, for the variance behind R^2
         self._totals: dict[Any, tuple[BlockGrams, np.ndarray, np.ndarray]] = {}
-        self.pieces = GramPass(self.layout, self.groups, self.known_masses).add_each(self._blocks()).grams()
+        grams = GramPass(self.layout, self.groups, self.known_masses, n_blocks=size[0])
+        self.pieces = grams.add_each(self._blocks()).grams()
 
     def _groups(self) -> list[Group]:
         solve_order = plan_solve_order(
@@ -132,39 +132,18 @@ class FoldMoments:
         return self._backs[dofs]
 
     def _blocks(self) -> Iterator[tuple[int, Block]]:
-        """All samples, and the number of the piece they belong to."""
+        """All samples, and the class they belong to."""
         for seg, filter in zip(self.data.segments, self.filters):
-            classes = self.class_of[seg.rows][seg.valid]
-            cuts = _cuts(classes)
-            shuffled: dict[int, int] = {}  # piece of each class
-            blocks = map(self._whiten, seg.blocks(self.layout, filter=filter))
-            if cuts is not None:
-                first = len(self.piece_class)
-                for low in cuts:
-                    self._open(int(classes[low]))
-                yield from (self._counted(*part) for part in cut_at(cuts, blocks, first))
-                continue
-            at = 0
-            for block in blocks:
+            classes, at = self.class_of[seg.rows][seg.valid], 0
+            for block in map(self._whiten, seg.blocks(self.layout, filter=filter)):
                 here = classes[at : at + block.n_samples]
-                for code in np.unique(here):
-                    if code not in shuffled:
-                        shuffled[code] = self._open(int(code))
-                    yield self._counted(shuffled[code], block.take(here == code))
                 at += block.n_samples
-
-    def _open(self, code: int) -> int:
-        self.piece_class.append(code)
-        self.sums.append(np.zeros(self.chain.n_dof))
-        self.counts.append(np.zeros(self.chain.n_dof))
-        return len(self.piece_class) - 1
-
-    def _counted(self, piece: int, block: Block) -> tuple[int, Block]:
-        """A block of a piece, with its accelerations summed up and its samples counted."""
-        n, known = block.n_samples, np.array(block.known)
-        self.sums[piece] += np.where(known, block.acceleration @ np.ones(n), 0.0)
-        self.counts[piece] += known * n
-        return piece, block
+                for code in np.unique(here).tolist():
+                    part = block.take(here == code)
+                    known = np.array(block.known)
+                    self.sums[code] += np.where(known, part.acceleration.sum(axis=1), 0.0)
+                    self.counts[code] += known * part.n_samples
+                    yield code, part
 
     def total(self, fold: Any, side: str = "train") -> tuple[BlockGrams, np.ndarray, np.ndarray]:
         """Roots of one side of a fold, sums of accelerations and counts; None: of all samples, EVERY: stacked."""
@@ -173,13 +152,13 @@ class FoldMoments:
             if fold is None:
                 wanted = np.ones((1, len(self.pieces)))
             else:
-                chosen = self.membership[self.piece_class] == {"train": 1, "test": 2}[side]
+                chosen = (self.membership == {"train": 1, "test": 2}[side]) & (self.pieces.n_samples > 0)[:, None]
                 wanted = 1.0 * chosen.T[slice(None) if fold == EVERY else [fold]]
             empty = np.flatnonzero(~wanted.any(axis=1))
             if empty.size:
                 number = empty[0] if fold == EVERY else fold
                 raise ChannelError(f"Fold {number} has no {side} samples", "Check the splitter.")
-            found = self._sums(wanted), wanted @ np.array(self.sums), wanted @ np.array(self.counts)
+            found = self._sums(wanted), wanted @ self.sums, wanted @ self.counts
             self._totals[key] = found if fold == EVERY else (found[0][0], found[1][0], found[2][0])
         return self._totals[key]
 
@@ -258,11 +237,3 @@ def _classes(size: int, folds: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple
         code, unique = pd.factorize(code * 3 + side[starts])
         membership = np.column_stack([membership[unique // 3], (unique % 3).astype(np.int8)])
     return np.repeat(code, np.diff(starts, append=size)), membership
-
-
-def _cuts(classes: np.ndarray) -> np.ndarray | None:
-    """Where pieces start, or None if the folds are too fine to be cut into pieces."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(classes)) + 1])
-    if len(starts) > 8 and len(classes) / len(starts) < 64:
-        return None
-    return starts

@@ -52,23 +52,14 @@ def test_the_diagnosis_says_it_with_its_channel():
     assert "delay" not in set(NRFRegressor(degree=1).fit(rec).diagnose().table["limit"])
 
 
-def with_wrong_zero(kind):
-    rec = record(kind, 0.02).replace(velocity=None)
-    return rec.replace(displacement=rec.displacement + [0.0, 2.0 * rec.displacement[:, 1].std()])
-
-
 def test_what_the_band_of_the_fit_takes_out_gives_no_delay():
     """A constant in x2 ruins the balances, but not within a band that does not hold it: no delay is seen there either."""
-    model = NRFRegressor(degree=1, band=(1, 60)).fit(with_wrong_zero("random"))
+    rec = record(noise=0.02).replace(velocity=None)
+    wrong = rec.replace(displacement=rec.displacement + [0.0, 2.0 * rec.displacement[:, 1].std()])
+    model = NRFRegressor(degree=1, band=(1, 60)).fit(wrong)
     assert model.masses_ == pytest.approx(TRUTH.masses, rel=0.05)
     assert force_delay(model)["aligned"].all() and (force_delay(model)["samples"].abs() < 0.05).all()
     assert "delay" not in set(model.diagnose().table["limit"])
-
-
-@pytest.mark.parametrize("kind", ["random", "hammer"])
-def test_a_balance_that_does_not_hold_tells_no_delay(kind):
-    model = NRFRegressor(degree=1).fit(with_wrong_zero(kind))
-    assert force_delay(model)["aligned"].all() and "delay" not in set(model.diagnose().table["limit"])
 
 
 def test_without_a_force_there_is_nothing_to_tell():

@@ -204,9 +204,6 @@ def test_smooth_surface_holds_friction_and_polynomials():
     assert left(laws.CoulombFriction(), power, known) > 0.2
 
 
-# -- numbers an engineer knows --------------------------------------------------------------------
-
-
 # -- the law in a free run ------------------------------------------------------------------------
 
 

@@ -37,13 +37,6 @@ def test_path_in_blocks_that_share_a_sample_is_the_same_to_the_last_bit():
     assert np.array_equal(np.hstack([whole[:, :1], *pieces]), whole)
 
 
-def test_velocity_that_contradicts_the_drift_takes_the_straight_way():
-    t = np.arange(3) / 1000
-    s, v = np.array([0.0, 1e-3, 2e-3]), np.array([1.0, -1.0, 1.0])
-    z = laws.Dahl(sigma=500.0).features(Motion(s, v, t=t))[:, 0]
-    np.testing.assert_allclose(z, 1 - np.exp(-500.0 * s), rtol=1e-14)
-
-
 # -- the way between two samples --------------------------------------------------------------------
 
 

@@ -60,13 +60,6 @@ def test_the_free_run_is_the_simulation_from_the_first_state(fitted):
         scorers.free_run(NRFRegressor(degree=3).fit(case.X, case.F), case.X, case.F)
 
 
-def test_a_clean_model_has_an_error_of_round_off(fitted):
-    """Not the square root of it, which the squares of a Gram matrix would leave."""
-    case, _ = fitted
-    model = NRFRegressor(degree=3).fit(case.X[:1500], case.F[:1500])
-    assert 0 < -scorers.balance(model, case.X[1500:], case.F[1500:]) < 1e-8
-
-
 def test_what_is_no_chain_is_refused():
     with pytest.raises(NRFError, match="not a chain regressor"):
         scorers.balance(LinearRegression(), np.zeros((3, 3)), np.zeros(3))

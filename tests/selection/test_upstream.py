@@ -19,15 +19,5 @@ def test_unbiasing_on_raw_si_columns_loses_the_cubic():
     assert abs(lost[3]) < 0.1 * true[3]
 
 
-def test_ensembles_read_two_attributes_that_the_contract_does_not_name():
-    """Why the chain optimizers carry max_iter and copy_X, which say nothing there."""
-
-    class Bare:
-        pass
-
-    with pytest.raises(AttributeError, match="max_iter"):
-        ps.EnsembleOptimizer(Bare(), bagging=True)
-
-
 def test_the_pinned_version():
     assert ps.__version__.startswith("2.1."), "the quirks above were read in PySINDy 2.1"

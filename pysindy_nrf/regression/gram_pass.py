@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..common.threads import in_threads
 from .gram import Plan
-from .grams import BlockGrams, Dofs, root_of, width_of
+from .grams import BlockGrams, root_of, width_of
 from .layout import Block, Group, LawLayout, Layout, cut_at
 from .segments import Segment, SegmentSet
 
@@ -37,8 +37,8 @@ class GramPass:
         self.known_masses = dict(known_masses or {})
         self._widths = {g.dofs: width_of(layout, g) for g in groups}
         self.counts: list[float] = []  # samples of each number, by their weights
-        self._sums: list[dict[tuple[bool, ...], list[Any]]] = []  # by the known forces: products, samples
-        self._roots: list[dict[Dofs, _Root]] = []
+        # products and samples by the known forces; for "root" roots and samples by balance
+        self._sums: list[dict[tuple, list[Any]]] = []
         self._before: BlockGrams | None = None
         self._plan: Plan | None = None
         self._open(n_blocks - 1)
@@ -78,11 +78,11 @@ class GramPass:
                 self._open(number)
                 self.counts[number] += block.weight
                 columns = block.weighted
-                for dofs, part in self._roots[number].items():
+                for dofs, part in self._sums[number].items():
                     if all(block.known[j - 1] for j in dofs):
                         rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
-                        part.root = root_of(np.hstack([part.root.T, rows]).T)
-                        part.n_samples += block.weight
+                        part[0] = root_of(np.hstack([part[0].T, rows]).T)
+                        part[1] += block.weight
             return self
 
         plan = self.plan  # made before the threads ask for it
@@ -106,8 +106,7 @@ class GramPass:
         for number in range(len(self.counts)):
             for dofs, matrix in matrices.items():
                 if self.kind == "root":
-                    part = self._roots[number][dofs]
-                    matrix[number], sizes[dofs][number] = part.root, part.n_samples
+                    matrix[number], sizes[dofs][number] = self._sums[number][dofs]
                     continue
                 take = self.plan.take[dofs]
                 for known, (store, size) in self._sums[number].items():
@@ -126,9 +125,8 @@ class GramPass:
     def _open(self, number: int) -> None:
         while len(self.counts) <= number:
             self.counts.append(0)
-            self._sums.append({})
             roots = self._widths.items() if self.kind == "root" else ()
-            self._roots.append({dofs: _Root(np.zeros((p, p))) for dofs, p in roots})
+            self._sums.append({dofs: [np.zeros((p, p)), 0.0] for dofs, p in roots})
 
     def _room(self, number: int, blocks: Sequence[Block]) -> np.ndarray:
         """Where products of these blocks are summed up; counts their samples."""
@@ -140,14 +138,6 @@ class GramPass:
         self.counts[number] += size
         held[1] += size
         return held[0]
-
-
-@dataclass
-class _Root:
-    """Triangular root of the Gram matrix of some columns."""
-
-    root: np.ndarray
-    n_samples: float = 0.0
 
 
 def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]) -> np.ndarray:

@@ -188,11 +188,19 @@ def _from_frame(
     bases = [as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None for c in ("xdot0", "x0")]
     if (bases[0] is None) != (bases[1] is None) and base:
         raise ChannelError("X has only one of the columns xdot0 and x0", "Give both, or neither for a base at rest.")
-    time = next((frame[present[c]].to_numpy() for c in ("t", "time") if c in present), None)
-    named, dated = frame.index.name in ("t", "time"), isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex))
-    if time is None and (named or dated):
-        time = frame.index.to_numpy() if frame.index.dtype.kind in "fiu" else frame.index
-    return values, bases[0], bases[1], time, n
+    return values, bases[0], bases[1], table_time(frame), n
+
+
+def table_time(X: Any) -> Any:
+    """Time of the rows of a table, from a column or the index; None if it has none."""
+    if not hasattr(X, "columns"):
+        return None
+    named = next((c for c in ("t", "time") if c in X.columns), None)
+    if named is not None:
+        return X[named].to_numpy()
+    if X.index.dtype.kind in "mM":
+        return X.index
+    return X.index.to_numpy() if X.index.name in ("t", "time") else None
 
 
 def _array_names(X: Any, coordinates: str) -> list[str] | str:

@@ -238,18 +238,9 @@ class LawLayout(Layout):
         """How the columns follow from rates and drifts, as far as they are products of them."""
         return _recipe(self)
 
-    def columns(self, site: Site, motion: Motion, states: dict | None = None) -> np.ndarray:
+    def columns(self, site: Site, motion: Motion) -> np.ndarray:
         """Feature columns at a site along one contiguous record."""
-        out = np.empty((self.counts[site], motion.n_samples))
-        row = 0
-        for i, law in enumerate(self.laws.get(site, ())):
-            state = None
-            if law.has_memory and states is not None:
-                state = states.setdefault((site, i), np.zeros(law.n_states))
-            columns = law.features(motion, state)
-            out[row : row + columns.shape[1]] = columns.T
-            row += columns.shape[1]
-        return out.T
+        return np.hstack([np.empty((motion.n_samples, 0)), *(law.features(motion) for law in self.laws.get(site, ()))])
 
 
 # Samples in a block of finished columns; blocks of motions hold fewer where there are many channels, so that a

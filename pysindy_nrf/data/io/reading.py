@@ -46,18 +46,6 @@ class Reading:
     clock: str = ""  # sampling rate and how it was found, in words
 
 
-@dataclass
-class Load:
-    """Excitation of a structure: force (n_samples, n_dof), N; base acceleration or None, m/s^2; fs in Hz; t0 in s."""
-
-    name: str
-    fs: float
-    t0: float
-    force: np.ndarray
-    base_acceleration: np.ndarray | None
-    covariates: dict[str, np.ndarray]
-
-
 def read_record(path: Any, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                 units: Mapping[str, str] | None = None, name: str | None = None,
                 coordinates: str | None = None, max_bytes: int = MAX_BYTES) -> Record:  # fmt: skip
@@ -137,8 +125,8 @@ def inspect_record(path: Any, *, max_bytes: int = MAX_BYTES, **options: Any) -> 
 
 def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None = None, fs: float | None = None,
                     units: Mapping[str, str] | None = None, name: str | None = None,
-                    max_bytes: int = MAX_BYTES) -> Load:  # fmt: skip
-    """Read the excitation of a structure, to simulate its response."""
+                    max_bytes: int = MAX_BYTES) -> Record:  # fmt: skip
+    """Read the excitation of a structure, to simulate its response; the motions of the record are zeros."""
     table = read_table(path, max_bytes=max_bytes)
     # a mapping file of the whole test may name motions that are not in this file
     mapping = {c: text for c, text in (mapping or {}).items() if not _is_motion(c)}
@@ -157,7 +145,7 @@ def read_excitation(path: Any, n_dof: int, *, mapping: Mapping[str, str] | None 
     record = record_of(table, lines, sources, fs, name or table.path.stem, "relative")[0]
     if record.unknown:
         raise ChannelError(f"F{record.unknown[0]} is unknown", "A simulation needs the force itself.")
-    return Load(record.name, record.fs, record.t0, record.force, record.base_acceleration, record.covariates)
+    return record
 
 
 def _is_motion(channel: str) -> bool:

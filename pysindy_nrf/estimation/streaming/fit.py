@@ -112,7 +112,7 @@ def is_streamed(X: Any) -> bool:
 
 def fit_streamed(
     estimator: Any, X: Any, F: Any = None, *, state: Any = None, save_every: float = SAVE_EVERY,
-    progress: bool | None = None, chunk_samples: int | None = None, **beside: Any,
+    chunk_samples: int | None = None, **beside: Any,
 ) -> Any:  # fmt: skip
     """Fit an estimator in one pass over chunks (``beside`` X: record, time, ...); memory does not grow with them."""
     if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
@@ -124,7 +124,7 @@ def fit_streamed(
     options: Any = dict(coordinates=estimator.coordinates, laws_read=read, chunk_samples=chunk_samples)
     source = open_source(X, F, **beside, **options)
     with threadpool_limits(1, "blas"):  # the matrices are small, and other fits may run beside this one
-        passes = _Passes(estimator, source, state, save_every, progress)
+        passes = _Passes(estimator, source, state, save_every)
         fitted(passes.run, "gram" if source.again else "root")
     passes.done()
     return estimator
@@ -170,9 +170,8 @@ def _exact(value: Any) -> str:
 class _Passes:
     """Passes over a source with progress and a state on disk."""
 
-    def __init__(self, estimator: Any, source: Source, state: Any, save_every: float, progress: bool | None) -> None:
+    def __init__(self, estimator: Any, source: Source, state: Any, save_every: float) -> None:
         self.estimator, self.source, self.save_every = estimator, source, save_every
-        self.progress = progress
         self.mark = identity(estimator, source) if source.again else ""
         self.path: Path | None = None
         self.own = False  # true once the file is known to be a state
@@ -199,7 +198,7 @@ class _Passes:
         with tqdm(
             total=self.source.n_samples, initial=accumulator.n_samples, unit="sample", unit_scale=True, delay=1.0,
             desc="fit, second pass" if self.source.again and accumulator.kind == "root" else "fit",
-            disable=None if self.progress is None else not self.progress,
+            disable=None,
         ) as bar:  # fmt: skip
             try:
                 for chunk in islice(self.source.chunks(), number, None):

@@ -17,6 +17,7 @@ from ...data.io.arrays import data_sets, require_own
 from ...data.io.table import check_file, unreadable
 from ...data.record import Record, seconds_of
 from ...exceptions import ChannelError, FileFormatError
+from ...regression.input_arrays import table_time
 from ...regression.segments import feature_names
 from ...signals.kinematics import base_acceleration_if_any
 
@@ -77,24 +78,14 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         n = n_dof_of(names, "The table")
         wanted = wanted_columns(names, n, covariates, coordinates, "The table")
         values = {c: item[c].to_numpy() for c in wanted}
-        if (time := _table_time(item)) is not None:
+        if (time := table_time(item)) is not None:
             values["t"] = time
         return chunk_of_columns(values, n, covariates, "record", first, coordinates)
     if isinstance(item, tuple) and len(item) == 2:
-        return Chunk(item[0], item[1], first=first, time=_table_time(item[0]))
+        return Chunk(item[0], item[1], first=first, time=table_time(item[0]))
     if isinstance(item, np.ndarray):
         return Chunk(item, first=first)
     raise ChannelError(f"The iterator gave {type(item).__name__}", "It must give DataFrames, pairs (X, F) or Records.")
-
-
-def _table_time(X: Any) -> Any:
-    """Time of the rows of a table, from a column or the index; None if it has none."""
-    if not hasattr(X, "columns"):
-        return None
-    named = next((c for c in ("t", "time") if c in X.columns), None)
-    if named is not None:
-        return X[named].to_numpy()
-    return X.index.to_numpy() if X.index.name in ("t", "time") or X.index.dtype.kind in "mM" else None
 
 
 def n_dof_of(columns: Sequence[str], where: Any) -> int:

@@ -90,7 +90,10 @@ class ForceProbes:
         left = np.einsum("ij,jk,ik->i", aside, raw, aside)[first:-1]
         aside[first:-1][left <= _LOST * np.diag(raw)[first:-1]] = 0.0  # of a force of two values all is a gain
         folds = np.array([_sum(g for (_, fold), g in held.items() if fold == k) for k in range(FOLDS)])
-        folds = _scaled(aside @ folds @ aside.T)
+        folds = aside @ folds @ aside.T
+        scale = np.sqrt(np.maximum(np.einsum("kii->i", folds), 0.0))  # columns of unit length
+        scale[scale == 0] = 1.0
+        folds = folds / scale[:, None] / scale
         total = folds.sum(axis=0)
         choices = [plain, np.arange(first), *(np.append(plain, first + k) for k in range(total.shape[-1] - first - 1))]
         unexplained = np.array([left_over(folds, c, solved(total - folds, c)).sum() for c in choices])
@@ -150,13 +153,6 @@ class ForceProbes:
 
 def _sum(grams: Any) -> Any:
     return np.sum(list(grams), axis=0)
-
-
-def _scaled(grams: np.ndarray) -> np.ndarray:
-    """Gram matrices of columns of unit length."""
-    scale = np.sqrt(np.maximum(np.einsum("kii->i", grams), 0.0))
-    scale[scale == 0] = 1.0
-    return grams / scale[:, None] / scale
 
 
 def copies_of(data: SegmentSet) -> list[str]:

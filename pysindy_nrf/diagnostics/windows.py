@@ -86,7 +86,7 @@ def windows(layout: LawLayout, data: SegmentSet, band: Any) -> Iterator[Window]:
                 probes = dict(zip(layout.acting, (e[:, rows] for e in extra)))
                 yield Window(block.take(rows), probes, thin, record)
             else:
-                piece = _part(seg, rows)
+                piece = replace(seg, valid=slice(seg.valid.start + rows.start, seg.valid.start + rows.stop))
                 window = window or next(iter(piece.blocks(layout, size=rows.stop - rows.start)))
                 offered = probe_regressors(*_motions(piece, layout, window), scales, _clock(n, rows))
                 yield Window(window, dict(zip(layout.acting, offered)), thin, record)
@@ -107,11 +107,6 @@ def _motions(piece: Segment, layout: LawLayout, block: Block | None = None) -> t
     motions = [piece.motion(site, piece.valid) for site in sites]
     v, s = (np.array([getattr(m, key) for m in motions]).reshape(len(sites), -1) for key in "vs")
     return v, s
-
-
-def _part(seg: Segment, rows: slice) -> Segment:
-    first = seg.valid.start
-    return replace(seg, valid=slice(first + rows.start, first + rows.stop))
 
 
 LASTING = 2  # columns that are no law: a constant, a ramp in time

@@ -418,7 +418,11 @@ class ForceLaw:
             If a shape parameter has no value or a covariate, time or acceleration is missing.
         """
         n = motion.n_samples
-        u = self.covariates_of(motion)
+        u = np.empty((len(self.covariates), n))
+        for row, name in enumerate(self.covariates):
+            if name not in motion.covariates:
+                raise LawError(f"{type(self).__name__} needs the covariate {name!r}", "Pass it in covariates=.")
+            u[row] = motion.covariates[name]
         if self.uses_time and motion.t is None:
             raise LawError(f"{type(self).__name__} needs the time of the samples", "Pass time= or dt=.")
         if self.uses_acceleration and motion.a is None:
@@ -433,15 +437,6 @@ class ForceLaw:
         out = np.empty((len(self.terms()), n))
         self.kernel(motion.s, motion.v, a, t, u, z, theta, out)
         return out.T
-
-    def covariates_of(self, motion: Motion) -> np.ndarray:
-        """Covariates in the order in which the kernel reads them, (n_covariates, n_samples), for :meth:`features`."""
-        u = np.empty((len(self.covariates), motion.n_samples))
-        for row, name in enumerate(self.covariates):
-            if name not in motion.covariates:
-                raise LawError(f"{type(self).__name__} needs the covariate {name!r}", "Pass it in covariates=.")
-            u[row] = motion.covariates[name]
-        return u
 
     def force(self, motion: Motion) -> np.ndarray:
         """Force of the law along one contiguous record, (n_samples,), N; the motion as for :meth:`features`."""

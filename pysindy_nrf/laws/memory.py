@@ -243,13 +243,8 @@ def state_path(
         except NumbaError as error:
             raise cannot_compile(law, error) from error
     if not np.isfinite(state).all():
-        _explain(law, motion)
+        if motion.t is None:
+            raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
+        cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
+        raise LawError(f"The state of {type(law).__name__} diverges on this motion", cure)
     return z
-
-
-def _explain(law: Any, motion: Motion) -> None:
-    """Raise the error for a state that is not finite."""
-    if motion.t is None:
-        raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
-    cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
-    raise LawError(f"The state of {type(law).__name__} diverges on this motion", cure)

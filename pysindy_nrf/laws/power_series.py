@@ -25,22 +25,18 @@ def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
         if len(order) != 2:
             raise LawError(f"order={order!r} is not a box (k, q)", "Give two whole numbers, e.g. (2, 3).")
         k, q = whole("k", order[0]), whole("q", order[1])
-        _require_low("order", max(k, q))
-        return _pairs(k, q, k + q)
-    degree = whole("degree", order)
-    _require_low("degree", degree)
-    return _pairs(degree, degree, degree)
+        most = k + q
+    else:
+        k = q = most = whole("degree", order)
+    if max(k, q) > MOST_POWER:
+        raise LawError(f"order={order!r} is above the highest power, {MOST_POWER}", "Give a lower degree.")
+    return _pairs(k, q, most)
 
 
 @lru_cache(maxsize=256)
 def _pairs(k: int, q: int, most: int) -> tuple[tuple[int, int], ...]:
     pairs = [(h, j) for h in range(k + 1) for j in range(q + 1) if 0 < h + j <= most]
     return tuple(sorted(pairs, key=lambda p: (p[0] + p[1], -p[0])))
-
-
-def _require_low(name: str, power: int) -> None:
-    if power > MOST_POWER:
-        raise LawError(f"{name}={power} is above the highest power, {MOST_POWER}", "Give a lower degree.")
 
 
 def monomial(h: int, j: int) -> str:

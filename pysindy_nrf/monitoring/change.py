@@ -334,7 +334,6 @@ class Onset:
     storey: str | None  # whose stiffness changed most, in standard errors
     change: float  # of its stiffness, percent
     p: float  # probability of such a change, at any time, if nothing had changed
-    curve: pd.DataFrame  # by candidate time t: gain, the percentage of the residual that a change there removes
     table: pd.DataFrame  # by storey: before, after (N/m), change (percent), z (in standard errors)
 
     def __str__(self) -> str:
@@ -409,10 +408,9 @@ def find_onset(
     independent = max(2, int((times[-1] - times[0]) / margin))
     p = float(min(1.0, 2 * special.stdtr(_PARTS - 1, -abs(z[where])) * np.isfinite(z).sum() * independent))
     found = p < level
-    curve = pd.DataFrame({"t": times, "gain": 100 * (1 - costs / (pieces.n_samples.sum() * len(scale)))})
     return Onset(
         float(times[best]) if found else float("nan"), names[where] if found else None,
-        float(table["change"].iloc[where]) if found else float("nan"), p, curve, table,
+        float(table["change"].iloc[where]) if found else float("nan"), p, table,
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Errors on held-out folds, and the simplest order that is as good as the best as far as the folds can tell."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -151,16 +152,12 @@ def _held_out(fold_moments: FoldMoments, order: Order) -> Iterator[tuple[Heldout
         test, sums, counts = fold_moments.total(fold, "test")
         return Heldout(fold_moments.cut(test, order, order.groups(solve_order)), sums, counts, solution, fold)
 
-    try:
+    with suppress(NRFError):
         yield one(EVERY), slice(None)
         return
-    except NRFError:
-        pass
     for fold in range(fold_moments.n_folds):
-        try:
+        with suppress(NRFError):
             yield one(fold), fold
-        except NRFError:
-            continue
 
 
 def on_folds(fold_moments: FoldMoments, order: Order, scorings: Iterable[str]) -> dict[str, np.ndarray]:

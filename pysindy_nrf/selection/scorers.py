@@ -38,8 +38,17 @@ class ChainScorer:
 
     def __call__(self, estimator: Any, X: Any, y: Any = None, **metadata: Any) -> float:
         """Score a fitted regressor, or a pipeline that ends in one."""
-        regressor, X, metadata = _unwrapped(estimator, X, metadata)
-        return self.judge(regressor, X, y, **metadata)
+        metadata = {k: v for k, v in metadata.items() if v is not None}
+        while hasattr(estimator, "steps"):
+            before = estimator[:-1]
+            if len(before):
+                consumed = before.get_metadata_routing().consumes("transform", metadata) if metadata else ()
+                X = before.transform(X, **{k: metadata[k] for k in consumed})
+            estimator = estimator[-1]
+        if not hasattr(estimator, "balance_errors"):
+            cure = "These scorers judge NRFRegressor, alone or last in a Pipeline."
+            raise NRFError(f"{type(estimator).__name__} is not a chain regressor", cure)
+        return self.judge(estimator, X, y, **metadata)
 
     def get_metadata_routing(self) -> MetadataRequest:
         """What scikit-learn should pass."""
@@ -50,21 +59,6 @@ class ChainScorer:
 
     def __repr__(self) -> str:
         return f"scorers.{self.name}"
-
-
-def _unwrapped(estimator: Any, X: Any, metadata: dict[str, Any]) -> tuple[Any, Any, dict[str, Any]]:
-    """The regressor at the end of a pipeline, and its input."""
-    metadata = {k: v for k, v in metadata.items() if v is not None}
-    while hasattr(estimator, "steps"):
-        before = estimator[:-1]
-        if len(before):
-            consumed = before.get_metadata_routing().consumes("transform", metadata) if metadata else ()
-            X = before.transform(X, **{k: metadata[k] for k in consumed})
-        estimator = estimator[-1]
-    if not hasattr(estimator, "balance_errors"):
-        cure = "These scorers judge NRFRegressor, alone or last in a Pipeline."
-        raise NRFError(f"{type(estimator).__name__} is not a chain regressor", cure)
-    return estimator, X, metadata
 
 
 def _balance(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:

@@ -24,7 +24,6 @@ from paper_displays import DamperForceDisplay, EnergyDisplay, ModesDisplay, Reco
 from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.estimation import linear_twin
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
@@ -56,7 +55,7 @@ def draw(excitation, paper, paper_linear, fig):
     # The paper's way: a cubic for the frame with its damper, a linear model for the frame without it.
     X, F = test.measured.to_features()
     cubic = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(X, F)
-    linear = linear_twin(cubic).fit(*bare_test.measured.to_features())
+    linear = NRFRegressor(degree=1, strategy=cubic.strategy).fit(*bare_test.measured.to_features())
     # The same data with a law that can hold the damper.
     closed = NRFRegressor(degree=1, laws={"storey 4": [laws.PowerSeries(1), laws.Dahl()]}).fit(X, F)
     models = {"cubic": cubic, "linear, no damper": linear, "with Dahl law": closed, "paper's cubic": paper.model()}

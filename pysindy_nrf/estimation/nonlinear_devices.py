@@ -1,36 +1,13 @@
-"""Nonlinear devices: their forces and energy; linear twins and comparison of models."""
+"""Nonlinear devices: their forces and energy, and the linear part of a model."""
 
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.integrate import cumulative_trapezoid
-from sklearn.base import clone
 
 from ..laws import PowerSeries
 from ..regression.chain_model import ChainModel, as_model, as_segments, frame, storey_names
-
-
-def linear_twin(estimator: Any) -> Any:
-    """The regressor with linear storeys, ``R = c v + k s`` (paper eq. 19), not fitted.
-
-    Fit it to a test of the structure without its nonlinear devices: :func:`damper_force` is the difference.
-
-    Parameters
-    ----------
-    estimator : NRFRegressor
-
-    Returns
-    -------
-    NRFRegressor
-
-    Examples
-    --------
-    >>> from pysindy_nrf import NRFRegressor, estimation
-    >>> estimation.linear_twin(NRFRegressor(degree=3, band=(1, 60)))
-    NRFRegressor(band=(1, 60), degree=1)
-    """
-    return clone(estimator).set_params(degree=1, orders=None, laws=None)
 
 
 def linear_part(model: Any) -> ChainModel:
@@ -59,7 +36,7 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
     Parameters
     ----------
     model, linear : ChainModel or fitted NRFRegressor
-        Of the structure with its devices, and without them (see :func:`linear_twin`).
+        Of the structure with its devices, and without them (``NRFRegressor(degree=1)``, paper eq. 19).
     X, **options
         The motion, as for :meth:`ChainModel.predict`.
 

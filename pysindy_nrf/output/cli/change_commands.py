@@ -56,14 +56,14 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
       pysindy-nrf forces with_damper.csv --bare without.csv --law 'storey 4=power_series+dahl'
     """
     from ...data.io import write_table
-    from ...estimation import damper_force, dissipated_energy, linear_twin
+    from ...estimation import damper_force, dissipated_energy
     from ...regression.chain_model import as_segments, storey_names
 
     session = Session(as_json)
     records = _read([file, *([bare] if bare else [])], options, session)
     with session.listening():
         estimator = _estimator(options).fit(records[0])
-        linear = None if bare is None else linear_twin(estimator).fit(records[1])
+        linear = None if bare is None else _estimator(options).set_params(degree=1, laws=None).fit(records[1])
         data = as_segments(estimator, records[0])
         energy = dissipated_energy(estimator, data, linear)
         names = storey_names(estimator.model_)

@@ -80,7 +80,7 @@ def test_cross_validation_with_and_without_routing():
     X, F = np.vstack([c.X for c in cases]), np.vstack([c.F for c in cases])
     ids, time = np.repeat(["a", "b"], 900), np.tile(np.arange(900) * cases[0].dt, 2)
     plain = cross_val_score(NRFRegressor(degree=3), X, F, groups=ids, cv=RecordSplit(), scoring=scorers.balance)
-    assert (plain > -1e-6).all() and len(plain) == 2
+    assert (plain > -1e-8).all() and len(plain) == 2  # round-off, not the square root of it
     with config_context(enable_metadata_routing=True):
         model = NRFRegressor(degree=3).set_fit_request(record=True, time=True)
         params = {"record": ids, "time": time}

@@ -148,7 +148,7 @@ def floor_of(regressor: NRFRegressor, record: Record, draws: int = 4) -> NoiseFl
         X, F = noisy.to_features()
         fitted = clone(regressor).fit(X, F, base_acceleration=noisy.base_acceleration).model_
         found.append(residual_of(fitted, from_arrays(X, F, base_acceleration=noisy.base_acceleration)))
-    return NoiseFloor.from_draws(found, "free runs")
+    return NoiseFloor.from_draws(found)
 
 
 def bin_of(heard: float) -> str:

@@ -231,20 +231,20 @@ def tables(parts: list[str], quick: bool) -> list[str]:
     sizes = [10_000] if quick else [10_000, 100_000, 1_000_000]
     dofs = [2] if quick else [2, 5, 10]
     if "start" in parts:
-        out += ["### Start", "", *demo(), ""]
+        out += ["## Start", "", *demo(), ""]
     if "fit" in parts:
         plain = [(name, 4, 20_000 if quick else 60_000) for name in list(CASES)[:6]]
         plain += [("fit(X, F)", n, size) for n in dofs for size in sizes]
-        out += ["### Fits and commands", "", *rows(plain, not quick), ""]
+        out += ["## Fits and commands", "", *rows(plain, not quick), ""]
     if "loop" in parts:
-        out += ["### Closed loop", "", *rows([("close_loop", n, size) for size in sizes for n in dofs], False), ""]
+        out += ["## Closed loop", "", *rows([("close_loop", n, size) for size in sizes for n in dofs], False), ""]
     if "battery" in parts:
-        out += ["### Closed loop on the battery", "", *of_loops("battery", [*SEEDS][: 3 if quick else 30], []), ""]
+        out += ["## Closed loop on the battery", "", *of_loops("battery", [*SEEDS][: 3 if quick else 30], []), ""]
     if "measured" in parts:
         from measured_records import SETS
 
         names = list(SETS)[: 2 if quick else None]
-        out += ["### Closed loop on measured records", "", *of_loops("measured", [*range(len(names))], names), ""]
+        out += ["## Closed loop on measured records", "", *of_loops("measured", [*range(len(names))], names), ""]
     return out
 
 

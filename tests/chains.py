@@ -251,4 +251,4 @@ def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
         X, F = record.replace(**noisy).to_features()
         fitted = model if regressor is None else clone(regressor).fit(X, F, base_acceleration=ag).model_
         found.append(residual_of(fitted, from_arrays(X, F, dt=record.dt, base_acceleration=ag)))
-    return NoiseFloor.from_draws(found, "drawn")
+    return NoiseFloor.from_draws(found)

@@ -335,12 +335,12 @@ def _report(
         ],
         columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
     )
-    floor, source = floor_of(work, model, None if noise is None else noise.work)
+    floor = floor_of(work, model, None if noise is None else noise.work)
     evidence = _evidence(stands, steps, floor)
     data, filters = searched(work)
     return LoopReport(
         steps, table, stopped, model, band, listed, [s.trial.model() for s in stands], evidence, measured_of(ready),
-        loops_of(model, data, filters), audit(settings, ready, source),
+        loops_of(model, data, filters), audit(settings, ready),
     )  # fmt: skip
 
 
@@ -348,8 +348,6 @@ def _evidence(stands: list[Stand], steps: list[Step], floor: Any) -> list[Eviden
     """What was left of the search data after the baseline and after each step."""
     sites = [step.site for step in steps] + [""]
     found = [look(s.trial.ruler.work, s.trial.model(), s.name, site, floor) for s, site in zip(stands, sites)]
-    for k, evidence in enumerate(found):
-        evidence.later = tuple(site for site in sites[k + 1 :] if site)
     for step, evidence in zip(steps, found):
         step.detection = evidence.detection_sentence
         step.localisation = evidence.localisation_sentence

@@ -45,7 +45,7 @@ from .characterisation import (
 from .constants import AT_FLOOR, FAR, FLOOR, NEARLY
 from .prepare import Workspace
 from .residual import NoiseFloor, Residual, searched_residual
-from .words import Agreement, Location, Obstacle, ResidualKind
+from .words import Location, Obstacle, ResidualKind
 
 # -- is it noise ------------------------------------------------------------------------------------
 
@@ -401,8 +401,8 @@ class Evidence:
     """What is left of the measured forces after one model of the loop.
 
     ``model`` is ``"baseline"`` or the effect that was added last, ``chosen`` the site at which the loop then added an
-    effect (empty if none), ``later`` those of its later steps, ``sizes`` the residual of each balance and storey,
-    ``floor`` what noise alone would leave; ``not_possible`` says why a question has no answer.
+    effect (empty if none), ``sizes`` the residual of each balance and storey, ``floor`` what noise alone would leave;
+    ``not_possible`` says why a question has no answer.
     """
 
     model: str
@@ -412,7 +412,6 @@ class Evidence:
     localisation: Localisation | None = None
     characterisation: Characterisation | None = None
     chosen: str = ""
-    later: tuple[str, ...] = ()
     not_possible: dict[str, Obstacle] = field(default_factory=dict)
 
     @property
@@ -427,30 +426,13 @@ class Evidence:
 
     @property
     def localisation_sentence(self) -> str:
-        """Where the missing force acts, in words, and whether the chosen site agrees."""
+        """Where the missing force acts, in words."""
         return words.localisation(self)
 
     @property
     def characterisation_sentence(self) -> str:
         """What the missing force depends on, in words."""
         return words.characterisation(self)
-
-    @property
-    def agreement(self) -> Agreement:
-        """Whether localisation agrees with the site of the effect that was added."""
-        if not self.chosen or not self.site or self.localisation is None:
-            return Agreement.NONE
-        if self.localisation.verdict == Location.ONE_BALANCE:
-            return Agreement.SIGNLESS
-        table = self.localisation.table
-        if self.chosen not in table.index or not np.isfinite(table.loc[self.chosen, "share"]):
-            return Agreement.UNJUDGED
-        mine = table.loc[self.chosen]
-        if mine["pattern"] == table.iloc[0]["pattern"]:
-            return Agreement.SAME
-        if self.site in self.later:
-            return Agreement.LATER
-        return Agreement.NEAR if mine["near"] else Agreement.DISAGREES
 
     def __str__(self) -> str:
         return "\n".join([self.detection_sentence, self.localisation_sentence, self.characterisation_sentence])

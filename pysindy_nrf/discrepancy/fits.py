@@ -105,16 +105,8 @@ def _compiled() -> Callable[..., None]:
 class ChainFit:
     """Masses and coefficients of one set of columns from Gram matrices, and the rows of residuals.
 
-    Parameters
-    ----------
-    layout : Layout
-    order : SolveOrder
-    known_masses : mapping of int to float
-    where : mapping of Site to sequence of int
-        Rows of the Gram matrices that hold the terms of each site.
-    at : int
-        Row of a_1; a_2.., F_1.. follow.
-    forced : collection of int
+    ``where`` are the rows of the Gram matrices that hold the terms of each site; ``at`` is that of a_1, a_2.., F_1..
+    follow.
     """
 
     def __init__(

@@ -26,34 +26,15 @@ from .constants import CLEAN, LEAST_SHARE
 
 @dataclass
 class Prepared:
-    """Fused records.
+    """Fused records."""
 
-    Attributes
-    ----------
-    records : list of Record
-        As measured.
-    data : SegmentSet
-        Fused; the base motion stands among the covariates as ``ag`` and ``vg``.
-    noise : list of dict
-        Estimated noise of each channel of each record, SI rms.
-    bands : list of (float, float) or None
-        Of each record: the band, Hz, in which accelerations alone tell its motion; None where displacements are
-        measured.
-    heldout : list of int or None
-        Numbers of the records held out whole.
-    clean : bool
-        Whether all channels were taken as they are.
-    contradictions : list or None
-        Faults that would reconcile the channels of one DOF, once they were looked for.
-    """
-
-    records: list[Record]
-    data: SegmentSet
-    noise: list[dict[str, float]] = field(default_factory=list)
-    heldout: list[int] | None = None
-    clean: bool = False
-    contradictions: list[Any] | None = None
-    bands: list[Any] = field(default_factory=list)
+    records: list[Record]  # as measured
+    data: SegmentSet  # the base motion stands among the covariates as ``ag`` and ``vg``
+    noise: list[dict[str, float]] = field(default_factory=list)  # of each channel of each record, SI rms
+    heldout: list[int] | None = None  # numbers of the records held out whole
+    clean: bool = False  # all channels were taken as they are
+    contradictions: list[Any] | None = None  # faults that would reconcile the channels of one DOF, once looked for
+    bands: list[Any] = field(default_factory=list)  # Hz, where accelerations alone tell a motion; else None
 
     @property
     def band(self) -> tuple[float | None, float | None] | None:
@@ -171,18 +152,8 @@ def _covariates(record: Record) -> dict[str, np.ndarray]:
 class Workspace:
     """The records of one search, with everything that does not depend on the laws.
 
-    Parameters
-    ----------
-    data : SegmentSet
-    search, held : sequence of BlockRows
-        Folds of the search, and what is held out; rows count from the first valid row of a record.
-    known_masses : mapping of int to float
-    strategy : str
-
-    Attributes
-    ----------
-    filters : list of FairFilter or None
-        One for each record: the band in which residuals are looked at; decisions do not read it.
+    Folds (``search``) and what is ``held`` out count rows from the first valid one of a record. ``filters`` are the
+    bands in which residuals are looked at, one for each record; decisions do not read them.
     """
 
     def __init__(

@@ -244,7 +244,7 @@ class LoopReport:
         return str(Hook.LOOP_HTML(self))
 
 
-def audit(settings: Mapping[str, Any], ready: Prepared, noise_floor: str) -> dict[str, dict[str, str]]:
+def audit(settings: Mapping[str, Any], ready: Prepared) -> dict[str, dict[str, str]]:
     """Every setting of a run of the loop: its arguments, the declared model, the constants of the decisions."""
     from . import constants
 
@@ -253,7 +253,7 @@ def audit(settings: Mapping[str, Any], ready: Prepared, noise_floor: str) -> dic
     return settings_of(
         loop={
             "band": "found from the data" if band is None else f"{band} Hz", "random_state": settings["random_state"],
-            "max_steps": settings["max_steps"], "calibration": settings["calibration"], "noise floor": noise_floor,
+            "max_steps": settings["max_steps"], "calibration": settings["calibration"],
             "held out": "a quarter of every record" if held is None else "; ".join(ready.records[i].name for i in held),
             "catalogue": ", ".join(dict.fromkeys(law.name for law in settings["catalogue"])),
         },

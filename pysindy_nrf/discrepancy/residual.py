@@ -173,7 +173,6 @@ class NoiseFloor:
 
     balance: np.ndarray
     storey: np.ndarray
-    source: str  # where it comes from, in words
     draws: list[Residual] = field(default_factory=list)  # residuals of noise alone; may be empty
 
     def at(self, name: str) -> float:
@@ -191,20 +190,18 @@ class NoiseFloor:
         return out
 
     @classmethod
-    def from_draws(cls, draws: list[Residual], source: str) -> NoiseFloor:
+    def from_draws(cls, draws: list[Residual]) -> NoiseFloor:
         """Noise floor from residuals of noise alone."""
         parts = [e for residual in draws for e in residual.balance]
-        return cls(rms(parts), rms([from_top(e) for e in parts]), source, draws)
+        return cls(rms(parts), rms([from_top(e) for e in parts]), draws)
 
 
-def floor_of(work: Workspace, model: ChainModel, noise: Workspace | None) -> tuple[NoiseFloor | None, str]:
-    """What noise alone leaves of the forces, from records of noise, and where it comes from."""
+def floor_of(work: Workspace, model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
+    """What noise alone leaves of the forces, from records of noise; None where the model has no free run."""
     if noise is None:
-        return None, "not known: the model has no free run"
+        return None
     noise.filters = [work.filters[i] for i in work.searched]
-    drawn = residual_of(model, *searched(noise))
-    floor = NoiseFloor.from_draws([drawn], "a free run of the model with the noise of the channels")
-    return floor, floor.source
+    return NoiseFloor.from_draws([residual_of(model, *searched(noise))])
 
 
 # -- records as a model would have produced them (parametric bootstrap) ------------------------------

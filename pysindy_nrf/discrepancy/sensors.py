@@ -65,7 +65,7 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
 
 def _alone(ready: Prepared, work: Workspace, laws: Sequence[SensorFault]) -> Iterator[Suspect]:
     """Channels that no other channel of their DOF can contradict, with faults that the balances can show."""
-    chosen, _ = longest(work)
+    chosen, _ = _runs(work)
     record = ready.records[chosen]
     kinds = {j: [k for k in "avx" if f"{k}{j}" in record.measured] for j in range(1, record.n_dof + 1)}
     n = work.n_dof
@@ -402,14 +402,6 @@ def contradictions(ready: Prepared, work: Workspace) -> list[Contradiction]:
     """Channels of one DOF that do not show one motion, the largest contradictions first."""
     found = [s.witness for size, s in contradictory(ready, work) if size >= LEAST_SHARE and s.witness is not None]
     return list(dict.fromkeys(found[:_SUSPECTS]))
-
-
-def longest(work: Workspace) -> tuple[int, slice]:
-    """The longest run of search rows without a held-out piece in it: number of its record, rows of the record."""
-    runs = [(i, run) for i in work.searched for run in work.runs(i)]
-    chosen, rows = max(runs, key=lambda r: r[1].stop - r[1].start)
-    first = work.data.segments[chosen].valid.start
-    return chosen, slice(first + rows.start, first + rows.stop)
 
 
 def _runs(work: Workspace) -> tuple[int, list[slice]]:

@@ -32,21 +32,6 @@ class Location(Enum):
     ONE_BALANCE = "one balance"  # all sites have one pattern of signs
 
 
-class Agreement(Enum):
-    """How localisation and the site that the loop chose agree; the values are the words."""
-
-    NONE = ""  # nothing was chosen or located
-    SIGNLESS = "The loop chose {chosen} by the error after refitting."
-    SAME = "The loop chose the same pattern of signs, at {chosen}."
-    UNJUDGED = "The loop chose {chosen}, which localisation cannot judge."
-    LATER = "The loop chose {chosen} ({share:.0f} %) first, and {site} in a later step."
-    NEAR = "The loop chose {chosen} ({share:.0f} %), which localisation hardly tells from {site}."
-    DISAGREES = (
-        "The loop, which refits the whole chain with a law at each site, chose {chosen}; by its signs alone a force "
-        "there explains {share:.0f} %: another effect dominates the residual."
-    )
-
-
 class Dependence(Enum):
     """What a missing force depends on; the values name the rows of the table of shares."""
 
@@ -151,7 +136,7 @@ def _listed(places: Sequence[str]) -> str:
 
 
 def localisation(evidence: Any) -> str:
-    """Where the missing force acts, and whether the chosen site agrees."""
+    """Where the missing force acts, and what the loop chose."""
     found = evidence.localisation
     if found is None:
         return not_possible("localisation", evidence)
@@ -165,8 +150,8 @@ def localisation(evidence: Any) -> str:
     else:
         text = f"The signs across the balances point to {found.site}: {text}"
     share = found.table["share"].get(evidence.chosen, np.nan)
-    agreement = evidence.agreement.value.format(chosen=evidence.chosen, site=evidence.site, share=share)
-    return f"{text}. {agreement}".strip()
+    signs = f", whose signs explain {share:.0f} %" if np.isfinite(share) else ""
+    return f"{text}. The loop chose {evidence.chosen}{signs}." if evidence.chosen else f"{text}."
 
 
 def _located(table: pd.DataFrame) -> str:

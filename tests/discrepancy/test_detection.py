@@ -44,7 +44,7 @@ def test_white_noise_of_a_known_size_is_noise_whatever_the_band(band):
         e, other = rng.standard_normal((2, 2500, 1))
         e, other = (x if filter is None else filter.apply(x) for x in (e, other))
         noisy = dataclasses.replace(residual, balance=[e])
-        floor = NoiseFloor.from_draws([dataclasses.replace(residual, balance=[other])], "drawn")
+        floor = NoiseFloor.from_draws([dataclasses.replace(residual, balance=[other])])
         alarms += not detect(noisy, floor).is_noise
     assert alarms <= binom.ppf(0.999, RUNS, 0.05)
 
@@ -92,7 +92,7 @@ def test_unmeasured_force_is_tied_to_no_measured_signal():
     model = ChainModel(m, {i + 1: [laws.LinearViscous(c[i]), laws.LinearElastic(k[i])] for i in range(2)})
     noise = np.random.default_rng(0).standard_normal((len(t), 2))
     residual = residual_of(model, from_arrays(np.hstack([a, v, s]), case.F + noise, dt=case.dt))
-    verdicts = detect(residual, NoiseFloor(np.ones(2), np.ones(2), "")).verdicts["verdict"]
+    verdicts = detect(residual, NoiseFloor(np.ones(2), np.ones(2))).verdicts["verdict"]
     assert verdicts["dof 2"] == ResidualKind.UNMEASURED and verdicts["dof 1"] == ResidualKind.NOISE
     assert detect(residual).verdicts.loc["dof 1", "verdict"] == ResidualKind.UNMEASURED  # the noise is not known
 
@@ -146,5 +146,5 @@ def test_hysteresis_of_an_element_without_mass_is_no_linear_effect():
     X = np.column_stack([np.gradient(np.gradient(s, 1e-2), 1e-2), np.gradient(s, 1e-2), s])
     model = ChainModel([0.0], {1: [laws.LinearElastic(6e4)]})
     residual = residual_of(model, from_arrays(X, (3e4 * s + slider)[:, None], dt=1e-2))
-    found = detect(residual, NoiseFloor(np.ones(1), np.ones(1), "")).verdicts.loc["dof 1"]
+    found = detect(residual, NoiseFloor(np.ones(1), np.ones(1))).verdicts.loc["dof 1"]
     assert found["verdict"] == ResidualKind.NONLINEAR and found["nonlinear share"] > 0.3

@@ -78,7 +78,7 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progr
         step = None if data.segments[0].dt else 1.0 / records[0].fs
         if estimator._free is None:
             filters = estimator.problem_.filters(data)
-            estimator._free = free_runs(estimator.model_, data, filters, _names(records), step)
+            estimator._free = free_runs(estimator.model_, data, filters, [rec.name for rec in records], step)
         shares = shares_of(estimator.model_, data)
         outcome = Outcome(estimator, estimator.verdict(), estimator.free_runs(), shares, data=data)
     outcome.warnings = [one for one in messages() if one not in outcome.verdict.reasons]
@@ -94,11 +94,6 @@ def identify_frf(frf: FrequencyResponse, estimator: Any) -> Outcome:
     known = estimator.problem_.known_masses
     verdict = verdict_on(estimator.model_, {}, [], None, estimator.bounds()[0], known_masses=known)
     return Outcome(estimator, verdict, frf=(frf, response), used=used, warnings=messages())
-
-
-def _names(records: Sequence[Record]) -> list[str]:
-    """Names of records."""
-    return [rec.name for rec in records]
 
 
 def _beside(records: Sequence[Record]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
     else:
         k = q = most = whole("degree", order)
     if max(k, q) > MOST_POWER:
-        raise LawError(f"order={order!r} is above the highest power, {MOST_POWER}", "Give a lower degree.")
+        raise LawError(f"degree={order!r} is above the highest power, {MOST_POWER}", "Give a lower degree.")
     return _pairs(k, q, most)
 
 

@@ -87,8 +87,7 @@ def column(table, k):
     ]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+@pytest.mark.parametrize(("size", "scheme"), [(DESK, "light"), (PHONE, "dark")], ids=["desk, light", "phone, dark"])
 def test_every_figure_is_drawn_without_an_error_and_nothing_overflows(browser, address, size, scheme):
     opened(browser, address, size, scheme)
     places = browser.find_elements("css selector", ".plot")

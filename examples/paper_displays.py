@@ -4,8 +4,10 @@ import re
 from collections.abc import Mapping
 from typing import Any, Self
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import MaxNLocator
 from scipy.signal import welch
 
 from pysindy_nrf import Record
@@ -14,8 +16,8 @@ from pysindy_nrf.estimation import damper_force, dissipated_energy
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion, PowerSeries
 from pysindy_nrf.monitoring import track
-from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figure, Line, Mark, Rule, index_of
-from pysindy_nrf.output.displays._matplotlib import Display
+from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figure, Line, Mark, index_of
+from pysindy_nrf.output.displays._matplotlib import Display, dress
 from pysindy_nrf.output.displays.evidence import before_after_figure
 from pysindy_nrf.output.displays.forces import energy_figure, loop_figure, surface_figure
 from pysindy_nrf.output.displays.models import change_figure
@@ -143,7 +145,8 @@ class TrackDisplay(Display):
             for i, k in enumerate(change)
         ]
         if self.onset is not None and np.isfinite(self.onset):
-            marks.append(Rule(self.onset, f"onset {self.onset:.2f} s"))
+            ends = [float(change.min(axis=None)), float(change.max(axis=None))]
+            marks.append(Line([self.onset, self.onset], ends, f"onset {self.onset:.2f} s", "muted", 0.8, "dot"))
         window = "window" if self.window is None else f"{self.window:g} s window"
         x, y = Axis(f"time at the middle of the {window}", "s"), Axis("change of stiffness", "%")
         return [Figure("Stiffness over time", marks, x, y, size=(6.0, 3.2))]
@@ -230,9 +233,10 @@ class ModesDisplay(Display):
             return [shapes]
         shown = (self.frequency > 0) & (self.frequency < 2.5 * self.modes["frequency"].max())
         f, spectrum = self.frequency[shown], self.spectrum[shown]
-        marks: list[Mark] = [Rule(f) for f in self.modes["frequency"]]
+        ends = [0.5 * spectrum.min(), 2 * spectrum.max()]
+        marks: list[Mark] = [Line([f, f], ends, "", "muted", 0.8, "dot") for f in self.modes["frequency"]]
         marks += [Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9) for j, line in enumerate(spectrum.T, 1)]
-        y = Axis("acceleration", "(m/s²)/√Hz", (0.5 * spectrum.min(), 2 * spectrum.max()), log=True)
+        y = Axis("acceleration", "(m/s²)/√Hz", tuple(ends), log=True)
         return [shapes, Figure("Spectrum of the accelerations", marks, Axis("frequency", "Hz", (0, f[-1])), y)]
 
 
@@ -282,6 +286,33 @@ class RestoringForceSurfaceDisplay(Display):
 
     def figures(self) -> list[Figure]:
         return [surface_figure(self.surface, self.site, self.reference, self.reference_label)]
+
+    def plot(self, ax: Any = None) -> Self:
+        """Draw in space; drifts in mm."""
+        figure = self.figures()[0]
+        if ax is None:
+            ax = plt.figure(figsize=figure.size, layout="constrained").add_subplot(projection="3d")
+        for mark in figure.marks:
+            x, y, z = 1e3 * np.asarray(mark.x), np.asarray(mark.y), np.asarray(mark.z)
+            if mark.style == "full":
+                ax.plot_surface(x, y, z, cmap="cividis", rstride=1, cstride=1, linewidth=0, alpha=0.95)
+                color = "#7b7b78"
+            else:
+                color, width, stride = ("0.75", 0.3, 4) if mark.style == "faint" else ("black", 0.6, 3)
+                ax.plot_wireframe(x, y, z, color=color, linewidth=width, rstride=stride, cstride=stride)
+            ax.plot([], [], [], color=color, linewidth=3, label=mark.name)
+        for side, axis in zip("xyz", (figure.x, figure.y, figure.z)):
+            dress(ax, side, axis)
+            getattr(ax, f"{side}axis").set_major_locator(MaxNLocator(5))
+        ax.set_title(figure.heading)
+        ax.tick_params(labelsize="small", pad=1)
+        ax.tick_params(axis="z", pad=4)
+        ax.zaxis.labelpad = 11
+        ax.view_init(elev=24, azim=-125)
+        ax.set_box_aspect(None, zoom=0.8)
+        ax.legend(loc="upper left", fontsize="x-small", frameon=False)
+        self.ax_, self.figure_ = ax, ax.figure
+        return self
 
 
 class HysteresisLoopDisplay(Display):

@@ -84,7 +84,7 @@ class OrderSelection:
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw held-out error over the order; see :class:`pysindy_nrf.output.displays.OrderSelectionDisplay`."""
+        """Draw held-out error over the order (matplotlib); ``ax`` is where, new axes if None."""
         return Hook.ORDER_FIGURE(self).plot(ax)
 
     def __repr__(self) -> str:

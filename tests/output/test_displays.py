@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -34,7 +35,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
 from pysindy_nrf import Record  # noqa: E402
-from pysindy_nrf.output.displays.models import OrderSelectionDisplay  # noqa: E402
+from pysindy_nrf.output.displays.models import order_drawing  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
@@ -108,7 +109,7 @@ def test_a_stiffness_that_drops_by_a_fifth_is_drawn_as_twenty_percent():
     t = np.arange(1.0, 9.0, 0.25)
     table = pd.DataFrame({"record": "quake", "t": t, "k1": np.where(t < 5, 4e4, 3.2e4), "k2": 3e4})
     first, second, onset = TrackDisplay(table, onset=5.0).figures()[0].marks
-    assert first.y.iloc[-1] == pytest.approx(-20.0) and (second.y == 0).all() and onset.x == 5.0
+    assert first.y.iloc[-1] == pytest.approx(-20.0) and (second.y == 0).all() and onset.x == [5.0, 5.0]
 
 
 def test_bounds_and_order_of_lying_bars_are_the_same_on_both():
@@ -151,19 +152,18 @@ def test_wrong_requests_are_refused(fitted):
 
 
 def orders(errors, **more):
-    table = pd.DataFrame({"error": errors, "standard_error": 0.1 * np.abs(errors)}, index=["1", "2", "3"])
-    table["chosen"] = [False, True, False]
-    return table.assign(**more)
+    scores = pd.DataFrame(-np.outer(errors, [0.9, 1.1]), index=["1", "2", "3"])
+    return SimpleNamespace(
+        fold_scores=scores, scoring="balance", table=pd.DataFrame({"chosen": [False, True, False]} | more)
+    )
 
 
 def test_errors_over_orders_of_magnitude_are_drawn_on_a_log_scale():
-    """80 % to 0.01 % does not fit a linear axis; 5 to 8 % does, from zero; a score below zero has no such foot."""
-    wide = OrderSelectionDisplay(orders([80.0, 0.01, 0.02])).plot().ax_
-    even = OrderSelectionDisplay(orders([8.0, 5.0, 5.1])).plot().ax_
-    score = OrderSelectionDisplay(orders([-8.0, -5.0, -5.1])).plot().ax_
+    """80 % to 0.01 % does not fit a linear axis; 5 to 8 % does, from zero."""
+    (wide,), (even,) = (order_drawing(orders(e)).plot().ax_ for e in ([80.0, 0.01, 0.02], [8.0, 5.0, 5.1]))
     assert wide.get_yscale() == "log" and even.get_yscale() == "linear"
-    assert even.get_ylim()[0] == 0 and score.get_ylim()[0] < -5
-    both = OrderSelectionDisplay(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
+    assert even.get_ylim()[0] == 0
+    (both,) = order_drawing(orders([8.0, 5.0, 5.1], free_run_error=[20.0, 9.0, 9.5])).plot().ax_
     free = next(line for line in both.get_lines() if line.get_label() == "free run")
     np.testing.assert_array_equal(free.get_ydata(), [20.0, 9.0, 9.5])
 

@@ -66,16 +66,16 @@ def test_force_writes_over_them_and_keeps_a_link(there):
 
 def test_a_run_replaces_the_results_of_earlier_ones_and_nothing_else(there, capsys):
     out = there / "nrf_output"
-    assert run([*IDENTIFY, "--forces", "csv"]) == 0
+    assert run([*IDENTIFY, "--figures"]) == 0
     (out / "notes.txt").write_text("mine")
     assert run(["select-order", "test.csv", "--degrees", "1-2", "--no-figures"]) == 0
-    assert {"restoring_forces.csv", "masses.csv", "orders.csv"} <= contents(out).keys()
-    assert run([*IDENTIFY, "--tables", "parquet"]) == 0  # orders.csv came from the same file and stays
-    assert {"masses.parquet", "orders.csv", "notes.txt"} <= contents(out).keys()
-    assert not {"masses.csv", "restoring_forces.csv"} & contents(out).keys()
+    assert {"restoring_forces.png", "masses.csv", "orders.csv"} <= contents(out).keys()
+    assert run(IDENTIFY) == 0  # orders.csv came from the same file and stays
+    assert {"masses.csv", "orders.csv", "notes.txt"} <= contents(out).keys()
+    assert "restoring_forces.png" not in contents(out)
     two_storeys(name="other").rows(slice(0, 1500)).to_frame().to_csv("other.csv")
     assert run(["identify", "other.csv", *IDENTIFY[2:]]) == 0
-    assert not {"masses.parquet", "orders.csv"} & contents(out).keys() and (out / "notes.txt").read_text() == "mine"
+    assert "orders.csv" not in contents(out) and (out / "notes.txt").read_text() == "mine"
     (out / "masses.csv").write_text("dof,mass_kg,weighed by hand\n")
     before = contents(out)
     assert run(IDENTIFY) == 3
@@ -107,7 +107,7 @@ run(sys.argv[2:])
 
 @pytest.mark.parametrize("moves", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 8))])
 def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(there, capsys, moves):
-    assert run([*IDENTIFY, "--forces", "csv"]) == 0
+    assert run([*IDENTIFY, "--figures"]) == 0
     before = contents("nrf_output")
     done = subprocess.run([sys.executable, "-c", KILLED, str(moves), *IDENTIFY[:2], "--degree", "2", "--no-figures"])
     assert done.returncode == 9 and list(Path("nrf_output").glob(".*.part"))

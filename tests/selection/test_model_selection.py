@@ -273,11 +273,11 @@ def test_what_cannot_be_asked(cubic, options, error, message):
 def test_the_validation_curve(cubic):
     case, X = cubic
     found = select_order(X, case.F, degrees=range(1, 6))
-    display = found.plot()
-    assert "% NRMSE" in display.ax_.get_ylabel() and "degree" in display.ax_.get_xlabel()
-    line = display.ax_.containers[0].lines[0]
+    (ax,) = found.plot().ax_
+    assert "% NRMSE" in ax.get_ylabel() and "degree" in ax.get_xlabel()
+    line = ax.containers[0].lines[0]
     assert np.allclose(line.get_ydata(), found.table["balance_error"])
-    ring = next(x for x in display.ax_.lines if x.get_label() == "chosen")
+    ring = next(x for x in ax.lines if x.get_label() == "chosen")
     assert ring.get_xdata().tolist() == [2]
 
 

@@ -73,9 +73,6 @@ def demo(as_json: bool, **options: Any) -> int:
 )  # fmt: skip
 @opt.output_option
 @click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-@opt.choice("--tables", ["csv", "parquet"], "Type of the tables.", "csv")
-@opt.choice("--forces", ["csv", "parquet", "uff"], "Write the restoring force of each site along each record too.")
-@click.option("--dry-run", is_flag=True, help="Say what was understood and what can be identified, then stop.")
 @opt.json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> int:
     """Find masses and restoring forces from the records of one chain.
@@ -129,13 +126,9 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     estimator = NRFRegressor(**settings, band=band)
     forced = sorted({j for rec in records for j in rec.forced})
     unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
-    plan = _say_plan(session, n, forced, unknown, masses, estimator)
-    if options["dry_run"]:
-        _dry(session, plan, understood)
-        return 0
+    _say_plan(session, n, forced, unknown, masses, estimator)
     outcome = identify_records(records, estimator, options["raw"], session.progress)
-    more = {"tables": options["tables"], "forces": options["forces"], "records": records}
-    code = finish(session, outcome, band, options["figures"], understood, **more)
+    code = finish(session, outcome, band, options["figures"], understood, records=records)
     if not code and estimator.missing_terms_["biased"].any():
         session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
     return code
@@ -148,7 +141,7 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
 
     if len(files) != 1:
         raise click.UsageError("--frf takes one FILE.")
-    of_records = {"mapping_file": "mapping", "forces": "forces", "mapping": "map", "units": "unit", "fs": "fs"}
+    of_records = {"mapping_file": "mapping", "mapping": "map", "units": "unit", "fs": "fs"}
     for name, option in (of_records | {"raw": "raw"}).items():
         if options[name]:
             raise click.UsageError(f"--{option} does not go with --frf.")
@@ -164,26 +157,17 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
     estimator = NRFRegressor(**settings, band=band)
     masses = settings["known_masses"] or {}
-    plan = _say_plan(session, frf.n_dof, [frf.excited], [], masses, estimator)
+    _say_plan(session, frf.n_dof, [frf.excited], [], masses, estimator)
     understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
-    if options["dry_run"]:
-        _dry(session, plan, understood)
-        return 0
     outcome = identify_frf(frf, estimator)
     return finish(session, outcome, band, options["figures"], understood)
 
 
-def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> Any:
+def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> None:
     """Say in words what the excitation can identify, before any number is produced."""
     chain = estimator.chain if estimator.chain is not None else Chain(n)
     plan = chain.identifiability(forced, unknown=unknown, known_masses=masses, strategy=estimator.strategy)
     session.headed(f"What this excitation can identify ({plan.strategy})", textwrap.indent(str(plan), "  "))
-    return plan
-
-
-def _dry(session: Session, plan: Any, records: list[dict]) -> None:
-    session.emit({"records": records, "solve_order": str(plan).splitlines(), "complete": plan.complete})
-    session.say("\nDry run: nothing was solved or written.")
 
 
 def _same_chain(records: list[Any]) -> None:
@@ -391,9 +375,9 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
         written = [write_table(listed, folder / "orders.csv")]
         if options["figures"]:
             from ..displays._matplotlib import save
-            from ..displays.models import OrderSelectionDisplay
+            from ..displays.models import order_drawing
 
-            written += save(folder / "orders.png", OrderSelectionDisplay.from_selection(found).figures())
+            written += save(folder / "orders.png", order_drawing(found).figures())
     data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}
     session.finish(data | {"orders_by_storey": found.orders_, "table": listed}, written)
 

@@ -2,14 +2,14 @@
 
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ...data.io import write_forces, write_table
+from ...data.io import write_table
 from ...data.io.frf import FrequencyResponse, in_band
 from ...data.record import Record
 from ...diagnostics.verdict import FreeRuns, Verdict, free_runs, shares_of, verdict_on
@@ -196,10 +196,7 @@ def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[
     }  # fmt: skip
 
 
-def write_all(
-    outcome: Outcome, folder: Path, band: Any, figures: bool, tables: str = "csv", forces: str | None = None,
-    records: Any = None,
-) -> list[Path]:  # fmt: skip
+def write_all(outcome: Outcome, folder: Path, band: Any, figures: bool, records: Any = None) -> list[Path]:
     """Write model, tables, figures (with matplotlib), the page of the records, and what was asked for beside them."""
     est, model = outcome.estimator, outcome.estimator.model_
     written = [folder / "model.json"]
@@ -213,12 +210,7 @@ def write_all(
         frames["modes"] = model.modes().reset_index().rename(columns={"frequency": "frequency_Hz"})
     if outcome.free is not None and len(outcome.free.table):
         frames["free_run_errors"] = outcome.free.table.add_suffix("_percent").reset_index(names="record")
-    written += [write_table(frame, folder / f"{name}.{tables}") for name, frame in frames.items()]
-    if forces and outcome.data is not None:
-        for i, seg in enumerate(outcome.data.segments, 1):
-            number = f"_{i}" if len(outcome.data.segments) > 1 else ""
-            alone = SegmentSet([replace(seg, rows=slice(0, seg.n_samples))], seg.n_samples)
-            written.append(write_forces(model, alone, folder / f"restoring_forces{number}.{forces}"))
+    written += [write_table(frame, folder / f"{name}.csv") for name, frame in frames.items()]
     if figures:
         written += _figures(outcome, folder, band)
     if outcome.frf is None:
@@ -262,13 +254,13 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
 
 def finish(
     session: Session, outcome: Outcome, band: Any, figures: bool, understood: list[dict], truth: Any = None,
-    **files: Any,
+    records: Any = None,
 ) -> int:  # fmt: skip
     """Say what was found and write it; ``understood`` are the records in words. The exit code by the verdict."""
     session.say(result(outcome, band, truth))
     outcome.estimator.model_.info["inputs"] = session.results.sources
     with session.aside() as folder:
-        written = write_all(outcome, folder, band, figures, **files)
+        written = write_all(outcome, folder, band, figures, records)
     session.finish(as_data(outcome, band, understood), written)
     if figures and not available():
         session.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")

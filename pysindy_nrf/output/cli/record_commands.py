@@ -250,35 +250,31 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
 @click.command(short_help="Write one page (HTML) of a result or of records.")
 @opt.files_argument
 @opt.record_options
-@opt.degree_option(3, "Without a result: total degree of the power series, or k,q.")
-@opt.mass_option
 @opt.band_option
 @click.option("--title", help="Title of the page.")
 @opt.output_file("report.html", "File of the page.")
 @opt.json_option
 def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
-    """Write one page (HTML, works offline) of a result, of records, or of both.
+    """Write one page (HTML, works offline) of a result, over records.
 
     FILE is a result (model.json of identify, closed_loop.json of close-loop, what they print with --json) and files of
-    records to draw beside it. Records alone are identified first, as by identify, with --degree and --known-mass.
-    The band is that of the result if --band is left out.
+    records to draw beside it. The band is that of the result if --band is left out.
 
     \b
     Examples
       pysindy-nrf report nrf_output/model.json shaker.csv --unit a=g -o frame.html
-      pysindy-nrf report shaker.csv --band 0.5,40
     """
     from ..report import write_html
 
     session = Session(as_json)
     results = [path for path in files if path.suffix.lower() == ".json"]
-    if len(results) > 1:
-        raise click.UsageError("report takes one result (.json).")
+    if len(results) != 1:
+        raise click.UsageError("report takes one result (.json); records are identified by run or identify first.")
     measured = [path for path in files if path not in results]
-    readings = opt.readings_of(measured, options, session, needed=not results)
+    readings = opt.readings_of(measured, options, session, needed=False)
     records = [reading.record for reading in readings]
     with session.listening():
-        subject = _result(results[0]) if results else _identified(records, options, session)
+        subject = _result(results[0])
         said = {"title": options["title"], "notes": tuple(session.warnings), "band": options["band"]}
         with session.aside() as folder:
             write_html(folder / options["output"].name, subject, records or None, **said)
@@ -304,13 +300,3 @@ def _result(path: Path) -> Any:
     if not isinstance(inner, dict):
         raise FileFormatError(f"{path} holds no model", "Give a model.json, or what identify --json printed.")
     return ChainModel.from_json(json.dumps(inner))
-
-
-def _identified(records: list[Any], options: dict[str, Any], session: Session) -> Any:
-    from ...estimation.regressor import NRFRegressor
-
-    masses, degree, band = options["masses"] or None, options["degree"], options["band"]
-    estimator = NRFRegressor(degree=degree, known_masses=masses, band=band)
-    with session.listening():
-        estimator.fit(records)
-    return estimator

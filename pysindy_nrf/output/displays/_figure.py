@@ -71,14 +71,6 @@ class Bars:
 
 
 @dataclass(eq=False)
-class Rule:
-    """Thin upright line, with a text at its head."""
-
-    x: float
-    text: str = ""
-
-
-@dataclass(eq=False)
 class Map:
     """Values from -limit to limit over a plane by colour; hatched where they are in doubt, and why."""
 
@@ -103,7 +95,7 @@ class Surface:
     style: str = "full"
 
 
-Mark = Line | Bars | Rule | Map | Surface
+Mark = Line | Bars | Map | Surface
 
 
 @dataclass(eq=False)

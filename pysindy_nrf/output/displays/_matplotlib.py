@@ -9,7 +9,7 @@ import numpy as np
 
 from ...common.files import atomic_write
 from ...common.lazy import require
-from ._figure import Axis, Bars, Figure, Line, Map, Mark, Rule, Surface
+from ._figure import Axis, Bars, Figure, Line, Map
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their lightness.
 _COLORS = {
@@ -111,9 +111,9 @@ def _subplots(sheet: Any, figures: Sequence[Figure], columns: int) -> list[Any]:
     width, height = np.max([f.size for f in figures], axis=0)
     sheet.set_size_inches(columns * width, rows * height + (0.6 if height < 2.5 else 0.0))
     out: list[Any] = []
-    for k, figure in enumerate(figures):
+    for k in range(len(figures)):
         shared = out[0] if out and columns == 1 else None
-        out.append(sheet.add_subplot(rows, columns, k + 1, projection="3d" if figure.turns else None, sharex=shared))
+        out.append(sheet.add_subplot(rows, columns, k + 1, sharex=shared))
         if columns == 1 and k < rows - 1:
             out[-1].tick_params(labelbottom=False)
     return out
@@ -130,30 +130,29 @@ def _draw_all(figures: Sequence[Figure], axes: Sequence[Any]) -> None:
 
 def _draw(figure: Figure, ax: Any) -> None:
     """Draw one figure on its axes."""
-    scales = [1e3 if axis is not None and axis.unit == "m" else 1.0 for axis in (figure.x, figure.y, figure.z)]
+    scales = [1e3 if axis.unit == "m" else 1.0 for axis in (figure.x, figure.y)]
     beside = [mark for mark in figure.marks if isinstance(mark, Bars)]
     for mark in figure.marks:
         if isinstance(mark, Bars):
             _bars(ax, mark, figure.lying, beside.index(mark), len(beside))
-        else:
-            _PENS[type(mark)](ax, mark, *scales)
-    for side, axis in (("x", figure.x), ("y", figure.y), ("z", figure.z)):
-        if axis is not None:
-            _dress(ax, side, axis)
+        elif isinstance(mark, Map):
+            _map(ax, mark, *scales)
+        elif isinstance(mark, Line):
+            _line(ax, mark, *scales)
+    dress(ax, "x", figure.x)
+    dress(ax, "y", figure.y)
     if figure.lying:
         ax.invert_yaxis()
     if figure.heading:
         ax.set_title(figure.heading, loc="left" if isinstance(figure.marks[0], Map) else "center")
-    if figure.turns:
-        _space(ax, figure)
-    elif figure.legend == "above" and figure.named:
+    if figure.legend == "above" and figure.named:
         place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1, 1), "borderaxespad": 0.2, "ncols": 2}
         ax.legend(frameon=False, fontsize="x-small", **place)
     elif figure.legend == "inside" and (figure.named or ax.get_legend_handles_labels()[0]):
         ax.legend(frameon=False, fontsize="small")
 
 
-def _dress(ax: Any, side: str, axis: Axis) -> None:
+def dress(ax: Any, side: str, axis: Axis) -> None:
     """Label, ticks, range and scale of one axis."""
     unit = {"m": "mm"}.get(axis.unit, axis.unit)
     getattr(ax, f"set_{side}label")(_text(f"{axis.label} ({unit})" if unit else axis.label))
@@ -172,7 +171,7 @@ def _text(text: str) -> str:
     return re.sub(r"(\w)_\{([^}]*)\}", lambda m: f"${m[1]}_{{{m[2]}}}$", text)
 
 
-def _line(ax: Any, line: Line, fx: float, fy: float, fz: float) -> None:
+def _line(ax: Any, line: Line, fx: float, fy: float) -> None:
     """Draw a curve, every k-th sample of a long one."""
     every = slice(None, None, max(1, len(line.x) // _MOST))
     x, y = fx * np.asarray(line.x, dtype=float)[every], fy * np.asarray(line.y, dtype=float)[every]
@@ -180,9 +179,7 @@ def _line(ax: Any, line: Line, fx: float, fy: float, fz: float) -> None:
         "color": _COLORS[line.color], "linewidth": line.width, "linestyle": _DASHES[line.dash], "alpha": line.opacity,
         "label": _text(line.name) or None, **_MARKERS[line.marker],
     }  # fmt: skip
-    if line.z is not None:
-        ax.plot(x, y, fz * np.asarray(line.z, dtype=float)[every], **style)
-    elif line.error is not None:
+    if line.error is not None:
         ax.errorbar(x, y, yerr=fy * np.asarray(line.error, dtype=float)[every], capsize=3, **style)
     else:
         ax.plot(x, y, **style)
@@ -209,15 +206,7 @@ def _bars(ax: Any, bars: Bars, lying: bool, k: int, n: int) -> None:
         ax.annotate(text, (end, place), (6, 0), textcoords="offset points", va="center", fontsize="small")
 
 
-def _rule(ax: Any, rule: Rule, fx: float, *_: float) -> None:
-    """Draw a thin upright line and its text."""
-    ax.axvline(fx * rule.x, color="0.4", linewidth=0.8, linestyle=":")
-    if rule.text:
-        place: dict[str, Any] = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "va": "top"}
-        ax.annotate(rule.text, (fx * rule.x, 1), (4, -4), fontsize="small", **place)
-
-
-def _map(ax: Any, found: Map, fx: float, fy: float, _: float) -> None:
+def _map(ax: Any, found: Map, fx: float, fy: float) -> None:
     """Draw a map with its bar of colours; what is in doubt is hatched."""
     x, y = fx * np.asarray(found.x), fy * np.asarray(found.y)
     image = ax.pcolormesh(x, y, found.values, shading="auto", cmap="PuOr", vmin=-found.limit, vmax=found.limit)
@@ -231,33 +220,3 @@ def _map(ax: Any, found: Map, fx: float, fy: float, _: float) -> None:
         ax.legend(handles=[mark], frameon=False, fontsize="x-small", loc="lower right", bbox_to_anchor=(1, 0.99))
     if found.bar:
         ax.figure.colorbar(image, ax=ax, label=found.label)
-
-
-def _surface(ax: Any, surface: Surface, fx: float, fy: float, fz: float) -> None:
-    """Draw a surface, or a net."""
-    x, y, z = fx * np.asarray(surface.x), fy * np.asarray(surface.y), fz * np.asarray(surface.z)
-    if surface.style == "full":
-        ax.plot_surface(x, y, z, cmap="cividis", rstride=1, cstride=1, linewidth=0, antialiased=True, alpha=0.95)
-        color = "#7b7b78"
-    else:
-        color, width, stride = ("0.75", 0.3, 4) if surface.style == "faint" else ("black", 0.6, 3)
-        ax.plot_wireframe(x, y, z, color=color, linewidth=width, rstride=stride, cstride=stride)
-    ax.plot([], [], [], color=color, linewidth=3, label=surface.name)
-
-
-def _space(ax: Any, figure: Figure) -> None:
-    """Camera, ticks and legend of a drawing in space."""
-    from matplotlib.ticker import MaxNLocator
-
-    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
-        axis.set_major_locator(MaxNLocator(5))
-    ax.tick_params(labelsize="small", pad=1)
-    ax.tick_params(axis="z", pad=4)
-    ax.zaxis.labelpad = 11
-    ax.view_init(elev=24, azim=-125)
-    ax.set_box_aspect(None, zoom=0.8)
-    if figure.named:
-        ax.legend(loc="upper left", fontsize="x-small", frameon=False)
-
-
-_PENS: dict[type[Mark], Any] = {Line: _line, Rule: _rule, Map: _map, Surface: _surface}

@@ -1,53 +1,35 @@
 """Figures that compare models: orders, the change between two tests."""
 
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...selection.one_se_rule import errors_of, standard_error
 from ._figure import Axis, Figure, Line, Map, Mark, index_of
-from ._matplotlib import Display
+from ._matplotlib import Drawing
 
 
-class OrderSelectionDisplay(Display):
-    """Validation curve: held-out error with its standard error over the folds, by order of the power series."""
-
-    def __init__(
-        self, table: pd.DataFrame, folds: pd.DataFrame | None = None, ylabel: str = "held-out balance error (% NRMSE)"
-    ) -> None:
-        self.table, self.folds, self.ylabel = table, folds, ylabel
-
-    @classmethod
-    def from_selection(cls, selection: Any) -> Self:
-        """From what :func:`pysindy_nrf.select_order` found."""
-        scores = selection.fold_scores
-        folds = pd.DataFrame(100.0 * errors_of(scores.to_numpy()), index=scores.index, columns=scores.columns)
-        folds = folds.replace(np.inf, np.nan)
-        spread, chosen = [standard_error(row) for row in folds.to_numpy()], selection.table["chosen"].to_numpy()
-        table = pd.DataFrame({"error": folds.mean(axis=1, skipna=False), "standard_error": spread, "chosen": chosen})
-        if "free_run_error" in selection.table:
-            table["free_run_error"] = selection.table["free_run_error"]
-        words = {"acceleration": "acceleration error", "free_run": "free-run error"}
-        what = words.get(selection.scoring, "balance error")
-        return cls(table, folds, f"held-out {what} (% NRMSE)")
-
-    def figures(self) -> list[Figure]:
-        at, error = np.arange(len(self.table)), self.table["error"].to_numpy()
-        marks: list[Mark] = []
-        for k, fold in enumerate(() if self.folds is None else self.folds.to_numpy().T):
-            marks.append(Line(at, fold, "" if k else "each fold", width=0.8, opacity=0.3))
-        spread = self.table["standard_error"]
-        marks.append(Line(at, error, "mean and standard error", width=1.5, marker="o", error=spread))
-        if "free_run_error" in self.table:
-            marks.append(Line(at, self.table["free_run_error"], "free run", "orange", 1.5, "dash", "s"))
-        chosen = self.table["chosen"].to_numpy()
-        marks.append(Line(at[chosen], error[chosen], "chosen", "red", dash="", marker="ring"))
-        low, high = np.nanmin(error), np.nanmax(error)
-        log = bool(low > 0 and high > 20 * low)
-        y = Axis(self.ylabel, limits=(0, None) if low >= 0 and not log else None, log=log)
-        x = Axis("order of the power series: total degree, or box (k, q)", ticks=[str(n) for n in self.table.index])
-        return [Figure("Order selection", marks, x, y)]
+def order_drawing(selection: Any) -> Drawing:
+    """Held-out error by order of the power series, with its standard error over the folds."""
+    errors = 100.0 * errors_of(selection.fold_scores.to_numpy())
+    folds = np.where(np.isfinite(errors), errors, np.nan)
+    at, error = np.arange(len(folds)), folds.mean(axis=1)
+    marks: list[Mark] = [
+        Line(at, fold, "" if k else "each fold", width=0.8, opacity=0.3) for k, fold in enumerate(folds.T)
+    ]
+    spread = [standard_error(row) for row in folds]
+    marks.append(Line(at, error, "mean and standard error", width=1.5, marker="o", error=spread))
+    if "free_run_error" in selection.table:
+        marks.append(Line(at, selection.table["free_run_error"], "free run", "orange", 1.5, "dash", "s"))
+    chosen = selection.table["chosen"].to_numpy()
+    marks.append(Line(at[chosen], error[chosen], "chosen", "red", dash="", marker="ring"))
+    low, high = np.nanmin(error), np.nanmax(error)
+    log = bool(low > 0 and high > 20 * low)
+    what = {"acceleration": "acceleration", "free_run": "free-run"}.get(selection.scoring, "balance")
+    y = Axis(f"held-out {what} error (% NRMSE)", limits=None if log else (0, None), log=log)
+    ticks = [str(order) for order in selection.fold_scores.index]
+    return Drawing([Figure("Order selection", marks, Axis("total degree, or box (k, q)", ticks=ticks), y)])
 
 
 def change_figure(table: pd.DataFrame, site: Any, largest: float | None = None, colorbar: bool = True) -> Figure:

@@ -118,7 +118,7 @@ def test_a_written_record_opens_elsewhere(tmp_path):
     table = pd.read_csv(write_record(record, tmp_path / "r.csv"), comment="#")
     np.testing.assert_allclose(table["x2"], record.displacement[:, 1], rtol=1e-15)
     sets = pyuff.UFF(str(write_record(record, tmp_path / "r.uff"))).read_sets()
-    by_name = {one["id1"]: one for one in sets}
+    by_name = {one["id1"]: one for one in sets if one["type"] == 58}
     one = by_name["a3"]
     np.testing.assert_array_equal(one["data"], record.acceleration[:, 2])
     assert (one["func_type"], one["rsp_node"], one["ordinate_spec_data_type"]) == (1, 3, 12)
@@ -141,8 +141,6 @@ def test_what_cannot_be_written_is_said(tmp_path):
     x = np.ones((4, 1))
     with pytest.raises(ChannelError, match="covariate 'F1'"):
         write_record(Record(displacement=x, fs=1.0, covariates={"F1": x[:, 0]}), tmp_path / "r.parquet")
-    with pytest.raises(ChannelError, match="80 characters"):
-        write_record(Record(displacement=x, fs=1.0, name="long " * 30), tmp_path / "r.uff")
     with pytest.raises(FileFormatError, match=r"\.xlsx"):
         write_record(Record(displacement=x, fs=1.0), tmp_path / "r.xlsx")
     assert not list(tmp_path.iterdir())
@@ -159,7 +157,7 @@ def test_a_later_version_is_refused(tmp_path, small, suffix):
         texts = {key: text.replace(b'"version": 1', b'"version": 99') for key, text in table.schema.metadata.items()}
         pq.write_table(table.replace_schema_metadata(texts), path)
     else:
-        path.write_bytes(whole.replace(b'"version": 1,', b'"version": 99,').replace(b"Record 1 rel", b"Record 99 rel"))
+        path.write_bytes(whole.replace(b'"version": 1,', b'"version": 99,'))
     with pytest.raises(FileVersionError, match=r"version 99.*reads up to 1"):
         read_record(path)
 

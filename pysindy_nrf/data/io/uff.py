@@ -1,6 +1,5 @@
 """Universal files, data set 58 ("function at nodal DOF"): time histories in (by pyuff) and out."""
 
-import json
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,12 +9,12 @@ import numpy as np
 
 from ...common.files import atomic_write
 from ...common.lazy import require
-from ...exceptions import ChannelError, FileFormatError
+from ...exceptions import FileFormatError
 from ..channels import rate_of
-from .table import MAX_BYTES, SCHEMA, VERSION, Attributes, Table, check_size, reading_as, unreadable
+from .table import MAX_BYTES, Attributes, Table, check_size, reading_as, unreadable
 from .units import si_unit
 
-_LINE = 80  # characters of an identification line
+_OWN = 9058  # data set of the attributes of a record that this package wrote; other programs pass over it
 _KINDS = {8: "x", 11: "v", 12: "a", 13: "F", 9: "F"}  # specific data types
 _TYPES = {"x": 8, "v": 11, "a": 12, "F": 13}
 _DIRECTIONS = {0: "", 1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
@@ -52,8 +51,7 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
                 f"{path}: {one['id1'].strip()!r} announces {int(one['num_pts'])} points, {len(one['data'])} are there",
                 "The file is cut off or damaged; export it again.",
             )
-    own = _own(path, sets)
-    return own if own is not None else _foreign(path, sets, systems, len(kinds) - len(sets))
+    return _own(path, sets) if kinds[0] == _OWN else _foreign(path, sets, systems, len(kinds) - len(sets))
 
 
 def _foreign(path: Path, sets: Sequence[Mapping[str, Any]], systems: Sequence[Mapping], skipped: int) -> Table:
@@ -110,45 +108,26 @@ def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:
     return [name if short.count(name) == 1 else f"{name} set {i + 1}" for i, name in enumerate(short)], signs
 
 
-def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table | None:
-    """A record written by :func:`write_uff`, with its attributes; or None."""
-    marks = [f"{one['id4']} {one['id5']}".split() for one in sets]
-    if not all(len(mark) == 8 and mark[0] == SCHEMA for mark in marks):
-        return None
-    try:
-        names = [_unquoted(one["id1"]) for one in sets]
-        if any(int(mark[7]) != len(sets) for mark in marks):
-            raise ValueError(f"{len(sets)} columns are there, {marks[0][7]} were written")
-        data = {
-            "version": max(int(mark[1]) for mark in marks), "name": _unquoted(sets[0]["id2"]),
-            "coordinates": marks[0][2], "fs": float.fromhex(marks[0][3]), "t0": float.fromhex(marks[0][4]),
-            "n_samples": len(sets[0]["data"]), "columns": names,
-            "covariates": [n for n, mark in zip(names, marks) if mark[6] == "covariate"],
-            "float32": [n for n, mark in zip(names, marks) if mark[5] == "float32"],
-        }  # fmt: skip
-        attributes = Attributes.checked(data, path)
-    except FileFormatError:
-        raise
-    except ValueError as error:
-        raise unreadable(path, "UFF", f"the attributes of the record are damaged ({error})") from error
-    columns = {name: np.asarray(one["data"], dtype=float) for name, one in zip(names, sets)}
+def _own(path: Path, sets: Sequence[Mapping[str, Any]]) -> Table:
+    """A record written by :func:`write_uff`, with its attributes."""
+    with open(path, "rb") as file:
+        text = [file.readline() for _ in range(3)][-1]
+    attributes = Attributes.from_json(text, path)
+    if len(sets) != len(attributes.columns):
+        raise unreadable(path, "UFF", f"{len(sets)} columns are there, {len(attributes.columns)} were written")
+    columns = {name: np.asarray(one["data"], dtype=float) for name, one in zip(attributes.columns, sets)}
     return Table(path, "UFF 58", columns, attributes=attributes, fs=attributes.fs)
 
 
 def write_uff(path: Path, columns: Mapping[str, np.ndarray], attributes: Attributes) -> None:
-    """Write the columns of a record as binary time histories (58b, double precision)."""
-    mark = f"{SCHEMA} {VERSION} {attributes.coordinates} {attributes.fs.hex()}"
+    """Write the columns of a record as binary time histories (58b), and its attributes as a data set of our own."""
     sets = []
     for name, line in columns.items():
-        covariate = name in attributes.covariates
-        precision = "float32" if name in attributes.float32 else "float64"
-        more = f"{attributes.t0.hex()} {precision} {'covariate' if covariate else 'channel'} {len(columns)}"
-        texts = [_quoted(name, "column name"), _quoted(attributes.name, "record's name"), "NONE", mark, more]
-        kind = "" if covariate else name[0]
-        node = int(name[1:]) if kind and name[1:].isdigit() else 0
-        unit = "" if covariate else si_unit(name)
+        kind = "" if name in attributes.covariates else name[0]
+        node, unit = int(name[1:]) if kind and name[1:].isdigit() else 0, si_unit(name) if kind else ""
+        texts = [name, attributes.name]
         sets.append(history(line, attributes.fs, attributes.t0, texts, _TYPES.get(kind, 0), node, 0, unit))
-    write_sets(path, sets)
+    write_sets(path, [f"{-1:6d}\n{_OWN:6d}\n{attributes.to_json()}\n{-1:6d}\n".encode(), *sets])
 
 
 def history(line: np.ndarray, fs: float, t0: float, texts: Sequence[str], kind: int, node: int, reference: int,
@@ -158,7 +137,7 @@ def history(line: np.ndarray, fs: float, t0: float, texts: Sequence[str], kind: 
     axis = "{:10d}    0    0    0 {:<20} {:<20}"
     head = [
         f"{-1:6d}", f"{58:6d}b{1:6d}{2:6d}{11:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
-        *(f"{text:<80}" for text in texts),
+        *(f"{ascii(text)[1:-1][:80]:<80}" for text in (*texts, *["NONE"] * (5 - len(texts)))),
         f"{1:5d}{0:10d}{0:5d}{0:10d} {'NONE':>10}{node:10d}{1 if kind else 0:4d} "
         f"{'NONE':>10}{reference:10d}{1 if reference else 0:4d}",
         f"{4:10d}{len(line):10d}{1:10d}{t0:13.5e}{1 / fs:13.5e}{0:13.5e}", axis.format(17, "time", "s"),
@@ -171,18 +150,3 @@ def write_sets(path: Path, sets: Sequence[bytes]) -> None:
     """Write data sets to a universal file, whole or not at all."""
     with atomic_write(path, "wb") as file:
         file.writelines(sets)
-
-
-def _quoted(text: str, what: str) -> str:
-    """A text as one line of ASCII, in JSON quotes if a plain line would change it."""
-    plain = text.isascii() and text.isprintable() and text == text.strip() and text and text[0] != '"'
-    line = text if plain and text.upper() != "NONE" else json.dumps(text)
-    if len(line) > _LINE:
-        cure = "Shorten it, or write Parquet."
-        raise ChannelError(f"The {what} {text[:60]!r}... does not fit into the {_LINE} characters of a UFF line", cure)
-    return line
-
-
-def _unquoted(line: str) -> str:
-    line = str(line).strip()
-    return json.loads(line) if line[:1] == '"' else line

@@ -164,10 +164,9 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     sites = {site: i for i, (site, laws) in enumerate(model.laws.items()) if laws}
     forces = segments.scatter(model.site_forces(segments))[:, list(sites.values())]
     if suffix in (".uff", ".unv"):
-        name = segment.name if segment.name.isascii() and segment.name.isprintable() else "record"
         sets = []
         for line, site in zip(forces.T, sites):
-            texts = [f"restoring force of {site}, N"[:80], name[:80] or "NONE", "NONE", "NONE", "NONE"]
+            texts = [f"restoring force of {site}, N", segment.name]
             sets.append(history(line, 1.0 / dt, 0.0, texts, _REACTION, site.p, max(site.q, 0), "N"))
         write_sets(path, sets)
         return path

@@ -17,7 +17,7 @@ from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion, PowerSeries
 from pysindy_nrf.monitoring import track
 from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figure, Line, Mark, index_of
-from pysindy_nrf.output.displays._matplotlib import Display, dress
+from pysindy_nrf.output.displays._matplotlib import Drawing, dress
 from pysindy_nrf.output.displays.evidence import before_after_figure
 from pysindy_nrf.output.displays.forces import energy_figure, loop_figure, surface_figure
 from pysindy_nrf.output.displays.models import change_figure
@@ -28,6 +28,12 @@ from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.signals.kinematics import base_acceleration_if_any, base_motion
 
 _OVER = {"time": ("time", "s"), "drift": ("drift s_{{{i}}}", "m"), "rate": ("rate v_{{{i}}}", "m/s")}
+
+
+class Display(Drawing):
+    """One pair of axes, ``ax_``, unless a display has several."""
+
+    _columns = 0
 
 
 class DamperForceDisplay(Display):

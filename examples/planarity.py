@@ -15,7 +15,7 @@ from pysindy_nrf.common.random_state import generator
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.laws import Dahl, PowerSeries
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line, Mark
-from pysindy_nrf.output.displays._matplotlib import Display
+from pysindy_nrf.output.displays._matplotlib import Drawing
 from pysindy_nrf.regression.chain_model import as_model, as_segments, storey_names
 from pysindy_nrf.regression.segments import SegmentSet
 
@@ -149,7 +149,7 @@ def _reference(estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, 
     return np.quantile(values, 0.95, axis=0)
 
 
-class PlanarityDisplay(Display):
+class PlanarityDisplay(Drawing):
     """How far every storey's surface is from a plane, and how far noise alone would bend it.
 
     Parameters
@@ -157,6 +157,8 @@ class PlanarityDisplay(Display):
     table : DataFrame
         As of ``planarity``.
     """
+
+    _columns = 0
 
     def __init__(self, table: pd.DataFrame) -> None:
         self.table = table

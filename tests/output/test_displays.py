@@ -27,7 +27,7 @@ from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line
-from pysindy_nrf.output.displays._matplotlib import Display
+from pysindy_nrf.output.displays._matplotlib import Drawing
 from pysindy_nrf.output.displays._plotly import as_plotly
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -115,12 +115,7 @@ def test_a_stiffness_that_drops_by_a_fifth_is_drawn_as_twenty_percent():
 def test_bounds_and_order_of_lying_bars_are_the_same_on_both():
     bars = Bars([90.0, 40.0], low=[80.0, 10.0], high=[95.0, 60.0])
     figure = Figure("", [bars], Axis("share", "%"), Axis(ticks=["storey 1", "storey 2"]), lying=True)
-
-    class Bounds(Display):
-        def figures(self):
-            return [figure]
-
-    ax = Bounds().plot().ax_
+    (ax,) = Drawing([figure]).plot().ax_
     trace, layout = as_plotly(figure)["data"][0], as_plotly(figure)["layout"]
     assert [p.get_width() for p in ax.patches] == trace["x"] == [90.0, 40.0]
     assert trace["error_x"]["array"] == [5.0, 20.0] and trace["error_x"]["arrayminus"] == [10.0, 30.0]

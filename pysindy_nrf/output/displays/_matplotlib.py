@@ -28,24 +28,20 @@ _MARKERS: dict[str, dict[str, Any]] = {
 _MOST = 20_000
 
 
-class Display:
-    """Base of the displays: ``figures`` says what is shown, ``plot`` draws it.
-
-    Attributes
-    ----------
-    ax_ : Axes or ndarray of Axes
-        Where it is drawn; an array where the display has several axes, those of the uppermost floor on top.
-    figure_ : matplotlib Figure
-    """
+class Drawing:
+    """Figures that stand beside each other; ``ax_`` (array of Axes) and ``figure_`` are where they were drawn."""
 
     # axes beside each other; 0: a single figure, and ``ax_`` is no array
-    _columns: ClassVar[int] = 0
+    _columns: ClassVar[int] = 3
     ax_: Any
     figure_: Any
 
+    def __init__(self, figures: Sequence[Figure]) -> None:
+        self._figures = list(figures)
+
     def figures(self) -> list[Figure]:
         """What is drawn, apart from how: one entry for each pair of axes."""
-        raise NotImplementedError
+        return self._figures
 
     def plot(self, ax: Any = None) -> Self:
         """Draw with matplotlib.
@@ -65,18 +61,6 @@ class Display:
         if not self._columns:
             self.ax_ = self.ax_[0]
         return self
-
-
-class Drawing(Display):
-    """Figures that stand beside each other."""
-
-    _columns = 3
-
-    def __init__(self, figures: Sequence[Figure]) -> None:
-        self._figures = list(figures)
-
-    def figures(self) -> list[Figure]:
-        return self._figures
 
 
 def available() -> bool:

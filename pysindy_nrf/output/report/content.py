@@ -18,7 +18,6 @@ from ...discrepancy.residual import SiteLoop, loops_of, residual_of
 from ...exceptions import NRFError, NRFWarning
 from ...laws.base import registry
 from ...regression.chain_model import ChainModel
-from ...regression.segments import SegmentSet
 from ...signals.channel_checks import Measured, measured
 from ...signals.kinematic_smoother import KinematicSmoother
 from ...signals.kinematics import to_features
@@ -311,8 +310,9 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     if records is None and kept is None:
         return None, None
     given = [records] if isinstance(records, Record) else list(records or ())
-    if kept is not None and (records is None or _fitted_to(kept, given)):  # they need not be fused again
-        return kept, filters_of(band, kept)
+    fitted = getattr(subject, "_given", None) or []
+    if kept is not None and (records is None or list(map(id, given)) == list(map(id, fitted))):
+        return kept, filters_of(band, kept)  # they need not be fused again
     data = prepare(given).data
     return data, filters_of(band, data)
 
@@ -330,20 +330,6 @@ def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
             noise = {}
         out.append(measured(record, noise))
     return out
-
-
-def _fitted_to(data: SegmentSet, records: Sequence[Record]) -> bool:
-    """Whether the data are these records: lengths, forces and motion of the base; names where nothing is given."""
-    if [seg.n_samples for seg in data.segments] != [rec.n_samples for rec in records]:
-        return False
-    for seg, rec in zip(data.segments, records):
-        inputs = [(seg.F, rec.force)]
-        if rec.base_acceleration is not None and seg.ag is not None:
-            inputs.append((seg.ag, rec.base_acceleration))
-        same = all(np.array_equal(mine, given, equal_nan=True) for mine, given in inputs)
-        if not same or (seg.name != rec.name and not any(np.nan_to_num(given).any() for _, given in inputs)):
-            return False
-    return True
 
 
 @dataclass

@@ -55,7 +55,7 @@ def force_figure(model: Any, site: Site, loop: SiteLoop | None = None) -> Figure
     memory = model.restoring_forces[site].has_memory
     if not memory and site in model.visited:
         try:
-            return surface_figure(model.surface(site, 33, margin=0.08), site, loop=loop)
+            return surface_figure(model.surface(site, 29, margin=0.08), site, loop=loop)
         except NRFError:  # a law that needs time or a covariate is no surface
             memory = True
     if loop is None:

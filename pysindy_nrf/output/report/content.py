@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -217,6 +217,8 @@ def drawing(regressor: Any) -> Drawing:
     return Drawing([*map(loop_figure, loops), *free_run_figure(regressor.free_runs())])
 
 
+_LOOP = 500  # points of a loop
+
 # columns of ``missing_terms_`` of a regressor, in words
 _MISSING = {
     "residual": "residual (% of its force)", "gain": "held-out part of it that further terms remove (%)",
@@ -227,7 +229,7 @@ _MISSING = {
 
 def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) -> Content:
     """Equations, sites, masses, coefficients, modes."""
-    by_site = {loop.site: loop for loop in loops}
+    by_site = {loop.site: _shortened(loop) for loop in loops}
     sections = []
     for site, force in model.restoring_forces.items():
         if not force.laws:
@@ -252,6 +254,13 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) ->
             figures.append(modes_figure(modes))
     held = Table("Versions", ["package", "version"], [list(row) for row in versions().items()])
     return Content(balance_equations(model), sections, tables, figures, held, str(model).splitlines())
+
+
+def _shortened(loop: SiteLoop) -> SiteLoop:
+    """The middle of a long stretch, around the largest motion: cycles that can be told apart, on a small page."""
+    first = max(0, (len(loop.t) - _LOOP) // 2)
+    lines = {key: x[first : first + _LOOP] for key, x in vars(loop).items() if isinstance(x, np.ndarray)}
+    return replace(loop, **lines)  # type: ignore[arg-type]
 
 
 def _masses(model: ChainModel, bounds: Bounds) -> Table:

@@ -111,7 +111,8 @@ def mathml(pieces: list[str]) -> str:
         from latex2mathml.converter import convert
 
         spaced = [piece if piece[0] not in "+-=" else f"{{}} {piece}" for piece in pieces]  # signs between two terms
-        shown = [convert(piece).replace("<math ", f'<math alttext="{escape(piece)}" ', 1) for piece in spaced]
+        own = 'xmlns="http://www.w3.org/1998/Math/MathML"'  # HTML knows it
+        shown = [convert(piece).replace(own, f'alttext="{escape(piece)}"', 1) for piece in spaced]
     except Exception:  # the converter's errors share no other class
         shown = [f"<code>{escape(piece)}</code>" for piece in pieces]
     return " ".join(shown)

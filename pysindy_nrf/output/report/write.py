@@ -1,8 +1,11 @@
 """The views of a result: one self-contained page, Markdown, and small HTML for notebooks, which escapes every name."""
 
+import base64
 import json
+import zlib
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
@@ -90,19 +93,19 @@ def page(
         return name, drawn[name]["layout"]["height"]
 
     markup = jinja2.utils.markupsafe.Markup
-    style, code, plotly = markup(_template("style.css")), markup(_template("page.js")), markup(offline.get_plotlyjs())
+    style, code = markup(_template("style.css")), markup(_template("page.js"))
     words = {"content": content, "register": register, "math": lambda pieces: markup(mathml(pieces)), "style": style}
     body = environment.get_template("page.html").render(words)  # registers the figures
-    scripts = {"figures": markup(script_json(drawn)), "plotly": plotly, "code": code}
+    held = {"plotly": offline.get_plotlyjs(), "figures": json.dumps(drawn, separators=(",", ":"), allow_nan=False)}
+    scripts = {"packed": {name: _packed(text) for name, text in held.items()}, "code": code}
     return f"{body}{environment.get_template('scripts.html').render(scripts)}</body>\n</html>\n"
 
 
-def script_json(value: Any) -> str:
-    """JSON that may stand inside a script element, whatever is in it."""
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    for sign in "<>&\u2028\u2029":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
+@lru_cache(2)
+def _packed(text: str) -> tuple[int, str]:
+    """Bytes of a text when deflated, and these in signs that may stand inside a script element."""
+    small = zlib.compress(text.encode(), 9)
+    return len(small), base64.b85encode(small, pad=True).decode().replace("<", ",")
 
 
 def _template(name: str) -> str:

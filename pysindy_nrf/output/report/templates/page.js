@@ -1,6 +1,6 @@
 "use strict";
 (function () {
-  const figures = JSON.parse(document.getElementById("figures").textContent);
+  let figures = {};
   const status = document.getElementById("status");
   const drawn = new Map();
   const scenes = [];
@@ -81,19 +81,34 @@
 
   // -- drawing: when a figure comes near the screen, and the other plane ones while nothing else is to be done
 
-  // the page reads, sorts and scrolls before the four megabytes of plotly are looked at
-  function plotly() {
-    if (!window.Plotly) {
-      const script = document.createElement("script");
-      script.textContent = document.getElementById("plotly").textContent;
-      document.head.append(script);
+  // plotly and the figures are packed (deflate, in the 85 signs of Python's b85encode with "," for "<"); the page reads,
+  // sorts and scrolls before they are looked at
+  async function unpacked(id) {
+    const place = document.getElementById(id);
+    const text = place.textContent, size = Number(place.dataset.size);
+    const signs = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~";
+    const values = new Uint8Array(128);
+    for (let i = 0; i < 85; i++) { values[signs.charCodeAt(i)] = i; }
+    const bytes = new DataView(new ArrayBuffer(text.length / 5 * 4));
+    for (let i = 0, at = 0; i < text.length; at += 4) {
+      let value = 0;
+      for (const end = i + 5; i < end; i++) { value = 85 * value + values[text.charCodeAt(i)]; }
+      bytes.setUint32(at, value);
     }
-    return window.Plotly;
+    const stream = new Blob([bytes.buffer.slice(0, size)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Response(stream).text();
+  }
+  async function unpack() {
+    if (!("DecompressionStream" in window)) { status.textContent = "This browser is too old to draw the figures."; return; }
+    const script = document.createElement("script");
+    script.textContent = await unpacked("plotly");
+    document.head.append(script);
+    figures = JSON.parse(await unpacked("figures"));
+    begin();
   }
   function draw(name) {
     const place = document.getElementById(name);
-    if (!place || drawn.has(name)) { return; }
-    plotly();
+    if (!place || !figures[name] || drawn.has(name)) { return; }
     let figure = dressed(name);
     const space = Boolean(figure.layout.scene);
     if (space && !hasWebGL) { figure = flat(figure); }
@@ -111,7 +126,6 @@
   }
   function redraw() {
     for (const [name, place] of drawn) {
-      if (!window.Plotly) { return; }
       const figure = dressed(name);
       if (figure.layout.scene && !hasWebGL) { const f = flat(figure); Plotly.react(place, f.data, f.layout, CONFIG); continue; }
       if (figure.layout.scene) { figure.layout.scene.camera = camera(place); }
@@ -136,13 +150,13 @@
   function later() {
     if ("requestIdleCallback" in window) { requestIdleCallback(idle, { timeout: 2000 }); } else { setTimeout(idle, 100); }
   }
-  window.addEventListener("load", () => requestAnimationFrame(() => setTimeout(begin, 0)));
+  window.addEventListener("load", () => requestAnimationFrame(() => setTimeout(unpack, 0)));
 
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
   if (scheme.addEventListener) { scheme.addEventListener("change", redraw); }
   window.addEventListener("beforeprint", () => {
     document.documentElement.dataset.theme = "light";
-    places.forEach((place) => { if (!figures[place.id].layout.scene || scenes.length < MOST_SCENES) { draw(place.id); } });
+    places.forEach((place) => { if (!figures[place.id] || !figures[place.id].layout.scene || scenes.length < MOST_SCENES) { draw(place.id); } });
     redraw();
   });
   window.addEventListener("afterprint", () => { delete document.documentElement.dataset.theme; redraw(); });
@@ -155,7 +169,7 @@
     return live || (place.layout && place.layout.scene && place.layout.scene.camera) || figures[place.id].layout.scene.camera;
   }
   function turn(place, way) {
-    if (!place || !hasWebGL) { return; }
+    if (!place || !hasWebGL || !figures[place.id]) { return; }
     draw(place.id);
     if (way === "home") { Plotly.relayout(place, { "scene.camera": dressed(place.id).layout.scene.camera }); return; }
     const now = JSON.parse(JSON.stringify(camera(place)));
@@ -179,7 +193,7 @@
     if (save) {
       const place = document.getElementById(save.dataset.save);
       draw(place.id);
-      Plotly.downloadImage(place, { format: "png", scale: 2, width: place.clientWidth, height: place.clientHeight, filename: save.dataset.name });
+      if (drawn.has(place.id)) Plotly.downloadImage(place, { format: "png", scale: 2, width: place.clientWidth, height: place.clientHeight, filename: save.dataset.name });
       return;
     }
     const button = event.target.closest("[data-turn]");
@@ -189,7 +203,7 @@
   // -- tables: sort and copy
 
   function key(cell) {
-    const text = cell.dataset.value;
+    const text = cell.dataset.value ?? cell.textContent.trim();
     const value = text === "" ? NaN : Number(text);
     return { text, value };
   }

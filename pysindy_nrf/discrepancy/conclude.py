@@ -88,7 +88,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     there = general[general["there"]]
     if len(there) and not no_claim and len(forward.state.effects) < settings["max_steps"]:
         stopped += f". {words.not_in_catalogue(there)}"
-    made = simulated(forward.state.ready, confirmed.trial, rng) if forward.state.ready is not None else None
+    made = simulated(forward.state.ready, confirmed.trial.on_part(), rng) if forward.state.ready is not None else None
     noise = None if made is None else made[1]
     _say_how_sure(steps, confirmed, noise)
     report = _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
@@ -99,7 +99,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
 
 def _general(final: Stand, forward: Forward) -> pd.DataFrame:
     """What the general law without memory and the general hysteresis still gain at each storey and tie, dB."""
-    trial = final.trial
+    trial = final.trial.on_part()
     rows = {}
     for site in trial.chain.sites:
         drift, rate, *_ = trial.ruler.work.scales(site)
@@ -307,7 +307,7 @@ def _report(
     forward: Forward, first: State, settings: Mapping[str, Any], steps: list[Step], stands: list[Stand],
     confirmed: Stand, noise: Ruler | None, stopped: str,
 ) -> LoopReport:  # fmt: skip
-    work, ready, model = confirmed.trial.ruler.work, forward.state.ready, confirmed.trial.model()
+    work, ready, model = confirmed.trial.ruler.work, forward.whole or forward.state.ready, confirmed.trial.model()
     assert ready is not None
     rows: dict[str, dict[str, float]] = {}
     for stand in stands:
@@ -335,7 +335,7 @@ def _report(
         ],
         columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
     )
-    floor = floor_of(work, model, None if noise is None else noise.work)
+    floor = floor_of(model, None if noise is None else noise.work)
     evidence = _evidence(stands, steps, floor)
     data, filters = searched(work)
     return LoopReport(

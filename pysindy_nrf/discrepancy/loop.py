@@ -5,6 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from typing import Any
 
+import numpy as np
+from scipy.fft import next_fast_len
 from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
@@ -25,7 +27,7 @@ from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import concluded
 from .constants import TOLERANCES
-from .prepare import Prepared, Workspace, as_records, prepare
+from .prepare import MOST, Prepared, Workspace, as_records, excerpts, prepare
 from .report import LoopReport
 from .ruler import Ruler, Trial
 from .search import Forward, Search, proposals_of
@@ -108,22 +110,29 @@ def close_loop(
         if not problem.needs_clock:
             mine, kept = ([rec.by_sample() for rec in held] for held in (mine, kept))
         ready = prepare(mine, kept)
-        work, ruler = _ruler(ready, problem, baseline.strategy, band)
-        first = State(Trial(ruler, problem.chain, _baseline_laws(problem, work)))
-        _require_covariates(first.trial.laws, ready)
         _say_what_is_not_used(baseline)
         segments = ready.data.segments
         step = max(seg.dt or 1.0 for seg in segments)
         tolerances = tolerances_of(calibration, {**TOLERANCES, "delay": TOLERANCES["delay"] * step})
         names = tuple(c for c in segments[0].covariates if all(c in s.covariates for s in segments))
         tried = [law for law in as_laws(catalogue, names) if clock or not law.rate_dependent]
-        every = candidates(tried, problem.chain, problem.known_masses, names, work.forced, len(work.searched))
-        proposals = proposals_of(every, problem.chain.sites)
         faults = [law for law in tried if isinstance(law, SensorFault)]
-        with _bar(progress, max_steps * len(proposals)) as tick:
-            search = Search(proposals, progress=tick)
-            forward = Forward(search, first, ready, faults, rng, tolerances)
-            forward.run(max_steps)
+        for most in (MOST, np.inf):
+            seen, ruler = _ruler(ready, problem, baseline.strategy, band, most)
+            work = ruler.work.whole
+            first = State(Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work)))
+            _require_covariates(first.trial.laws, ready)
+            every = candidates(tried, problem.chain, problem.known_masses, names, work.forced, len(work.searched))
+            proposals = proposals_of(every, problem.chain.sites)
+            with _bar(progress, max_steps * len(proposals)) as tick:
+                search = Search(proposals, progress=tick)
+                forward = Forward(search, first, seen, faults, rng, tolerances)
+                forward.run(max_steps)
+            if seen is ready:
+                break
+            if not any(effect.is_fault for effect in forward.state.effects):  # it changes all samples
+                first = forward.on_all(first, ready)
+                break
         settings = {
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
             "baseline": baseline, "calibration": tolerances,
@@ -141,22 +150,27 @@ def close_loop(
         return report
 
 
-def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any) -> tuple[Workspace, Ruler]:
-    """Folds, windows and informative bands."""
+def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any, most: float) -> tuple[Prepared, Ruler]:
+    """What the search reads: records or excerpts of them, with folds, windows and informative bands."""
     filters_of(band, ready.data)  # a band that cannot be is refused here
     segments = ready.data.segments
     length = window_length([s for i, s in enumerate(segments) if i not in (ready.heldout or ())])
-    work = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses, strategy)
-    if not work.forced and not work.known_masses:
+    whole = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses, strategy)
+    if not whole.forced and not whole.known_masses:
         cure = "Give the baseline known_masses={dof: kg}."
         raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
+    seen, work = excerpts(ready, whole, most)
     laws = _baseline_laws(problem, work)
     rich = flexible(laws, problem.chain, work)
-    windows = Windows(ready.data, work.search, length)
+    if seen is not ready:
+        dt = work.data.segments[0].step
+        length = 2.0 * dt * next_fast_len(round(0.5 * window_length(work.data.segments) / dt))
+    windows = Windows(work.data, work.search, length)
     windows = windows if band is None else windows.within(*band)
     ruler = Ruler(work, windows).find_bands([(problem.chain, laws), (problem.chain, rich)])
-    work.filters = filters_of(ruler.band(), ready.data)
-    return work, ruler
+    for one in (whole, work):
+        one.filters = filters_of(ruler.band(), one.data)
+    return seen, ruler
 
 
 def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[ForceLaw, ...]]:

@@ -21,7 +21,10 @@ from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..signals.channel_checks import Measured, measured
 from ..signals.kinematic_smoother import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
-from .constants import CLEAN, LEAST_SHARE
+from .constants import CLEAN, LEAST_SHARE, WINDOWS
+
+# Samples on which a search decides. A gain is a ratio of powers: more samples make it no larger.
+MOST = 10_000
 
 
 @dataclass
@@ -171,6 +174,7 @@ class Workspace:
         self._motions: dict[tuple[Site, int], Motion] = {}
         self._scales: dict[Site, Scales] = {}
         self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
+        self.whole = self  # all samples, where these are excerpts of long records
 
     def with_data(self, data: SegmentSet) -> Workspace:
         """The same rows of other motions (of corrected channels), as far as they are valid."""
@@ -185,6 +189,7 @@ class Workspace:
             return out
 
         out = copy(self)
+        out.whole = out if self.whole is self else self.whole
         out.data, out.search, out.held = data, same(self.search), same(self.held)
         out._motions, out._scales = {}, {}
         return out
@@ -198,6 +203,8 @@ class Workspace:
 
     def scales(self, site: Site) -> Scales:
         """Sizes of the motion at a site, from which shape parameters are searched; of the search rows and records."""
+        if self.whole is not self:
+            return self.whole.scales(site)
         if site not in self._scales:
             parts = [(self.motion(site, b.segment), b.rows) for b in self.search]
             s = np.sqrt(np.mean(np.concatenate([m.s[rows] for m, rows in parts]) ** 2))
@@ -245,3 +252,29 @@ class Workspace:
         for rows in self.runs(record):
             seen[segment.valid.start + rows.start : segment.valid.start + rows.stop] = True
         return seen
+
+
+def excerpts(ready: Prepared, work: Workspace, most: float = MOST) -> tuple[Prepared, Workspace]:
+    """The records of a search; of long ones the strongest stretch of every fold, as a record of its own."""
+    x = np.concatenate([work.motion(Site(1), b.segment).s[b.rows] for b in work.search])
+    # Two periods in a window, as records of ten thousand samples have.
+    period = 2 * np.pi * np.std(x) / max(float(np.std(np.diff(x))), 1e-300)
+    size = int(max(most, 2 * WINDOWS * period) / len(work.search)) if most < len(x) else len(x)
+    if 2 * size * len(work.search) > len(x) or not ready.records[0].has_clock:
+        return ready, work
+    blocks: list[BlockRows] = []
+    records, segments, at = [], [], 0
+    for b in work.search:
+        seg, own = work.data.segments[b.segment], min(size, b.rows.stop - b.rows.start)
+        start = seg.strongest(b.rows, own)
+        lead = min(start, size // 10)  # in which laws with a memory forget
+        rows = slice(seg.valid.start + start - lead, seg.valid.start + start + own)
+        records.append(ready.records[b.segment].rows(rows))
+        segments.append(seg.part(rows, at))
+        blocks.append(BlockRows(len(blocks), slice(lead, lead + own)))
+        at += segments[-1].n_samples
+    noise, bands = ([held[b.segment] for b in work.search] for held in (ready.noise, ready.bands))
+    few = Prepared(records, SegmentSet(segments, at), noise, clean=ready.clean, bands=bands)
+    part = Workspace(few.data, blocks, [], work.known_masses, work.strategy)
+    part.whole = work
+    return few, part

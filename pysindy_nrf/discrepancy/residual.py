@@ -196,11 +196,10 @@ class NoiseFloor:
         return cls(rms(parts), rms([from_top(e) for e in parts]), draws)
 
 
-def floor_of(work: Workspace, model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
+def floor_of(model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
     """What noise alone leaves of the forces, from records of noise; None where the model has no free run."""
     if noise is None:
         return None
-    noise.filters = [work.filters[i] for i in work.searched]
     return NoiseFloor.from_draws([residual_of(model, *searched(noise))])
 
 
@@ -253,6 +252,7 @@ def _produced(
             ends = (min(max(row + later, 0), valid.stop - valid.start) for row in (b.rows.start, b.rows.stop))
             blocks.append(BlockRows(number, slice(*ends)))
     fake = Workspace(data, blocks, [], work.known_masses, work.strategy)
+    fake.filters = [work.filters[i] for i in work.searched]
     windows = trial.ruler.windows
     other = Windows(data, blocks, windows.length, windows.edges, windows.centred)
     return made, Ruler(fake, other, trial.ruler.informative, trial.ruler.clear)

@@ -136,6 +136,7 @@ class Ruler:
         self.clear = self.informative if clear is None else clear
         self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
         self._held = 0  # bytes
+        self.part: Ruler | None = None  # on excerpts, where this is one on all samples of long records
 
     def columns(self, site: Site, laws: Sequence[ForceLaw]) -> np.ndarray:
         """Spectra of the columns of laws at one site; those of a scan are kept for the next step."""
@@ -146,10 +147,9 @@ class Ruler:
                 raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
             width = len(found) // len(missing)
             new = {(site, law): found[k * width : (k + 1) * width] for k, law in enumerate(missing)}
+            if self._held + found.nbytes > _CACHE:  # a scan comes by in the same order each time: the first stay
+                return np.vstack([new[site, law] if law in missing else self._cache[site, law] for law in laws])
             self._held += found.nbytes
-            if self._held > _CACHE:
-                self._cache = {(site, law): self._cache[site, law] for law in laws if (site, law) in self._cache}
-                self._held = found.nbytes + sum(x.nbytes for x in self._cache.values())
             self._cache |= new
         return np.vstack([self._cache[site, law] for law in laws])
 
@@ -189,6 +189,14 @@ class Ruler:
         kept = slice(0, last + 1)
         return Ruler(self.work, self.windows.upto(last), self.informative[:, kept], np.array(clear)[:, kept])
 
+    def on_all(self) -> Ruler:
+        """The same windows and bands on all samples of the records."""
+        w, work = self.windows, self.work.whole
+        windows = Windows(work.data, work.search, w.length, w.edges, w.centred)
+        out = Ruler(work, windows, self.informative, self.clear)
+        out.part = self
+        return out
+
     def on(self, windows: Windows) -> Ruler:
         """The same bands on other samples."""
         return Ruler(self.work, windows, self.informative, self.clear)
@@ -204,7 +212,9 @@ class Ruler:
         w = self.windows
         informative, clear = self.informative.copy(), self.clear.copy()
         informative[:, 0] = clear[:, 0] = True
-        return Ruler(self.work, Windows(w.data, w.blocks, w.length, w.edges, False), informative, clear)
+        out = Ruler(self.work, Windows(w.data, w.blocks, w.length, w.edges, False), informative, clear)
+        out.part = None if self.part is None else self.part.as_measured()
+        return out
 
     def errors(self, powers: Powers) -> np.ndarray:
         """Error of each balance in its clear bands, percent."""
@@ -301,6 +311,10 @@ class Trial:
         given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting, True
         order = plan_solve_order(layout.chain, *given).require_complete()
         return ChainFit(layout, order, work.known_masses, where, self.at, work.forced)
+
+    def on_part(self) -> Trial:
+        """The same laws on the excerpts of long records."""
+        return self if self.ruler.part is None else Trial(self.ruler.part, self.base, self.laws)
 
     def _judged(self) -> tuple[Powers, np.ndarray, np.ndarray, np.ndarray]:
         """Cross-validated powers, masses, coefficients, and the power that the fit to all folds leaves."""

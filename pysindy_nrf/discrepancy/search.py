@@ -24,7 +24,7 @@ from .state import Axes, Effect, Finding, Proposal, State
 
 def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     """Frequencies that a harmonic force at a DOF may have, Hz, from what the search may see of the longest record."""
-    work, j = trial.ruler.work, proposal.sites[0].p
+    work, j = trial.ruler.work.whole, proposal.sites[0].p
     runs = [(i, run) for i in work.searched for run in work.runs(i)]
     record, run = max(runs, key=lambda one: one[1].stop - one[1].start)
     segment = work.data.segments[record]
@@ -180,6 +180,7 @@ class Forward:
         self.search, self.faults, self.rng, self.tolerances = search, faults, rng, tolerances
         self._freed: dict[Trial, Freed] = {}  # of the errors of channels
         self.state = replace(state, ready=ready)
+        self.whole: Prepared | None = None  # all samples of long records
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
         self.rivals: dict[Effect, list[Finding]] = {}
         self.last: list[tuple[Finding, Gain]] = []
@@ -206,6 +207,15 @@ class Forward:
         if len(self.state.effects) > 1:
             self._exchange()
         self._constants(most)
+
+    def on_all(self, first: State, ready: Prepared) -> State:
+        """Go over to all samples of long records that were searched by excerpts; returns their first state."""
+        ruler = first.trial.ruler.on_all()
+        start, end = (Trial(ruler, one.trial.base, one.trial.laws) for one in (first, self.state))
+        state = self.search.polished(replace(self.state, trial=end))
+        self.rivals = {e: self.rivals.get(old, []) for old, e in zip(self.state.effects, state.effects)}
+        self.state, self.whole = replace(state, ready=self.state.ready), ready
+        return replace(first, trial=start)
 
     def _ranked(self, state: State, most: int, faults: Sequence[SensorFault] = ()) -> list[tuple[Finding, Gain]]:
         """What could be added to a state, at most so many effects at once, the best first."""
@@ -331,13 +341,11 @@ class Forward:
                 base = self.search.without(self.state, [effect])
             except NRFError:
                 continue
-            found = self._choice(base, self._ranked(base, 1))
-            if found is None or found[0].after is None:
-                continue
-            gap, error = judge.difference(
-                found[0].after.trial.gain_over(base.trial), self.state.trial.gain_over(base.trial)
-            )
-            if gap > error:
+            own = self.state.trial.gain_over(base.trial)
+            pairs = self._ranked(base, 1)
+            better = [f for f, gain in pairs if np.greater(*judge.difference(gain, own))]
+            found = self._choice(base, pairs) if better else None
+            if found is not None and found[0] in better:
                 before, self.state = self.state, base
                 self._take(found)
                 self._eliminate()

@@ -1,4 +1,4 @@
-"""The compiled pass over samples: columns of the balances in cache, each pair of sites that meets multiplied once."""
+"""Compiled: the pass over samples, each pair of sites that meets multiplied once; the solve of many Gram matrices."""
 
 from __future__ import annotations
 
@@ -217,3 +217,85 @@ def _kernel() -> Callable[..., None]:
     multiply_all.compile((given, given, given, places, table, starts, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all
+
+
+OWN, KNOWN, MASS, SECOND = range(4)  # roles of a column in a step of the solve order
+
+
+def _least_squares(gram, columns, target, values, work):
+    """Solve for columns scaled to unit length; False where they depend on each other."""
+    width = len(columns)
+    for i in range(width):
+        size = gram[columns[i], columns[i]]
+        if not (size > 0.0 and size < np.inf):
+            return False
+        work[i, width] = 1.0 / np.sqrt(size)
+    for i in range(width):
+        dot = 0.0
+        for j in range(len(target)):
+            if target[j] != 0.0:
+                dot += gram[columns[i], j] * target[j]
+        values[i] = dot * work[i, width]
+        for j in range(i + 1):
+            part = gram[columns[i], columns[j]] * work[i, width] * work[j, width]
+            for k in range(j):
+                part -= work[i, k] * work[j, k]
+            if i != j:
+                work[i, j] = part / work[j, j]
+            elif part > 9e-16 * (width + 1):
+                work[i, i] = np.sqrt(part)
+            else:
+                return False
+        for k in range(i):
+            values[i] -= work[i, k] * values[k]
+        values[i] /= work[i, i]
+    for i in range(width - 1, -1, -1):
+        for k in range(i + 1, width):
+            values[i] -= work[k, i] * values[k]
+        values[i] /= work[i, i]
+    for i in range(width):
+        values[i] *= work[i, width]
+    return True
+
+
+@cache
+def compiled_solve() -> Callable[..., None]:
+    """For each stack of Gram matrices: masses (known ones preset) and coefficients; NaN where it cannot be done."""
+    from ..laws.compiled import jit, part
+
+    least_squares = part(_least_squares)
+
+    def chain(fit, n, at, steps, entries, dofs, masses, theta):
+        p = fit.shape[2]
+        target, values, work = np.empty(p), np.empty(p), np.empty((p, p + 1))
+        columns = np.empty(p, dtype=np.int64)
+        for b in range(fit.shape[0]):
+            for i in range(len(steps)):
+                u, e0, e1, d0, d1, free = steps[i]
+                target[:] = 0.0
+                for d in range(d0, d1):
+                    target[at + n + dofs[d]] += 1.0
+                    if not free:
+                        target[at + dofs[d]] -= masses[b, dofs[d]]
+                width = 0
+                for e in range(e0, e1):
+                    where, sign, role, j = entries[e]
+                    if role == KNOWN:
+                        target[where] -= sign * theta[b, where]
+                    else:
+                        columns[width] = where
+                        width += 1
+                if not least_squares(fit[b, u], columns[:width], target, values, work):
+                    theta[b] = np.nan
+                    break
+                width = 0
+                for e in range(e0, e1):
+                    where, sign, role, j = entries[e]
+                    if role == OWN:
+                        theta[b, where] = sign * values[width]
+                    elif role == MASS:
+                        masses[b, j] = values[width]
+                    if role != KNOWN:
+                        width += 1
+
+    return jit(chain)

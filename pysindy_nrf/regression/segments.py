@@ -247,6 +247,21 @@ class Segment:
             {k: c[rows] for k, c in self.covariates.items()},
         )  # fmt: skip
 
+    def part(self, rows: slice, at: int) -> Segment:
+        """Some valid rows as a segment whose first row is row ``at`` of all."""
+        cut: dict[str, Any] = {
+            key: None if (y := getattr(self, key)) is None else y[rows] for key in ("a", "v", "s", "F", "t", "ag")
+        }
+        cut["covariates"] = {k: y[rows] for k, y in self.covariates.items()}
+        size = rows.stop - rows.start
+        return replace(self, **cut, rows=slice(at, at + size), valid=slice(0, size), _extent=None)
+
+    def strongest(self, rows: slice, size: int) -> int:
+        """Where, in some valid rows, the stretch of a length begins that holds most energy of rates and forces."""
+        y = np.nan_to_num(np.hstack([self.v, self.F])[self.valid][rows])
+        energy = np.cumsum(np.append(0.0, (y**2 / np.maximum(y.var(axis=0), 1e-300)).sum(axis=1)))
+        return rows.start + int(np.argmax(energy[size:] - energy[: len(energy) - size]))
+
     def moved(self, dof: int, **changes: np.ndarray) -> Segment:
         """The record with changes (n_samples,) of the motion ``x``, ``v``, ``a`` of one DOF, or of its force ``F``."""
         new: dict[str, Any] = {}

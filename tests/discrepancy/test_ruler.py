@@ -235,7 +235,8 @@ def searched(plan, catalogue):
     """The state of the linear chain on a simulated record, and what the search finds on top of it, the best first."""
     ready = prepare(Record(**simulated(plan).channels))
     problem = NRFRegressor(degree=1).problem(ready.data.n_dof)
-    work, ruler = _ruler(ready, problem, "auto", None)
+    _, ruler = _ruler(ready, problem, "auto", None, np.inf)
+    work = ruler.work
     state = State(Trial(ruler, problem.chain, _baseline_laws(problem, work)), ready=ready)
     proposals = proposals_of(candidates(catalogue, problem.chain, (), (), work.forced), problem.chain.sites)
     return state, Search(proposals).candidates(state)

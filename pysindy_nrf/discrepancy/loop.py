@@ -38,7 +38,7 @@ from .windows import Windows, split, window_length
 def close_loop(
     records: Any, baseline: NRFRegressor | None = None, catalogue: Iterable[Any] | None = None, heldout: Any = None,
     band: tuple[float | None, float | None] | None = None, random_state: Any = 0, *, max_steps: int = 4,
-    calibration: Mapping[str, float] | None = None, progress: bool = False,
+    calibration: Mapping[str, float] | None = None, progress: Any = False,
 ) -> LoopReport:  # fmt: skip
     """Find the effects a model lacks, add them, and report the error before and after.
 
@@ -73,8 +73,8 @@ def close_loop(
         Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another DOF's motion that it reads) as
         shares, 0.02 where nothing is known, and ``delay`` in s, 0.4 of a sampling step. What is none beyond them
         is not claimed.
-    progress : bool
-        Show a progress bar (tqdm) where the error stream is a terminal.
+    progress : bool or callable
+        Show a progress bar (tqdm) where the error stream is a terminal; or call this once for each candidate.
 
     Returns
     -------
@@ -180,12 +180,12 @@ def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[For
     return dict(problem.laws)
 
 
-def _bar(progress: bool, total: int) -> Any:
+def _bar(progress: Any, total: int) -> Any:
     """A context that gives a function to be called once for each candidate."""
     import sys
 
-    if not (progress and sys.stderr.isatty()):
-        return nullcontext(lambda: None)
+    if callable(progress) or not (progress and sys.stderr.isatty()):
+        return nullcontext(progress if callable(progress) else lambda: None)
     from tqdm import tqdm
 
     class Bar(tqdm):

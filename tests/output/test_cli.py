@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 from pysindy_nrf import datasets, laws
 from pysindy_nrf.output.cli import group
 from pysindy_nrf.output.cli.group import cli, run
-from pysindy_nrf.output.cli.options import laws_of
+from pysindy_nrf.output.cli.options import laws_of, working
 from pysindy_nrf.output.cli.outcome import RED
 
 PAGE = (Path(__file__).parents[2] / "docs" / "command_line.md").read_text("utf-8")
@@ -240,3 +241,25 @@ def test_every_law_by_name_stands_alone():
     """--law SITE=NAME makes a law without arguments; each name of the registry must allow it."""
     for name in laws.registry():
         assert laws_of([("storey 1", [name])], 2)["storey 1"][0].name == name
+
+
+def test_the_first_run_says_once_that_it_compiles(here, capsys, monkeypatch, demo_file, tmp_path):
+    command = ["select-order", demo_file, "--degrees", "1", "--no-figures"]
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    assert run(command) == 0
+    assert capsys.readouterr().err.count("compiling, once, about 20 s") == 1
+    (tmp_path / "cache").mkdir(exist_ok=True)
+    (tmp_path / "cache" / "gram_pass-1.nbi").touch()
+    assert run(command) == 0
+    assert "compiling" not in capsys.readouterr().err
+
+
+def test_long_work_is_seen_on_a_terminal_and_nowhere_else(capsys, monkeypatch):
+    for terminal in (True, False):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda shown=terminal: shown, raising=False)
+        with working("finding bands") as tick:
+            tick()
+            time.sleep(1.3)
+        said = capsys.readouterr()
+        assert ("finding bands, 00:00" in said.err and "laws tried: 1, 00:01" in said.err) == terminal
+        assert said.out == ""

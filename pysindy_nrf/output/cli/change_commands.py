@@ -24,7 +24,7 @@ def _read(files: list[Path], options: dict[str, Any], session: Session) -> list[
     """One record of each file; what they hold is said."""
     from ...data.io import describe
 
-    readings = [reading for file in files for reading in opt.readings_of([file], options, session)]
+    readings = [reading for file in files for reading in opt.readings_of([file], options)]
     session.measured(*map(describe, readings))
     return [reading.record for reading in readings]
 

@@ -35,7 +35,7 @@ def demo(as_json: bool, **options: Any) -> int:
     session.measured(describe(reading))
     record, estimator = reading.record, NRFRegressor(degree=3)
     _say_plan(session, 3, record.forced, record.unknown, {}, estimator)
-    outcome = identify_records([record], estimator, raw=False, progress=session.progress)
+    outcome = identify_records([record], estimator, raw=False)
     code = finish(session, outcome, None, True, [summary(record)], demo_truth(), records=[record])
     session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then run YOUR_TEST.csv   (pysindy-nrf --help)")
     return code
@@ -117,7 +117,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     from ...data.io.summary import summary
     from .outcome import finish, identify_records
 
-    readings = opt.readings_of(files, options, session)
+    readings = opt.readings_of(files, options)
     records = [reading.record for reading in readings]
     session.measured(*map(describe, readings))
     n, understood = records[0].n_dof, [summary(rec) for rec in records]
@@ -127,7 +127,7 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     forced = sorted({j for rec in records for j in rec.forced})
     unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
     _say_plan(session, n, forced, unknown, masses, estimator)
-    outcome = identify_records(records, estimator, options["raw"], session.progress)
+    outcome = identify_records(records, estimator, options["raw"])
     code = finish(session, outcome, band, options["figures"], understood, records=records)
     if not code and estimator.missing_terms_["biased"].any():
         session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
@@ -265,14 +265,14 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
         degree=options["degree"], laws=opt.laws_of(options["laws"], options["degree"]),
         known_masses=options["masses"] or None,
     )  # fmt: skip
-    readings = opt.readings_of(files, options, session)
-    kept = opt.readings_of(options["heldout"], options, session) if options["heldout"] else []
+    readings = opt.readings_of(files, options)
+    kept = opt.readings_of(options["heldout"], options) if options["heldout"] else []
     session.measured(*map(describe, (*readings, *kept)))
-    with session.listening():
+    with session.listening("fusing channels, finding bands") as tick:
         doubts = [text for r in (*readings, *kept) for text in data_warnings(r.record)] if inspected else []
         report = run(
             [r.record for r in readings], baseline, heldout=[r.record for r in kept] or None, band=options["band"],
-            random_state=options["seed"], max_steps=options["steps"], progress=not session.as_json,
+            random_state=options["seed"], max_steps=options["steps"], progress=tick,
         )  # fmt: skip
         verdict = report.verdict
     session.warnings = [one for one in dict.fromkeys([*doubts, *session.warnings]) if one not in verdict.reasons]
@@ -349,7 +349,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
     from ...selection import select_order as run
 
     session = Session(as_json)
-    readings = opt.readings_of(files, options, session)
+    readings = opt.readings_of(files, options)
     session.measured(*map(describe, readings))
     records = [reading.record for reading in readings]
     boxes = [tuple(box) for box in options["boxes"]]
@@ -414,7 +414,7 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     from ...selection.comparison import compare_with_sindy
 
     session = Session(as_json)
-    readings = opt.readings_of([file] if file else [], options, session)
+    readings = opt.readings_of([file] if file else [], options)
     if len(readings) != 1:
         raise click.UsageError("compare takes one record.")
     session.measured(describe(readings[0]))

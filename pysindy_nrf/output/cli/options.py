@@ -1,11 +1,13 @@
 """What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
 
 import contextlib
+import itertools
 import json
 import math
 import os
 import re
 import textwrap
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -42,6 +44,7 @@ class Session:
     def measured(self, *descriptions: str) -> None:
         """Print what was understood of the records, the first thing a command says."""
         self.say("What was measured\n-----------------", *descriptions)
+        say_if_compiling()
 
     def emit(self, data: dict[str, Any], files: Iterable[Path] = ()) -> None:
         """Print plain data for machines: strict JSON, a number that does not exist as null."""
@@ -50,18 +53,12 @@ class Session:
             whole |= {"files": [str(p) for p in files]}
             click.echo(json.dumps(plain(whole), indent=2, allow_nan=False))
 
-    def progress(self, items: Iterable[Any], label: str) -> Iterable[Any]:
-        """Items with a progress bar on the error stream of a terminal, without one elsewhere."""
-        from tqdm import tqdm
-
-        return tqdm(list(items), desc=label, disable=None, leave=False, delay=0.5)
-
     @contextmanager
-    def listening(self) -> Iterator[None]:
-        """Keep the warnings of the work for :meth:`take_care`, in place of Python's lines on the error stream."""
-        with warned() as messages:
+    def listening(self, label: str = "working") -> Iterator[Callable[[], None]]:
+        """Keep the warnings of the work for :meth:`take_care`, and show that it goes on; see :func:`working`."""
+        with warned() as messages, working(label) as tick:
             try:
-                yield
+                yield tick
             finally:
                 self.warnings += [one for one in messages() if one not in self.warnings]
 
@@ -76,11 +73,13 @@ class Session:
         assert self._results is not None  # the command has the option --output
         return self._results
 
-    def aside(self) -> contextlib.AbstractContextManager[Path]:
+    @contextmanager
+    def aside(self) -> Iterator[Path]:
         """A folder for the results of the running command, moved into place when all are written."""
         run = click.get_current_context()
         about = {"command": run.info_name, "arguments": run.obj, "settings": plain(run.params)}
-        return self.results.aside(about)
+        with working("writing"), self.results.aside(about) as folder:
+            yield folder
 
     def finish(self, data: dict[str, Any], files: Sequence[Path]) -> None:
         """Print the data for machines, or for people what was written and the page to open."""
@@ -90,6 +89,41 @@ class Session:
         for path in files:
             if path.suffix == ".html":
                 self.say(f"Open {path} in a browser.")
+
+
+@contextmanager
+def working(label: str) -> Iterator[Callable[[], None]]:
+    """A line on the error stream of a terminal: what goes on, and for how long; what it gives counts laws tried."""
+    from tqdm import tqdm
+
+    bar = tqdm(bar_format="{desc}, {elapsed}", desc=label, disable=None, leave=False)
+    done, tried = threading.Event(), itertools.count(1)
+
+    def tick() -> None:
+        bar.desc = f"laws tried: {next(tried)}"
+
+    def watch() -> None:
+        while not done.wait(1.0):
+            bar.refresh()
+
+    watching = threading.Thread(target=watch, daemon=True)
+    watching.start()
+    try:
+        yield tick
+    finally:
+        done.set()
+        watching.join()
+        bar.close()
+
+
+def say_if_compiling() -> None:
+    """Announce the first run, for which the numerical functions are compiled; numba is not loaded to find out."""
+    kept = os.environ.get("NUMBA_CACHE_DIR")
+    places = [Path(kept)] if kept else [Path(__file__).parents[2], Path.home() / ".cache" / "numba"]
+    search = click.get_current_context().info_name in ("run", "close-loop")
+    wanted = ["gram_pass", *(["chain"] if search else [])]
+    if not all(any(any(place.rglob(f"{name}-*.nbi")) for place in places) for name in wanted):
+        click.echo("compiling, once, about 20 s", err=True)
 
 
 _FORCE, _NAMED = "force", "named by the mapping file"  # what a run knows beside its options
@@ -395,7 +429,7 @@ def degree_option(default: int, words: str) -> Any:
     return click.option("--degree", type=Text("N|K,Q", _degree), default=default, help=words)
 
 
-def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed: bool = True) -> list[Any]:
+def readings_of(files: Any, options: dict[str, Any], needed: bool = True) -> list[Any]:
     """What the files hold, by the record options and the mapping file."""
     from ...data.io import inspect_record
 
@@ -406,9 +440,8 @@ def readings_of(files: Any, options: dict[str, Any], session: Any = None, needed
         raise click.UsageError("Missing argument 'FILE...': give a file with the channels of a test.")
     tests = [files] if said.together and files else files
     names = [said.name if len(tests) == 1 else None] * len(tests)
-    rows = list(zip(tests, names))
-    progress = rows if session is None else session.progress(rows, "reading")
-    return [inspect_record(test, name=name, **how) for test, name in progress]
+    with working("reading"):
+        return [inspect_record(test, name=name, **how) for test, name in zip(tests, names)]
 
 
 def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:

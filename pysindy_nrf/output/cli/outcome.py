@@ -1,7 +1,7 @@
 """An identification by the command line: features, fit and free run; the result in words, as data and in files."""
 
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,10 +26,9 @@ from ..displays.motion import free_run_figure, response_figures
 from ..report import available as pages_available
 from ..report import write_html
 from ..report.content import band_text, listed
-from .options import Session, heading, paragraphs, table, verdict_words, warned
+from .options import Session, heading, paragraphs, table, verdict_words, warned, working
 
 RED = 4  # exit code
-Progress = Callable[[Iterable[Any], str], Iterable[Any]]
 
 
 @dataclass
@@ -64,11 +63,11 @@ class Outcome:
         return modes if (modes["damping"].abs() < 1).all() else None
 
 
-def identify_records(records: Sequence[Record], estimator: Any, raw: bool, progress: Progress) -> Outcome:
+def identify_records(records: Sequence[Record], estimator: Any, raw: bool) -> Outcome:
     """Identify a chain from records (``raw``: no fusion) and run the model free."""
-    with warned() as messages:
+    with warned() as messages, working("fitting, running free, checking"):
         if raw:
-            pairs = [rec.to_features(smooth=False) for rec in progress(records, "reading channels")]
+            pairs = [rec.to_features(smooth=False) for rec in records]
             X, F = (pd.concat([pair[k] for pair in pairs]) for k in (0, 1))
             options = _beside(records)
             estimator.fit(X, F, **options)

@@ -41,7 +41,7 @@ def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, 
         _propose(session, files, write_mapping)
         files, options["mapping_file"] = (), write_mapping
     try:
-        readings = opt.readings_of(files, options, session)
+        readings = opt.readings_of(files, options)
     except NRFError:
         _say_contents(session, files)
         raise
@@ -155,6 +155,7 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     session = Session(as_json)
     structure = ChainModel.from_json(model)
     said, how = opt.said_of(options)
+    opt.say_if_compiling()
     load = read_excitation(_one_test(forces, said), structure.n_dof, name=None if forces else said.name, **how)
     with session.listening():
         run = structure.simulate(
@@ -271,7 +272,7 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     if len(results) != 1:
         raise click.UsageError("report takes one result (.json); records are identified by run or identify first.")
     measured = [path for path in files if path not in results]
-    readings = opt.readings_of(measured, options, session, needed=False)
+    readings = opt.readings_of(measured, options, needed=False)
     records = [reading.record for reading in readings]
     with session.listening():
         subject = _result(results[0])

@@ -188,8 +188,7 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
         fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
         step.parameters = dict(fitted.parameters)
         step.sure = all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
-        step.intervals = {name: _around(step.parameters.get(name), *ends) for name, ends in
-                          _intervals(after.trial, effect).items()}  # fmt: skip
+        step.intervals = _intervals(after.trial, effect)
         step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
     step.evidence = words.acceptance(step)
     return step
@@ -239,15 +238,6 @@ def _bounds(trial: Trial) -> dict[str, tuple[float, float]]:
     found = pd.DataFrame([parameters_of(trial.model_at(m, c), known) for m, c in zip(trial.masses, trial.theta)])
     half = student.ppf(0.5 + LEVEL / 2, max(len(found) - 2, 1)) * np.sqrt(variance(found.iloc[1:]))
     return {name: (x - h, x + h) for name, x, h in zip(found, found.iloc[0].astype(float), half) if np.isfinite(h)}
-
-
-def _around(estimate: float | None, low: float, high: float) -> tuple[float, float]:
-    """An interval that holds its estimate: where the final fit left the middle of the folds, that is added to it."""
-    middle = 0.5 * (low + high)
-    if estimate is None or not np.isfinite(low + high):
-        return low, high
-    half = np.hypot(0.5 * (high - low), estimate - middle)
-    return (low, high) if low <= estimate <= high else (float(estimate - half), float(estimate + half))
 
 
 def _no_claim(after: Stand) -> str:

@@ -58,8 +58,8 @@ LEAST_SHARE: Final = 0.03
 LARGE_GAIN: Final = 2.0
 # Errors that every channel may have where nothing else is said: gain and part of another DOF's channel as shares, delay
 # in samples; rectangular (GUM), so that calibrations and mountings scatter by 1.2 %. All of them together explain an
-# effect if their squares are at most the median for one error a channel: chains with imperfect sensors alone (seed 401)
-# need 0.6 to 0.8 of it, a tie to the ground that changes a balance by 2 % twice.
+# effect if their squares are at most the median for one error a channel. Without that limit chains with imperfect
+# sensors alone use 0.6 to 1.5 times it (seed 401), a tie to the ground that changes a balance by 2 % uses 2.6 times.
 TOLERANCES: Final = {"gain": 0.02, "cross_axis": 0.02, "delay": 0.4}
 # Families are tied if their gains differ by less than two standard errors (95 %).
 FAR: Final = 2.0

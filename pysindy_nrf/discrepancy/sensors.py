@@ -168,7 +168,7 @@ def calibrated(
     """
     work, windows = trial.ruler.work, trial.ruler.windows
     thin = np.arange(0, windows.size, -(-windows.size // _COLUMNS))
-    readings = {i: _Readings(work.data.segments[i], ready, i) for i in work.searched}
+    readings = {i: _Readings(work, ready, i) for i in work.searched}
     errors = list(_errors(work, readings, tolerances))
     if not errors:
         return Freed(trial, np.zeros(0))
@@ -304,15 +304,17 @@ def _erroneous(
 
 
 class _Readings:
-    """What errors of the channels of one record change of its fused motion and its forces."""
+    """What errors of the channels of one record change of its fused motion and its forces, run by run of the search."""
 
-    def __init__(self, seg: Segment, ready: Prepared, record: int) -> None:
-        self.seg, self.clean, self.noise = seg, ready.clean, ready.noise[record]
+    def __init__(self, work: Workspace, ready: Prepared, record: int) -> None:
+        self.seg = seg = work.data.segments[record]
+        self.runs = [slice(seg.valid.start + r.start, seg.valid.start + r.stop) for r in work.runs(record)]
+        self.clean, self.noise = ready.clean, ready.noise[record]
         self.step = seg.dt or 1.0
         unknown = np.isnan(seg.F[seg.valid]).any(axis=0)
         forced = {f"F{j}" for j in range(1, seg.n_dof + 1) if not unknown[j - 1] and seg.F[seg.valid, j - 1].any()}
         self.measured = {c for c in ready.records[record].measured if c[0] != "F"} | forced
-        self._spectra: dict[tuple[int, bool], dict[str, np.ndarray]] = {}
+        self._spectra: dict[tuple[int, bool], list[dict[str, np.ndarray]]] = {}
 
     def unit(self, error: _Error) -> dict[str, np.ndarray]:
         """Changes by an error of unit size, (n_samples,)."""
@@ -322,26 +324,28 @@ class _Readings:
         elif self.clean:
             source = {error.kind: _motion(self.seg, error.source)[error.kind]}
         else:
-            source = {}
-            share = self._share(error)
-            for key, y in self._transformed(error.source, late).items():
-                source[key] = np.zeros(self.seg.n_samples)
-                source[key][self.seg.valid] = np.fft.irfft(share * y, self.seg.n_valid)
+            source = {key: np.zeros(self.seg.n_samples) for key in "xva"}
+            for run, spectra in zip(self.runs, self._transformed(error.source, late)):
+                share = self._share(error, run.stop - run.start)
+                for key, y in spectra.items():
+                    source[key][run] = np.fft.irfft(share * y, run.stop - run.start)
             return source
         return {key: np.gradient(y, self.step) if late else y for key, y in source.items()}
 
-    def _transformed(self, dof: int, late: bool) -> dict[str, np.ndarray]:
-        """Spectra of the motion of a DOF, or of its rates."""
+    def _transformed(self, dof: int, late: bool) -> list[dict[str, np.ndarray]]:
+        """Spectra of the motion of a DOF, or of its rates, in each run."""
         if (dof, late) not in self._spectra:
-            motion = {key: np.asarray(y[self.seg.valid], dtype=float) for key, y in _motion(self.seg, dof).items()}
-            self._spectra[dof, late] = {
-                key: np.fft.rfft(np.gradient(y, self.step) if late else y) for key, y in motion.items()
-            }
+            motion = _motion(self.seg, dof)
+            rates = [
+                {key: np.gradient(y[run], self.step) if late else y[run] for key, y in motion.items()}
+                for run in self.runs
+            ]
+            self._spectra[dof, late] = [{key: np.fft.rfft(y) for key, y in each.items()} for each in rates]
         return self._spectra[dof, late]
 
-    def _share(self, error: _Error) -> np.ndarray:
+    def _share(self, error: _Error, samples: int) -> np.ndarray:
         """Part that a channel has in the fused motion, by frequency: what fusion gives it by the noise of all."""
-        omega = 2.0 * np.pi * np.fft.rfftfreq(self.seg.n_valid, self.step)
+        omega = 2.0 * np.pi * np.fft.rfftfreq(samples, self.step)
         levels = {key: self.noise.get(f"{key}{error.dof}", 0.0) for key in "xva"}
         weight = {key: (omega**k / levels[key]) ** 2 for k, key in enumerate("xva") if levels[key] > 0}
         total = sum(weight.values(), np.zeros(len(omega)))

@@ -210,7 +210,7 @@ def _kind(found: Any) -> str:
     return _DEPENDENCE[found.dependence].format(found=found, parity=parity, marks=marks)
 
 
-# -- channels -------------------------------------------------------
+# -- channels -------------------------------------------------------------------------------------------
 
 
 def contradictions(found: Sequence[Any]) -> str:

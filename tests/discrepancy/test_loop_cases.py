@@ -151,7 +151,8 @@ def test_accelerations_alone_of_a_linear_chain_give_its_masses_and_no_effect():
     assert report.steps == [] and report.model.masses == pytest.approx(M, rel=0.02)
 
 
-def test_a_wrong_known_mass_of_a_floor_that_no_force_acts_on_is_named(dof=2):
+def test_a_wrong_known_mass_of_a_floor_that_no_force_acts_on_is_named():
+    dof = 2
     declared = dict(enumerate(M, 1)) | {dof: 1.25 * M[dof - 1]}
     tried = [laws.CoulombFriction(), laws.CubicStiffness(), laws.AddedMass(), laws.LinkSpringDashpot()]
     step = loop(shaken(forced=(3,)), tried, known_masses=declared).steps[0]

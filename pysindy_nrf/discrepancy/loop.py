@@ -128,11 +128,9 @@ def close_loop(
                 search = Search(proposals, progress=tick)
                 forward = Forward(search, first, seen, faults, rng, tolerances)
                 forward.run(max_steps)
-            if seen is ready:
-                break
-            if not any(effect.is_fault for effect in forward.state.effects):  # it changes all samples
-                first = forward.on_all(first, ready)
-                break
+            if seen is ready or not any(effect.is_fault for effect in forward.state.effects):
+                break  # else again: a fault changes all samples
+        first = first if seen is ready else forward.on_all(first, ready)
         settings = {
             "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
             "baseline": baseline, "calibration": tolerances,

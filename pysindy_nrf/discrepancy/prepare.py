@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.fft import next_fast_len
 
 from ..data.record import Record
 from ..exceptions import ChannelError
@@ -267,7 +268,7 @@ def excerpts(ready: Prepared, work: Workspace, most: float = MOST) -> tuple[Prep
     for b in work.search:
         seg, own = work.data.segments[b.segment], min(size, b.rows.stop - b.rows.start)
         start = seg.strongest(b.rows, own)
-        lead = min(start, size // 10)  # in which laws with a memory forget
+        lead = min(start, next_fast_len(own + own // 10) - own)  # in which laws with a memory forget
         rows = slice(seg.valid.start + start - lead, seg.valid.start + start + own)
         records.append(ready.records[b.segment].rows(rows))
         segments.append(seg.part(rows, at))

@@ -110,11 +110,6 @@ class Gain:
         away = np.minimum(away, max(-away.min(), 0.0))
         return self.value - float(np.sqrt((len(away) - 1) / len(away) * (away @ away)))
 
-    @property
-    def ratio(self) -> float:
-        """Gain over its standard error."""
-        return self.value / max(self.error, 1e-12)
-
 
 class Ruler:
     """What every decision reads: spectra of the search, informative bands.

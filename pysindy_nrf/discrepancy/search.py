@@ -121,10 +121,7 @@ class Search:
         best = int(np.argmax(gains))
         if not np.isfinite(gains[best]):
             return None
-        lost = (
-            Gain(base.trial.powers, state.trial.powers, base.trial.ruler.informative).value if base is not state
-            else 0.0
-        )  # fmt: skip
+        lost = 0.0 if base is state else state.trial.gain_over(base.trial).value
         return Finding(proposal, axes.at(points[best]), base, float(gains[best]) - lost)
 
     def judged(self, finding: Finding) -> Finding | None:
@@ -139,10 +136,7 @@ class Search:
         except NRFError:
             return None
         effects = (*base.effects, *(Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)))
-        return replace(
-            finding, laws=laws, after=State(trial, effects, base.ready),
-            gain=Gain(base.trial.powers, trial.powers, trial.ruler.informative),
-        )  # fmt: skip
+        return replace(finding, laws=laws, after=State(trial, effects, base.ready), gain=trial.gain_over(base.trial))
 
     def polished(self, state: State) -> State:
         """The shape parameters of all effects refined once more, one effect after the other."""
@@ -179,6 +173,7 @@ class Forward:
     ) -> None:  # fmt: skip
         self.search, self.faults, self.rng, self.tolerances = search, faults, rng, tolerances
         self._freed: dict[Trial, Freed] = {}  # of the errors of channels
+        self._changes: dict[Trial, Any] = {}
         self.state = replace(state, ready=ready)
         self.whole: Prepared | None = None  # all samples of long records
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
@@ -249,13 +244,14 @@ class Forward:
         assert self.state.ready is not None
         given = self.state.ready, self.tolerances
         if before not in self._freed:
-            self._freed = {before: calibrated(before, *given)}
+            self._freed = {before: calibrated(before, *given, None, self._changes.get(before))}
         one = self._freed[before]
         two = calibrated(after, *given, one.errors)
+        self._changes = {after: two.changes}  # the next to stand before, if it is taken
         gain = two.trial.gain_over(one.trial)
         if not judge.is_there(gain, law):
             return gain
-        again = calibrated(before, *given, two.errors)  # these errors may lie nearer to the least
+        again = calibrated(before, *given, two.errors, one.changes)  # these errors may lie nearer to the least
         if again.trial.gain_over(one.trial).value > 0:
             self._freed[before] = again
         return two.trial.gain_over(self._freed[before].trial)

@@ -152,14 +152,16 @@ _COLUMNS = 8_000
 
 
 class Freed(NamedTuple):
-    """A trial on records freed of errors of channels, and these errors in standard deviations."""
+    """A trial on records freed of errors of channels, these errors in standard deviations, and what each changes."""
 
     trial: Trial
     errors: np.ndarray
+    changes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # spectra, their rows and the number of the error
 
 
 def calibrated(
-    trial: Trial, ready: Prepared, tolerances: Mapping[str, float], start: np.ndarray | None = None
+    trial: Trial, ready: Prepared, tolerances: Mapping[str, float], start: np.ndarray | None = None,
+    changes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
 ) -> Freed:  # fmt: skip
     """The trial on records freed of the likeliest errors of all channels that are credible together.
 
@@ -172,21 +174,22 @@ def calibrated(
     errors = list(_errors(work, readings, tolerances))
     if not errors:
         return Freed(trial, np.zeros(0))
-    changes, rows, numbers = [], [], []
-    for number, error in enumerate(errors):
+    parts, rows, numbers = [], [], []
+    for number, error in enumerate(errors if changes is None else ()):
         data = _erroneous(work, readings, [(error, 0.1 * error.deviation)])
         touched, spectra = _changed(trial, work.with_data(data), error)
-        changes.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
+        parts.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
         rows += touched
         numbers += [number] * len(touched)
+    changes = changes or (np.vstack(parts), np.array(rows), np.array(numbers))
     start = np.zeros(len(errors)) if start is None else start
     channels = len({(e.kind, e.dof) for e in errors})
-    shares = _Errors(trial, thin, np.vstack(changes), np.array(rows), np.array(numbers), channels).fitted(start)
+    shares = _Errors(trial, thin, *changes, channels).fitted(start)
     try:
         freed = on(trial, _erroneous(work, readings, [(e, x * e.deviation) for e, x in zip(errors, shares)]))
     except NRFError:
-        return Freed(trial, shares)
-    return Freed(freed if freed.gain_over(trial).value > 0 else trial, shares)
+        return Freed(trial, shares, changes)
+    return Freed(freed if freed.gain_over(trial).value > 0 else trial, shares, changes)
 
 
 class _Errors:

@@ -249,9 +249,8 @@ class Segment:
 
     def part(self, rows: slice, at: int) -> Segment:
         """Some valid rows as a segment whose first row is row ``at`` of all."""
-        cut: dict[str, Any] = {
-            key: None if (y := getattr(self, key)) is None else y[rows] for key in ("a", "v", "s", "F", "t", "ag")
-        }
+        seen = {k: y for k in ("a", "v", "s", "F", "t", "ag") if (y := getattr(self, k)) is not None}
+        cut: dict[str, Any] = {k: y[rows] for k, y in seen.items()}
         cut["covariates"] = {k: y[rows] for k, y in self.covariates.items()}
         size = rows.stop - rows.start
         return replace(self, **cut, rows=slice(at, at + size), valid=slice(0, size), _extent=None)

@@ -152,9 +152,9 @@ def ladder_of(n: int) -> BasisLadder:
 
 def fuse(
     channels: list[np.ndarray | None], ladder: BasisLadder, noise: np.ndarray | None = None,
-    high_pass: float | None = None,
+    high_pass: float | None = None, knots: float | None = None,
 ) -> FusedMotion:  # fmt: skip
-    """One motion from the measured channels of one degree of freedom."""
+    """One motion from the measured channels of one degree of freedom; the distance of the knots is found if None."""
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
     scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
@@ -168,6 +168,9 @@ def fuse(
     corner = 0.0
     if 0 not in measured:
         corner = _lowest_frequency(channels, start, ladder.n) if high_pass is None else high_pass
+    if knots is not None:
+        c = _solve(channels, measured, ladder[knots], start, corner)
+        return FusedMotion(np.stack([ladder[knots].evaluate(o, c) for o in range(3)]), start, knots, corner)
     best = None
     spacings = [h for h in ladder.spacings if len(measured) > 1 or h > 1.0] or [1.0]
     worse = 0
@@ -439,17 +442,20 @@ def fuse_all(
     """Motions of all degrees of freedom from their channels, in units of samples."""
     n = len(next(y for y in views[0] if y is not None))
     if n <= 3 * BLOCK // 2:
-        return _fuse_block(views, levels, [corner] * len(views), ladder_of(n), joint)
+        return _fuse_block(views, levels, [corner] * len(views), ladder_of(n), joint, [None] * len(views))
     starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
     ladder = ladder_of(BLOCK)
-    sampled = [_part(views, start) for start in starts[:: -(-len(starts) // LEVEL_BLOCKS)]]
-    first = [[fuse(y, ladder, s, corner) for y, s in zip(part, levels, strict=True)] for part in sampled]
+    size = BLOCK // 4 if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
+    sampled = [_part(views, start, size) for start in starts[:: -(-len(starts) // LEVEL_BLOCKS)]]
+    first = [[fuse(y, ladder_of(size), s, corner) for y, s in zip(part, levels, strict=True)] for part in sampled]
     levels = np.median([[m.noise for m in motions] for motions in first], axis=0)
     corners = np.median([[m.high_pass for m in motions] for motions in first], axis=0)
+    # The finest that any of these blocks supports serves all; channels without noise are looked at block by block.
+    knots = [None if any(m.clean for m in own) else min(m.spacing for m in own) for own in zip(*first)]
     motion = np.zeros((len(views), 3, n))
     spacing, total = np.zeros(len(views)), np.zeros(n)
     for i, start in enumerate(starts):
-        block = _fuse_block(_part(views, start), levels, corners, ladder, joint)
+        block = _fuse_block(_part(views, start), levels, corners, ladder, joint, knots)
         weight = np.ones(BLOCK)
         if i:
             rise = starts[i - 1] + BLOCK - start
@@ -465,10 +471,12 @@ def fuse_all(
     return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
 
 
-def _fuse_block(views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool) -> list[FusedMotion]:
-    single = [fuse(y, ladder, s, c) for y, s, c in zip(views, levels, corners, strict=True)]
+def _fuse_block(
+    views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool, knots: Any
+) -> list[FusedMotion]:  # fmt: skip
+    single = [fuse(y, ladder, *own) for y, *own in zip(views, levels, corners, knots, strict=True)]
     return fuse_jointly(views, single, ladder) if joint else refine(views, single, ladder)
 
 
-def _part(views: list[Views], start: int) -> list[Views]:
-    return [[None if y is None else y[start : start + BLOCK] for y in view] for view in views]
+def _part(views: list[Views], start: int, size: int = BLOCK) -> list[Views]:
+    return [[None if y is None else y[start : start + size] for y in view] for view in views]

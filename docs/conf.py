@@ -1,11 +1,18 @@
 """Sphinx configuration: ``sphinx-build -W docs docs/_build/html``."""
 
 import os
+import sys
 import warnings
+from pathlib import Path
 
+from docutils import nodes
+from latex2mathml.converter import convert
 from sphinx_gallery.sorting import FileNameSortKey
 
 import pysindy_nrf
+
+sys.path.insert(0, str(Path(__file__).parent))
+import law_catalogue  # noqa: E402
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -36,9 +43,13 @@ suppress_warnings = ["config.cache"]
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
 
+html_math_renderer = "mathml"  # formulas need neither a network nor a script
 html_theme = "pydata_sphinx_theme"
 html_title = "pysindy_nrf"
-html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "use_edit_page_button": False}
+html_theme_options = {
+    "show_toc_level": 2, "navigation_with_keys": False, "use_edit_page_button": False, "navbar_center": [],
+}  # fmt: skip
+html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
 
 # Examples that read measured records run where PYSINDY_NRF_DATA names their folder.
@@ -65,5 +76,20 @@ def _skip_routing(app, what, name, obj, skip, options):
     return True if name.startswith("set_") and name.endswith("_request") or name == "get_metadata_routing" else skip
 
 
+def _mathml(display):
+    """A visitor that writes a formula as MathML."""
+
+    def visit(translator, node):
+        latex = node.astext()
+        rows = r"\begin{aligned}" + latex + r"\end{aligned}" if r"\\" in latex and r"\begin" not in latex else latex
+        formula = convert(rows, display=display)
+        translator.body.append(f'<div>{formula}</div>' if display == "block" else formula)
+        raise nodes.SkipNode
+
+    return visit, None
+
+
 def setup(app):
+    app.add_html_math_renderer("mathml", inline_renderers=_mathml("inline"), block_renderers=_mathml("block"))
+    app.connect("builder-inited", lambda app: law_catalogue.write(Path(app.srcdir) / "generated"))
     app.connect("autodoc-skip-member", _skip_routing)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from pysindy_nrf import laws
+
 DOCS = Path(__file__).parents[1] / "docs"
 LONG = ("closing_the_loop.md", "coming_from_pysindy.md")
 # Run by a test of their own.
@@ -38,3 +40,12 @@ def test_links_between_pages_lead_somewhere():
         for target in re.findall(r"\]\(([\w./-]+\.(?:md|py))\)", page.read_text("utf-8")):
             if page.stem != "index":
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_catalogue_shows_every_law_and_draws_every_force(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(str(DOCS))
+    text = __import__("law_catalogue").write(tmp_path).read_text("utf-8")
+    for name, law in laws.registry().items():
+        assert f"**{name}**" in text
+        assert (tmp_path / "laws" / f"{name}.svg").exists() == (law.output == "N"), name

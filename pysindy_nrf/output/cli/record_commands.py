@@ -116,6 +116,7 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
             rows.append(row)
     for row in rows:
         session.say(f"{row['name']}  ({row['family']})", f"    {row['describes']}", f"    {row['formula']}")
+    session.say("\nThe page 'Catalogue of force laws' of the documentation draws each of them.")
     session.emit({"laws": rows})
 
 

@@ -2,6 +2,7 @@
 
 import io
 import pickle
+import re
 import struct
 import tracemalloc
 import zipfile
@@ -13,6 +14,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
+from pysindy_nrf import ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.data.io import read_record, read_table
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 
@@ -268,3 +270,27 @@ def test_pickles_are_never_loaded(tmp_path):
             with pytest.raises(FileFormatError, match=words):
                 read(tmp_path / name)
     assert not (tmp_path / "it_ran").exists()
+
+
+SCRIPT = (Path(__file__).parents[2] / "examples" / "write_test.m").read_text("utf-8")
+
+
+def test_what_the_matlab_script_writes_is_one_test_in_two_forms(tmp_path):
+    """The names and the header stand in the script; columns as MATLAB writes them, (n, 1), by the structure it solves."""
+    names = re.findall(r"'(\w+)'", re.search(r"^save\('shaker_test\.mat'(.*), '-v7'\)", SCRIPT, re.MULTILINE)[1])
+    header = re.search(r"fprintf\(file, '(t \[s\].*)\\n'\)", SCRIPT)[1]
+    model = ChainModel([12.0, 10.0], {1: laws.PowerSeries(1, [50.0, 5e4]), 2: laws.PowerSeries(1, [40.0, 4e4])})
+    t = np.arange(5000) / 500
+    force = np.column_stack([0 * t, 80 * np.sin(2 * np.pi * (1 + 0.6 * t) * t)])
+    run = simulate(model, force, 1 / 500, method="newmark")
+    a, x = run.acceleration, run.displacement
+    held = {"t": t, "F2": force[:, 1], "a1": a[:, 0], "a2": a[:, 1], "x1": x[:, 0], "x2": x[:, 1]}
+    savemat(tmp_path / "shaker_test.mat", {name: held[name][:, None] for name in names}, do_compression=True)
+    columns = np.column_stack([t, force[:, 1] / 1e3, a / 9.80665, 1e3 * x])
+    np.savetxt(tmp_path / "shaker_test.csv", columns, "%.12g", ",", header=header, comments="")
+    records = [read_record(tmp_path / f"shaker_test.{kind}") for kind in ("mat", "csv")]
+    for name in ("force", "acceleration", "displacement"):
+        first, second = (getattr(record, name) for record in records)
+        np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-12)
+    assert records[0].forced == (2,) and records[0].fs == records[1].fs == 500.0
+    np.testing.assert_allclose(NRFRegressor(degree=1).fit(records[1]).masses_, [12, 10], rtol=2e-3)

@@ -53,7 +53,7 @@ def truth_parameters(effect: Effect) -> dict[str, dict[str, float]]:
     return {
         "coulomb": lambda: {"coulomb_friction": {"Fc": A}},
         "stribeck": lambda: {"stribeck_friction": {"Fc": A}},
-        "asymmetric_friction": lambda: {"asymmetric_friction": {"Fp": A * (1 + p[2]), "Fm": A * (1 - p[2])}},
+        "asymmetric_friction": lambda: {"asymmetric_coulomb_friction": {"Fcp": A * (1 + p[2]), "Fcm": A * (1 - p[2])}},
         "ground_friction": lambda: {"coulomb_friction": {"Fc": A}, "ground_friction": {"Fc": A}},
         "quadratic_damping": lambda: {"quadratic_damping": {"c2": A}, "power_law_damping": {"n": 2.0, "cn": A}},
         "power_damping": lambda: {"power_law_damping": {"n": p[2], "cn": A}},

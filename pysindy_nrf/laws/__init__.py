@@ -4,7 +4,7 @@
 too, e.g. ``laws.TwoSidedGap``; :func:`registry` lists them, and a search tries them.
 """
 
-from .base import ForceLaw, Term, from_dict, registry
+from .base import ForceLaw, Term, asymmetric, from_dict, registry
 from .contact import Bilinear as Bilinear
 from .contact import DeadZone as DeadZone
 from .contact import OneSidedGap
@@ -30,7 +30,6 @@ from .forcing import HarmonicForce as HarmonicForce
 from .forcing import HiddenOscillator as HiddenOscillator
 from .forcing import Inerter as Inerter
 from .forcing import LinkSpringDashpot as LinkSpringDashpot
-from .friction import AsymmetricFriction as AsymmetricFriction
 from .friction import BreakAwayFriction as BreakAwayFriction
 from .friction import CoulombFriction
 from .friction import CovariateDahl as CovariateDahl
@@ -56,7 +55,7 @@ from .sensor import SensorOffset as SensorOffset
 from .shape import Motion, Shape
 
 __all__ = [
-    "ForceLaw", "Motion", "Shape", "Term", "from_dict", "registry", "check_law", "PowerSeries", "LinearElastic",
+    "ForceLaw", "Motion", "Shape", "Term", "asymmetric", "from_dict", "registry", "check_law", "PowerSeries", "LinearElastic",
     "LinearViscous", "Duffing", "CubicStiffness", "CoulombFriction", "OneSidedGap", "Dahl", "ModifiedDahl", "BoucWen",
     "ConstantForce", "StiffnessStep", "StiffnessDrift",
 ]  # fmt: skip

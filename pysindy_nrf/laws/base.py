@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -533,6 +534,64 @@ def registry() -> dict[str, type[ForceLaw]]:
     return dict(_REGISTRY)
 
 
+@cache
+def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
+    """The same law with coefficients of its own in each direction.
+
+    Each term becomes two: its positive part, whose coefficient has a ``p`` behind its symbol, and its negative part,
+    with an ``m``. Add the result to the catalogue of a search, or declare it.
+
+    Parameters
+    ----------
+    law : type of ForceLaw
+        A class whose terms change their sign with the motion.
+
+    Returns
+    -------
+    type of ForceLaw
+        Named ``asymmetric_`` and the name of the law.
+
+    Raises
+    ------
+    LawError
+        If the law has options, or is not odd.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import laws
+    >>> friction = laws.asymmetric(laws.CoulombFriction)
+    >>> print(friction(Fcp=20.0, Fcm=14.0).equation(1))
+    20 max(sgn(v1), 0) + 14 min(sgn(v1), 0)
+    """
+    if not law.columns or "__init__" in vars(law) and vars(law)["__init__"].__module__ != __name__:
+        raise LawError(f"{law.__name__} has options", "Write both directions as a law of your own.")
+    if law.symmetry != "odd":
+        raise LawError(f"{law.__name__} is not odd: it tells directions apart already", "Use it as it is.")
+    from numba.extending import register_jitable
+
+    plain, n = register_jitable(law.kernel), len(law.columns)
+
+    def kernel(s, v, a, t, u, z, theta, out):
+        plain(s, v, a, t, u, z, theta, out)
+        for k in range(n - 1, -1, -1):
+            out[2 * k + 1] = np.minimum(out[k], 0.0)
+            out[2 * k] = np.maximum(out[k], 0.0)
+
+    sides = [("p", "max"), ("m", "min")]
+    own = {key: value for key, value in vars(law).items() if not key.startswith("__")} | {
+        "__doc__": f"{law.__name__} with coefficients of its own in each direction.",
+        "__reduce__": lambda self: (from_dict, (self.to_dict(),)),
+        "name": f"asymmetric_{law.name}",
+        "columns": tuple(Term(x.symbol + end, f"{f}({x.label}, 0)", x.unit) for x in law.columns for end, f in sides),
+        "nonnegative": tuple(symbol + end for symbol in law.nonnegative for end, _ in sides),
+        "symmetry": "none",
+        "special_cases": {law: lambda c: new(**c.shape).with_values(np.repeat(c.values, 2))},
+        "kernel": staticmethod(kernel),
+    }
+    new: type[ForceLaw] = type(f"Asymmetric{law.__name__}", law.__bases__, own)
+    return new
+
+
 def from_dict(data: Mapping[str, Any]) -> ForceLaw:
     """Build a law from plain data.
 
@@ -560,6 +619,8 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
         cure = "It needs 'law', 'options', 'shape', 'coefficients'."
         raise LawError(f"{data!r} does not describe a law", cure) from error
     cls = _REGISTRY.get(name) if isinstance(name, str) else None
+    if cls is None and isinstance(name, str) and (plain := name.removeprefix("asymmetric_")) in _REGISTRY:
+        cls = asymmetric(_REGISTRY[plain])
     if cls is None:
         raise LawError(f"There is no law {name!r}", f"Known laws: {', '.join(sorted(_REGISTRY))}.")
     try:

@@ -53,28 +53,6 @@ class CoulombFriction(_Friction):
         out[0] = np.sign(v)
 
 
-class AsymmetricFriction(_Friction):
-    r"""Coulomb friction of different level in the two directions.
-
-    .. math:: R = F_p \, [v > 0] - F_m \, [v < 0]
-
-    The same two columns as Coulomb friction and a constant, ``Fc sgn v + f0`` with
-    ``Fp = Fc + f0`` and ``Fm = Fc - f0``, except at ``v = 0``, where this force vanishes.
-    """
-
-    name = "asymmetric_friction"
-    columns = (Term("Fp", "max(sgn(v), 0)", "N"), Term("Fm", "min(sgn(v), 0)", "N"))
-    symmetry = "none"
-    nonnegative = ("Fp", "Fm")
-    special_cases = {CoulombFriction: lambda c: AsymmetricFriction(Fp=c.values[0], Fm=c.values[0])}
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        sign = np.sign(v)
-        out[0] = np.maximum(sign, 0.0)
-        out[1] = np.minimum(sign, 0.0)
-
-
 class StribeckFriction(_Friction):
     r"""Friction whose level falls from static to sliding.
 

@@ -66,7 +66,7 @@ def test_a_friction_of_micronewtons_is_nothing_to_warn_of():
 
 
 def test_each_direction_of_an_asymmetric_friction_is_judged_by_itself():
-    friction = laws.AsymmetricFriction(*(10.0, 6.0))
+    friction = laws.asymmetric(laws.CoulombFriction)(10.0, 6.0)
     model, _ = fitted(friction=friction)
     table = model.jump_bias_
     assert len(table) == 2 and table["wrong"].all()

@@ -2,6 +2,7 @@
 
 import json
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -39,8 +40,8 @@ POINTS = [
     (laws.DisplacementDependentDamping(1e5), at(s=-0.02, v=0.3), 12.0),
     (laws.CoulombFriction(20.0), at(v=1e-12), 20.0),
     (laws.CoulombFriction(20.0), at(v=0.0, s=1.0), 0.0),
-    (laws.AsymmetricFriction(17.0, 23.0), at(v=0.01), 17.0),
-    (laws.AsymmetricFriction(17.0, 23.0), at(v=-0.01), -23.0),
+    (laws.asymmetric(laws.CoulombFriction)(17.0, 23.0), at(v=0.01), 17.0),
+    (laws.asymmetric(laws.CoulombFriction)(17.0, 23.0), at(v=-0.01), -23.0),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=-0.02), -(10.0 + 6.0 / E)),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.04), 10.0 + 6.0 / E**2),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=1e30), 10.0),
@@ -182,6 +183,20 @@ def test_a_covariate_has_a_name(name):
     for cls in (laws.BaseMotion, laws.CovariateFriction, laws.CovariateDahl):
         with pytest.raises(LawError, match="covariate=.* is not the name of a channel"):
             cls(covariate=name)
+
+
+def test_an_asymmetric_law_is_its_law_where_both_directions_are_alike_and_survives_copies():
+    one = laws.asymmetric(laws.Jenkins)(uy=1e-3, Fyp=30.0, Fym=10.0)
+    assert laws.from_dict(one.to_dict()) == one == pickle.loads(pickle.dumps(one))
+    s = 2e-3 * np.sin(np.linspace(0.0, 12.0, 400))
+    motion = Motion(s, np.gradient(s, 0.01), t=0.01 * np.arange(400))
+    plain = laws.Jenkins(uy=1e-3, Fy=1.0).force(motion)
+    assert one.force(motion) == pytest.approx(np.where(plain > 0, 30.0, 10.0) * plain)
+    assert one.contains(laws.Jenkins()) and not laws.Jenkins().contains(one)
+    with pytest.raises(LawError, match="not odd"):
+        laws.asymmetric(laws.QuadraticStiffness)
+    with pytest.raises(LawError, match="options"):
+        laws.asymmetric(laws.PowerSeries)
 
 
 def test_text():

@@ -55,7 +55,7 @@ from .sensor import SensorOffset as SensorOffset
 from .shape import Motion, Shape
 
 __all__ = [
-    "ForceLaw", "Motion", "Shape", "Term", "asymmetric", "from_dict", "registry", "check_law", "PowerSeries", "LinearElastic",
-    "LinearViscous", "Duffing", "CubicStiffness", "CoulombFriction", "OneSidedGap", "Dahl", "ModifiedDahl", "BoucWen",
-    "ConstantForce", "StiffnessStep", "StiffnessDrift",
+    "ForceLaw", "Motion", "Shape", "Term", "asymmetric", "from_dict", "registry", "check_law", "PowerSeries",
+    "LinearElastic", "LinearViscous", "Duffing", "CubicStiffness", "CoulombFriction", "OneSidedGap", "Dahl",
+    "ModifiedDahl", "BoucWen", "ConstantForce", "StiffnessStep", "StiffnessDrift",
 ]  # fmt: skip

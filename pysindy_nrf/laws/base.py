@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -534,7 +533,6 @@ def registry() -> dict[str, type[ForceLaw]]:
     return dict(_REGISTRY)
 
 
-@cache
 def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
     """The same law with coefficients of its own in each direction.
 
@@ -563,6 +561,8 @@ def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
     >>> print(friction(Fcp=20.0, Fcm=14.0).equation(1))
     20 max(sgn(v1), 0) + 14 min(sgn(v1), 0)
     """
+    if (name := f"asymmetric_{law.name}") in _REGISTRY:
+        return _REGISTRY[name]
     if not law.columns or "__init__" in vars(law) and vars(law)["__init__"].__module__ != __name__:
         raise LawError(f"{law.__name__} has options", "Write both directions as a law of your own.")
     if law.symmetry != "odd":
@@ -581,7 +581,7 @@ def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
     own = {key: value for key, value in vars(law).items() if not key.startswith("__")} | {
         "__doc__": f"{law.__name__} with coefficients of its own in each direction.",
         "__reduce__": lambda self: (from_dict, (self.to_dict(),)),
-        "name": f"asymmetric_{law.name}",
+        "name": name,
         "columns": tuple(Term(x.symbol + end, f"{f}({x.label}, 0)", x.unit) for x in law.columns for end, f in sides),
         "nonnegative": tuple(symbol + end for symbol in law.nonnegative for end, _ in sides),
         "symmetry": "none",

@@ -174,7 +174,7 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
         error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
         free_run_after=after.row["free run"], validation_before=before.row["validation"],
         validation_after=after.row["validation"], gain=gain.value, gain_error=gain.error, gain_least=gain.least,
-        gain_heldout=held.value, confirmed=bool(after.error < before.error),
+        gain_heldout=held.value, confirmed=bool(after.error < before.error and gain.value > 0),
         tied=[(f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), _value(f)) for f in rivals],
     )  # fmt: skip
     if effect.is_fault:

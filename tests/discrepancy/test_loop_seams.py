@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from simulated_cases import Plan, simulated
 
-from pysindy_nrf import ChainModel, Record, Site, close_loop, laws
+from pysindy_nrf import ChainModel, NRFRegressor, Record, Site, close_loop, excitation, laws, simulate
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
+from pysindy_nrf.discrepancy.loop import _ruler
+from pysindy_nrf.discrepancy.prepare import MOST, prepare
 from pysindy_nrf.discrepancy.words import Location
 from pysindy_nrf.output.cli.group import run
 from pysindy_nrf.output.displays.evidence import evidence_figures
 from pysindy_nrf.output.report.content import cautions, chapters, lead
 from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.simulation.noise import add_noise
 
 
 class CubicOfMine(laws.CubicStiffness):
@@ -59,6 +62,26 @@ def silent():
 
 def sentences(evidence):
     return [evidence.detection_sentence, evidence.localisation_sentence, evidence.characterisation_sentence]
+
+
+# -- excerpts to all samples ----------------------------------------------------------------------
+
+
+def test_a_long_record_is_searched_by_excerpts_and_fitted_on_all_of_it():
+    """What one sample in four is enough to find, all samples confirm, with parameters from all of them."""
+    linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
+    truth = ChainModel([10.0, 10.0], {"storey 1": [*linear, laws.CoulombFriction(20.0)], "storey 2": linear})
+    F = excitation.band_limited_random(2, 60.0, 1000.0, excited=2, rms=100.0, band=(1, 60), random_state=0)
+    record = add_noise(simulate(truth, F, 1e-3), 0.005, random_state=1)
+    ready = prepare(record)
+    problem = NRFRegressor(degree=1).problem(2)
+    seen, ruler = _ruler(ready, problem, "auto", None, MOST)
+    rows = sum(b.rows.stop - b.rows.start for b in ruler.work.search)
+    assert len(seen.records) == len(ruler.work.search) and MOST <= 1.1 * rows < 0.5 * record.n_samples
+    report = close_loop(record, catalogue=CATALOGUE[1:], max_steps=1)
+    assert [(s.law, s.site, s.confirmed) for s in report.steps] == [("coulomb_friction", "storey 1", True)]
+    assert report.steps[0].parameters["Fc"] == pytest.approx(20.0, rel=0.05)  # noise biases it low
+    assert report.model.masses == pytest.approx([10.0, 10.0], rel=0.01)
 
 
 # -- catalogue to search ----------------------------------------------------------------------------

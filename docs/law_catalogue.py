@@ -17,6 +17,11 @@ sensors have no such picture. `pysindy-nrf laws WORDS` lists the same on the com
 """
 
 
+def of_the_package() -> dict[str, type]:
+    """Laws by name, without those that a script has added to the registry."""
+    return {name: kind for name, kind in sorted(registry().items()) if kind.__module__.startswith("pysindy_nrf.")}
+
+
 def motion() -> Motion:
     """Three cycles of 1 m and 1 rad/s, the first ones smaller."""
     t = np.linspace(0, 6 * np.pi, 1500)
@@ -59,14 +64,14 @@ def write(folder: Path) -> Path:
     """Write the page and its pictures into a folder."""
     (folder / "laws").mkdir(parents=True, exist_ok=True)
     families: dict[str, list[str]] = {}
-    for name, kind in sorted(registry().items()):
+    for name, kind in of_the_package().items():
         about = (kind.__doc__ or "").strip().splitlines()[0].replace("|", "\\|")
         force, picture = force_of(kind), ""
         if force is not None:
             draw(folder / "laws" / f"{name}.svg", force)
             picture = f"![Force of {name} against drift](laws/{name}.svg)"
         families.setdefault(kind.family, []).append(f"| {picture} | **{name}** | {about} |")
-    text = HEAD.format(count=len(registry()))
+    text = HEAD.format(count=len(of_the_package()))
     for family, rows in sorted(families.items()):
         head = [f"\n## {family.capitalize()}\n", "| force | name | what it is |", "|---|---|---|"]
         text += "\n".join([*head, *rows, ""])

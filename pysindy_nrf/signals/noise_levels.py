@@ -16,20 +16,28 @@ _FEWEST = 256
 _WINDOW = 64
 
 
-def quiet_level(signal: np.ndarray, fs: float) -> float:
-    """Rms of the white noise under a signal, from its quiet frequencies or its quiet times."""
+def quiet_level(signal: np.ndarray, fs: float, rows: np.ndarray | None = None) -> float:
+    """Rms of the white noise under a signal, from its quiet frequencies or its quiet times, in the chosen rows.
+
+    Runs of rows are read one by one: a step from one to the next has power at all frequencies.
+    """
     from scipy.signal import welch
 
-    signal = signal[np.isfinite(signal)]
-    if len(signal) < _FEWEST:
+    known = np.isfinite(signal) if rows is None else np.isfinite(signal) & rows
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]])))
+    runs = [signal[a:b] for a, b in zip(edges[::2], edges[1::2])]
+    count = sum(map(len, runs))
+    if count < _FEWEST:
         return 0.0
-    size = min(1024, len(signal) // 8)
-    _, density = welch(signal, fs, nperseg=size, detrend="constant")
-    by_frequency = flat_level(density[1:-1], _dof(2 * len(signal) // size - 1)) * fs / 2
-    windows = signal[: len(signal) // _WINDOW * _WINDOW].reshape(-1, _WINDOW)
-    by_time = flat_level((windows**2).mean(axis=1), _WINDOW)
-    level = float(np.sqrt(min(by_frequency, by_time)))
-    return level if level < LOUDEST * float(np.sqrt(np.mean(signal**2))) else 0.0
+    size = min(1024, count // 8, max(map(len, runs)))
+    densities = [welch(run, fs, nperseg=size, detrend="constant")[1] for run in runs if len(run) >= size]
+    pieces = [2 * len(run) // size - 1 for run in runs if len(run) >= size]
+    density = np.average(densities, axis=0, weights=pieces)
+    by_frequency = flat_level(density[1:-1], _dof(sum(pieces))) * fs / 2
+    windows = [run[: len(run) // _WINDOW * _WINDOW].reshape(-1, _WINDOW) for run in runs]
+    powers = (np.concatenate(windows) ** 2).mean(axis=1)
+    level = float(np.sqrt(min(by_frequency, flat_level(powers, _WINDOW) if len(powers) else np.inf)))
+    return level if level < LOUDEST * float(np.sqrt(np.mean(signal[known] ** 2))) else 0.0
 
 
 def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
@@ -48,10 +56,9 @@ def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
 def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | None = None) -> dict[str, float]:
     """Noise of every channel of a record."""
     channels, fs = record.channels(), record.fs
-    rows = np.ones(record.n_samples, dtype=bool) if rows is None else rows
     levels = {str(k): float(v) for k, v in motion.items()}
-    levels |= {f"F{j}": quiet_level(record.force[rows, j - 1], fs) for j in record.forced}
-    levels |= {name: quiet_level(np.asarray(channels[name])[rows], fs) for name in BASE if name in channels}
+    levels |= {f"F{j}": quiet_level(record.force[:, j - 1], fs, rows) for j in record.forced}
+    levels |= {name: quiet_level(np.asarray(channels[name]), fs, rows) for name in BASE if name in channels}
     if record.coordinates == "relative" and (base := levels.get("ag", 0.0)) > 0:
         for name in (k for k in levels if k[0] == "a" and k in motion):
             levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, 0.0)))

@@ -23,6 +23,15 @@ def test_noise_is_read_where_the_signal_is_quiet_in_frequency_or_time():
     assert noise_levels.quiet_level(with_gaps, 500.0) == pytest.approx(0.5, rel=0.03)
 
 
+def test_rows_that_are_left_out_add_no_noise():
+    t = np.arange(8000) / 500
+    force = sum(50 * np.sin(2 * np.pi * f * t + f**2) for f in np.arange(3.0, 60.0, 0.77))
+    kept = np.ones(8000, dtype=bool)
+    for start in (900, 2700, 4300, 6100):
+        kept[start : start + 500] = False
+    assert noise_levels.quiet_level(force + 0.1 * noise(8000), 500.0, kept) == pytest.approx(0.1, rel=0.1)
+
+
 def test_wieners_filter_takes_twice_the_noise_off():
     n, fs, level = 2**14, 100.0, 0.2
     t = np.arange(n) / fs

@@ -13,7 +13,7 @@ from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .catalogue import Candidate
-from .constants import FINALISTS, HOPELESS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
+from .constants import FINALISTS, LEAST_GAIN, LEAST_SHARE, TENTH
 from .judge import admissible
 from .prepare import Prepared
 from .residual import simulated
@@ -195,10 +195,6 @@ class Forward:
             ):
                 self.state = before
                 break
-            worst = np.nanmax(self.state.trial.left)
-            fall = 20.0 * np.log10(np.nanmax(before.trial.left) / worst)
-            if worst >= HOPELESS and fall < LARGE_GAIN:  # nothing will be claimed
-                break
         if len(self.state.effects) > 1:
             self._exchange()
         self._constants(most)
@@ -229,6 +225,7 @@ class Forward:
                     chance[kind] = self._by_chance(state, faults=kind)
                 if judge.is_clear(finding, state) or gain.lower >= max(chance[kind], 0.0):
                     return finding, judge.rivals(good, number)
+                finding.chance = chance[kind]
             good.pop(number)
         return None
 

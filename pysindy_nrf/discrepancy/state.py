@@ -69,6 +69,7 @@ class Finding:
     gain: Gain | None = None
     after: State | None = None
     beyond_errors: Gain | None = None  # over the same state, both freed of the errors that channels may have
+    chance: float | None = None  # dB that the search gains where nothing is missing, if that speaks against it
     witnessed: bool = False  # a fault of a sensor that another channel of its DOF contradicts
 
     @property

@@ -255,6 +255,10 @@ def best_refused(last: Any) -> str:
         f"no further effect is there and matters: the best candidate, {where}, gains {gain.value:.2g} dB (standard "
         f"error {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
     )
+    if finding.chance is not None and np.isfinite(finding.chance):
+        return f"{said}; where nothing is missing the search gains {finding.chance:.2g} dB by chance"
+    if finding.chance is not None:
+        return f"{said}; the model has no free run, which would tell what chance gains"
     beyond = finding.beyond_errors
     if beyond is None or beyond.value > 0.5 * gain.value:
         return said
@@ -262,9 +266,9 @@ def best_refused(last: Any) -> str:
 
 
 def not_in_catalogue(found: pd.DataFrame) -> str:
-    """What general laws would still explain, which no law of the catalogue does."""
+    """What general laws would still explain of what the model leaves."""
     said = [f"{law} at {site} would gain {gain:.2g} dB more" for (site, law), gain in found["gain (dB)"].items()]
-    return f"What is left is not noise alone: {', '.join(said)}, and no law of the catalogue does"
+    return f"What is left is not noise alone: {', '.join(said)} than the model"
 
 
 def hopeless(left: np.ndarray) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from simulated_cases import Plan, simulated
 
-from pysindy_nrf import Chain, NRFRegressor, Record, Site, laws
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, excitation, laws, simulate
 from pysindy_nrf.discrepancy import constants, judge
 from pysindy_nrf.discrepancy.catalogue import candidates
 from pysindy_nrf.discrepancy.fits import ChainFit
@@ -26,6 +26,7 @@ from pysindy_nrf.regression.chain_solve import groups_of, solve
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.layout import Layout, blocks_of
 from pysindy_nrf.regression.segments import BlockRows, Segment, SegmentSet
+from pysindy_nrf.simulation.noise import add_noise
 
 # -- which samples are held out -------------------------------------------------------------------
 
@@ -270,6 +271,18 @@ def test_records_of_the_bootstrap_are_those_of_the_model_with_the_noise_of_the_c
     errors = [t.ruler.error(t.powers) for t in (state.trial, again)]
     assert errors[1] == pytest.approx(errors[0], rel=0.3)
     assert again.masses[0] == pytest.approx(state.trial.masses[0], rel=0.02)
+
+
+def test_records_of_the_bootstrap_leave_as_much_in_every_band_also_near_a_quarter_of_the_rate():
+    truth = ChainModel([2.0], {1: [laws.LinearElastic(2e5), laws.LinearViscous(100.0)]})
+    F = excitation.band_limited_random(1, 8.0, 500.0, excited=1, rms=100.0, band=(1, 120), random_state=5)
+    exact = simulate(truth, F, 1 / 500, hold="cubic").replace(acceleration=None, velocity=None)
+    ready, problem = prepare(add_noise(exact, 5e-4, random_state=1)), NRFRegressor(degree=1).problem(1)
+    _, ruler = _ruler(ready, problem, "auto", None, np.inf)
+    one = Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work))
+    two = Trial(bootstrap(ready, one, np.random.default_rng(0))[1], one.base, one.laws)
+    assert ruler.band()[1] > 75
+    assert (np.abs(np.log(two.powers.shares / one.powers.shares)) < 1).all()  # a wrong hold of the force gives 4
 
 
 def test_every_number_that_decides_stands_in_one_file():

@@ -17,7 +17,7 @@ from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from . import system as flat
-from .integrators import CRAWLS, PATIENCE, newmark, rule_of, runge_kutta
+from .integrators import CRAWLS, PATIENCE, Rule, newmark, rule_of, runge_kutta
 
 METHODS = ("default", "newmark")
 CLASSICAL = "classical"  # the rule of classical_run
@@ -206,22 +206,20 @@ def _run(
 
     system, layout = flat.flatten(model, start)
     samples = input_matrix(force, base_acceleration, covariates, layout.covariates)
-    courses = polynomials(samples, hold if method != "newmark" else "zero")
-    n_sites, n_states = len(layout.sites), sum(s.stop - s.start for s in layout.states.values())
-    rows = len(samples)
-    out = flat.Output(*(np.empty((rows, k)) for k in (n, n, n, n_states, n_sites + 1)))
-    z, w = np.zeros(n_states), flat.work_arrays(system)
+    rows, n_inputs = samples.shape
+    out = flat.Output(*(np.empty((rows, k)) for k in (n, n, n, system.n_states, system.n_sites + 1)))
+    z, w = np.zeros(system.n_states), flat.work_arrays(system)
     if method == "newmark":
-        ended = newmark(system, w, samples, dt, x, v, z, out)
+        drive = flat.Drive(samples, samples, 0, rows - 1, n_inputs, dt)
+        ended = newmark(system, drive, flat.stages(1, system, n_inputs, np.zeros(system.n_sites)), w, x, v, z, out)
     else:
-        rule = rule_of(method)
-        k = flat.stages(len(rule[1]), n, n_sites, samples.shape[1], n_states)
-        largest = np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0)
-        jump = flat.jumps(model, layout, largest)
-        ended = runge_kutta(
-            system, w, k, courses, samples, dt, x, v, z, jump, (*rule, rtol, max(rtol, 1e-8)),
-            method == "default", dt / 1024, out,
-        )  # fmt: skip
+        courses = polynomials(samples, hold)
+        drive = flat.Drive(courses, samples, len(courses) - 1, rows - 1, n_inputs, dt)
+        tables = rule_of(method)
+        rule = Rule(*tables, len(tables[1]), rtol, max(rtol, 1e-8))
+        jump = flat.jumps(model, layout, np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0))
+        k = flat.stages(rule.stages, system, n_inputs, jump)
+        ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", dt / 1024, out)
     why, interval, dof, steps, rejected, forced = ended
     if why == CRAWLS:
         raise SimulationError(

@@ -13,6 +13,7 @@ from ..laws.friction import jump_at_reversal
 KERNEL, ADVANCE, TERM, N_TERMS, STATE, N_STATES, THETA, N_THETA, INPUT, N_INPUTS, INERTIA = range(11)
 # columns of System.sites
 UPPER, LOWER, FIRST, LAST, ON_DOF, MEMORY = range(6)
+SITE, LAW = 6, 11  # numbers of columns
 
 
 class System(NamedTuple):
@@ -26,6 +27,9 @@ class System(NamedTuple):
     channels: np.ndarray  # input columns of the covariates of all laws
     link_inertia: bool  # the mass matrix is not diagonal
     t0: float  # time of the first sample on the clock of the laws, s
+    n_dof: int
+    n_sites: int
+    n_states: int
 
 
 class Layout(NamedTuple):
@@ -80,7 +84,7 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     system = System(
         masses, np.array(sites, dtype=np.int64).reshape(-1, 6), np.array(rows, dtype=np.int64).reshape(-1, 11),
         np.array(coefficients, dtype=float), np.array(theta, dtype=float), np.array(channels, dtype=np.int64),
-        bool(link_inertia), float(t0),
+        bool(link_inertia), float(t0), n, len(sites), n_states,
     )  # fmt: skip
     return system, Layout(tuple(groups), states, names, keep)
 
@@ -99,6 +103,7 @@ class Work(NamedTuple):
     jump: np.ndarray
     share: np.ndarray
     stuck: np.ndarray
+    regime: np.ndarray  # of each site, see FREE
 
 
 def work_arrays(system: System) -> Work:
@@ -106,7 +111,8 @@ def work_arrays(system: System) -> Work:
     n, n_sites = len(system.masses), len(system.sites)
     widest = int(system.laws[:, [N_TERMS, N_INPUTS]].max(initial=1))
     shapes: Any = (widest, widest, n, n_sites, (n, n), (n_sites, n), (n_sites, n_sites), n_sites, n_sites, n_sites)
-    return Work._make([*(np.zeros(shape) for shape in shapes), np.zeros(n_sites, dtype=np.int64)])
+    numbers = np.zeros((2, n_sites), dtype=np.int64)
+    return Work._make([*(np.zeros(shape) for shape in shapes), *numbers])
 
 
 def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
@@ -138,13 +144,34 @@ class Stages(NamedTuple):
     z_top: np.ndarray
     top: np.ndarray  # largest displacement and velocity so far
     work: np.ndarray
+    a0: np.ndarray  # at the start of a step
+    x1: np.ndarray  # at its end
+    v1: np.ndarray
+    a1: np.ndarray
+    z1: np.ndarray
+    force1: np.ndarray
+    jump: np.ndarray  # sites whose force jumps where the rate changes sign
+    watch: np.ndarray  # sites whose reversals are located
 
 
-def stages(n_stages: int, n: int, n_sites: int, n_inputs: int, n_states: int) -> Stages:
+def stages(n_stages: int, system: System, n_inputs: int, jump: np.ndarray) -> Stages:
     """Preallocated arrays for the steps of a rule."""
-    of_stages = ((n_stages, n), (n_stages, n), (n_stages, n_sites + 1))
-    shapes: Any = (*of_stages, n_inputs, n_inputs, n_sites, n_sites, n, n, n_states, n_states, 2, n_sites + 1)
-    return Stages(*(np.zeros(shape) for shape in shapes))
+    n, m, n_states = system.n_dof, system.n_sites, system.n_states
+    shapes: Any = ((n_stages, n), (n_stages, n), (n_stages, m + 1), n_inputs, n_inputs, m, m, n, n, n_states, n_states)
+    more = (2, m + 1, n, n, n, n, n_states, m)
+    kinds = jump.astype(np.int64), np.where(jump, 1, system.sites[:, MEMORY])
+    return Stages(*(np.zeros(shape) for shape in (*shapes, *more)), *kinds)
+
+
+class Drive(NamedTuple):
+    """What drives a run."""
+
+    courses: np.ndarray  # (order + 1, last, n_inputs), see inputs_at
+    samples: np.ndarray  # (last + 1, n_inputs)
+    order: int
+    last: int
+    n_inputs: int
+    dt: float
 
 
 class Output(NamedTuple):
@@ -158,20 +185,20 @@ class Output(NamedTuple):
 
 
 @part
-def inputs_at(polynomials, interval, x, row):
+def inputs_at(drive, interval, x, row):
     """Applied forces, base acceleration and covariates at the share x of a sample interval."""
-    last = polynomials.shape[0] - 1
-    for j in range(row.size):
-        value = polynomials[last, interval, j]
-        for d in range(last - 1, -1, -1):
-            value = value * x + polynomials[d, interval, j]
-        row[j] = value
+    page, start = drive.last * drive.n_inputs, interval * drive.n_inputs
+    for j in range(start, start + drive.n_inputs):
+        value = drive.courses[drive.order * page + j]
+        for d in range(drive.order - 1, -1, -1):
+            value = value * x + drive.courses[d * page + j]
+        row[j - start] = value
 
 
 @inline
-def put(to, values):
-    """Copy an array into another of its size; a slice would bring its error messages along to be compiled."""
-    for i in range(to.size):
+def put(to, values, n):
+    """Copy n numbers."""
+    for i in range(n):
         to[i] = values[i]
 
 
@@ -187,8 +214,8 @@ def law_force(system, law, s, v, a, t, row, z, u, out):
     n_u, n_terms = law[N_INPUTS], law[N_TERMS]
     for k in range(n_u):
         u[k] = row[system.channels[law[INPUT] + k]]
-    given = address_of(u, 0), n_u, address_of(z, law[STATE]), law[N_STATES]
-    more = address_of(system.theta, law[THETA]), law[N_THETA], address_of(out, 0), n_terms
+    given = u, n_u, address_of(z, law[STATE]), law[N_STATES]
+    more = address_of(system.theta, law[THETA]), law[N_THETA], out, n_terms
     call_kernel(law[KERNEL], (s, v, a, system.t0 + t, *given, *more))
     force = 0.0
     for k in range(n_terms):
@@ -201,7 +228,7 @@ def site_force(system, site, s, v, t, row, z, u, out):
     """Force of all laws of a site: the part without acceleration, and the factor of acceleration."""
     force, inertia = 0.0, 0.0
     for k in range(site[FIRST], site[LAST]):
-        law = system.laws[k]
+        law = address_of(system.laws, k * LAW)
         now = law_force(system, law, s, v, 0.0, t, row, z, u, out)
         force += now
         if law[INERTIA]:
@@ -213,19 +240,19 @@ def site_force(system, site, s, v, t, row, z, u, out):
 def advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u):
     """Move the states of the laws of one site along a path without reversal."""
     for k in range(site[FIRST], site[LAST]):
-        law = system.laws[k]
+        law = address_of(system.laws, k * LAW)
         if law[N_STATES]:
             for j in range(law[N_INPUTS]):
                 u[j] = middle[system.channels[law[INPUT] + j]]
-            more = address_of(u, 0), law[N_INPUTS], address_of(system.theta, law[THETA]), law[N_THETA]
+            more = u, law[N_INPUTS], address_of(system.theta, law[THETA]), law[N_THETA]
             call_advance(law[ADVANCE], (address_of(z, law[STATE]), law[N_STATES], s0, r0, s1, r1, dt, *more))
 
 
 @part
 def advance_states(system, x0, v0, x1, v1, z, dt, middle, u):
     """Move the states of all laws from (x0, v0) to (x1, v1), during which no memory site reverses."""
-    for i in range(system.sites.shape[0]):
-        site = system.sites[i]
+    for i in range(system.n_sites):
+        site = address_of(system.sites, i * SITE)
         if site[MEMORY]:
             advance_site(
                 system, site, relative(x0, site), relative(v0, site), relative(x1, site), relative(v1, site),
@@ -237,24 +264,37 @@ def advance_states(system, x0, v0, x1, v1, z, dt, middle, u):
 def solve(matrix, vector, n):
     """Solve a small dense system of size n in place; the answer replaces the right-hand side."""
     for k in range(n):
-        pivot = k
+        best, row = k, address_of(matrix, k * n)
         for i in range(k + 1, n):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
-                pivot = i
-        if pivot != k:
+            if abs(matrix[i * n + k]) > abs(matrix[best * n + k]):
+                best = i
+        if best != k:
+            pivot = address_of(matrix, best * n)
             for j in range(n):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-            vector[k], vector[pivot] = vector[pivot], vector[k]
+                row[j], pivot[j] = pivot[j], row[j]
+            vector[k], vector[best] = vector[best], vector[k]
         for i in range(k + 1, n):
-            if matrix[i, k] != 0.0:
-                factor = matrix[i, k] / matrix[k, k]
+            below = address_of(matrix, i * n)
+            if below[k] != 0.0:
+                factor = below[k] / row[k]
                 for j in range(k + 1, n):
-                    matrix[i, j] -= factor * matrix[k, j]
+                    below[j] -= factor * row[j]
                 vector[i] -= factor * vector[k]
     for k in range(n - 1, -1, -1):
+        row = address_of(matrix, k * n)
         for j in range(k + 1, n):
-            vector[k] -= matrix[k, j] * vector[j]
-        vector[k] /= matrix[k, k]
+            vector[k] -= row[j] * vector[j]
+        vector[k] /= row[k]
+
+
+@inline
+def add_between(matrix, p, q, n, value):
+    """Add a stiffness or mass between two DOFs, or one DOF and the base, to a matrix."""
+    matrix[p * n + p] += value
+    if q >= 0:
+        matrix[q * n + q] += value
+        matrix[p * n + q] -= value
+        matrix[q * n + p] -= value
 
 
 FREE = 2  # regime of a site whose force has no jump at zero rate; +1, -1: slips that way; 0: sticks
@@ -264,44 +304,40 @@ _CREEP = 1e-300  # a rate that has a sign and nothing else
 @part
 def _mass_solve(system, w, vector):
     """Accelerations from forces, with the mass matrix of this instant."""
-    n = vector.size
+    n = system.n_dof
     if not system.link_inertia:
         for j in range(n):
             vector[j] /= w.mass[j]
         return
     for j in range(n):
         for k in range(n):
-            w.matrix[j, k] = w.mass[j] if j == k else 0.0
-    for i in range(system.sites.shape[0]):
-        site, b = system.sites[i], w.inertia[i]
+            w.matrix[j * n + k] = w.mass[j] if j == k else 0.0
+    for i in range(system.n_sites):
+        site, b = address_of(system.sites, i * SITE), w.inertia[i]
         if b != 0.0 and not site[ON_DOF]:
             p, q = site[UPPER], site[LOWER]
-            w.matrix[p, p] += b
-            if q >= 0:
-                w.matrix[q, q] += b
-                w.matrix[p, q] -= b
-                w.matrix[q, p] -= b
+            add_between(w.matrix, p, q, n, b)
     solve(w.matrix, vector, n)
 
 
 @part
 def _hold_stuck(system, w, n_stuck, a, force):
     """Forces within the jump of each sticking site so that it does not accelerate (Filippov 1988)."""
-    n = a.size
+    n = system.n_dof
     for k in range(n_stuck):
-        site = system.sites[w.stuck[k]]
+        site, column = address_of(system.sites, w.stuck[k] * SITE), address_of(w.column, k * n)
         for j in range(n):
-            w.column[k, j] = 0.0
-        w.column[k, site[UPPER]] = w.jump[w.stuck[k]]
+            column[j] = 0.0
+        column[site[UPPER]] = w.jump[w.stuck[k]]
         if site[LOWER] >= 0:
-            w.column[k, site[LOWER]] = -w.jump[w.stuck[k]]
-        _mass_solve(system, w, w.column[k])
+            column[site[LOWER]] = -w.jump[w.stuck[k]]
+        _mass_solve(system, w, column)
     for m in range(n_stuck):
-        site = system.sites[w.stuck[m]]
+        site, row = address_of(system.sites, w.stuck[m] * SITE), address_of(w.hold, m * n_stuck)
         for k in range(n_stuck):
-            w.hold[m, k] = relative(w.column[k], site)
+            row[k] = relative(address_of(w.column, k * n), site)
         if n_stuck > 1:
-            w.hold[m, m] *= 1.0 + 1e-12  # loops of sticking links share their load
+            row[m] *= 1.0 + 1e-12  # loops of sticking links share their load
         w.load[m] = relative(a, site)
     solve(w.hold, w.load, n_stuck)
     for k in range(n_stuck):
@@ -309,22 +345,21 @@ def _hold_stuck(system, w, n_stuck, a, force):
         w.share[i] = w.load[k]
         force[i] += w.load[k] * w.jump[i]
         for j in range(n):
-            a[j] -= w.load[k] * w.column[k, j]
+            a[j] -= w.load[k] * w.column[k * n + j]
 
 
 @part
-def accelerate(system, regime, t, row, x, v, z, a, force, w):
+def accelerate(system, t, row, x, v, z, a, force, w):
     """Relative accelerations of the DOFs and forces of the sites at one instant."""
-    n = a.size
+    n, n_stuck = system.n_dof, np.int64(0)  # not a literal, for which more would be compiled
     base = row[n]
-    n_stuck = 0
     for j in range(n):
         a[j] = row[j] - system.masses[j] * base
         w.mass[j] = system.masses[j]
-    for i in range(system.sites.shape[0]):
-        site = system.sites[i]
+    for i in range(system.n_sites):
+        site = address_of(system.sites, i * SITE)
         s, rate = relative(x, site), relative(v, site)
-        if regime[i] == 0:
+        if w.regime[i] == 0:
             upper, _ = site_force(system, site, s, _CREEP, t, row, z, w.u, w.out)
             lower, inertia = site_force(system, site, s, -_CREEP, t, row, z, w.u, w.out)
             force[i] = 0.5 * (upper + lower)
@@ -334,8 +369,8 @@ def accelerate(system, regime, t, row, x, v, z, a, force, w):
                 w.stuck[n_stuck] = i
                 n_stuck += 1
         else:
-            if regime[i] != FREE and rate * regime[i] < _CREEP:
-                rate = regime[i] * _CREEP
+            if w.regime[i] != FREE and rate * w.regime[i] < _CREEP:
+                rate = w.regime[i] * _CREEP
             force[i], inertia = site_force(system, site, s, rate, t, row, z, w.u, w.out)
         p, q = site[UPPER], site[LOWER]
         a[p] -= force[i]
@@ -348,7 +383,7 @@ def accelerate(system, regime, t, row, x, v, z, a, force, w):
     _mass_solve(system, w, a)
     if n_stuck:
         _hold_stuck(system, w, n_stuck, a, force)
-    for i in range(system.sites.shape[0]):
+    for i in range(system.n_sites):
         if w.inertia[i] != 0.0:
-            site = system.sites[i]
+            site = address_of(system.sites, i * SITE)
             force[i] += w.inertia[i] * (relative(a, site) + (base if site[ON_DOF] else 0.0))

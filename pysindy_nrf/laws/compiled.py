@@ -32,6 +32,8 @@ _COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": Tru
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
 _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
+_ROWS = [_VECTOR, types.int64, types.int64]  # the first row, how far the next one is, and the next sample
+_WALK_SIGNATURE = types.void(*[_VECTOR] * 4, types.int64, *_ROWS, _VECTOR, types.int64, *_ROWS)
 
 
 class _PartLibrary(JITCodeLibrary):
@@ -238,7 +240,7 @@ def _caller(function: Any) -> Any:
     return intrinsic(call)
 
 
-call_kernel, call_advance = _caller(_KERNEL_SIGNATURE), _caller(_ADVANCE_SIGNATURE)
+call_kernel, call_advance, call_walk = map(_caller, (_KERNEL_SIGNATURE, _ADVANCE_SIGNATURE, _WALK_SIGNATURE))
 
 
 def _pointer(function: Callable, signature: Any) -> CFunc:
@@ -268,6 +270,28 @@ def advance_pointer(advance: Callable) -> CFunc:
         law(carray(z, n_z), s0, v0, s1, v1, dt, carray(u, n_u), carray(theta, n_theta))
 
     return _pointer(advance_callback, _ADVANCE_SIGNATURE)
+
+
+@cache
+def walk_pointer(advance: Callable, n_states: int, n_inputs: int) -> CFunc:
+    """A law's state updates along samples without a reversal as a machine-code callback."""
+    law = inline(advance)
+
+    def walk_callback(state, s, v, h, n, u, next_u, step_u, theta, n_theta, z, next_z, step_z):
+        now, middle, shape = on_stack(n_states), on_stack(n_inputs), carray(theta, n_theta)  # both stay in registers
+        for k in range(n_states):
+            now[k] = state[k]
+        for i in range(n):
+            for k in range(n_inputs):
+                at = k * next_u + i * step_u
+                middle[k] = 0.5 * (u[at] + u[at + 1])
+            law(now, s[i], v[i], s[i + 1], v[i + 1], h[i], middle, shape)
+            for k in range(n_states):
+                z[k * next_z + i * step_z] = now[k]
+        for k in range(n_states):
+            state[k] = now[k]
+
+    return _pointer(walk_callback, _WALK_SIGNATURE)
 
 
 def pointers(law: Any) -> tuple[CFunc, CFunc]:

@@ -1,14 +1,12 @@
 """Compiled integration of a law's internal state along a sampled motion, with exact velocity reversals."""
 
-from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
-from .compiled import borrow, cannot_compile, inline, jit, on_stack, part, read_only
+from .compiled import address_of, call_walk, cannot_compile, inline, jit, on_stack, part, read_only, walk_pointer
 from .shape import Motion
 
 _STRETCH = 2048  # intervals whose reversals are found before the state is moved
@@ -112,46 +110,44 @@ def _reversals(s0, s1, v0, v1, h, a0, a1, has_a):
 
 
 @inline
-def _doubt_sign(v0, v1, out):
+def _doubt_sign(v0, v1, n, out):
     """Mark the intervals in which the rate changes sign and return 1 if there are any."""
-    some = np.uint8(0)
-    for i in range(v0.size):
+    some = np.int64(0)
+    for i in range(n):
         out[i] = v0[i] * v1[i] < 0.0
         some |= out[i]
     return some
 
 
 @inline
-def _doubt_both(v0, v1, a0, a1, out):
+def _doubt_both(v0, v1, a0, a1, n, out):
     """Mark the intervals in which the rate changes sign, or falls and recovers; return 1 if there are any."""
-    some = np.uint8(0)
-    for i in range(v0.size):
+    some = np.int64(0)
+    for i in range(n):
         out[i] = (v0[i] * v1[i] < 0.0) | ((v0[i] * a0[i] < 0.0) & (v0[i] * a1[i] > 0.0))
         some |= out[i]
     return some
 
 
-def _find_reversals(s, v, a, t, low, high, doubtful, at, shares, drifts):
+@part
+def _find_reversals(s, v, a, t, has_a, low, high, doubtful, at, shares, drifts):
     """Write interval, share of its time and drift of each reversal between samples low..high; return their number."""
-    if t.size == 0:
-        return 0
-    has_a = a.size > 0
     count, a0, a1 = 0, 0.0, 0.0
-    for begin in range(low, high - 1, doubtful.size):
-        end = min(begin + doubtful.size, high - 1)
-        v0, v1 = v[begin:end], v[begin + 1 : end + 1]
+    for begin in range(low, high - 1, _LOOK):
+        n = min(_LOOK, high - 1 - begin)
+        v0, v1 = address_of(v, begin), address_of(v, begin + 1)
         if has_a:
-            some = _doubt_both(v0, v1, a[begin:end], a[begin + 1 : end + 1], doubtful)
+            some = _doubt_both(v0, v1, address_of(a, begin), address_of(a, begin + 1), n, doubtful)
         else:
-            some = _doubt_sign(v0, v1, doubtful)
+            some = _doubt_sign(v0, v1, n, doubtful)
         if not some:
             continue
-        for i in range(begin + 1, end + 1):
+        for i in range(begin + 1, begin + n + 1):
             if doubtful[i - begin - 1]:
                 if has_a:
                     a0, a1 = a[i - 1], a[i]
-                n, x0, rise0, x1, rise1 = _reversals(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
-                for k in range(n):
+                n_here, x0, rise0, x1, rise1 = _reversals(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
+                for k in range(n_here):
                     at[count] = i
                     shares[count] = x1 - x0 if k else x0
                     drifts[count] = s[i - 1] + (rise1 if k else rise0)
@@ -159,72 +155,45 @@ def _find_reversals(s, v, a, t, low, high, doubtful, at, shares, drifts):
     return count
 
 
-@cache
-def _path(advance: Callable, n_states: int) -> Callable[..., None]:
-    """Compiled path of one law's state; one machine-code file for each law."""
-    step = inline(advance)
-    find = part(_find_reversals)
-
-    def between(s, v, t, u, middle, state, theta, z, begin, end):
-        """Move the state over samples begin..end, which contain no reversal; it stays in registers."""
-        has_t = t.size > 0
-        now, h = on_stack(n_states), np.nan
-        for k in range(n_states):
-            now[k] = state[k]
-        for i in range(begin, end):
-            for k in range(middle.size):
-                middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
-            if has_t:
-                h = t[i] - t[i - 1]
-            step(now, s[i - 1], v[i - 1], s[i], v[i], h, middle, theta)
-            for k in range(n_states):
-                z[k, i] = now[k]
-        for k in range(n_states):
-            state[k] = now[k]
-
-    def across(s, v, t, u, middle, state, theta, z, i, shares, drifts):
-        """Move the state to sample i through the reversals at ``drifts``."""
-        for k in range(middle.size):
-            middle[k] = 0.5 * (u[k, i - 1] + u[k, i])
-        h = t[i] - t[i - 1]
-        s0, v0, left = s[i - 1], v[i - 1], h
-        for w in range(drifts.size):
-            step(state, s0, v0, drifts[w], 0.0, shares[w] * h, middle, theta)
-            s0, v0, left = drifts[w], 0.0, left - shares[w] * h
-        step(state, s0, v0, s[i], v[i], left, middle, theta)
-        for k in range(n_states):
-            z[k, i] = state[k]
-
-    between, across = part(between), part(across)
-
-    def one_path(s, v, t, u, middle, state, theta, z, low, high, at, shares, drifts, count):
-        """Move the state from sample ``low`` to ``high``."""
-        s, v, t, u, middle = borrow(s), borrow(v), borrow(t), borrow(u), borrow(middle)
-        state, theta, z = borrow(state), borrow(theta), borrow(z)
-        w, begin = 0, low + 1
-        while w < count:
-            first, i = w, at[w]
+@jit
+def memory_path(walk, s, v, a, t, u, theta, state, z, h, numbers, at):
+    """Compiled path of the state of any law, whose ``walk`` is called once for each way without reversal."""
+    size, n_samples, has_t, has_a = state.size, s.size, t.size > 0, a.size > 0
+    s, v, a, t, u, z = (
+        address_of(s, 0), address_of(v, 0), address_of(a, 0), address_of(t, 0), address_of(u, 0), address_of(z, 0)
+    )  # fmt: skip
+    n_theta, theta, state, h = theta.size, address_of(theta, 0), address_of(state, 0), address_of(h, 0)
+    shares, drifts = address_of(numbers, 0), address_of(numbers, 2 * _STRETCH)
+    at, doubtful = address_of(at, 0), address_of(at, 2 * _STRETCH)
+    corner = on_stack(12)  # drifts, rates and durations of an interval with at most two reversals
+    ends, rates, steps = address_of(corner, 0), address_of(corner, 4), address_of(corner, 8)
+    for k in range(size):
+        z[k * n_samples] = state[k]
+    for low in range(0, n_samples - 1, _STRETCH):
+        high = min(low + _STRETCH + 1, n_samples)
+        for i in range(low + 1, high):
+            h[i - low - 1] = t[i] - t[i - 1] if has_t else np.nan
+        count = _find_reversals(s, v, a, t, has_a, low, high, doubtful, at, shares, drifts) if has_t else 0
+        w, last = 0, low  # the state is there
+        while True:
+            i = at[w] if w < count else high
+            rows = address_of(s, last), address_of(v, last), address_of(h, last - low), i - 1 - last
+            more = address_of(u, last), n_samples, 1, theta, n_theta, address_of(z, last + 1), n_samples, 1
+            call_walk(walk, (state, *rows, *more))
+            if w == count:
+                break
+            n, left = 0, h[i - 1 - low]
+            ends[0], rates[0] = s[i - 1], v[i - 1]
             while w < count and at[w] == i:
+                steps[n] = shares[w] * h[i - 1 - low]
+                left -= steps[n]
+                n += 1
+                ends[n], rates[n] = drifts[w], 0.0
                 w += 1
-            between(s, v, t, u, middle, state, theta, z, begin, i)
-            across(s, v, t, u, middle, state, theta, z, i, borrow(shares)[first:w], borrow(drifts)[first:w])
-            begin = i + 1
-        between(s, v, t, u, middle, state, theta, z, begin, high)
-
-    path = part(one_path)
-
-    def memory_path(s, v, a, t, u, theta, state, z):
-        doubtful, at = np.empty(_LOOK, dtype=np.uint8), np.empty(2 * _STRETCH, dtype=np.int64)
-        shares, drifts = np.empty(2 * _STRETCH), np.empty(2 * _STRETCH)
-        middle = np.empty(u.shape[0])
-        for k in range(n_states):
-            z[k, 0] = state[k]
-        for low in range(0, s.size - 1, _STRETCH):
-            high = min(low + _STRETCH + 1, s.size)
-            count = find(s, v, a, t, low, high, doubtful, at, shares, drifts)
-            path(s, v, t, u, middle, state, theta, z, low, high, at, shares, drifts, count)
-
-    return jit(memory_path)
+            ends[n + 1], rates[n + 1], steps[n] = s[i], v[i], left
+            more = address_of(u, i - 1), n_samples, 0, theta, n_theta, address_of(z, i), n_samples, 0
+            call_walk(walk, (state, ends, rates, steps, n + 1, *more))
+            last = i
 
 
 def state_path(
@@ -239,7 +208,9 @@ def state_path(
         raise ChannelError("The motion of a law with memory is not finite", "Remove NaN rows at both ends first.")
     if len(s):
         try:
-            _path(type(law).advance, law.n_states)(s, v, a, t, read_only(u), read_only(theta), state, z)
+            walk = walk_pointer(type(law).advance, law.n_states, len(u))
+            h, numbers, at = np.empty(_STRETCH), np.empty(4 * _STRETCH), np.empty(2 * _STRETCH + _LOOK, dtype=np.int64)
+            memory_path(walk.address, s, v, a, t, read_only(u), read_only(theta), state, z, h, numbers, at)
         except NumbaError as error:
             raise cannot_compile(law, error) from error
     if not np.isfinite(state).all():

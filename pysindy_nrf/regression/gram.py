@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from threading import local
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from .layout import Block
 
 TILE = 256  # samples whose columns stay in the first and second cache
-_PAD = 8  # rows of the scratch are not a power of two apart, which would map them onto one cache line
+_ROW = TILE + 8  # rows of the scratch are not a power of two apart, which would map them onto one cache line
 
 
 class Plan:
@@ -72,7 +73,7 @@ class Plan:
         _, places, steps, n_rows = placed
         scratch = getattr(self._own, "scratch", None)
         if scratch is None or len(scratch) < n_rows:
-            self._own.scratch = scratch = np.zeros((n_rows, TILE + _PAD))
+            self._own.scratch = scratch = np.zeros((n_rows, _ROW))
         source = block.terms if recipe is None else block.source
         given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
         _kernel()(*given, places, steps, self.sums, self.masses, self.pairs, scratch, store)
@@ -80,7 +81,7 @@ class Plan:
     def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, int]:
         """Rows of the channels of a block, how those of the terms are built from them, and how many there are."""
         if recipe is None:
-            return _places(self._channels, self.terms), np.zeros((0, 3), dtype=np.int64), self.n_rows
+            return np.concatenate([self._channels, self.terms]), np.zeros((0, 3), dtype=np.int64), self.n_rows
         helpers = max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - len(self.terms))
         size = self.n_rows + helpers
         rows = np.concatenate([self.terms, np.arange(self.n_rows, size)])
@@ -91,12 +92,7 @@ class Plan:
         beside = np.flatnonzero(at < 0)
         at[beside] = size + np.arange(len(beside))
         steps = np.column_stack([rows[row], at[x], np.where(copied, -1, rows[p])])
-        return _places(self._channels, at), steps[steps[:, 0] != steps[:, 1]], size + len(beside)
-
-
-def _places(*rows: np.ndarray) -> np.ndarray:
-    """Numbers of rows; without a sign, so that the machine need not ask whether they count from the end."""
-    return np.concatenate(rows).astype(np.uint64)
+        return np.concatenate([self._channels, at]), steps[steps[:, 0] != steps[:, 1]], size + len(beside)
 
 
 @cache
@@ -104,13 +100,13 @@ def _kernel() -> Callable[..., None]:
     """The compiled pass."""
     from numba import types
 
-    from ..laws.compiled import inline, jit
+    from ..laws.compiled import address_of, inline, jit
 
-    def dot33(x, i, j, b, out, at, step):
+    def dot33(x, y, b, out, step):
         s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
         for t in range(b):
-            a0, a1, a2 = x[i, t], x[i + 1, t], x[i + 2, t]
-            b0, b1, b2 = x[j, t], x[j + 1, t], x[j + 2, t]
+            a0, a1, a2 = x[t], x[t + _ROW], x[t + 2 * _ROW]
+            b0, b1, b2 = y[t], y[t + _ROW], y[t + 2 * _ROW]
             s00 += a0 * b0
             s01 += a0 * b1
             s02 += a0 * b2
@@ -120,101 +116,95 @@ def _kernel() -> Callable[..., None]:
             s20 += a2 * b0
             s21 += a2 * b1
             s22 += a2 * b2
-        out[at] += s00
-        out[at + 1] += s01
-        out[at + 2] += s02
-        out[at + step] += s10
-        out[at + step + 1] += s11
-        out[at + step + 2] += s12
-        out[at + 2 * step] += s20
-        out[at + 2 * step + 1] += s21
-        out[at + 2 * step + 2] += s22
+        out[0] += s00
+        out[1] += s01
+        out[2] += s02
+        out[step] += s10
+        out[step + 1] += s11
+        out[step + 2] += s12
+        out[2 * step] += s20
+        out[2 * step + 1] += s21
+        out[2 * step + 2] += s22
 
-    def dot32(x, i, j, b, out, at):
+    def dot32(x, y, b, out):
         s00 = s01 = s10 = s11 = s20 = s21 = 0.0
         for t in range(b):
-            a0, a1, a2, b0, b1 = x[i, t], x[i + 1, t], x[i + 2, t], x[j, t], x[j + 1, t]
+            a0, a1, a2, b0, b1 = x[t], x[t + _ROW], x[t + 2 * _ROW], y[t], y[t + _ROW]
             s00 += a0 * b0
             s01 += a0 * b1
             s10 += a1 * b0
             s11 += a1 * b1
             s20 += a2 * b0
             s21 += a2 * b1
-        out[at] += s00
-        out[at + 1] += s01
-        out[at + 2] += s10
-        out[at + 3] += s11
-        out[at + 4] += s20
-        out[at + 5] += s21
+        out[0] += s00
+        out[1] += s01
+        out[2] += s10
+        out[3] += s11
+        out[4] += s20
+        out[5] += s21
 
     fast = {"reassoc", "contract", "nsz"}
     threes, twos = inline(dot33, fastmath=fast), inline(dot32, fastmath=fast)
-
-    def product(x, i, m, j, k, b, out, at):
-        """Rows i..i+m times rows j..j+k into out[at:], row-major; only once for a pair of equal rows."""
-        for p in range(0, m, 3):
-            if k == 2:
-                twos(x, i + p, j, b, out, at + 2 * p)
-            else:
-                for q in range(0, p + 3 if i == j else k, 3):
-                    threes(x, i + p, j + q, b, out, at + p * k + q, k)
-
-    products = inline(product)
-
-    def copy(out, row):
-        for t in range(out.size):
-            out[t] = row[t]
-
-    def multiply(out, left, right):
-        for t in range(out.size):
-            out[t] = left[t] * right[t]
-
-    copied, multiplied = inline(copy), inline(multiply)
 
     def load(x, places, channels, start, b):
         if abs(channels.strides[0]) < abs(channels.strides[1]):  # the channels of a sample lie side by side
             for t in range(b):
                 for j in range(channels.shape[0]):
-                    x[places[j], t] = channels[j, start + t]
+                    x[places[j] * _ROW + t] = channels[j, start + t]
         else:
             for j in range(channels.shape[0]):
+                row = address_of(x, places[j] * _ROW)
                 for t in range(b):
-                    x[places[j], t] = channels[j, start + t]
+                    row[t] = channels[j, start + t]
 
     loaded = inline(load)
 
     def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
-        n = a.shape[0]
-        for start in range(0, a.shape[1], TILE):
-            b = min(TILE, a.shape[1] - start)
-            loaded(x, places[:n], a, start, b)
-            loaded(x, places[n : 2 * n], force, start, b)
-            loaded(x, places[2 * n :], source, start, b)
+        n, size, n_sums, n_steps, n_pairs = a.shape[0], a.shape[1], sums.size, steps.shape[0], pairs.shape[0]
+        x, store, steps, pairs = address_of(x, 0), address_of(store, 0), address_of(steps, 0), address_of(pairs, 0)
+        of_a, of_force, of_source = address_of(places, 0), address_of(places, n), address_of(places, 2 * n)
+        sums, masses = address_of(sums, 0), address_of(masses, 0)
+        for start in range(0, size, TILE):
+            b = min(TILE, size - start)
+            loaded(x, of_a, a, start, b)
+            loaded(x, of_force, force, start, b)
+            loaded(x, of_source, source, start, b)
             end = n
-            for i in range(sums.size):
-                row = 3 * (n + i)
-                if i > 0:
-                    copied(x[row, :b], x[row - 3, :b])
-                else:
-                    x[row, :b] = 0.0
+            for i in range(n_sums):
+                row = address_of(x, 3 * (n + i) * _ROW)
+                before = address_of(row, -3 * _ROW)
+                for t in range(b):
+                    row[t] = before[t] if i > 0 else 0.0
                 for j in range(sums[i], end):
+                    given = address_of(x, 3 * j * _ROW)
                     for t in range(b):
-                        x[row, t] += x[3 * j + 1, t] - masses[j] * x[3 * j, t]
+                        row[t] += given[t + _ROW] - masses[j] * given[t]
                 end = sums[i]
-            for k in range(steps.shape[0]):
-                row, of, p = steps[k, 0], steps[k, 1], steps[k, 2]
-                if p < 0:
-                    copied(x[row, :b], x[of, :b])
+            for k in range(n_steps):
+                row, of = address_of(x, steps[3 * k] * _ROW), address_of(x, steps[3 * k + 1] * _ROW)
+                if steps[3 * k + 2] < 0:
+                    for t in range(b):
+                        row[t] = of[t]
                 else:
-                    multiplied(x[row, :b], x[p, :b], x[of, :b])
-            for k in range(pairs.shape[0]):
-                products(x, pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3], b, store, pairs[k, 4])
+                    by = address_of(x, steps[3 * k + 2] * _ROW)
+                    for t in range(b):
+                        row[t] = by[t] * of[t]
+            for k in range(n_pairs):  # rows i..i+m times rows j..j+c, row-major; only once for a pair of equal rows
+                pair = address_of(pairs, 5 * k)
+                i, m, j, c, out = pair[0], pair[1], pair[2], pair[3], address_of(store, pair[4])
+                for p in range(0, m, 3):
+                    left = address_of(x, (i + p) * _ROW)
+                    if c == 2:
+                        twos(left, address_of(x, j * _ROW), b, address_of(out, 2 * p))
+                    else:
+                        for q in range(0, p + 3 if i == j else c, 3):
+                            threes(left, address_of(x, (j + q) * _ROW), b, address_of(out, p * c + q), c)
 
     multiply_all = jit(gram_pass)  # one machine code, however the user's arrays lie in memory
     given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
-    places, table = types.Array(types.uint64, 1, "C"), types.Array(types.int64, 2, "C")
-    line, starts = types.Array(types.float64, 1, "C"), types.Array(types.int64, 1, "C")
-    multiply_all.compile((given, given, given, places, table, starts, line, table, whole, line))
+    table, starts = types.Array(types.int64, 2, "C"), types.Array(types.int64, 1, "C")
+    line = types.Array(types.float64, 1, "C")
+    multiply_all.compile((given, given, given, starts, table, starts, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all
 
@@ -222,80 +212,92 @@ def _kernel() -> Callable[..., None]:
 OWN, KNOWN, MASS, SECOND = range(4)  # roles of a column in a step of the solve order
 
 
-def _least_squares(gram, columns, target, values, work):
-    """Solve for columns scaled to unit length; False where they depend on each other."""
-    width = len(columns)
-    for i in range(width):
-        size = gram[columns[i], columns[i]]
-        if not (size > 0.0 and size < np.inf):
-            return False
-        work[i, width] = 1.0 / np.sqrt(size)
-    for i in range(width):
-        dot = 0.0
-        for j in range(len(target)):
-            if target[j] != 0.0:
-                dot += gram[columns[i], j] * target[j]
-        values[i] = dot * work[i, width]
-        for j in range(i + 1):
-            part = gram[columns[i], columns[j]] * work[i, width] * work[j, width]
-            for k in range(j):
-                part -= work[i, k] * work[j, k]
-            if i != j:
-                work[i, j] = part / work[j, j]
-            elif part > 9e-16 * (width + 1):
-                work[i, i] = np.sqrt(part)
-            else:
-                return False
-        for k in range(i):
-            values[i] -= work[i, k] * values[k]
-        values[i] /= work[i, i]
-    for i in range(width - 1, -1, -1):
-        for k in range(i + 1, width):
-            values[i] -= work[k, i] * values[k]
-        values[i] /= work[i, i]
-    for i in range(width):
-        values[i] *= work[i, width]
-    return True
-
-
 @cache
 def compiled_solve() -> Callable[..., None]:
     """For each stack of Gram matrices: masses (known ones preset) and coefficients; NaN where it cannot be done."""
-    from ..laws.compiled import jit, part
+    from ..laws.compiled import address_of, jit, part
 
-    least_squares = part(_least_squares)
+    def least_squares(gram, p, columns, width, target, values, work):
+        """Solve for columns scaled to unit length; False where they depend on each other."""
+        scale = address_of(work, p * p)
+        for i in range(width):
+            size = gram[columns[i] * (p + 1)]
+            if not (size > 0.0 and size < np.inf):
+                return False
+            scale[i] = 1.0 / math.sqrt(size)
+        for i in range(width):
+            row, products = address_of(work, i * p), address_of(gram, columns[i] * p)
+            dot = 0.0
+            for j in range(p):
+                if target[j] != 0.0:
+                    dot += products[j] * target[j]
+            values[i] = dot * scale[i]
+            for j in range(i + 1):
+                above = address_of(work, j * p)
+                part = products[columns[j]] * scale[i] * scale[j]
+                for k in range(j):
+                    part -= row[k] * above[k]
+                if i != j:
+                    row[j] = part / above[j]
+                elif part > 9e-16 * (width + 1):
+                    row[i] = math.sqrt(part)
+                else:
+                    return False
+            for k in range(i):
+                values[i] -= row[k] * values[k]
+            values[i] /= row[i]
+        for i in range(width - 1, -1, -1):
+            for k in range(i + 1, width):
+                values[i] -= work[k * p + i] * values[k]
+            values[i] /= work[i * p + i]
+        for i in range(width):
+            values[i] *= scale[i]
+        return True
 
-    def chain(fit, n, at, steps, entries, dofs, masses, theta):
-        p = fit.shape[2]
-        target, values, work = np.empty(p), np.empty(p), np.empty((p, p + 1))
-        columns = np.empty(p, dtype=np.int64)
-        for b in range(fit.shape[0]):
-            for i in range(len(steps)):
-                u, e0, e1, d0, d1, free = steps[i]
-                target[:] = 0.0
-                for d in range(d0, d1):
+    solved = part(least_squares)
+
+    def chain(fit, n, at, steps, entries, dofs, masses, theta, scratch, columns):
+        n_fits, n_groups, p, n_steps = fit.shape[0], fit.shape[1], fit.shape[2], steps.shape[0]
+        fit, steps, entries, dofs = address_of(fit, 0), address_of(steps, 0), address_of(entries, 0), address_of(dofs, 0)
+        masses, theta, columns = address_of(masses, 0), address_of(theta, 0), address_of(columns, 0)
+        target, values, work = address_of(scratch, 0), address_of(scratch, p), address_of(scratch, 2 * p)
+        for b in range(n_fits):
+            own, weights = address_of(theta, b * p), address_of(masses, b * n)
+            for i in range(n_steps):
+                step = address_of(steps, 6 * i)  # group, first and last entry, first and last DOF, whether masses are free
+                for k in range(p):
+                    target[k] = 0.0
+                for d in range(step[3], step[4]):
                     target[at + n + dofs[d]] += 1.0
-                    if not free:
-                        target[at + dofs[d]] -= masses[b, dofs[d]]
-                width = 0
-                for e in range(e0, e1):
-                    where, sign, role, j = entries[e]
-                    if role == KNOWN:
-                        target[where] -= sign * theta[b, where]
+                    if not step[5]:
+                        target[at + dofs[d]] -= weights[dofs[d]]
+                width = np.int64(0)
+                for e in range(step[1], step[2]):
+                    entry = address_of(entries, 4 * e)  # column, sign, role, DOF
+                    if entry[2] == KNOWN:
+                        target[entry[0]] -= entry[1] * own[entry[0]]
                     else:
-                        columns[width] = where
+                        columns[width] = entry[0]
                         width += 1
-                if not least_squares(fit[b, u], columns[:width], target, values, work):
-                    theta[b] = np.nan
+                gram = address_of(fit, (b * n_groups + step[0]) * p * p)
+                if not solved(gram, p, columns, width, target, values, work):
+                    for k in range(p):
+                        own[k] = np.nan
                     break
-                width = 0
-                for e in range(e0, e1):
-                    where, sign, role, j = entries[e]
-                    if role == OWN:
-                        theta[b, where] = sign * values[width]
-                    elif role == MASS:
-                        masses[b, j] = values[width]
-                    if role != KNOWN:
+                width = np.int64(0)
+                for e in range(step[1], step[2]):
+                    entry = address_of(entries, 4 * e)
+                    if entry[2] == OWN:
+                        own[entry[0]] = entry[1] * values[width]
+                    elif entry[2] == MASS:
+                        weights[entry[3]] = values[width]
+                    if entry[2] != KNOWN:
                         width += 1
 
-    return jit(chain)
+    compiled = jit(chain)
+
+    def solve(fit: np.ndarray, *given: Any) -> None:
+        p = fit.shape[2]
+        compiled(fit, *given, np.empty(p * (p + 3)), np.empty(p, dtype=np.int64))
+
+    return solve

@@ -22,7 +22,7 @@ from numba.core.ccallback import CFunc
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError, TypingError
 from numba.extending import intrinsic
 
 from ..exceptions import LawError
@@ -37,7 +37,7 @@ _WALK_SIGNATURE = types.void(*[_VECTOR] * 4, types.int64, *_ROWS, _VECTOR, types
 
 
 class _PartLibrary(JITCodeLibrary):
-    """Code that waits to be optimised and made machine code until it is linked into what calls it: once, not each time."""
+    """Code that is optimised and becomes machine code where it is linked into what calls it, not before."""
 
     codegen: Any = SimpleNamespace(set_env=lambda *_: None)  # there is no machine code yet that could have one
 
@@ -188,38 +188,43 @@ def _on_stack(typing_context: Any, size: Any) -> Any:
 on_stack: Any = intrinsic(prefer_literal=True)(_on_stack)
 
 
+def _addressed(kind: Any) -> Any:
+    if hasattr(kind, "types"):
+        return types.BaseTuple.from_types([_addressed(k) for k in kind.types], getattr(kind, "instance_class", None))
+    if not isinstance(kind, types.Array):
+        return kind
+    if kind.layout != "C":
+        raise TypingError("An array is not in C order")
+    return types.CPointer(kind.dtype)
+
+
 def _addresses(typing_context: Any, given: Any) -> Any:
-    """Named tuple with each array in C order replaced by its address: a tenth of the code to compile."""
-    if any(isinstance(kind, types.Array) and kind.layout != "C" for kind in given.types):
-        return None
-    kinds = [types.CPointer(kind.dtype) if isinstance(kind, types.Array) else kind for kind in given.types]
-    plain = types.NamedTuple(kinds, given.instance_class)
+    """A tuple of arrays, numbers and such named tuples, with addresses for arrays: a tenth of the code to compile."""
 
     def codegen(context, builder, signature, args):
-        values = [
-            cgutils.create_struct_proxy(kind)(context, builder, value=value).data if kind != new else value
-            for kind, new, value in zip(given.types, kinds, cgutils.unpack_tuple(builder, args[0]))
-        ]
-        return context.make_tuple(builder, plain, values)
+        def replaced(kind, value):
+            if isinstance(kind, types.Array):
+                return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
+            if not hasattr(kind, "types"):
+                return value
+            parts = map(replaced, kind.types, cgutils.unpack_tuple(builder, value))
+            return context.make_tuple(builder, _addressed(kind), list(parts))
 
-    return plain(given), codegen
+        return replaced(signature.args[0], args[0])
+
+    return _addressed(given)(given), codegen
 
 
 addresses: Any = intrinsic(_addresses)
 
 
 def _address(typing_context: Any, array: Any, start: Any) -> Any:
-    """Address of an element of an array in C order, or of one behind another address."""
-    if isinstance(array, types.Array) and array.layout != "C":
-        return None
+    """Address of an element behind an address."""
 
     def codegen(context, builder, signature, args):
-        data = args[0]
-        if isinstance(array, types.Array):
-            data = cgutils.create_struct_proxy(array)(context, builder, value=data).data
-        return builder.gep(data, [args[1]])
+        return builder.gep(args[0], [args[1]])
 
-    return types.CPointer(array.dtype)(array, types.intp), codegen
+    return array(array, types.intp), codegen
 
 
 address_of: Any = intrinsic(_address)

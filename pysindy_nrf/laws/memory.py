@@ -6,7 +6,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from ..exceptions import ChannelError, LawError
-from .compiled import address_of, call_walk, cannot_compile, inline, jit, on_stack, part, read_only, walk_pointer
+from .compiled import address_of, addresses, call_walk, cannot_compile, inline, jit, part, read_only, walk_pointer
 from .shape import Motion
 
 _STRETCH = 2048  # intervals whose reversals are found before the state is moved
@@ -146,7 +146,8 @@ def _find_reversals(s, v, a, t, has_a, low, high, doubtful, at, shares, drifts):
             if doubtful[i - begin - 1]:
                 if has_a:
                     a0, a1 = a[i - 1], a[i]
-                n_here, x0, rise0, x1, rise1 = _reversals(s[i - 1], s[i], v[i - 1], v[i], t[i] - t[i - 1], a0, a1, has_a)
+                h = t[i] - t[i - 1]
+                n_here, x0, rise0, x1, rise1 = _reversals(s[i - 1], s[i], v[i - 1], v[i], h, a0, a1, has_a)
                 for k in range(n_here):
                     at[count] = i
                     shares[count] = x1 - x0 if k else x0
@@ -156,17 +157,13 @@ def _find_reversals(s, v, a, t, has_a, low, high, doubtful, at, shares, drifts):
 
 
 @jit
-def memory_path(walk, s, v, a, t, u, theta, state, z, h, numbers, at):
+def memory_path(walk, s, v, a, t, u, theta, state, z, h, at):
     """Compiled path of the state of any law, whose ``walk`` is called once for each way without reversal."""
-    size, n_samples, has_t, has_a = state.size, s.size, t.size > 0, a.size > 0
-    s, v, a, t, u, z = (
-        address_of(s, 0), address_of(v, 0), address_of(a, 0), address_of(t, 0), address_of(u, 0), address_of(z, 0)
-    )  # fmt: skip
-    n_theta, theta, state, h = theta.size, address_of(theta, 0), address_of(state, 0), address_of(h, 0)
-    shares, drifts = address_of(numbers, 0), address_of(numbers, 2 * _STRETCH)
-    at, doubtful = address_of(at, 0), address_of(at, 2 * _STRETCH)
-    corner = on_stack(12)  # drifts, rates and durations of an interval with at most two reversals
-    ends, rates, steps = address_of(corner, 0), address_of(corner, 4), address_of(corner, 8)
+    size, n_samples, n_theta, has_t, has_a = state.size, s.size, theta.size, t.size > 0, a.size > 0
+    s, v, a, t, u, theta, state, z, h, at = addresses((s, v, a, t, u, theta, state, z, h, at))
+    shares, drifts, doubtful = address_of(h, _STRETCH), address_of(h, 3 * _STRETCH), address_of(at, 2 * _STRETCH)
+    ends = address_of(drifts, 2 * _STRETCH)  # drifts of an interval with at most two reversals; rates; durations
+    rates, steps = address_of(ends, 4), address_of(ends, 8)
     for k in range(size):
         z[k * n_samples] = state[k]
     for low in range(0, n_samples - 1, _STRETCH):
@@ -209,8 +206,8 @@ def state_path(
     if len(s):
         try:
             walk = walk_pointer(type(law).advance, law.n_states, len(u))
-            h, numbers, at = np.empty(_STRETCH), np.empty(4 * _STRETCH), np.empty(2 * _STRETCH + _LOOK, dtype=np.int64)
-            memory_path(walk.address, s, v, a, t, read_only(u), read_only(theta), state, z, h, numbers, at)
+            h, at = np.empty(5 * _STRETCH + 12), np.empty(2 * _STRETCH + _LOOK, dtype=np.int64)
+            memory_path(walk.address, s, v, a, t, read_only(u), read_only(theta), state, z, h, at)
         except NumbaError as error:
             raise cannot_compile(law, error) from error
     if not np.isfinite(state).all():

@@ -100,7 +100,7 @@ def _kernel() -> Callable[..., None]:
     """The compiled pass."""
     from numba import types
 
-    from ..laws.compiled import address_of, inline, jit
+    from ..laws.compiled import address_of, addresses, inline, jit
 
     def dot33(x, y, b, out, step):
         s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
@@ -161,9 +161,8 @@ def _kernel() -> Callable[..., None]:
 
     def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
         n, size, n_sums, n_steps, n_pairs = a.shape[0], a.shape[1], sums.size, steps.shape[0], pairs.shape[0]
-        x, store, steps, pairs = address_of(x, 0), address_of(store, 0), address_of(steps, 0), address_of(pairs, 0)
-        of_a, of_force, of_source = address_of(places, 0), address_of(places, n), address_of(places, 2 * n)
-        sums, masses = address_of(sums, 0), address_of(masses, 0)
+        x, store, steps, pairs, sums, masses, of_a = addresses((x, store, steps, pairs, sums, masses, places))
+        of_force, of_source = address_of(of_a, n), address_of(of_a, 2 * n)
         for start in range(0, size, TILE):
             b = min(TILE, size - start)
             loaded(x, of_a, a, start, b)
@@ -215,7 +214,7 @@ OWN, KNOWN, MASS, SECOND = range(4)  # roles of a column in a step of the solve 
 @cache
 def compiled_solve() -> Callable[..., None]:
     """For each stack of Gram matrices: masses (known ones preset) and coefficients; NaN where it cannot be done."""
-    from ..laws.compiled import address_of, jit, part
+    from ..laws.compiled import address_of, addresses, jit, part
 
     def least_squares(gram, p, columns, width, target, values, work):
         """Solve for columns scaled to unit length; False where they depend on each other."""
@@ -258,13 +257,14 @@ def compiled_solve() -> Callable[..., None]:
 
     def chain(fit, n, at, steps, entries, dofs, masses, theta, scratch, columns):
         n_fits, n_groups, p, n_steps = fit.shape[0], fit.shape[1], fit.shape[2], steps.shape[0]
-        fit, steps, entries, dofs = address_of(fit, 0), address_of(steps, 0), address_of(entries, 0), address_of(dofs, 0)
-        masses, theta, columns = address_of(masses, 0), address_of(theta, 0), address_of(columns, 0)
-        target, values, work = address_of(scratch, 0), address_of(scratch, p), address_of(scratch, 2 * p)
+        fit, steps, entries, dofs, masses, theta, target, columns = addresses(
+            (fit, steps, entries, dofs, masses, theta, scratch, columns)
+        )
+        values, work = address_of(target, p), address_of(target, 2 * p)
         for b in range(n_fits):
             own, weights = address_of(theta, b * p), address_of(masses, b * n)
             for i in range(n_steps):
-                step = address_of(steps, 6 * i)  # group, first and last entry, first and last DOF, whether masses are free
+                step = address_of(steps, 6 * i)  # group, entries from and to, DOFs from and to, whether masses are free
                 for k in range(p):
                     target[k] = 0.0
                 for d in range(step[3], step[4]):

@@ -1,7 +1,7 @@
 """Compiled integrators: Runge-Kutta with located velocity reversals, and Newmark of average acceleration."""
 
+from collections import namedtuple
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -44,11 +44,12 @@ def _sums(k, weights, count, j, n):
 @part
 def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w):
     """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two)."""
-    n, stages, n_inputs, n_states, n_sites = system.n_dof, rule.stages, drive.n_inputs, system.n_states, system.n_sites
+    n, stages, n_states, n_sites = system.n_dof, rule.stages, system.n_states, system.n_sites
     x1, v1, z1, dt = k.x1, k.v1, k.z1, drive.dt
     t0 = interval * dt + done
     for stage in range(stages):
-        rate, rise, power = address_of(k.v, stage * n), address_of(k.a, stage * n), address_of(k.power, stage * (n_sites + 1))
+        rate, rise = address_of(k.v, stage * n), address_of(k.a, stage * n)
+        power = address_of(k.power, stage * (n_sites + 1))
         if stage == 0:
             for j in range(n):
                 rate[j], rise[j], x1[j], v1[j] = v0[j], k.a0[j], x0[j], v0[j]
@@ -129,7 +130,8 @@ def _reversal(system, regime, v0, v1, k, stages, v_tol):
             plus = sign > 0.0 or end > v_tol
             minus = sign < 0.0 or end < -v_tol
             for stage in range(1, stages):
-                rate = relative(address_of(k.v, stage * system.n_dof), site)  # of low order: small excursions mean nothing
+                # of low order: small excursions mean nothing
+                rate = relative(address_of(k.v, stage * system.n_dof), site)
                 plus |= rate > 1e5 * v_tol
                 minus |= rate < -1e5 * v_tol
             if plus and minus:
@@ -210,12 +212,11 @@ def _record(system, out, i, x, v, a, z, work, base):
     put(address_of(out.work, i * (system.n_sites + 1)), work, system.n_sites + 1)
 
 
+@jit
 def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
     """March a system over its samples."""
-    system, drive, rule, k, w, out = (
-        addresses(system), addresses(drive), addresses(rule), addresses(k), addresses(w), addresses(out)
-    )  # fmt: skip
-    x, v, z, regime, jump = address_of(x, 0), address_of(v, 0), address_of(z, 0), w.regime, k.jump
+    system, drive, rule, k, w, x, v, z, out = addresses((system, drive, rule, k, w, x, v, z, out))
+    regime, jump = w.regime, k.jump
     n, n_sites, n_states, n_inputs, stages = system.n_dof, system.n_sites, system.n_states, drive.n_inputs, rule.stages
     a, x1, v1, z1, a1, force1, dt, last = k.a0, k.x1, k.v1, k.z1, k.a1, k.force1, drive.dt, drive.last
     for i in range(n_sites):
@@ -349,9 +350,6 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
     return DONE, last, 0, steps, rejected, forced
 
 
-runge_kutta = jit(runge_kutta)
-
-
 @part
 def _move(system, site, s0, r0, s1, r1, z, dt, middle, u):
     """Move the states of a site over one step, split where its linear rate crosses zero."""
@@ -385,10 +383,10 @@ def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudg
     return force
 
 
+@jit
 def newmark(system, drive, k, w, x, v, z, out):
     """March a system over its samples."""
-    system, drive, k, w, out = addresses(system), addresses(drive), addresses(k), addresses(w), addresses(out)
-    x, v, z = address_of(x, 0), address_of(v, 0), address_of(z, 0)
+    system, drive, k, w, x, v, z, out = addresses((system, drive, k, w, x, v, z, out))
     n, n_sites, n_states, n_inputs = system.n_dof, system.n_sites, system.n_states, drive.n_inputs
     base, dt, last, middle, matrix, work = n, drive.dt, drive.last, k.middle, w.matrix, k.work
     a, x1, v1, z1, a1, force, force1 = k.a0, k.x1, k.v1, k.z1, k.a1, k.force0, k.force1
@@ -467,20 +465,7 @@ def newmark(system, drive, k, w, x, v, z, out):
     return DONE, last, 0, last, iterations, forced
 
 
-newmark = jit(newmark)
-
-
-class Rule(NamedTuple):
-    """A Runge-Kutta rule and its tolerances."""
-
-    a: np.ndarray
-    b: np.ndarray
-    c: np.ndarray
-    e3: np.ndarray
-    e5: np.ndarray
-    stages: int
-    rtol: float
-    ztol: float  # of the states of laws
+Rule = namedtuple("Rule", "a b c e3 e5 stages rtol ztol")  # see rule_of; tolerances, the last of the states of laws
 
 
 @cache

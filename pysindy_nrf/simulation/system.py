@@ -1,5 +1,6 @@
 """A chain model as flat arrays and compiled callbacks, and its force balance at one instant."""
 
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,21 +90,7 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     return system, Layout(tuple(groups), states, names, keep)
 
 
-class Work(NamedTuple):
-    """Preallocated arrays of one evaluation of the balance."""
-
-    out: np.ndarray
-    u: np.ndarray
-    mass: np.ndarray
-    inertia: np.ndarray
-    matrix: np.ndarray
-    column: np.ndarray
-    hold: np.ndarray
-    load: np.ndarray
-    jump: np.ndarray
-    share: np.ndarray
-    stuck: np.ndarray
-    regime: np.ndarray  # of each site, see FREE
+Work = namedtuple("Work", "out u mass inertia matrix column hold load jump share stuck regime")  # one balance
 
 
 def work_arrays(system: System) -> Work:
@@ -128,30 +115,12 @@ def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
     return np.array(found, dtype=bool)
 
 
-class Stages(NamedTuple):
-    """Preallocated arrays of one Runge-Kutta step."""
-
-    v: np.ndarray  # (n_stages, n_dof)
-    a: np.ndarray
-    power: np.ndarray  # (n_stages, 1 + n_sites): of the input and into the sites, W
-    row: np.ndarray
-    middle: np.ndarray
-    force: np.ndarray
-    force0: np.ndarray
-    x_half: np.ndarray
-    v_half: np.ndarray
-    z_once: np.ndarray
-    z_top: np.ndarray
-    top: np.ndarray  # largest displacement and velocity so far
-    work: np.ndarray
-    a0: np.ndarray  # at the start of a step
-    x1: np.ndarray  # at its end
-    v1: np.ndarray
-    a1: np.ndarray
-    z1: np.ndarray
-    force1: np.ndarray
-    jump: np.ndarray  # sites whose force jumps where the rate changes sign
-    watch: np.ndarray  # sites whose reversals are located
+# One Runge-Kutta step: by stage rates, accelerations and power of the input and into the sites; inputs; forces of the
+# stage and at the start; the middle; states by one step; largest states, and displacement and velocity, so far; work;
+# at the start and at the end; sites whose force jumps where the rate changes sign, and whose reversals are located
+Stages = namedtuple(
+    "Stages", "v a power row middle force force0 x_half v_half z_once z_top top work a0 x1 v1 a1 z1 force1 jump watch"
+)
 
 
 def stages(n_stages: int, system: System, n_inputs: int, jump: np.ndarray) -> Stages:
@@ -163,25 +132,10 @@ def stages(n_stages: int, system: System, n_inputs: int, jump: np.ndarray) -> St
     return Stages(*(np.zeros(shape) for shape in (*shapes, *more)), *kinds)
 
 
-class Drive(NamedTuple):
-    """What drives a run."""
-
-    courses: np.ndarray  # (order + 1, last, n_inputs), see inputs_at
-    samples: np.ndarray  # (last + 1, n_inputs)
-    order: int
-    last: int
-    n_inputs: int
-    dt: float
-
-
-class Output(NamedTuple):
-    """Arrays that a run fills, one row for each sample."""
-
-    x: np.ndarray  # relative displacement, (n_samples, n_dof)
-    v: np.ndarray
-    a: np.ndarray  # absolute
-    z: np.ndarray
-    work: np.ndarray  # of the input and into the sites, J
+# Courses (order + 1, last, n_inputs), see inputs_at, and samples (last + 1, n_inputs) of what drives a run
+Drive = namedtuple("Drive", "courses samples order last n_inputs dt")
+# A row for each sample: relative displacement, velocity; absolute acceleration; states; work of input and into sites
+Output = namedtuple("Output", "x v a z work")
 
 
 @part

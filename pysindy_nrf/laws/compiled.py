@@ -8,6 +8,7 @@ with stale code.
 import hashlib
 import pickle
 from collections.abc import Callable
+from ctypes import POINTER, c_double
 from functools import cache
 from types import CodeType, ModuleType, SimpleNamespace
 from typing import Any
@@ -144,8 +145,8 @@ def _attach_cache(compiled: Any, function: Callable) -> Any:
 
 
 def jit(function: Callable) -> Dispatcher:
-    """Compile a plain function on its first call, cached on disk. It cannot make arrays: its caller does."""
-    return _attach_cache(numba.njit(_nrt=False, **_COMPILED)(_named(function)), function)
+    """Compile a plain function on its first call, cached on disk. Its caller makes the arrays that it needs."""
+    return _attach_cache(numba.njit(**_COMPILED | {"_nrt": False})(_named(function)), function)
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
@@ -305,6 +306,12 @@ def pointers(law: Any) -> tuple[CFunc, CFunc]:
         return kernel_pointer(type(law).kernel), advance_pointer(type(law).advance)
     except NumbaError as error:
         raise cannot_compile(law, error) from error
+
+
+def on_a_sample(law: Any) -> Callable[..., None]:
+    """A law's compiled kernel, called as the plain one."""
+    kernel, line = pointers(law)[0].ctypes, POINTER(c_double)
+    return lambda *x: kernel(*x[:4], *(given for y in x[4:] for given in (y.ctypes.data_as(line), y.size)))
 
 
 def cannot_compile(law: Any, error: Exception) -> LawError:

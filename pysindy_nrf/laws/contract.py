@@ -85,7 +85,7 @@ def check_large_arguments(law: ForceLaw, rng: np.random.Generator) -> None:
 
 def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
     """The kernel gives the same numbers on arrays, on floats, and compiled."""
-    from .compiled import jit
+    from .compiled import on_a_sample
     from .memory import state_path
 
     motion = random_motion(law, rng, n_periods=1)
@@ -93,7 +93,7 @@ def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
     theta = law.theta
     u = np.array([motion.covariates[c] for c in law.covariates]).reshape(-1, motion.n_samples)
     z = state_path(law, motion, u, theta) if law.n_states else np.zeros((0, motion.n_samples))
-    for kernel, how in ((type(law).kernel, "on floats"), (jit(type(law).kernel), "compiled")):
+    for kernel, how in ((type(law).kernel, "on floats"), (on_a_sample(law), "compiled")):
         for i in range(0, motion.n_samples, 29):
             sample = np.full(columns.shape[1], np.nan)
             s, v, a, t = (float(x[i]) for x in (motion.s, motion.v, motion.a, motion.t))

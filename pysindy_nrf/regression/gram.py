@@ -201,8 +201,8 @@ def _kernel() -> Callable[..., None]:
 
     multiply_all = jit(gram_pass)  # one machine code, however the user's arrays lie in memory
     given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
-    table, starts = types.Array(types.int64, 2, "C"), types.Array(types.int64, 1, "C")
-    line = types.Array(types.float64, 1, "C")
+    kinds = (types.int64, 2), (types.int64, 1), (types.float64, 1)
+    table, starts, line = (types.Array(kind, n, "C") for kind, n in kinds)
     multiply_all.compile((given, given, given, starts, table, starts, line, table, whole, line))
     multiply_all.disable_compile()
     return multiply_all

@@ -216,7 +216,7 @@ def _run(
         courses = polynomials(samples, hold)
         drive = flat.Drive(courses, samples, len(courses) - 1, rows - 1, n_inputs, dt)
         tables = rule_of(method)
-        rule = Rule(*tables, len(tables[1]), rtol, max(rtol, 1e-8))
+        rule = Rule._make([*tables, len(tables[1]), rtol, max(rtol, 1e-8)])
         jump = flat.jumps(model, layout, np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0))
         k = flat.stages(rule.stages, system, n_inputs, jump)
         ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", dt / 1024, out)

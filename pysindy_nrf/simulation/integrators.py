@@ -194,8 +194,7 @@ def _overload_inside(system, drive, interval, done, h, x0, v0, k, w):
             k.v_half[j] = 6.0 * q * (1.0 - q) * gap / h
             k.v_half[j] += (1.0 - q) * (1.0 - 3.0 * q) * v0[j] + q * (3.0 * q - 2.0) * v1
         inputs_at(drive, interval, (done + q * h) / drive.dt, k.middle)
-        t = interval * drive.dt + done + q * h
-        accelerate(system, t, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w)
+        accelerate(system, interval * drive.dt + done + q * h, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w)
         most = max(most, _overload(system, k.jump, w)[1])
     return most
 
@@ -219,12 +218,8 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
     regime, jump = w.regime, k.jump
     n, n_sites, n_states, n_inputs, stages = system.n_dof, system.n_sites, system.n_states, drive.n_inputs, rule.stages
     a, x1, v1, z1, a1, force1, dt, last = k.a0, k.x1, k.v1, k.z1, k.a1, k.force1, drive.dt, drive.last
-    for i in range(n_sites):
-        regime[i] = FREE
-    put(z1, z, n_states)
-    steps, rejected, forced = 0, 0, 0
+    steps, rejected, forced, proposal = 0, 0, 0, dt
     bent = drive.order > 1  # a force that bends may pass between two samples what friction can hold
-    proposal = dt
     # motion too small to matter: below it errors are absolute, or round-off would rule the first steps
     strongest = 0.0
     for interval in range(last + 1):
@@ -391,8 +386,6 @@ def newmark(system, drive, k, w, x, v, z, out):
     base, dt, last, middle, matrix, work = n, drive.dt, drive.last, k.middle, w.matrix, k.work
     a, x1, v1, z1, a1, force, force1 = k.a0, k.x1, k.v1, k.z1, k.a1, k.force0, k.force1
     found, step, slope = k.a, k.v, k.force
-    for i in range(n_sites):
-        w.regime[i] = FREE
     iterations, forced, top = 0, 0, 1e-12
     accelerate(system, 0.0, drive.samples, x, v, z, a, force, w)
     for i in range(last + 1):
@@ -412,8 +405,7 @@ def newmark(system, drive, k, w, x, v, z, out):
                 x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
                 v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
             for m in range(n_sites):
-                site = address_of(system.sites, m * SITE)
-                nudge = 1e-6 * top
+                site, nudge = address_of(system.sites, m * SITE), 1e-6 * top
                 now = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, 0.0)
                 nudged = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, nudge)
                 slope[m] = (nudged - now) / nudge
@@ -422,8 +414,7 @@ def newmark(system, drive, k, w, x, v, z, out):
             accelerate(system, t, row, x1, v1, z1, found, force1, w)
             for j in range(n):
                 for m in range(n):
-                    matrix[j * n + m] = 0.0
-                matrix[j * n + j] = w.mass[j]
+                    matrix[j * n + m] = w.mass[j] if j == m else 0.0
                 step[j] = w.mass[j] * (found[j] - a1[j])
             for m in range(n_sites):
                 site = address_of(system.sites, m * SITE)

@@ -17,20 +17,10 @@ UPPER, LOWER, FIRST, LAST, ON_DOF, MEMORY = range(6)
 SITE, LAW = 6, 11  # numbers of columns
 
 
-class System(NamedTuple):
-    """A chain model as flat arrays; the columns of sites and laws are numbered above."""
-
-    masses: np.ndarray
-    sites: np.ndarray  # int64, (n_sites, 6); DOFs count from 0, -1 is the base
-    laws: np.ndarray  # int64, (n_laws, 11)
-    coefficients: np.ndarray  # of all laws, one after the other
-    theta: np.ndarray
-    channels: np.ndarray  # input columns of the covariates of all laws
-    link_inertia: bool  # the mass matrix is not diagonal
-    t0: float  # time of the first sample on the clock of the laws, s
-    n_dof: int
-    n_sites: int
-    n_states: int
+# A chain model as flat arrays. Columns of sites and laws as above, DOFs from 0, -1 is the base; coefficients and shape
+# parameters of all laws, one after the other; input columns of their covariates; whether the mass matrix is not
+# diagonal; time of the first sample on the clock of the laws, s
+System = namedtuple("System", "masses sites laws coefficients theta channels link_inertia t0 n_dof n_sites n_states")
 
 
 class Layout(NamedTuple):
@@ -98,8 +88,8 @@ def work_arrays(system: System) -> Work:
     n, n_sites = len(system.masses), len(system.sites)
     widest = int(system.laws[:, [N_TERMS, N_INPUTS]].max(initial=1))
     shapes: Any = (widest, widest, n, n_sites, (n, n), (n_sites, n), (n_sites, n_sites), n_sites, n_sites, n_sites)
-    numbers = np.zeros((2, n_sites), dtype=np.int64)
-    return Work._make([*(np.zeros(shape) for shape in shapes), *numbers])
+    stuck, regime = np.zeros(n_sites, dtype=np.int64), np.full(n_sites, FREE, dtype=np.int64)
+    return Work._make([*(np.zeros(shape) for shape in shapes), stuck, regime])
 
 
 def jumps(model: Any, layout: Layout, largest: np.ndarray) -> np.ndarray:
@@ -129,7 +119,7 @@ def stages(n_stages: int, system: System, n_inputs: int, jump: np.ndarray) -> St
     shapes: Any = ((n_stages, n), (n_stages, n), (n_stages, m + 1), n_inputs, n_inputs, m, m, n, n, n_states, n_states)
     more = (2, m + 1, n, n, n, n, n_states, m)
     kinds = jump.astype(np.int64), np.where(jump, 1, system.sites[:, MEMORY])
-    return Stages(*(np.zeros(shape) for shape in (*shapes, *more)), *kinds)
+    return Stages._make([*(np.zeros(shape) for shape in (*shapes, *more)), *kinds])
 
 
 # Courses (order + 1, last, n_inputs), see inputs_at, and samples (last + 1, n_inputs) of what drives a run

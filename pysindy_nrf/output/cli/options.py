@@ -123,7 +123,7 @@ def say_if_compiling() -> None:
     search = click.get_current_context().info_name in ("run", "close-loop")
     wanted = ["gram_pass", *(["chain"] if search else [])]
     if not all(any(any(place.rglob(f"{name}-*.nbi")) for place in places) for name in wanted):
-        click.echo("compiling, once, about 20 s", err=True)
+        click.echo("compiling, once, about 10 s", err=True)
 
 
 _FORCE, _NAMED = "force", "named by the mapping file"  # what a run knows beside its options

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import signal
 import subprocess
@@ -363,24 +364,36 @@ CHANGES = {
     "force": lambda X, given: given | {"F": 2 * given["F"]},
     "record": lambda X, given: given | {"record": given["record"][::-1]},
     "time": lambda X, given: given | {"time": 2 * given["time"]},
+    "base": lambda X, given: given | {"base_acceleration": 2 * given["base_acceleration"]},
+    "covariates": lambda X, given: given | {"covariates": {"volt": 2 * given["covariates"]["volt"]}},
+    "sign in a file": lambda X, given: given if rewritten(X, -np.load(X)) else None,
     "digit": lambda X, given: given,
 }
 
 
+def rewritten(path, values):
+    """Other values of the same shape in a file of the same size and time of change."""
+    before = path.stat().st_mtime_ns
+    np.save(path, values)
+    os.utime(path, ns=(before, before))
+    return True
+
+
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_state_is_tied_to_what_was_used(tmp_path, exact, change):
-    """Arrays of the same shape with other content, and a law that differs in the seventh digit, begin anew."""
+    """Arrays and files of the same shape with other content, and a law that differs in its last digit, begin anew."""
     X = save(tmp_path, exact.X, exact.F)[0]
     first = {"F": exact.F.copy(), "record": np.repeat(["a", "b"], 1000), "time": np.arange(2000) * 1e-3}
-    second = CHANGES[change](X, first)
+    first |= {"base_acceleration": exact.X[:, 0].copy(), "covariates": {"volt": 1 + exact.X[:, 2] ** 2}}
 
     def model(tau):
         branch = [laws.LinearElastic(), laws.LinearViscous(), laws.MaxwellBranch(tau=tau)]
-        return NRFRegressor(laws={"storey 1": [laws.PowerSeries(3)], "storey 2": branch})
+        friction = laws.CovariateFriction("volt")
+        return NRFRegressor(laws={"storey 1": [laws.PowerSeries(3), friction], "storey 2": branch})
 
     with pytest.raises(KeyboardInterrupt):
         fit(X, model=model(0.1), **(first | {"F": first["F"].view(Interrupted)}), state=tmp_path / "s")
-    tau = 0.1000001 if change == "digit" else 0.1
+    second, tau = CHANGES[change](X, first), np.nextafter(0.1, 1.0) if change == "digit" else 0.1
     anew = fit(X, model=model(tau), **second)
     resumed = fit(X, model=model(tau), **second, state=tmp_path / "s")
     np.testing.assert_allclose(resumed.masses_, anew.masses_, rtol=1e-12)
@@ -392,6 +405,16 @@ def test_a_state_that_cannot_be_written_costs_no_fit(exact, tmp_path):
     with pytest.warns(DataQualityWarning, match="cannot be written .* the fit goes on"):
         model = fit(*save(tmp_path, exact.X, exact.F), state=tmp_path / "taken" / "s", save_every=0.0)
     assert chains.worst(model.masses_, exact.m) < 1e-8
+
+
+def test_a_state_is_no_pipe_and_its_link_stays(exact, tmp_path):
+    X, F = save(tmp_path, exact.X, exact.F)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(NRFError, match="pipe is a device or pipe"):
+        fit(X, F, state=tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(tmp_path / "state")
+    fit(X, F, state=tmp_path / "link", save_every=0.0)
+    assert (tmp_path / "link").is_symlink() and not (tmp_path / "state").exists()
 
 
 def right(model, case):

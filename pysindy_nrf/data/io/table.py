@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...exceptions import ChannelError, FileFormatError, FileVersionError
+from ...exceptions import ChannelError, FileFormatError, FileVersionError, NRFError
 from ..record import BASES, MATRICES, Record
 
 MAX_BYTES = 4_000_000_000  # larger files are refused; a record of a test is far below
@@ -89,7 +89,7 @@ def reading_as(path: Path, kind: str) -> Iterator[None]:
     """What a library raises on a damaged file, which may be anything, as an error that names the file."""
     try:
         yield
-    except FileFormatError:
+    except NRFError:
         raise
     except Exception as error:
         raise unreadable(path, kind, error) from error

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...common.files import atomic_write
+from ...common.files import atomic_write, file_behind
 from ...data.channels import is_dask
 from ...data.record import Record
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
@@ -28,7 +28,7 @@ from ...regression.segments import Extent, Segment, SegmentSet
 from ..intervals import Resolver
 from ..problem import Estimate, law_list
 from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
-from .sources import Chunk, Source, chunk_of, open_source
+from .sources import Chunk, Source, chunk_of, content, open_source
 
 
 def fitted(add_up: Callable[[str], Accumulator], kind: str = "gram") -> Any:
@@ -179,7 +179,7 @@ class _Passes:
             cure = "Give files by path."
             raise ChannelError("An iterator cannot be read again from the middle, so state= has no effect", cure)
         if state is not None:
-            self.path = Path(state) / "fit.nrf-state" if Path(state).is_dir() else Path(state)
+            self.path = file_behind(Path(state) / "fit.nrf-state" if Path(state).is_dir() else state)
         elif source.again and os.access(Path.cwd(), os.W_OK):
             self.path = Path.cwd() / f".fit-{self.mark[:12]}.nrf-state"
 
@@ -187,13 +187,17 @@ class _Passes:
         """Result of one pass; of the second one where a state of it is resumed."""
         from tqdm.auto import tqdm
 
-        accumulator, number = Accumulator(self.estimator, kind, self.source.n_samples), 0
+        accumulator, number, used = Accumulator(self.estimator, kind, self.source.n_samples), 0, 0
+        chunks = self.source.chunks()
         if kind == "root":  # interrupted in the second pass, a fit does not repeat the first
-            self.save(accumulator, number)
+            self.save(accumulator, number, used)
         elif self.path is not None:
             found = load(self.path, self.estimator, self.mark)
             self.own = self.path.exists()  # load refuses any other file
-            accumulator, number = found or (accumulator, number)
+            if found and content(islice(chunks, found[1])) == found[2]:
+                accumulator, number, used = found
+            else:
+                chunks = self.source.chunks()
         saved = clock.monotonic()
         with tqdm(
             total=self.source.n_samples, initial=accumulator.n_samples, unit="sample", unit_scale=True, delay=1.0,
@@ -201,27 +205,27 @@ class _Passes:
             disable=None,
         ) as bar:  # fmt: skip
             try:
-                for chunk in islice(self.source.chunks(), number, None):
+                for chunk in chunks:
                     accumulator.add(chunk, number)
-                    number += 1
+                    number, used = number + 1, content([chunk], used)
                     bar.update(chunk.n_samples)
                     if clock.monotonic() - saved >= self.save_every:
-                        self.save(accumulator, number)
+                        self.save(accumulator, number, used)
                         saved = clock.monotonic()
             except KeyboardInterrupt as stop:
                 if number:
-                    self.save(accumulator, number)
+                    self.save(accumulator, number, used)
                 if number and self.path is not None:  # without a path there is no state
                     stop.add_note(f"The state is in {self.path}; the same call continues from there.")
                 raise
         return accumulator.close()
 
-    def save(self, accumulator: Accumulator, number: int) -> None:
+    def save(self, accumulator: Accumulator, number: int, used: int) -> None:
         """Write the state of the pass; a warning if that fails."""
         if self.path is None:
             return
         try:
-            save(self.path, accumulator, number, self.mark)
+            save(self.path, accumulator, number, used, self.mark)
             self.own = True
         except OSError as error:  # the fit goes on without a state
             warnings.warn(
@@ -237,7 +241,7 @@ class _Passes:
             self.path.unlink(missing_ok=True)
 
 
-_SCHEMA, _VERSION = "pysindy_nrf.FitState", 6
+_SCHEMA, _VERSION = "pysindy_nrf.FitState", 7
 _DAMAGED = (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, EOFError)
 
 
@@ -247,8 +251,8 @@ def identity(estimator: Any, source: Source) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
-    """Write the state of a pass; ``following`` is the next chunk."""
+def save(path: Path, acc: Accumulator, following: int, used: int, mark: str) -> None:
+    """Write the state of a pass; ``following`` is the next chunk, ``used`` the content of those before it."""
     arrays: dict[str, Any] = {}
     entries, carry, extent = acc.entries, acc._carry, acc.extent
     if entries:
@@ -264,7 +268,7 @@ def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
     if acc.origin is not None:
         arrays["origin"] = np.asarray(acc.origin)
     meta = {
-        "schema": _SCHEMA, "mark": mark, "following": following,
+        "schema": _SCHEMA, "mark": mark, "following": following, "used": used,
         "n_dof": None if acc.model is None else acc.model.chain.n_dof,
         "kind": acc.kind, "block_rows": acc.block_rows, "n_samples": acc.n_samples,
         "blocks": [[e.key, e.record] for e in entries], "open": acc._open is not None,
@@ -275,8 +279,8 @@ def save(path: Path, acc: Accumulator, following: int, mark: str) -> None:
         np.savez(file, meta=np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8), **arrays)
 
 
-def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | None:
-    """Accumulator and number of the next chunk, if the file is a state of these settings and data."""
+def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, int] | None:
+    """Accumulator, number of the next chunk, content of those before it, if it is a state of these settings."""
     if not path.exists():
         return None
     try:
@@ -314,7 +318,7 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int] | Non
                 states[Site(site), int(law)] = data[name]
             last = _segment("last", data, "last") if "last.a" in data else None
             acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
-        return acc, int(meta["following"])
+        return acc, int(meta["following"]), int(meta["used"])
     except FileFormatError:
         raise
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:

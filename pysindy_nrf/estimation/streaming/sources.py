@@ -14,7 +14,7 @@ import numpy as np
 from ...common.lazy import require
 from ...data.channels import by_record
 from ...data.io.arrays import data_sets, require_own
-from ...data.io.table import check_file, unreadable
+from ...data.io.table import check_file, reading_as, unreadable
 from ...data.record import Record, seconds_of
 from ...exceptions import ChannelError, FileFormatError
 from ...regression.input_arrays import table_time
@@ -60,6 +60,22 @@ class Chunk:
 def cut(value: Any, rows: slice) -> Any:
     """Rows of an array or a table; None for None."""
     return value.iloc[rows] if hasattr(value, "iloc") else None if value is None else value[rows]
+
+
+_ADDED = 255  # 8-byte values in one sum of a hash: an odd number, or a change of sign of all of them would be lost
+
+
+def content(chunks: Iterable[Chunk], before: int = 0) -> int:
+    """Hash of the samples of chunks that follow others; of 8-byte values by wrapping sums, in a fifth of the time."""
+    for chunk in chunks:
+        for name, values in {**vars(chunk), **chunk.covariates}.items():
+            array = np.asarray(values)
+            before = zlib.crc32(f"{name} {array.dtype} {array.shape}".encode(), before)
+            flat = (array.astype(str) if array.dtype.hasobject else array).ravel(order="K")
+            if flat.itemsize == 8:
+                flat = np.add.reduceat(flat.view(np.uint64), np.arange(0, flat.size, _ADDED))
+            before = zlib.crc32(flat.view(np.uint8), before)
+    return before
 
 
 def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "relative", first: bool = True) -> Chunk:
@@ -167,8 +183,8 @@ class Source:
     paths: Sequence[Path] = ()  # files that are read
 
     def identity(self) -> list[Any]:
-        """Values that identify the data, as JSON: paths, sizes and times of change."""
-        return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in self.paths]
+        """Paths and sizes of the files, as JSON; what they hold is compared by :func:`content`."""
+        return [[str(p.resolve()), p.stat().st_size] for p in self.paths]
 
     def chunks(self) -> Iterator[Chunk]:
         """All chunks, from the first one on."""
@@ -200,18 +216,13 @@ class FileSource(Source):
     n_samples: int
     rows: int  # in a chunk; the last one may be shorter
 
-    def identity(self) -> list[Any]:
-        """The size of a chunk, and the files."""
-        return [self.rows, *super().identity()]
-
 
 class ArraySource(FileSource):
     """Arrays, most often mapped ``.npy`` files."""
 
     def __init__(self, X: Any, chunk_samples: int | None = None, **given: Any) -> None:
         given = {"X": X, **beside(**given)}
-        self._held = [k for k, v in given.items() if not isinstance(v, (str, os.PathLike))]  # in memory
-        self.paths = [Path(v) for k, v in given.items() if k not in self._held]
+        self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
         self.arrays = {k: load_rows(v, k) for k, v in given.items()}
         x = self.arrays["X"]
         if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
@@ -224,23 +235,12 @@ class ArraySource(FileSource):
                 raise ChannelError(f"{name} has {len(values)} samples, X has {self.n_samples}", cure)
         self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
-    def identity(self) -> list[Any]:
-        """The size of a chunk, the files, shapes and types of the arrays, and what those in memory hold."""
-        held = {k: zlib.crc32(_bytes(self.arrays[k])) for k in self._held}
-        arrays = ((k, np.asarray(v)) for k, v in self.arrays.items())
-        return super().identity() + [[k, list(v.shape), str(v.dtype), held.get(k)] for k, v in arrays]
-
     def chunks(self) -> Iterator[Chunk]:
         """Slices of the arrays."""
         name = self.paths[0].stem if self.paths else "record"
         for low in range(0, self.n_samples, self.rows):
             rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
             yield chunk_of_arrays(rows, name, low == 0)
-
-
-def _bytes(values: Any) -> Any:
-    array = np.asarray(values)
-    return np.ascontiguousarray(array.astype(str) if array.dtype.hasobject else array).view(np.uint8).data
 
 
 class TableSource(FileSource):
@@ -273,25 +273,18 @@ class ParquetSource(TableSource):
     """A Parquet file, row group after row group."""
 
     def _open(self) -> list[str]:
-        self._pyarrow = require("pyarrow", "files", "Reading Parquet files")
         self._parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
-        try:
-            with self._parquet.ParquetFile(self.path) as file:
-                self.n_samples = file.metadata.num_rows
-                return list(file.schema_arrow.names)
-        except (self._pyarrow.ArrowException, OSError) as error:
-            raise unreadable(self.path, "Parquet", error) from error
+        with reading_as(self.path, "Parquet"), self._parquet.ParquetFile(self.path) as file:
+            self.n_samples = file.metadata.num_rows
+            return list(file.schema_arrow.names)
 
     def chunks(self) -> Iterator[Chunk]:
         """Batches of rows, across the file's own groups of rows."""
         wanted = self.wanted()
-        try:
-            with self._parquet.ParquetFile(self.path) as file:
-                for i, batch in enumerate(file.iter_batches(self.rows, columns=wanted, use_threads=False)):
-                    values = {name: batch.column(name).to_numpy(zero_copy_only=False) for name in wanted}
-                    yield self.chunk(values, i == 0)
-        except (self._pyarrow.ArrowException, OSError) as error:
-            raise unreadable(self.path, "Parquet", error) from error
+        with reading_as(self.path, "Parquet"), self._parquet.ParquetFile(self.path) as file:
+            for i, batch in enumerate(file.iter_batches(self.rows, columns=wanted, use_threads=False)):
+                values = {name: batch.column(name).to_numpy(zero_copy_only=False) for name in wanted}
+                yield self.chunk(values, i == 0)
 
 
 class HDF5Source(TableSource):
@@ -299,44 +292,38 @@ class HDF5Source(TableSource):
 
     def _open(self) -> list[str]:
         self._h5py = require("h5py", "files", "Reading HDF5 files")
-        try:
-            with self._h5py.File(self.path, "r") as file:
-                sets = {k: v for k, v in data_sets(self._h5py, file).items() if "/" not in k}
-                for name, held in sets.items():
-                    require_own(self.path, name, held)
-                lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
-                if len(lengths) != 1:
-                    cure = "Give all of them one clock."
-                    raise ChannelError(f"The data sets of {self.path} have {sorted(lengths)} samples", cure)
-                self.n_samples = lengths.pop()
-                rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
-                self._spread: dict[str, list[str]] = {}
-                for name, width in ((k, v.shape[1]) for k, v in sets.items() if v.ndim == 2):
-                    if name == "X" and width % 3 == 0:
-                        self._spread[name] = feature_names(width // 3, self.coordinates)
-                    elif name in ("a", rate, drift, "F"):
-                        self._spread[name] = [f"{name}{j}" for j in range(1, width + 1)]
-                single = [k for k, v in sets.items() if v.ndim == 1]
-                return [c for columns in self._spread.values() for c in columns] + single
-        except (OSError, RuntimeError, KeyError) as error:
-            raise unreadable(self.path, "HDF5", error) from error
+        with reading_as(self.path, "HDF5"), self._h5py.File(self.path, "r") as file:
+            sets = {k: v for k, v in data_sets(self._h5py, file).items() if "/" not in k}
+            for name, held in sets.items():
+                require_own(self.path, name, held)
+            lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
+            if len(lengths) != 1:
+                cure = "Give all of them one clock."
+                raise ChannelError(f"The data sets of {self.path} have {sorted(lengths)} samples", cure)
+            self.n_samples = lengths.pop()
+            rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
+            self._spread: dict[str, list[str]] = {}
+            for name, width in ((k, v.shape[1]) for k, v in sets.items() if v.ndim == 2):
+                if name == "X" and width % 3 == 0:
+                    self._spread[name] = feature_names(width // 3, self.coordinates)
+                elif name in ("a", rate, drift, "F"):
+                    self._spread[name] = [f"{name}{j}" for j in range(1, width + 1)]
+            single = [k for k, v in sets.items() if v.ndim == 1]
+            return [c for columns in self._spread.values() for c in columns] + single
 
     def chunks(self) -> Iterator[Chunk]:
         """Slices of the data sets."""
         wanted = set(self.wanted())
-        try:
-            with self._h5py.File(self.path, "r") as file:
-                for low in range(0, self.n_samples, self.rows):
-                    rows = slice(low, low + self.rows)
-                    values: dict[str, Any] = {}
-                    for name, columns in self._spread.items():
-                        if wanted & set(columns):
-                            values |= dict(zip(columns, file[name][rows].T))
-                    for name in wanted - set(values):
-                        values[name] = file[name][rows]
-                    yield self.chunk(values, low == 0)
-        except (OSError, RuntimeError, KeyError) as error:
-            raise unreadable(self.path, "HDF5", error) from error
+        with reading_as(self.path, "HDF5"), self._h5py.File(self.path, "r") as file:
+            for low in range(0, self.n_samples, self.rows):
+                rows = slice(low, low + self.rows)
+                values: dict[str, Any] = {}
+                for name, columns in self._spread.items():
+                    if wanted & set(columns):
+                        values |= dict(zip(columns, file[name][rows].T))
+                for name in wanted - set(values):
+                    values[name] = file[name][rows]
+                yield self.chunk(values, low == 0)
 
 
 class ListSource(Source):
@@ -347,11 +334,7 @@ class ListSource(Source):
         if len(self.parts) < len(parts):
             cure = "Give a list of paths without lists in it, or one iterator that yields all the pieces."
             raise ChannelError("A list of sources holds something that is not a file", cure)
-        self.n_samples, self.paths = sum(p.n_samples for p in self.parts), self.parts[0].paths
-
-    def identity(self) -> list[Any]:
-        """Identities of the parts."""
-        return [p.identity() for p in self.parts]
+        self.n_samples, self.paths = sum(p.n_samples for p in self.parts), [q for p in self.parts for q in p.paths]
 
     def chunks(self) -> Iterator[Chunk]:
         """Chunks of the parts, each part its own record."""

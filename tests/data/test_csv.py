@@ -76,9 +76,9 @@ def test_a_name_that_is_no_text_is_written_as_its_code(frame, tmp_path):
 
 
 def test_cells_that_a_spreadsheet_would_run_are_quoted(frame, tmp_path):
-    table = pd.DataFrame({"=1+1": ["=cmd", "+1", "-2", "@x", "m1"], "value": [-1.5, 2.0, 3.0, 4.0, 5.0]})
+    table = pd.DataFrame({"=1+1": ["=cmd", "+1", "-2", "@x", "m1\r=1"], "value": [-1.5, 2.0, 3.0, 4.0, 5.0]})
     lines = write_table(table, tmp_path / "a.csv").read_text().splitlines()
-    assert lines == ["'=1+1,value", "'=cmd,-1.5", "'+1,2.0", "'-2,3.0", "'@x,4.0", "m1,5.0"]
+    assert lines == ["'=1+1,value", "'=cmd,-1.5", "'+1,2.0", "'-2,3.0", "'@x,4.0", "m1 =1,5.0"]  # a row is a line
     record = Record.from_frame(frame.assign(**{"=volt": 1.0}))
     path = write_record(record, tmp_path / "b.csv")
     assert ",'=volt" in path.read_text().splitlines()[1] and list(read_record(path).covariates) == ["=volt"]

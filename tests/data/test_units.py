@@ -105,3 +105,13 @@ def test_a_force_whose_unit_cannot_be_used_is_not_known_to_be_unforced(tmp_path,
     table = pd.read_csv(path).rename(columns={f"F2 [{unit}]": "F2 [kN]"})
     table.to_parquet(tmp_path / "a.parquet")
     assert read_record(tmp_path / "a.parquet").force[:, 1].max() == 6000
+
+
+@pytest.mark.parametrize("name", ["F2_kg", "F2 kg", "F2/V", "Force 2 [V]", "F 2 (t)", "F2 raw"])
+def test_a_column_that_names_a_force_is_read_or_asked_for(tmp_path, name):
+    path = tmp_path / "a.csv"
+    path.write_text(f"t,{name},F1,x1,x2\n" + "".join(f"{k / 100},{k % 7},{k % 2},{k % 5},{k % 3}\n" for k in range(40)))
+    with pytest.raises(ChannelError, match="'F2': 'name . number @ N'|F2.*measures mass"):
+        read_record(path)
+    assert read_record(path, mapping={"F2": "none"}).forced == (1,)
+    assert read_record(path, mapping={"F2": f'"{name}" * 2 @ N'}).force[:, 1].max() == 12

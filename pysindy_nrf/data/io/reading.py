@@ -21,6 +21,7 @@ from .uff import read_uff
 from .units import dimension_of, factor, kind_of_unit, si_unit, split_suffix
 
 _TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
+_FORCE = re.compile(r"(?:F|[Ff]orce)[\s_]*([1-9]\d*)(?![^\W_])")  # not: F2kg, f2 (a frequency)
 SLOW = 8.0  # Hz; accelerations of structures are sampled faster
 _MOTIONS = ("length", "velocity", "acceleration")
 
@@ -267,6 +268,12 @@ def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | 
         elif unit and dimension_of(channel) == "force" and not used:
             factor(unit, channel)  # an error: a force that acts is not "known to be unforced"
             chosen[channel] = Expression(name, unit=unit)
+    lengths = {table.variables[one.name].shape[:1] for one in chosen.values() if one}
+    for name in (v for v in table.variables if table.variables[v].shape in lengths):
+        at = _FORCE.match(name)
+        if at and not (f"F{at[1]}" in {*chosen, *said} or any(name in str(text) for text in said.values())):
+            what = f"{table.path}: the column {name!r} seems to be the force F{at[1]}, in no unit that is known"
+            raise ChannelError(what, f"Map it, mapping={{'F{at[1]}': 'name * number @ N'}} (--map), or say 'none'.")
     for channel, text in said.items():
         if channel in ("a", "v", "x", "F", "f", ""):
             cure = "Write a1, v2, x3, F1, ag, vg, xg, t, or the name of a covariate."

@@ -61,7 +61,7 @@ def _write_csv(path: Path, columns: dict[str, np.ndarray], attributes: Attribute
     with atomic_write(path) as file:
         file.write(f"# {attributes.to_json()}\n")
         # the second line is for human readers; names are read from the first
-        csv.writer(file, lineterminator="\n").writerow([_no_formula(" ".join(name.split())) for name in columns])
+        csv.writer(file, lineterminator="\n").writerow(map(_no_formula, columns))
         frame = pd.DataFrame({i: line for i, line in enumerate(columns.values())})
         frame.to_csv(file, index=False, header=False, na_rep="nan", lineterminator="\n")
 
@@ -81,8 +81,9 @@ def _write_parquet(path: Path, columns: dict[str, np.ndarray], attributes: Attri
 
 
 def _no_formula(cell: Any) -> Any:
-    """A text that spreadsheets would run as a formula, quoted for them."""
-    return f"'{cell}" if isinstance(cell, str) and cell[:1] in tuple("=+-@\t\r") else cell
+    """A text on one line, quoted if spreadsheets would run it as a formula."""
+    text = " ".join(cell.split()) if isinstance(cell, str) else ""
+    return f"'{text}" if text[:1] in tuple("=+-@") else text or cell
 
 
 def write_table(table: pd.DataFrame, path: Any) -> Path:

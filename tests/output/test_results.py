@@ -47,6 +47,7 @@ def contents(folder):
         (["identify", "d/masses.csv", "--degree", "1", "-o", "d"], "masses.csv is an input"),
         (["identify", "test.csv", "--degree", "1", "-o", "."], "model.json is no result"),
         (["simulate", "model.json", "test.csv", "-o", "pipe.csv"], "pipe.csv is a device or pipe"),
+        (["identify", "test.csv", "--degree", "1", "-o", "pipe.csv"], "pipe.csv is a device or pipe"),
     ],
 )  # fmt: skip
 def test_no_command_writes_over_an_input_or_a_file_that_no_run_made(there, capsys, arguments, words):
@@ -91,6 +92,17 @@ def test_the_manifest_says_what_a_run_was(there):
     assert made["arguments"] == IDENTIFY and made["settings"]["degree"] == 1 and made["versions"]["numpy"]
     assert made["files"].keys() == contents("nrf_output").keys() - {"manifest.json"}
     assert ChainModel.from_json("nrf_output/model.json").info["inputs"][0]["sha256"] == mark
+
+
+@pytest.mark.parametrize(
+    "files", [["masses.csv"], {"masses.csv": "0", "../notes.csv": hashlib.sha256(b"my notes").hexdigest()}]
+)
+def test_a_manifest_that_names_files_elsewhere_is_no_manifest(there, files):
+    (there / "out").mkdir()
+    wrong = {"schema": "pysindy_nrf.Manifest", "version": 1, "runs": [{"inputs": [{"sha256": "0"}], "files": files}]}
+    (there / "out" / "manifest.json").write_text(json.dumps(wrong))
+    assert run([*IDENTIFY, "-o", "out"]) == 0
+    assert Path("notes.csv").read_text() == "my notes" and "test.csv" in Path("out/manifest.json").read_text()
 
 
 KILLED = """

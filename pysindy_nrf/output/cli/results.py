@@ -29,6 +29,8 @@ class Results:
         self.output, self.inputs, self.force = output, inputs, force
         self.home = output.parent if single else output
         self.manifest = self.home / (f"{output.name}.{MANIFEST}" if single else MANIFEST)
+        if not self.home.is_dir():
+            file_behind(self.home)
         for left in left_behind(self.home / output.name, _LOCK):
             self._undo(left)
         if single:
@@ -37,7 +39,7 @@ class Results:
     def _undo(self, left: Path) -> None:
         """Remove what a killed run left; if it was moving its results, the earlier ones come back."""
         if (left / MANIFEST).exists():  # it is moved last
-            for name, mark in json.loads((left / MANIFEST).read_text(encoding="utf-8"))["runs"][-1]["files"].items():
+            for name, mark in (one for run in self._runs(left / MANIFEST)[-1:] for one in run["files"].items()):
                 if _is(self.home / name, mark):
                     (self.home / name).unlink()
             for old in (left / _OLD).glob("*"):
@@ -46,11 +48,13 @@ class Results:
         shutil.rmtree(left, ignore_errors=True)
 
     def _runs(self, path: Path) -> list[dict[str, Any]]:
-        """Earlier runs by a manifest, none if it cannot be read."""
-        with suppress(OSError, ValueError, TypeError, LookupError):
+        """Earlier runs by a manifest, none if it cannot be read or names files elsewhere."""
+        with suppress(OSError, ValueError, TypeError, LookupError, AttributeError):
             data = json.loads(path.read_text(encoding="utf-8"))
-            held = [(run["files"].items(), [one["sha256"] for one in run["inputs"]]) for run in data["runs"]]
-            return data["runs"] if data["schema"] == _SCHEMA and held else []
+            held = {one for run in data["runs"] for one in run["files"].items()}
+            read = {one["sha256"] for run in data["runs"] for one in run["inputs"]}
+            sound = data["schema"] == _SCHEMA and None not in read and all(Path(name).name == name for name, _ in held)
+            return data["runs"] if sound else []
         return []
 
     def _read(self, path: Path) -> bool:

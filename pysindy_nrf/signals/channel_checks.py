@@ -108,7 +108,8 @@ def _stuck(name: str, y: np.ndarray) -> tuple[float, str] | None:
         return None
     longest = int(lengths.argmax())
     start, length = int(starts[longest]), int(lengths[longest]) + 1
-    if length < max(100, 0.02 * len(y)) or y[start] in (y.min(), y.max()):
+    at_end = y[start] in (y.min(), y.max())  # of the range; there several runs are clipping or coarse steps
+    if length < max(100, 0.02 * len(y)) or at_end and (_runs(y == y[start])[1] >= CLIPPED).sum() > 1:
         return None
     if not start or np.ptp(y[:start]) == 0:  # at standstill before the test begins
         return None

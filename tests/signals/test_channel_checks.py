@@ -31,6 +31,7 @@ FAULTS = {  # channel, and what becomes of it
     "clipped": ("a1", lambda y: np.clip(y, -0.7 * np.abs(y).max(), np.inf)),
     "dead": ("x2", lambda y: np.full(len(y), 0.3)),
     "dead on the way": ("a2", lambda y: np.where(np.arange(len(y)) < 5000, y, y[5000])),
+    "dead at the end of its range": ("x2", lambda y: np.where(np.arange(len(y)) < 5000, y, 1.2 * y.max())),
     "spiky": ("a1", lambda y: y + 30 * y.std() * np.isin(np.arange(len(y)), [700, 3000])),
     "quantised": ("x1", lambda y: 0.1 * y.std() * np.round(10 * y / y.std())),
 }

@@ -74,7 +74,7 @@ def content(chunks: Iterable[Chunk], before: int = 0) -> int:
             flat = (array.astype(str) if array.dtype.hasobject else array).ravel(order="K")
             if flat.itemsize == 8:
                 flat = np.add.reduceat(flat.view(np.uint64), np.arange(0, flat.size, _ADDED))
-            before = zlib.crc32(flat.view(np.uint8), before)
+            before = zlib.crc32(flat.view(np.uint8).data, before)
     return before
 
 

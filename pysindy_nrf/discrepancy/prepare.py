@@ -40,15 +40,6 @@ class Prepared:
     contradictions: list[Any] | None = None  # faults that would reconcile the channels of one DOF, once looked for
     bands: list[Any] = field(default_factory=list)  # Hz, where accelerations alone tell a motion; else None
 
-    @property
-    def band(self) -> tuple[float | None, float | None] | None:
-        """The part that all of these bands share, Hz; None where displacements are measured in all records."""
-        known = [band for band in self.bands if band is not None]
-        if not known:
-            return None
-        lows, highs = ([band[k] for band in known if band[k] is not None] for k in (0, 1))
-        return max(lows, default=None), min(highs, default=None)
-
 
 def prepare(
     records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None,
@@ -66,11 +57,11 @@ def prepare(
             cure = "Give records of one chain."
             raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", cure)
         smoother = KinematicSmoother(noise=known or "estimate", band=band)
-        X, F = to_features(rec, smoother)
+        X, F = to_features(rec, smoother, check=bands is None)  # else they are records made from checked ones
         told.append(smoother.band_)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
-            X, F = to_features(rec, False)
+            X, F = to_features(rec, False, check=False)
         else:
             clean = False
         found.append(levels)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import detrend, resample_poly
+from scipy.signal import detrend, resample_poly, zoom_fft
 
 from ..data.channels import as_matrix
 from ..data.record import OF_LETTER, Record, seconds_of
@@ -387,15 +387,14 @@ def _compare(
     H = cross[use] / np.abs(cross[use]) * np.sqrt(theirs[use] / own[use])
     weight = coherence[use] / np.maximum(1 - coherence[use], 1e-6)
     weight = np.minimum(weight, 1e3)
-    # delay: the one that lines all phases up, searched on a grid (a padded transform) and refined
-    lined = np.zeros(length // 2 + 1, dtype=complex)
-    lined[use] = H / np.abs(H) * weight
+    # delay: the one that lines all phases up, searched on a grid (a chirp transform) and refined
+    lined = np.zeros(int(np.flatnonzero(use)[-1]) + 1, dtype=complex)
+    lined[use[: len(lined)]] = H / np.abs(H) * weight
     fine = max(FINE, -(-FINE * 256 // length))
-    total = np.fft.irfft(lined, fine * length)
-    near = np.r_[0 : MOST * fine + 1, len(total) - MOST * fine : len(total)]
-    best = int(near[np.argmax(np.abs(total[near]))])
+    total = zoom_fft(lined.conj(), [-MOST / length, MOST / length], 2 * MOST * fine + 1, fs=1.0, endpoint=True).real
+    best = int(np.argmax(np.abs(total)))
     sign = 1.0 if total[best] > 0 else -1.0
-    delay = (best if best <= len(total) // 2 else best - len(total)) / fine / fs
+    delay = (best - MOST * fine) / fine / fs
     for _ in range(3):
         phase = np.angle(sign * H * np.exp(1j * w * delay))
         delay -= float((weight * w * phase).sum() / (weight * w**2).sum())

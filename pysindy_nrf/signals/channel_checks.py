@@ -203,11 +203,10 @@ def _stands(name: str, y: np.ndarray, channels: Mapping[str, np.ndarray]) -> boo
 
 def _hum(name: str, y: np.ndarray, fs: float) -> tuple[float, str] | None:
     """Share of a line at the frequency of the mains, and the message."""
-    for mains in (50.0, 60.0):
-        if mains * 1.1 > fs / 2 or len(y) < 4 * fs:
-            continue
-        power = np.abs(np.fft.rfft(y * np.hanning(len(y)))) ** 2
-        f = np.arange(len(power)) * fs / len(y)
+    known = [mains for mains in (50.0, 60.0) if mains * 1.1 <= fs / 2 and len(y) >= 4 * fs]
+    power = np.abs(np.fft.rfft(y * np.hanning(len(y)))) ** 2 if known else np.zeros(0)
+    f = np.arange(len(power)) * fs / len(y)
+    for mains in known:
         off = (f - mains) * len(y) / fs  # lines away from it
         near = np.abs(off) < 2.5
         sides = [(off * side > 2.5) & (np.abs(f - mains) < 2.0) for side in (-1, 1)]

@@ -18,8 +18,8 @@ from .zero_phase_filter import Band, FairFilter, check_band, check_rate
 RESOLVED = 0.7
 
 
-def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accelerations, inter-storey velocities and drifts of a record, and its forces."""
+def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Accelerations, inter-storey velocities and drifts of a record, and its forces; its channels are checked."""
     have = set(record.measured)
     if not record.has_clock:
         raise ChannelError(
@@ -37,7 +37,7 @@ def to_features(record: Record, smooth: Any = True) -> tuple[pd.DataFrame, pd.Da
     if not isinstance(smooth, (bool, KinematicSmoother)):
         raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
     smoother = KinematicSmoother(band="auto") if smooth is True else smooth or None
-    if messages := data_warnings(record):
+    if messages := data_warnings(record) if check else []:
         warnings.warn(
             f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in messages)}. See "
             "pysindy_nrf.signals.alignment and pysindy_nrf.signals.channel_checks.",

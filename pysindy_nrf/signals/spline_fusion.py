@@ -5,22 +5,26 @@ samples. No periodicity is assumed; everything is banded, so the cost is linear 
 the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import combinations_with_replacement
 from math import comb
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
+from numpy.polynomial.polynomial import polyder
+from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.signal import csd, welch
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 from scipy.special import erfinv
 from threadpoolctl import threadpool_limits
 
 from ..exceptions import ChannelError
 
 DEGREE = 7
+# The eight splines over one interval between knots: coefficients of the powers of the place in it, (power, spline).
+PIECES = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0))).c[::-1, -DEGREE - 1 : DEGREE - 1 : -1]
 # Weight of the roughness that settles the ends, where fewer samples than coefficients speak.
 END_WEIGHT = 1e-8
 
@@ -35,34 +39,33 @@ class SplineBasis:
         self.size = intervals + DEGREE
 
     @cached_property
-    def matrices(self) -> tuple[csr_array, csr_array, csr_array]:
+    def matrices(self) -> tuple[csr_array, ...]:
         """Values, first and second derivatives at the samples: sparse (n, size) each."""
-        return self._derivative(0), self._derivative(1), self._derivative(2)
+        ends = (DEGREE + 1) * np.arange(self.n + 1)
+        columns = (self._near[0][:, None] + np.arange(DEGREE + 1)).ravel()
+        return tuple(csr_array((y.ravel(), columns, ends), (self.n, self.size)) for y in self._near[1])
 
-    def _derivative(self, order: int) -> csr_array:
-        degree = DEGREE - order
-        # the derivative of a cardinal B-spline is the difference of two of one degree less
-        knots = self.h * np.arange(-degree, self.size - order + 1)
-        samples = np.minimum(np.arange(self.n, dtype=float), knots[-degree - 1])
-        matrix = csr_array(BSpline.design_matrix(samples, knots, degree))
-        for size in range(self.size - order + 1, self.size + 1):
-            matrix = matrix @ diags_array([-1.0, 1.0], offsets=[0, 1], shape=(size - 1, size)) / self.h
-        return csr_array(matrix)
+    @cached_property
+    def _near(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """The first of the eight splines that are not zero at each sample; values and derivatives of these, (n, 8)."""
+        count, last = self.size - DEGREE, self.n - 1
+        at = count * np.arange(self.n)
+        first = np.minimum(at // last, count - 1)
+        powers = np.vander((at - first * last) / last, DEGREE + 1, increasing=True)
+        return first, [powers[:, : DEGREE + 1 - o] @ polyder(PIECES, o, 1.0 / self.h) for o in range(3)]
 
     @cached_property
     def grams(self) -> np.ndarray:
         """Normal matrices of value, first and second derivative, upper banded form, (3, 9, size)."""
-        return np.stack([_banded(matrix.T @ matrix) for matrix in self.matrices])
+        starts = np.searchsorted(self._near[0], np.arange(self.size - DEGREE))
+        return np.stack([_banded(np.ascontiguousarray(y.T), starts, self.size) for y in self._near[1]])
 
     @cached_property
     def roughness(self) -> np.ndarray:
         """Normal matrix of the 8th difference of the coefficients, upper banded form, (9, size)."""
         k = DEGREE + 1
-        if self.size <= k:
-            return np.zeros((k + 1, self.size))
-        row = [float((-1) ** i * comb(k, i)) for i in range(k + 1)]
-        difference = diags_array(row, offsets=range(k + 1), shape=(self.size - k, self.size))
-        return _banded(csr_array(difference.T @ difference))
+        rows = [np.full(max(self.size - k, 0), float((-1) ** i * comb(k, i))) for i in range(k + 1)]
+        return _banded(rows, np.arange(len(rows[0])), self.size)
 
     def symbols(self, w: np.ndarray) -> np.ndarray:
         """Fourier symbols of the three normal matrices inside the record."""
@@ -97,10 +100,11 @@ class SplineBasis:
         return self.matrices[order] @ coefficients
 
 
-def _banded(matrix: csr_array) -> np.ndarray:
-    out = np.zeros((DEGREE + 2, matrix.shape[0]))
-    for k in range(min(DEGREE + 2, matrix.shape[0])):
-        out[DEGREE + 1 - k, k:] = matrix.diagonal(k)
+def _banded(rows: Any, starts: np.ndarray, size: int) -> np.ndarray:
+    """Upper banded normal matrix: from each of the starts on, ``rows`` hold neighbouring columns, one further each."""
+    out = np.zeros((DEGREE + 2, size))
+    for i, j in combinations_with_replacement(range(len(rows) if len(starts) else 0), 2):
+        out[DEGREE + 1 - j + i, j : j + len(starts)] += np.add.reduceat(rows[i] * rows[j], starts)
     return out
 
 
@@ -163,8 +167,8 @@ def fuse(
         return FusedMotion(np.zeros((3, ladder.n)), np.where(np.isnan(scale), np.nan, 0.0), 1.0, 0.0)
     scale = np.where(scale > 0, scale, np.nanmax(scale))
     floor = FLOOR * scale
-    start = np.array([white_level(y) if y is not None else np.nan for y in channels])
-    start = np.maximum(np.where(np.isnan(given), start, given), floor)
+    white = [white_level(y) if y is not None and np.isnan(s) else s for y, s in zip(channels, given)]
+    start = np.maximum(np.array(white), floor)
     corner = 0.0
     if 0 not in measured:
         corner = _lowest_frequency(channels, start, ladder.n) if high_pass is None else high_pass
@@ -196,16 +200,11 @@ def fuse(
 
 def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder) -> list[FusedMotion]:
     """Motions on knots twice as dense where acceleration is measured: noisier, but nothing of the motion is lost."""
-    out = []
-    for channels, motion in zip(views, single, strict=True):
-        if motion.clean or channels[2] is None or motion.spacing == 1.0 or not np.ptp(motion.motion[0]):
-            out.append(motion)
-            continue
-        basis = ladder[max(1.0, motion.spacing / 2)]
-        measured = [o for o in range(3) if channels[o] is not None]
-        c = _solve(channels, measured, basis, motion.noise, motion.high_pass)
-        fine = np.stack([basis.evaluate(o, c) for o in range(3)])
-        out.append(FusedMotion(fine, motion.noise, basis.h, motion.high_pass))
+    out = list(single)
+    for j, (channels, m) in enumerate(zip(views, single, strict=True)):
+        if not (m.clean or channels[2] is None or m.spacing == 1.0) and np.ptp(m.motion[0]):
+            knots = max(1.0, m.spacing / 2)
+            out[j] = replace(fuse(channels, ladder, m.noise, m.high_pass, knots), spacing=ladder[knots].h)
     return out
 
 
@@ -378,20 +377,23 @@ def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] 
     if prediction is None:
         return None
     width = max(order * n + n - 1, (DEGREE + 1) * n)
-    band = np.zeros((width + 1, size, n))
+    band = np.zeros((size, n, width + 1))  # as LAPACK wants it
     for j in range(n):
         own = basis.normal_matrix(weights[j]) * scale[j] ** 2
-        for k in range(DEGREE + 2):
-            band[width - k * n, :, j] += own[DEGREE + 1 - k]
-    # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1
+        band[:, j, width - n * np.arange(DEGREE + 2)] = own[::-1].T
+    # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1; it repeats between the ends
+    prior = np.zeros((2 * order + 1, n, width + 1))
     for lag in range(order + 1):
         for i in range(order + 1 - lag):
             block = prediction[i + lag].T @ prediction[i]
             for row in range(n):
                 for column in range(n):
                     if (off := lag * n + column - row) >= 0:
-                        band[width - off, order - i : size - i, column] += block[row, column]
-    flat = band.reshape(width + 1, size * n), (rhs * scale).ravel()
+                        prior[order - i : len(prior) - i, column, width - off] += block[row, column]
+    band[:order] += prior[:order]
+    band[order : size - order] += prior[order]
+    band[size - order :] += prior[order + 1 :]
+    flat = band.reshape(size * n, width + 1).T, (rhs * scale).ravel()
     c = solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(size, n) * scale + mean
     return [np.stack([basis.evaluate(o, c[:, j]) for o in range(3)]) for j in range(n)]
 

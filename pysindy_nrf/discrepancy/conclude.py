@@ -175,7 +175,10 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
         free_run_after=after.row["free run"], validation_before=before.row["validation"],
         validation_after=after.row["validation"], gain=gain.value, gain_error=gain.error, gain_least=gain.least,
         gain_heldout=held.value, confirmed=bool(after.error < before.error and gain.value > 0),
-        tied=[(f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), _value(f)) for f in rivals],
+        tied=[
+            (f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), f.gain.value if f.gain else np.nan)
+            for f in rivals
+        ],
     )  # fmt: skip
     if effect.is_fault:
         step.sure = effect.witnessed
@@ -192,10 +195,6 @@ def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step
         step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
     step.evidence = words.acceptance(step)
     return step
-
-
-def _value(finding: Any) -> float:
-    return float("nan") if finding.gain is None else finding.gain.value
 
 
 def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:

@@ -53,12 +53,24 @@ class ChainFit:
         # Balance j is judged by itself, or with all above it where they are solved together.
         above = [tuple(range(j, n + 1)) for j in range(1, n + 1)]
         self.judged = [index[a] if a in index else index[j + 1,] for j, a in enumerate(above)]
-        self._signs: np.ndarray | None = None
-        self._given = {
-            step.dofs: [(list(where[s]), sum(s.incidence(j) for j in step.dofs)) for s in step.known_sites]
+        given = {
+            step.dofs: [(int(c), sum(s.incidence(j) for j in step.dofs)) for s in step.known_sites for c in where[s]]
             for step in order.steps
         }
-        self.forced = frozenset(forced)
+        # What the rows of residuals and, n below, those of references hold: row, column, place among masses, one and
+        # coefficients, factor.
+        held: list[tuple[int, int, int, int]] = []
+        for i, group in enumerate(self.groups[u] for u in self.judged):
+            seen, below = group.dofs, n + i
+            held += [(i, int(c), n + 1 + int(c), sign) for s, sign in zip(group.sites, group.signs) for c in where[s]]
+            held += [entry for j in seen for entry in ((i, at + j - 1, j - 1, 1), (i, at + n + j - 1, n, -1))]
+            if len(seen) > 1 or (seen[0] not in forced and seen[0] in self.known_masses):
+                held += [(below, at + j - 1, j - 1, 1) for j in seen]
+            if len(seen) > 1 or seen[0] in forced:
+                held += [(below, at + n + j - 1, n, -1 if len(seen) > 1 else 1) for j in seen]
+            else:  # what was known before: the inertia, or the storey above; a free mass may vanish
+                held += [(below, c, n + 1 + c, sign) for c, sign in given.get(seen, [])]
+        self._held = np.array(held, dtype=int).T
 
     def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, n_groups, p, p)."""
@@ -69,25 +81,8 @@ class ChainFit:
 
     def rows(self, masses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Combinations of columns that are the residual and the reference of each judged balance, (n_fits, n, p)."""
-        n, at, p = self.n, self.at, theta.shape[1]
-        if self._signs is None:
-            self._signs = np.zeros((n, p))
-            for i, u in enumerate(self.judged):
-                for site, sign in zip(self.groups[u].sites, self.groups[u].signs):
-                    self._signs[i, list(self.where[site])] = sign
-        residual = self._signs * theta[:, None]
-        reference = np.zeros_like(residual)
-        for i, u in enumerate(self.judged):
-            dofs = self.groups[u].dofs
-            inertia = at + np.array(dofs) - 1
-            residual[:, i, inertia] = masses[:, np.array(dofs) - 1]
-            residual[:, i, inertia + n] = -1.0
-            if len(dofs) > 1:
-                reference[:, i, inertia], reference[:, i, inertia + n] = masses[:, np.array(dofs) - 1], -1.0
-            elif dofs[0] in self.forced:
-                reference[:, i, inertia + n] = 1.0
-            else:  # what was known before: the inertia, or the storey above; a free mass may vanish
-                reference[:, i, inertia] = masses[:, np.array(dofs) - 1] * (dofs[0] in self.known_masses)
-                for where, sign in self._given.get(dofs, ()):
-                    reference[:, i, where] = sign * theta[:, where]
-        return residual, reference
+        row, column, place, factor = self._held
+        values = np.concatenate([masses, np.ones((len(masses), 1)), theta], axis=1)
+        out = np.zeros((len(masses), 2 * self.n, theta.shape[1]))
+        out[:, row, column] = factor * values[:, place]
+        return out[:, : self.n], out[:, self.n :]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -129,24 +130,25 @@ class Ruler:
         shape = work.n_dof, len(windows.edges) - 1
         self.informative = np.ones(shape, dtype=bool) if informative is None else informative
         self.clear = self.informative if clear is None else clear
+        self.grids: dict[Any, list[tuple[ForceLaw, ...]]] = {}  # laws that a scan tries, by proposal
         self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
         self._held = 0  # bytes
         self.part: Ruler | None = None  # on excerpts, where this is one on all samples of long records
 
     def columns(self, site: Site, laws: Sequence[ForceLaw]) -> np.ndarray:
         """Spectra of the columns of laws at one site; those of a scan are kept for the next step."""
-        missing = [law for law in dict.fromkeys(laws) if (site, law) not in self._cache]
+        held = {law: rows for law in laws if (rows := self._cache.get((site, law))) is not None}
+        missing = [law for law in dict.fromkeys(laws) if law not in held] if len(held) < len(laws) else []
         if missing:
             found = self.windows.spectra({i: self.work.columns(site, missing, i) for i in self.segments})
             if not np.isfinite(found).all():
                 raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
-            width = len(found) // len(missing)
-            new = {(site, law): found[k * width : (k + 1) * width] for k, law in enumerate(missing)}
-            if self._held + found.nbytes > _CACHE:  # a scan comes by in the same order each time: the first stay
-                return np.vstack([new[site, law] if law in missing else self._cache[site, law] for law in laws])
-            self._held += found.nbytes
-            self._cache |= new
-        return np.vstack([self._cache[site, law] for law in laws])
+            new = dict(zip(missing, np.split(found, len(missing))))
+            if self._held + found.nbytes <= _CACHE:  # a scan comes by in the same order each time: the first stay
+                self._held += found.nbytes
+                self._cache |= {(site, law): rows for law, rows in new.items()}
+            held |= new
+        return np.concatenate([held[law] for law in laws])
 
     def find_bands(self, models: Sequence[tuple[Chain, Mapping[Site, Sequence[ForceLaw]]]]) -> Ruler:
         """Find the informative bands and cut the spectra above the last of them.
@@ -281,6 +283,7 @@ class Trial:
         self.grams = ruler.windows.grams(self.spectra)
         self.summed = self.grams.sum(axis=0)
         self.at = self.layout.n_terms
+        self.slots: dict[Any, ChainFit] = {}  # solves with further columns, by their sites and numbers
         where = {s: list(range(rows.start, rows.stop)) for s, rows in self.layout.slices.items()}
         self.fit = self.fit_of(self.layout, where)
         informative = ruler.informative
@@ -318,15 +321,13 @@ class Trial:
         sums = np.einsum("uk,fkpq->fupq", self.weights_of(fit), grams, optimize=True) * used[:, :, None, None]
         masses, theta = fit.solve(np.concatenate([sums.sum(axis=0, keepdims=True), leave_one_out(sums)]))
         residual, reference = fit.rows(masses, theta)
-        known = used[:, fit.judged, None]
-
-        def power(rows: np.ndarray) -> np.ndarray:
-            part = (np.einsum("fip,fkpq->fikq", rows, grams, optimize=True) * rows[:, :, None, :]).sum(axis=-1)
-            return np.where(known, np.where(np.isfinite(part), np.maximum(part, 0.0), np.inf), 0.0)
-
-        shape = residual[1:].shape
-        whole, within = (power(np.broadcast_to(x[0], shape)).sum(axis=0) for x in (reference, residual))
-        return Powers(power(residual[1:]), whole), masses, theta, within
+        n, known = len(fit.judged), used[:, fit.judged, None]
+        whole, within = (np.broadcast_to(x[0], residual[1:].shape) for x in (reference, residual))
+        rows = np.concatenate([residual[1:], whole, within], axis=1)[:, None]
+        part = ((rows @ grams) * rows).sum(axis=-1).swapaxes(1, 2)
+        part = np.where(np.isfinite(part), np.maximum(part, 0.0), np.inf)
+        left, whole, within = (np.where(known, part[:, i : i + n], 0.0) for i in (0, n, 2 * n))
+        return Powers(left, whole.sum(axis=0)), masses, theta, within.sum(axis=0)
 
     def used(self, fit: ChainFit) -> np.ndarray:
         """Which folds serve which group of balances: those in which all its forces are known, (n_folds, n_groups)."""
@@ -395,15 +396,20 @@ class Slot:
         self.sites = [site for site, _ in placed]
         self.widths = [len(law.terms()) + extra for _, law in placed]
         laws = dict(trial.laws)
-        where = {s: list(range(rows.start, rows.stop)) for s, rows in trial.layout.slices.items()}
-        at = len(trial.spectra)
-        for (site, law), width in zip(placed, self.widths):
+        for site, law in placed:
             laws[site] = (*laws.get(site, ()), law)
-            where[site] = [*where.get(site, ()), *range(at, at + width)]
-            at += width
         chain = trial.base.with_links(laws)
-        layout = Layout(chain, {s: len(where.get(s, ())) for s in LawLayout(chain, laws).sites})
-        self.fit = trial.fit_of(layout, {s: where.get(s, []) for s in layout.sites})
+        sites = LawLayout(chain, laws).sites  # or an error where terms stand twice
+        kind = tuple(zip(self.sites, self.widths))
+        if kind not in trial.slots:
+            where = {s: list(range(rows.start, rows.stop)) for s, rows in trial.layout.slices.items()}
+            at = len(trial.spectra)
+            for site, width in kind:
+                where[site] = [*where.get(site, ()), *range(at, at + width)]
+                at += width
+            layout = Layout(chain, {s: len(where.get(s, ())) for s in sites})
+            trial.slots[kind] = trial.fit_of(layout, {s: where.get(s, []) for s in layout.sites})
+        self.fit = trial.slots[kind]
 
     def left_out(self, columns: np.ndarray) -> np.ndarray:
         """Coefficients of the columns of one law (n_columns, size) with each fold left out of the fit."""
@@ -413,22 +419,23 @@ class Slot:
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
         return self.fit.solve(leave_one_out(sums))[1][:, len(trial.spectra) :]
 
-    def gains(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gains on the samples of the fit, dB, and the coefficients, of columns (n_trials, n_columns, size)."""
+    def gains(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gains on the samples of the fit, dB, coefficients and sizes, of columns (n_trials, n_columns, size)."""
         trial, windows = self.trial, self.trial.ruler.windows
         count, width, _ = columns.shape
-        size = len(trial.spectra)
-        sums = np.empty((count, len(windows.bands), size + width, size + width))
+        size, bands = len(trial.spectra), len(windows.bands)
+        sums = np.empty((count, bands, size + width, size + width))
         sums[..., :size, :size] = trial.summed
         cross = windows.band_grams(trial.spectra, columns.reshape(count * width, -1))
-        cross = np.moveaxis(cross.reshape(*cross.shape[:2], count, width), 2, 0)
+        cross = cross.reshape(bands, size, count, width).transpose(2, 0, 1, 3)
         sums[..., :size, size:], sums[..., size:, :size] = cross, cross.swapaxes(-1, -2)
         sums[..., size:, size:] = windows.products(columns)
-        total = np.einsum("uk,ckpq->cupq", trial.weights_of(self.fit), sums, optimize=True)
+        weights = trial.weights_of(self.fit)
+        total = (weights @ sums.reshape(count, bands, -1)).reshape(count, len(weights), *sums.shape[2:])
         masses, theta = self.fit.solve(total)
-        power = [
-            (np.einsum("cip,ckpq->cikq", rows, sums, optimize=True) * rows[:, :, None]).sum(axis=-1)
-            for rows in self.fit.rows(masses, theta)
-        ]
-        shares = share(np.where(np.isfinite(power[0]), np.maximum(power[0], 0.0), np.inf), power[1])
-        return fall(trial.shares, shares, trial.ruler.informative), theta[:, size:]
+        rows = np.concatenate(self.fit.rows(masses, theta), axis=1)[:, None]
+        power = ((rows @ sums) * rows).sum(axis=-1).swapaxes(1, 2)
+        power, whole = np.split(power, 2, axis=1)
+        shares = share(np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf), whole)
+        sizes = np.sqrt(sums.diagonal(0, 2, 3)[..., size:].sum(axis=1))
+        return fall(trial.shares, shares, trial.ruler.informative), theta[:, size:], sizes

@@ -109,20 +109,25 @@ class Search:
         return State(trial, tuple(e for e in state.effects if e not in gone), state.ready)
 
     def _scanned(self, base: State, proposal: Proposal, state: State) -> Finding | None:
-        axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
-        points = axes.grid(lines_at(base.trial, proposal) if any(p.is_frequency for p in axes.shapes) else ())
+        ruler = base.trial.ruler
+        points = ruler.grids.get(proposal, [])
+        if not points:
+            axes = Axes(proposal.law, ruler.work, proposal.sites)
+            of_force = any(p.is_frequency for p in axes.shapes)
+            points = [axes.at(u) for u in axes.grid(lines_at(base.trial, proposal) if of_force else ())]
+            ruler.grids |= {} if of_force else {proposal: points}  # the lines of a residual change with the model
         if not points:
             return None
         try:
             slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
-            gains = _gains(slot, [axes.at(u) for u in points])
+            gains = _gains(slot, points)
         except NRFError:
             return None
         best = int(np.argmax(gains))
         if not np.isfinite(gains[best]):
             return None
         lost = 0.0 if base is state else state.trial.gain_over(base.trial).value
-        return Finding(proposal, axes.at(points[best]), base, float(gains[best]) - lost)
+        return Finding(proposal, points[best], base, float(gains[best]) - lost)
 
     def judged(self, finding: Finding) -> Finding | None:
         """The finding with refined shape parameters and its cross-validated gain."""
@@ -359,13 +364,11 @@ def _worth_a_scan(proposal: Proposal, found: Sequence[Finding]) -> bool:
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
     """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
     ruler = slot.trial.ruler
-    parts = []
-    for k, site in enumerate(slot.sites):
-        own = ruler.columns(site, [laws[k] for laws in points])
-        parts.append(own.reshape(len(points), slot.widths[k], -1))
-    columns = np.concatenate(parts, axis=1)
-    gains, theta = slot.gains(columns)
-    sizes = np.sqrt((columns**2).sum(axis=-1))
+    parts = [
+        ruler.columns(site, [laws[k] for laws in points]).reshape(len(points), slot.widths[k], -1)
+        for k, site in enumerate(slot.sites)
+    ]
+    gains, theta, sizes = slot.gains(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1))
     for i, laws in enumerate(points):
         at = 0
         for law, width in zip(laws, slot.widths):

@@ -213,11 +213,13 @@ class _Errors:
 
     def fitted(self, start: np.ndarray) -> np.ndarray:
         """The errors that leave the least residual, by Gauss-Newton steps; the best of all that were passed."""
-        weights, cost = self._weights(start, self.weights)
+        spectra = self._at(start)
+        weights, cost = self._weights(spectra, self.weights)
         at, best, lowest = start, start, cost
         for _ in range(ROUNDS):
-            at = at + self._step(at, weights)
-            weights, cost = self._weights(at, weights)
+            at = at + self._step(at, spectra, weights)
+            spectra = self._at(at)
+            weights, cost = self._weights(spectra, weights)
             settled = abs(lowest - cost) < 0.1 * LEAST_GAIN
             if cost < lowest:
                 best, lowest = at, cost
@@ -228,12 +230,12 @@ class _Errors:
     def _at(self, shares: np.ndarray) -> np.ndarray:
         at = self.spectra.copy()
         for change, row, number in zip(self.changes, self.rows, self.numbers):
-            at[row] += shares[number] * change
+            if shares[number]:
+                at[row] += shares[number] * change
         return at
 
-    def _weights(self, shares: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
+    def _weights(self, at: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
         """One over the power of the residual by balance and band, and its mean level, dB."""
-        at = self._at(shares)
         gram = np.array([(at * (weights[j, self.band] * u)) @ at.T for j, u in zip(self.lowest, self.used)])
         known = self.used[self.fit.judged]
         power, whole = (
@@ -248,9 +250,9 @@ class _Errors:
         new = np.where(inside & (floored > 0), 1.0 / np.maximum(floored, 1e-300), 0.0)
         return new, cost if np.isfinite(power).all() else np.inf
 
-    def _step(self, shares: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def _step(self, shares: np.ndarray, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The step to the likeliest errors, to first order: the least residual by errors that are credible together."""
-        at, part = self._at(shares), 0.1
+        part = 0.1
         grams = np.empty((len(shares) + 1, len(self.used), len(at), len(at)))
         for u, (j, used) in enumerate(zip(self.lowest, self.used)):
             heavy = at * (weights[j, self.band] * used)
@@ -260,12 +262,12 @@ class _Errors:
                 grams[number + 1, u, :, row] += column
                 grams[number + 1, u, row] += column
         rows = self.fit.rows(*self.fit.solve(grams))[0]
-        each = np.sqrt(weights[:, self.band] * self.used[self.fit.judged])
-        slopes = np.tensordot((rows[1:] - rows[0]) / part, at, 1)
+        table = np.tensordot(np.concatenate([(rows[1:] - rows[0]) / part, rows[:1]]), at, 1)
         for change, row, number in zip(self.changes, self.rows, self.numbers):
-            slopes[number] += np.outer(rows[number + 1, :, row], change)
-        table = np.vstack([(slopes * each).reshape(len(shares), -1), (rows[0] @ at * each).reshape(1, -1)])
-        table[~np.isfinite(table).all(axis=1)] = 0.0
+            table[number] += rows[number + 1, :, row, None] * change
+        table *= np.sqrt(weights[:, self.band] * self.used[self.fit.judged])
+        table[~np.isfinite(table[..., 0]).all(axis=1)] = 0.0
+        table = table.reshape(len(table), -1)
         normal = table @ table.T
         size, turn = np.linalg.eigh(normal[:-1, :-1])
         pull = turn.T @ (normal[:-1, :-1] @ shares - normal[:-1, -1])

@@ -14,11 +14,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.fft import rfft
 
 from ..exceptions import ChannelError
 from ..regression.segments import BlockRows, Segment, SegmentSet
 from .constants import BANDS, FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
 
+# Samples of windows that are transformed at once: they stay in the processor's cache.
+_AT_ONCE = 100_000
 _TOO_SHORT = (
     "The records are too short to be split into search, validation and held-out parts",
     "Give longer records.",
@@ -175,7 +178,18 @@ class Windows:
         self.spans = [[slice(int(a), int(a + w)) for a, w in zip(lo, width)] for lo, width in zip(first, widths)]
         self.bands = [slice(int(a), int(b)) for a, b in zip(first[0], [*first[0, 1:], ends[-1]])]
         self.size = int(ends[-1])
-        self._order = np.concatenate([np.arange(s.start, s.stop) for spans in self.spans for s in spans])
+        # Samples of all windows of each record, and where the spectral values of a column stand among those of these.
+        self._samples: dict[int, np.ndarray] = {}
+        self._order, at = np.empty(self.size // 2, dtype=int), 0
+        for i in dict.fromkeys(b.segment for b in self.blocks):
+            starts, size, count = [], self.sizes[i], int(np.ptp(self._lines[i]))
+            for block, spans in ((b, spans) for b, spans in zip(self.blocks, self.spans) if b.segment == i):
+                each = np.arange(self.count(block))[:, None]
+                starts.append(block.rows.start + size // 2 * each)
+                places = (at + count * each + np.arange(count)).T.ravel()  # line by line, window by window
+                self._order[np.concatenate([np.arange(s.start // 2, s.stop // 2) for s in spans])] = places
+                at += len(places)
+            self._samples[i] = np.concatenate(starts) + np.arange(size)
         self._ones: list[np.ndarray] = []
         if centred and edges[0] == 0:  # the mean of a fold stands in the first lines
             ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
@@ -212,27 +226,23 @@ class Windows:
         return out
 
     def _transformed(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
-        out = np.empty((next(iter(rows.values())).shape[0], self.size))
-        at = 0
-        for block in self.blocks:
-            size, lines = self.sizes[block.segment], self._lines[block.segment]
-            part = rows[block.segment][:, block.rows]
-            windows = np.lib.stride_tricks.sliding_window_view(part, size, axis=1)[:, :: size // 2]
-            windows = windows[:, : self.count(block)] * self._hann[block.segment]
-            found = np.fft.rfft(windows)[:, :, lines[0] : lines[-1]]
-            flat = np.ascontiguousarray(found.swapaxes(1, 2)).view(float).reshape(len(out), -1)
-            out[:, self._order[at : at + flat.shape[1]]] = flat
-            at += flat.shape[1]
-        return out
+        count = next(iter(rows.values())).shape[0]
+        out = np.empty((count, self.size // 2), dtype=complex)
+        few = max(1, _AT_ONCE // sum(samples.size for samples in self._samples.values()))
+        for some in (slice(at, at + few) for at in range(0, count, few)):
+            found = []
+            for i, samples in self._samples.items():
+                windows = rows[i][some].take(samples, axis=1)
+                windows *= self._hann[i]
+                lines = rfft(windows, axis=-1, overwrite_x=True)[..., self._lines[i][0] : self._lines[i][-1]]
+                found.append(lines.reshape(len(lines), -1))
+            every = found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+            every.take(self._order, axis=1, out=out[some], mode="clip")
+        return out.view(float)
 
-    def grams(self, left: np.ndarray, right: np.ndarray | None = None) -> np.ndarray:
-        """Products of spectra by fold and band, (n_folds, n_bands, n_left, n_right)."""
-        right = left if right is None else right
-        out = np.empty((len(self.spans), len(self.edges) - 1, len(left), len(right)))
-        for fold, spans in enumerate(self.spans):
-            for band, columns in enumerate(spans):
-                np.matmul(left[:, columns], right[:, columns].T, out=out[fold, band])
-        return out
+    def grams(self, rows: np.ndarray) -> np.ndarray:
+        """Products of spectra by fold and band, (n_folds, n_bands, n_rows, n_rows)."""
+        return np.array([[(part := rows[:, columns]) @ part.T for columns in spans] for spans in self.spans])
 
     def band_grams(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Products of spectra by band, all folds together, (n_bands, n_left, n_right)."""
@@ -240,11 +250,4 @@ class Windows:
 
     def products(self, columns: np.ndarray) -> np.ndarray:
         """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""
-        count, width, _ = columns.shape
-        starts = [b.start for b in self.bands]
-        out = np.empty((count, len(starts), width, width))
-        for i in range(width):
-            for j in range(i + 1):
-                out[:, :, i, j] = np.add.reduceat(columns[:, i] * columns[:, j], starts, axis=1)
-                out[:, :, j, i] = out[:, :, i, j]
-        return out
+        return np.stack([(part := columns[..., band]) @ part.swapaxes(1, 2) for band in self.bands], axis=1)

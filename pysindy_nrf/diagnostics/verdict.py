@@ -111,24 +111,18 @@ def rearranged(record: Record, worst: Iterable[int] = ()) -> Iterator[tuple[str,
     n, unknown = record.n_dof, set(record.unknown)
     measured = {key: _columns(record, key) for key in ("acceleration", "velocity", "displacement")}
     for j, k in itertools.product(record.forced, range(1, n + 1)):
-        if k != j and k not in unknown and (k not in record.forced or j < k):
+        if k not in unknown and (k not in record.forced or j <= k):
             words = f"F{j} and F{k} exchanged" if k in record.forced else f"the force F{j} acting on floor {k}"
-            yield words, _exchange(("force",), j, k, n)
-    for j in record.forced:
-        yield f"F{j} reversed", _reverse(("force",), j, n)
+            yield f"F{j} reversed" if j == k else words, _changed(("force",), j, k, n)
     if len(record.forced) > 1:
         yield "all forces reversed", lambda one: one.replace(force=-one.force)
-    for j in range(1, n + 1):
-        here = [key for key, held in measured.items() if j in held]
-        for keys in [(key,) for key in here] + ([tuple(here)] if len(here) > 1 else []):
-            yield f"{' and '.join(f'{MATRICES[key]}{j}' for key in keys)} reversed", _reverse(keys, j, n)
-    for j, k in itertools.combinations(range(1, n + 1), 2):
+    for j, k in itertools.combinations_with_replacement(range(1, n + 1), 2):
         if n > _EXCHANGES and k > j + 1 and not {j, k} <= set(worst):
             continue
         both = [key for key, held in measured.items() if {j, k} <= set(held)]
         for keys in [(key,) for key in both] + ([tuple(both)] if len(both) > 1 else []):
-            words = " and ".join(f"{MATRICES[key]}{j} with {MATRICES[key]}{k}" for key in keys)
-            yield f"{words} exchanged", _exchange(keys, j, k, n)
+            words = " and ".join(f"{MATRICES[key]}{j}" + f" with {MATRICES[key]}{k}" * (j != k) for key in keys)
+            yield f"{words} {'reversed' if j == k else 'exchanged'}", _changed(keys, j, k, n)
     if record.base_moves:
         other = {"relative": "absolute", "absolute": "relative"}[record.coordinates]
         if measured["displacement"] or measured["velocity"]:
@@ -144,59 +138,55 @@ def _columns(record: Record, key: str) -> list[int]:
     return [] if held is None else [j + 1 for j in range(held.shape[1]) if not np.isnan(held[:, j]).all()]
 
 
-def _changed(keys: tuple[str, ...], order: Sequence[int], signs: Sequence[float]) -> Callable[[Record], Record]:
-    """A function that takes channels of a record in another order of the DOFs and with other signs."""
-    return lambda one: one.replace(**{key: getattr(one, key)[:, list(order)] * np.asarray(signs) for key in keys})
-
-
-def _reverse(keys: tuple[str, ...], j: int, n: int) -> Callable[[Record], Record]:
-    """A function that reverses channels of a DOF."""
-    return _changed(keys, range(n), [-1.0 if k == j - 1 else 1.0 for k in range(n)])
-
-
-def _exchange(keys: tuple[str, ...], j: int, k: int, n: int) -> Callable[[Record], Record]:
-    """A function that exchanges channels of two DOFs."""
-    return _changed(keys, [{j - 1: k - 1, k - 1: j - 1}.get(i, i) for i in range(n)], np.ones(n).tolist())
+def _changed(keys: tuple[str, ...], j: int, k: int, n: int) -> Callable[[Record], Record]:
+    """A function that exchanges channels of two DOFs, or reverses those of one."""
+    order, signs = np.arange(n), np.ones(n)
+    order[[j - 1, k - 1]] = k - 1, j - 1
+    signs[j - 1] = -1.0 if j == k else 1.0
+    return lambda one: one.replace(**{key: getattr(one, key)[:, order] * signs for key in keys})
 
 
 def mapping_that_closes(
     records: Sequence[Record], fit: Callable[[list[Record]], Any], quick: Callable[[list[Record]], Any] | None = None
 ) -> str:
-    """The error of wiring without which every balance closes, in words; empty if none does.
+    """The error of wiring without which balances close that did not, in words; empty if there is none.
 
     ``fit`` turns records into an object with ``errors_``, ``masses_`` and ``known_masses``, as of a regressor. So does
     ``quick``, coarsely: by it the mappings are put in order, and only the best are fitted.
     """
     records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
 
-    def left(change: Callable[[Record], Record] | None = None, fit: Any = fit) -> tuple[float, float, list[int]]:
-        """Largest and pooled error, and the DOFs that do not close; infinite for a mass that no structure has."""
+    def left(change: Callable[[Record], Record] | None = None, fit: Any = fit) -> tuple[bool, float, np.ndarray]:
+        """Whether no structure has the masses, the size of the errors, and the error of each balance."""
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
             try:
                 found = fit([rec if change is None else change(rec) for rec in records])
             except NRFError:
-                return np.inf, np.inf, []
-        errors = found.errors_["error"]
-        of_dofs = errors.drop("pooled")
+                return True, np.inf, np.full(records[0].n_dof, np.inf)
         known = dict(found.known_masses or {})
-        if any(m <= 0 for j, m in enumerate(found.masses_, 1) if j not in known):
-            return np.inf, np.inf, []
-        return float(of_dofs.max()), float(errors["pooled"]), [int(k[4:]) for k, e in of_dofs.items() if e > OPEN]
+        errors = np.maximum(found.errors_["error"].drop("pooled").to_numpy(dtype=float), 1e-9)
+        unreal = any(m <= 0 for j, m in enumerate(found.masses_, 1) if j not in known)
+        return unreal, float(np.log(errors).sum()), errors
 
-    worst, _, where = left()
-    rows, tried = [], list(rearranged(records[0], where))
-    if quick is not None and np.isfinite(left(fit=quick)[0]):  # else motions are missing that only fusion fills in
+    unreal, most, given = left()
+    if not unreal and given.max() <= LARGE:
+        return ""
+    rows, tried = [], list(rearranged(records[0], np.flatnonzero(given > OPEN) + 1))
+    if quick is not None and np.isfinite(left(fit=quick)[1]):  # else motions are missing that only fusion fills in
         tried = sorted(tried, key=lambda one: left(one[1], quick)[:2])[:_TRIED]
     for words, change in tried:
-        error, pooled, _ = left(change)
-        if error <= min(OPEN, worst / 3):
-            rows.append((error, pooled, words))
+        wrong, size, error = left(change)
+        closes = error <= np.minimum(OPEN, np.inf if unreal else given / 3)
+        if not wrong and (closes.all() or closes.any() and size < most - np.log(3.0)):
+            rows.append((size, words, error, closes))
     if not rows:
         return ""
-    error, pooled, words = min(rows)
-    equal = [w for e, p, w in rows if w != words and e <= 1.1 * error and p <= 1.1 * pooled]
+    _, words, error, closes = min(rows, key=lambda row: row[0])
+    equal = [w for _, w, e, _ in rows if w != words and (e <= 1.1 * error).all()]
     said = " or ".join([words, *equal[:2]])
-    return f"With {said} every balance closes ({error:.2g} % left at most): check the mapping of the channels."
+    shut = ", ".join(str(j) for j in np.flatnonzero(closes) + 1)
+    which = "every balance closes" if error.max() <= OPEN else f"the balance of DOF {shut} closes"
+    return f"With {said} {which} ({error[closes].max():.2g} % left at most): check the mapping of the channels."
 
 
 def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
@@ -254,6 +244,7 @@ def verdict_on(
             red.append("The free run diverges" + (f": it misses the motion by {error:.3g} %." if error < 1e3 else "."))
     red += [stopped] if stopped and not red else []
     red += [text for text, sure in (faults or {}).items() if sure]
+    doubts = [one for one in doubts if not any(one.rstrip(".") in fault for fault in faults or ())]
     poor = {j: e for j, e in balances.items() if e > LARGE}
     asked = red or faults or max(poor.values(), default=0.0) > DOUBTFUL
     cause = wiring() if wiring is not None and asked else ""

@@ -1,10 +1,11 @@
 """Which laws are tried, and where."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from .. import laws
+from ..estimation.problem import Problem, flexible_laws
 from ..exceptions import LawError
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
@@ -117,22 +118,10 @@ def candidates(
             yield Candidate(law, site)
 
 
-def flexible(declared: Mapping[Site, Sequence[ForceLaw]], chain: Chain, work: Any) -> dict[Site, list[ForceLaw]]:
-    """The declared laws with friction, damping, springs and sliders in every storey: what a chain could explain."""
-    out = {site: list(held) for site, held in declared.items()}
-    for site in chain.sites:
-        drift = work.scales(site)[0]
-        held = out.setdefault(site, [])
-        labels = {t.label for law in held for t in law.terms()}
-        for law in (
-            laws.CoulombFriction(), laws.QuadraticDamping(), laws.DisplacementDependentDamping(),
-            laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(),
-            laws.Jenkins(uy=0.5 * drift), laws.Jenkins(uy=1.5 * drift),
-        ):  # fmt: skip
-            if labels.isdisjoint(t.label for t in law.terms()):
-                held.append(law)
-                labels |= {t.label for t in law.terms()} if not law.shapes else set()
+def flexible(problem: Problem, work: Any) -> dict[Site, list[ForceLaw]]:
+    """The laws of a problem with friction, damping, springs and sliders in every storey."""
+    out = flexible_laws(problem, {site: work.scales(site)[0] for site in problem.chain.sites})
     if all("vg" in segment.covariates for segment in work.data.segments):
-        for j in range(1, chain.n_dof + 1):
+        for j in range(1, problem.chain.n_dof + 1):
             out.setdefault(Site(f"dof {j}"), []).append(laws.GroundFriction(covariate="vg"))
     return out

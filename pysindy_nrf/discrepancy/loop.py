@@ -3,15 +3,16 @@
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.fft import next_fast_len
-from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
-from ..diagnostics.verdict import DOUBTFUL, free_runs, mapping_that_closes, suspect_channels
+from ..diagnostics.verdict import DOUBTFUL, free_runs, suspect_channels
+from ..estimation.fitted import wiring_of
 from ..estimation.intervals import tolerances_of
 from ..estimation.problem import LEAST_SQUARES, Problem
 from ..estimation.regressor import NRFRegressor
@@ -21,7 +22,6 @@ from ..laws.elastic import LinearElastic
 from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
-from ..regression.input_arrays import from_arrays
 from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
@@ -141,10 +141,7 @@ def close_loop(
         last = max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)
         left = report.table.filter(like="held-out dof").iloc[last].max()
         if report.faults or left > DOUBTFUL or (report.model.masses <= 0).any():
-            again = clone(baseline).set_params(estimation="ls", constraints=None, optimizer=None)
-            report.wiring = mapping_that_closes(
-                mine, again.fit, lambda records: again.fit(from_arrays(records, smooth=False))
-            )
+            report.wiring = wiring_of(baseline, problem, report.model, mine)
         return report
 
 
@@ -159,7 +156,7 @@ def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any, most: fl
         raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
     seen, work = excerpts(ready, whole, most)
     laws = _baseline_laws(problem, work)
-    rich = flexible(laws, problem.chain, work)
+    rich = flexible(replace(problem, laws=laws), work)
     if seen is not ready:
         dt = work.data.segments[0].step
         length = 2.0 * dt * next_fast_len(round(0.5 * window_length(work.data.segments) / dt))

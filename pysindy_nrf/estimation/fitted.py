@@ -41,7 +41,7 @@ from .intervals import (
     parameter_intervals,
     statistic_of,
 )
-from .problem import Problem
+from .problem import Problem, flexible_laws
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
 # interpolation, which no further sample averages out.
@@ -343,10 +343,7 @@ class FittedChain:
                        base_acceleration=None if seg.ag is None else seg.ag[seg.valid])
                 for seg in self._records.segments
             ]  # fmt: skip
-        again = clone(self).set_params(estimation="ls", constraints=None)
-        return "" if given is None else mapping_that_closes(
-            list(given), again.fit, lambda records: again.fit(from_arrays(records, smooth=False))
-        )  # fmt: skip
+        return "" if given is None else wiring_of(self, self.problem_, self.model_, list(given))
 
     def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
         """Free run of the identified model; parameters as of :func:`pysindy_nrf.simulate`.
@@ -431,3 +428,24 @@ class FittedChain:
             f"noise in the motion may bias least squares by {bias:.2g} standard errors; up to {NEGLIGIBLE:g} leave "
             f"95 % intervals valid. {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"
         )
+
+
+def wiring_of(estimator: Any, problem: Problem, model: ChainModel, records: list[Record]) -> str:
+    """The error of wiring without which the balances close, in words, whatever law the storeys have.
+
+    A chain wired wrongly does not close with any law; a law that is missing is no error of wiring.
+    """
+    # the rms of a drift about a third of its peak, as of Gaussian motion
+    drifts = {site: max(abs(box.low[1]), abs(box.high[1])) / 3 for site, box in model.visited.items()}
+    again = clone(estimator).set_params(
+        estimation="ls", constraints=None, optimizer=None, orders=None, chain=problem.chain,
+        laws=flexible_laws(problem, drifts),
+    )  # fmt: skip
+
+    def coarse(some: list[Record]) -> Any:
+        """A fit to channels as they are; rates that were not measured are differences."""
+        pairs = ((one, {} if one.velocity is not None or one.displacement is None else
+                  {"velocity": np.gradient(one.displacement, 1.0 / one.fs, axis=0)}) for one in some)  # fmt: skip
+        return again.fit(from_arrays([one.replace(**rates) for one, rates in pairs], smooth=False))
+
+    return mapping_that_closes(records, again.fit, coarse)

@@ -10,6 +10,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from .. import laws
 from ..exceptions import ChainError, NRFError, NRFWarning
 from ..laws import ForceLaw
 from ..mechanics.chain import Chain, chain_of, masses_of
@@ -225,6 +226,22 @@ def wrong_masses(problem: Problem, data: SegmentSet, error: float) -> list[str]:
         f"The known masses contradict each other: left free, {said}; and {best:.2g} % of the balances is unexplained "
         f"instead of {error:.2g} %. Weigh it again."
     ]
+
+
+def flexible_laws(problem: Problem, drifts: Mapping[Site, float]) -> dict[Site, list[ForceLaw]]:
+    """The laws of a problem with friction, damping, springs and, by the rms of drifts, sliders at every site."""
+    out = {site: list(held) for site, held in problem.laws.items()}
+    for site in problem.chain.sites:
+        labels = {t.label for law in out.setdefault(site, []) for t in law.terms()}
+        for law in (
+            laws.CoulombFriction(), laws.QuadraticDamping(), laws.DisplacementDependentDamping(),
+            laws.QuadraticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CubicStiffness(),
+            *(laws.Jenkins(uy=share * drifts[site]) for share in (0.5, 1.5) if drifts.get(site, 0.0) > 0),
+        ):  # fmt: skip
+            if labels.isdisjoint(t.label for t in law.terms()) and (problem.needs_clock or not law.rate_dependent):
+                out[site].append(law)
+                labels |= {t.label for t in law.terms()} if not law.shapes else set()
+    return out
 
 
 def law_list(laws: Any) -> list[ForceLaw]:

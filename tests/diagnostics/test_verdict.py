@@ -49,6 +49,25 @@ def test_a_loop_on_a_force_of_the_wrong_floor_claims_nothing_and_names_it():
 
 
 @pytest.mark.parametrize(
+    ("law", "forced"),
+    [(laws.CubicStiffness(4e9), 1), (laws.CoulombFriction(40.0), [1, 2]), (laws.BoucWen(beta=400.0, rho=0.3, n=1.0, alpha=3e4), [1, 2])],
+    ids=["cubic", "friction", "hysteresis"],
+)  # fmt: skip
+def test_a_strong_effect_is_no_error_of_wiring_and_hides_none(law, forced):
+    """Linear storeys leave 15 to 50 % of the force of these records; wiring is judged by storeys that may have any law."""
+    truth = ChainModel(MODEL.masses, {**MODEL.laws, "storey 2": [*MODEL.laws["storey 2"], law]})
+    force = excitation.band_limited_random(2, 6.0, 500.0, excited=forced, rms=60.0, band=(1, 40), random_state=0)
+    clean = add_noise(simulate(truth, force, 2e-3).replace(velocity=None), 0.01, random_state=1)
+    linear = NRFRegressor(degree=1, estimation="ls")
+    with warnings.catch_warnings(action="ignore"):
+        assert linear.fit(clean).errors_["error"].max() > 15.0
+        said = str(linear.verdict())
+        assert not any(word in said for word in ("close", "opposite", "swapped")), said
+        turned = linear.fit(clean.replace(force=clean.force * [-1.0, 1.0])).verdict()
+    assert turned.state == "red" and "F1 reversed" in turned.sentence
+
+
+@pytest.mark.parametrize(
     ("model", "balances", "bounds", "words"),
     [
         (MODEL, {1: 51.0, 2: 3.0}, {}, "The balance of DOF 1 leaves 51 %"),

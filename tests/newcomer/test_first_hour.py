@@ -141,9 +141,21 @@ def test_a_time_that_must_be_in_ms_is_refused_with_the_cure(tmp_path, monkeypatc
     t, F, a, _ = shaken()
     pd.DataFrame({"t": 1e3 * t, "F2": F, "a1": a[:, 0], "a2": a[:, 1]}).to_csv("ms.csv", index=False)
     assert run(["run", "ms.csv"]) == 3
-    assert "the time is in ms" in capsys.readouterr().err
-    assert run(["run", "ms.csv", "--map", "a1=A1"]) == 3
-    assert "did you mean 'a1'?" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "the time is in ms" in said and "Declare its unit: --unit t=ms" in said
+    assert run(["run", "ms.csv", "--map", "a2=A2"]) == 3
+    assert "did you mean 'a2'?" in capsys.readouterr().err
+
+
+def test_units_behind_a_slash_and_a_clock_without_a_name_are_seen(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    t, F, a, x = shaken()
+    columns = {"X_Value": t, "Kraft 2/kN": F / 1e3} | {f"B{j} Beschl./(m/s^2)": a[:, j - 1] for j in (1, 2)}
+    columns |= {f"Weg {j}/mm": 1e3 * x[:, j - 1] for j in (1, 2)}
+    pd.DataFrame(columns).to_csv("din.csv", index=False)
+    assert run(["inspect", "din.csv", "--write-mapping", "din.toml", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)["records"][0]
+    assert record["doubts"] == [] and '"X_Value"   # ? rises evenly' in Path("din.toml").read_text()
 
 
 @pytest.mark.parametrize(
@@ -151,6 +163,8 @@ def test_a_time_that_must_be_in_ms_is_refused_with_the_cure(tmp_path, monkeypatc
     [
         (["Tempo", "Forza 3", "Accelerazione P1", "Accelerazione P2", "Accelerazione P3", "Spostamento tavola"], "t a1 a2 a3 xg F3"),
         (["时间", "激振力", "加速度1", "加速度2", "位移1", "位移2", "温度"], "t a1 a2 x1 x2 F2"),
+        (["Ch1 Zeit", "Ch2 Kraft", "Ch3 Beschl", "Ch4 Beschl", "Ch5 Weg", "Ch6 Weg"], "t a1 a2 x1 x2 F2"),  # inputs count
+        (["Time", "AI 1/Shaker top", "AI 2/Acc floor 1", "AI 3/Acc floor 2", "AI 4/String pot 2"], "t a1 a2 x2 F2"),
         (["Time", "Hammer", "Acc base", "Acc 1", "Acc roof", "Trigger"], "t ag a1 a2 F2"),
     ],
 )  # fmt: skip

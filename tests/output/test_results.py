@@ -91,6 +91,8 @@ def test_the_manifest_says_what_a_run_was(there):
     assert made["inputs"][0]["file"] == "test.csv" and made["inputs"][0]["sha256"] == mark
     assert made["arguments"] == IDENTIFY and made["settings"]["degree"] == 1 and made["versions"]["numpy"]
     assert made["files"].keys() == contents("nrf_output").keys() - {"manifest.json"}
+    page = Path("nrf_output/report.html").read_text(encoding="utf-8")
+    assert mark in page and "pysindy-nrf identify test.csv" in page and "This run" in page
     assert ChainModel.from_json("nrf_output/model.json").info["inputs"][0]["sha256"] == mark
 
 

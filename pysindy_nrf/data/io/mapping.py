@@ -74,7 +74,8 @@ def parse(text: str, table: Table, channel: str) -> Expression:
 def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
     """Samples of a mapping, shape (n_samples,), before units are converted."""
     if expression.name not in table.variables:
-        near = difflib.get_close_matches(expression.name, table.variables, 1, 0.5)
+        plain = {name.lower(): name for name in table.variables}
+        near = [plain[one] for one in difflib.get_close_matches(expression.name.lower(), plain, 1, 0.5)]
         what = f"{table.path} has no variable {expression.name!r} for channel {channel}"
         what += f"; did you mean {near[0]!r}?" if near else ""
         raise FileFormatError(what, f"It holds {table.names}.")
@@ -230,7 +231,7 @@ _WORDS = {
     "a": "acc aceler beschl akzel 加速",
     "F": "force kraft fuerza forza effort load last charge carga carico shaker hammer impact impakt marteau martillo "
     "martello exciter erreger excit vibrodin dynamom 荷重 力 加振",
-    "x": "disp displ lvdt laser weg verschieb auslenk deplac desplaz spost dist abstand potentiom 位移 变位 変位",
+    "x": "disp lvdt laser string weg verschieb auslenk deplac desplaz spost dist abstand potentiom 位移 变位 変位",
     "v": "vel geschw vitess speed ldv 速度",
 }  # fmt: skip
 _BASE_WORDS = "ag xg vg base basis ground boden table tisch sol suelo terreno fundament foundation fondation mesa "
@@ -282,7 +283,10 @@ def propose(table: Table) -> list[Proposal]:
             found.append((kind, bare, quoted, doubts))
         else:
             found += [(kind, f"{bare} {k + 1}", f"{quoted}[:, {k}]", doubts) for k in range(values.shape[1])]
-    out: list[Proposal] = [Proposal("t", text, doubts) for kind, _, text, doubts in found if kind == "t"][:1]
+    clocks = [Proposal("t", text, doubts) for kind, _, text, doubts in found if kind == "t"]
+    rising = (k for k, y in table.variables.items() if len(y) == most and _is_clock(y) and not _says(k, _WORDS[""]))
+    out = (clocks or [Proposal("t", name, ["rises evenly: time in s taken"]) for name in rising])[:1]
+    found = _without_counters([row for row in found if row[2] not in (one.text for one in out)])
     motions = {k: [row for row in found if row[0] == k] for k in "axvF"}
     numbered = {k: _numbered(rows) for k, rows in motions.items()}
     floors = max((j for k in "axv" for j, *_ in numbered[k]), default=1)
@@ -296,6 +300,22 @@ def propose(table: Table) -> list[Proposal]:
                 continue
             out.append(Proposal(channel, text, doubts))
     return out
+
+
+def _is_clock(values: np.ndarray) -> bool:
+    """Whether numbers rise evenly, and do not count samples."""
+    steps = np.diff(values) if values.dtype.kind == "f" and values.ndim == 1 and len(values) > 2 else np.zeros(1)
+    return bool(steps.min() > 0 and np.ptp(steps) < 0.01 * steps.mean() and (values != np.round(values)).any())
+
+
+def _without_counters(found: list[tuple[str, str, str, list[str]]]) -> list[tuple[str, str, str, list[str]]]:
+    """Names without the numbers that count a logger's inputs through channels of all kinds: ``AI 1/Shaker top``."""
+    held = [(name[: n.start()], kind, n[0]) for kind, name, *_ in found for n in re.finditer(r"\d+", name)]
+    for before in {place for place, *_ in held}:
+        kinds, numbers = zip(*(rest for place, *rest in held if place == before))
+        if len(set(kinds)) > 1 and len(set(numbers)) == len(numbers):
+            found = [(kind, re.sub(rf"^{re.escape(before)}\d+", before, name), *rest) for kind, name, *rest in found]
+    return found
 
 
 def _numbered(rows: list[tuple[str, str, str, list[str]]]) -> list[tuple[int, str, list[str]]]:

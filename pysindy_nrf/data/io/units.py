@@ -71,9 +71,10 @@ _SUFFIXES |= {"um": "µm", "us": "µs", "mps": "m/s", "mms": "mm/s", "ms2": "m/s
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
-    """Name of a column and the unit behind its last underscore: ``acc_2_g``, ``force_kN``, ``time_ms``."""
-    bare, _, suffix = name.strip().rpartition("_")
-    return (bare, _SUFFIXES[suffix.lower()]) if bare and suffix.lower() in _SUFFIXES else (name.strip(), None)
+    """Name of a column and the unit behind its last underscore or slash: ``acc_2_g``, ``time_ms``, ``Weg 1/mm``."""
+    bare, _, suffix = name.strip().replace("/", "_").rpartition("_")
+    known = bool(bare) and suffix.lower() in _SUFFIXES
+    return (name.strip()[: len(bare)], _SUFFIXES[suffix.lower()]) if known else (name.strip(), None)
 
 
 def kind_of_unit(unit: str | None) -> str | None:

@@ -287,7 +287,7 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
     session.take_care()
     steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
     data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
-    report.model.info["inputs"] = session.results.sources
+    report.model.info.update(session.provenance())
     with session.aside() as folder:
         written = _write(report, folder, options["figures"])
     session.finish({"verdict": asdict(verdict)} | data | {"model": report.model.to_dict()}, written)

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import shlex
 import textwrap
 import threading
 import warnings
@@ -72,6 +73,11 @@ class Session:
         """Where the running command writes."""
         assert self._results is not None  # the command has the option --output
         return self._results
+
+    def provenance(self) -> dict[str, Any]:
+        """What a model and its page say of the run: the command, and the files it read with their SHA-256."""
+        words = click.get_current_context().obj or []
+        return {"command": shlex.join(["pysindy-nrf", *words]), "inputs": self.results.sources}
 
     @contextmanager
     def aside(self) -> Iterator[Path]:
@@ -153,12 +159,14 @@ _OPTIONS = {
     "in known_masses": "by --known-mass", "(laws=)": "(--law)", "(close_loop)": "(close-loop)",
     "band=(lo, hi)": "--band LO,HI", "(band=)": "(--band)",
     "strategy=": "--strategy ", "estimation=": "--estimation ", "ive fs= in": "ive --fs in", "ive fs=": "ive --fs ",
+    "fs= (--fs, Hz)": "--fs (Hz)", "read_frf (--frf)": "--frf",
 }  # fmt: skip
 
 
 def in_options(message: Any) -> str:
     """A message of the library in the words of the command line."""
     words = re.sub(r"\b(strategy|estimation)='(\w+)'", r"--\1 \2", str(message))
+    words = re.sub(r"\b(?:mapping|units)=\{[^}]*\}, --", "--", words)
     for argument, option in _OPTIONS.items():
         words = words.replace(argument, option)
     return words

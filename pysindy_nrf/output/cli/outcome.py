@@ -257,7 +257,7 @@ def finish(
 ) -> int:  # fmt: skip
     """Say what was found and write it; ``understood`` are the records in words. The exit code by the verdict."""
     session.say(result(outcome, band, truth))
-    outcome.estimator.model_.info["inputs"] = session.results.sources
+    outcome.estimator.model_.info.update(session.provenance())
     with session.aside() as folder:
         written = write_all(outcome, folder, band, figures, records)
     session.finish(as_data(outcome, band, understood), written)

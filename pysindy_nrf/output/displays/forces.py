@@ -88,7 +88,7 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
     if measured is not None:
         marks.insert(0, Line(loop.s, measured, "measured", "orange", 1.8, opacity=0.85))
         gap = f", rms difference {rms(measured - found):.3g} N"
-        how = "Measured is what the balances above ask for."
+        how = "Measured: the force that the measured motion asks for."
     if loop.record not in ("", "0"):
         how += f" Around the largest motion of {loop.record}."
     if stiffness:

@@ -26,7 +26,7 @@ def free_run_figure(free: Any, cycles: float = 25.0) -> list[Figure]:
     rows = slice(start, start + width, max(1, width // 1500))
     own = np.clip(run.displacement[rows, j], *(2.5 * np.abs(x[:, j]).max() * np.array([-1, 1])))
     marks: list[Mark] = [
-        Line(run.time[rows], x[rows, j], "measured", "orange", 2.2),
+        Line(run.time[rows], x[rows, j], "measured", "orange", 3.4),
         Line(run.time[rows], own, f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)", "blue", 1.1),
     ]
     said = ", ".join(f"{name} {e:.3g} %" for name, e in errors.items())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ class Content:
     tables: list[Table]
     figures: list[Figure]
     versions: Table
+    run: Table
     equation_text: list[str]
     title: str = ""
     lead: str = ""
@@ -203,7 +205,7 @@ def of_model(
     content.lead = f"{model.n_dof} mass{'es' * (model.n_dof > 1)} and {forces} restoring force{'s' * (forces != 1)}."
     content.measured = [(m, _channels(m)) for m in seen]
     content.care = list(dict.fromkeys([*(content.verdict.reasons if content.verdict else ()), *notes]))
-    groups = {"model": model.info | {"band": band}}
+    groups = {"model": {k: v for k, v in model.info.items() if k not in ("command", "inputs")} | {"band": band}}
     if hasattr(subject, "get_params"):
         groups = {"regressor": subject.get_params(deep=False), **groups}
     content.settings = _settings(settings_of(**groups))
@@ -253,7 +255,16 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) ->
             tables.append(table("Modes of the linear part", modes, heads, index="mode"))
             figures.append(modes_figure(modes))
     held = Table("Versions", ["package", "version"], [list(row) for row in versions().items()])
-    return Content(balance_equations(model), sections, tables, figures, held, str(model).splitlines())
+    lines = str(model).splitlines()
+    return Content(balance_equations(model), sections, tables, figures, held, _run(model.info), lines)
+
+
+def _run(info: Mapping[str, Any]) -> Table:
+    """What was run, when, and on which files."""
+    rows = [["command", info["command"]]] if "command" in info else []
+    rows.append(["written", datetime.now().astimezone().isoformat(" ", "seconds")])
+    rows += [[one["file"], f"{one['bytes']} bytes, SHA-256 {one['sha256']}"] for one in info.get("inputs", ())]
+    return Table("This run", ["what", "value"], rows)
 
 
 def _shortened(loop: SiteLoop) -> SiteLoop:

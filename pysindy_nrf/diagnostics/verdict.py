@@ -324,7 +324,9 @@ def nonlinear_parts(model: ChainModel, shares: Mapping[str, pd.Series], bounds: 
         own = shares.get(site, pd.Series(dtype=float))
         seen = [t.label for t in terms if own.get(t.label, 0.0) > 100 * NOTICED]
         if law.name == "power_series" and seen:
-            text = f"{_kind(seen)} in {site} ({seen[0]} carries {own[seen[0]]:.2g} % of its force)"
+            drift, rate = any("s" in label for label in seen), any("v" in label for label in seen)
+            kind = "a nonlinear force" if drift and rate else "nonlinear stiffness" if drift else "nonlinear damping"
+            text = f"{kind} in {site} ({seen[0]} carries {own[seen[0]]:.2g} % of its force)"
             out.setdefault(site, []).append(text)
         elif terms and law.name != "power_series" and (seen or not len(own)):
             ends = {t.symbol: (bounds or {}).get(f"{site}: {t.label}") for t in law.terms()}
@@ -333,12 +335,6 @@ def nonlinear_parts(model: ChainModel, shares: Mapping[str, pd.Series], bounds: 
             units = {t.symbol: t.unit for t in terms}
             out.setdefault(site, []).append(effect_words(law.name, site, values, ends, units))
     return {site: ", ".join(texts) for site, texts in out.items()}
-
-
-def _kind(labels: Sequence[str]) -> str:
-    """A nonlinear force by the variables of its terms."""
-    drift, rate = any("s" in label for label in labels), any("v" in label for label in labels)
-    return "a nonlinear force" if drift and rate else "nonlinear stiffness" if drift else "nonlinear damping"
 
 
 def effect_words(

@@ -155,7 +155,7 @@ def test_units_behind_a_slash_and_a_clock_without_a_name_are_seen(tmp_path, monk
     pd.DataFrame(columns).to_csv("din.csv", index=False)
     assert run(["inspect", "din.csv", "--write-mapping", "din.toml", "--json"]) == 0
     record = json.loads(capsys.readouterr().out)["records"][0]
-    assert record["doubts"] == [] and '"X_Value"   # ? rises evenly' in Path("din.toml").read_text()
+    assert record["doubts"] == [] and '"X_Value"   # ? no unit' in Path("din.toml").read_text()
 
 
 @pytest.mark.parametrize(

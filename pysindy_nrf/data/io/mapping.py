@@ -226,7 +226,7 @@ def _inside(path: Path, name: str) -> Path:
 # Words of the trade by kind: English, German, French, Spanish, Italian, Chinese, Japanese, without accents. Whole
 # words up to two letters, beginnings from three on, any part in Chinese and Japanese. The first kind counts.
 _WORDS = {
-    "t": "t time zeit temps tiempo tempo timestamp secs 时间 時間 時刻",
+    "t": "t time x_value zeit temps tiempo tempo timestamp secs 时间 時間 時刻",
     "": "temp temperatur thermo scan index sample row nr no status trigger spare humid 温度 湿度",
     "a": "acc aceler beschl akzel 加速",
     "F": "force kraft fuerza forza effort load last charge carga carico shaker hammer impact impakt marteau martillo "
@@ -255,7 +255,7 @@ def _says(name: str, words: str) -> bool:
     plain = "".join(c for c in plain if not unicodedata.combining(c))
     tokens = re.findall(r"[^\W\d_]+", plain)
     return any(
-        word in plain if not word.isascii() else word in tokens if len(word) < 3 else
+        word in plain if not word.isascii() or "_" in word else word in tokens if len(word) < 3 else
         any(token.startswith(word) for token in tokens) for word in words.split()
     )  # fmt: skip
 
@@ -283,10 +283,8 @@ def propose(table: Table) -> list[Proposal]:
             found.append((kind, bare, quoted, doubts))
         else:
             found += [(kind, f"{bare} {k + 1}", f"{quoted}[:, {k}]", doubts) for k in range(values.shape[1])]
-    clocks = [Proposal("t", text, doubts) for kind, _, text, doubts in found if kind == "t"]
-    rising = (k for k, y in table.variables.items() if len(y) == most and _is_clock(y) and not _says(k, _WORDS[""]))
-    out = (clocks or [Proposal("t", name, ["rises evenly: time in s taken"]) for name in rising])[:1]
-    found = _without_counters([row for row in found if row[2] not in (one.text for one in out)])
+    out = [Proposal("t", text, doubts) for kind, _, text, doubts in found if kind == "t"][:1]
+    found = _without_counters([row for row in found if row[0] != "t"])
     motions = {k: [row for row in found if row[0] == k] for k in "axvF"}
     numbered = {k: _numbered(rows) for k, rows in motions.items()}
     floors = max((j for k in "axv" for j, *_ in numbered[k]), default=1)
@@ -302,19 +300,14 @@ def propose(table: Table) -> list[Proposal]:
     return out
 
 
-def _is_clock(values: np.ndarray) -> bool:
-    """Whether numbers rise evenly, and do not count samples."""
-    steps = np.diff(values) if values.dtype.kind == "f" and values.ndim == 1 and len(values) > 2 else np.zeros(1)
-    return bool(steps.min() > 0 and np.ptp(steps) < 0.01 * steps.mean() and (values != np.round(values)).any())
-
-
 def _without_counters(found: list[tuple[str, str, str, list[str]]]) -> list[tuple[str, str, str, list[str]]]:
     """Names without the numbers that count a logger's inputs through channels of all kinds: ``AI 1/Shaker top``."""
     held = [(name[: n.start()], kind, n[0]) for kind, name, *_ in found for n in re.finditer(r"\d+", name)]
-    for before in {place for place, *_ in held}:
+    for before in sorted({place for place, *_ in held}, key=len, reverse=True):
         kinds, numbers = zip(*(rest for place, *rest in held if place == before))
         if len(set(kinds)) > 1 and len(set(numbers)) == len(numbers):
-            found = [(kind, re.sub(rf"^{re.escape(before)}\d+", before, name), *rest) for kind, name, *rest in found]
+            strip = re.compile(rf"^{re.escape(before)}\d+")
+            found = [(kind, strip.sub(before, name), text, doubts) for kind, name, text, doubts in found]
     return found
 
 

@@ -121,7 +121,10 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
     records = [reading.record for reading in readings]
     session.measured(*map(describe, readings))
     n, understood = records[0].n_dof, [summary(rec) for rec in records]
-    _same_chain(records)
+    for rec in records:
+        if rec.n_dof != n:
+            cure = "Files given together are tests of one chain; identify others by themselves."
+            raise ChannelError(f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {n}", cure)
     settings["chain"] = Chain(n, options["links"]) if options["links"] else None
     estimator = NRFRegressor(**settings, band=band)
     forced = sorted({j for rec in records for j in rec.forced})
@@ -170,13 +173,6 @@ def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, 
     session.headed(f"What this excitation can identify ({plan.strategy})", textwrap.indent(str(plan), "  "))
 
 
-def _same_chain(records: list[Any]) -> None:
-    for rec in records[1:]:
-        if rec.n_dof != records[0].n_dof:
-            cure = "Files given together are tests of one chain; identify others by themselves."
-            raise ChannelError(f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {records[0].n_dof}", cure)
-
-
 def _given(option: str) -> bool:
     """Whether an option of the running command was given, not left at its default."""
     return click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT
@@ -220,15 +216,10 @@ def run_test(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
     if context.params["output"] is None:
         said = opt.said_of(options)[0]
         named = files or tuple(said.files)
-        context.params["output"] = _own_folder(named[0].stem if named else "run")
+        home, name = Path("nrf_runs"), named[0].stem if named else "run"
+        folders = (home / (name if k == 1 else f"{name}-{k}") for k in itertools.count(1))
+        context.params["output"] = next(path for path in folders if not path.exists())
     return _close(Session(as_json), files, options, True)
-
-
-def _own_folder(name: str) -> Path:
-    """A folder below nrf_runs that no run has used."""
-    home = Path("nrf_runs")
-    names = (home / (name if k == 1 else f"{name}-{k}") for k in itertools.count(1))
-    return next(path for path in names if not path.exists())
 
 
 @click.command("close-loop", short_help="Find the effects that a model lacks.")

@@ -321,11 +321,6 @@ def _range(text: str) -> list[int]:
     return numbers
 
 
-def _floors(text: str) -> list[int]:
-    """Floors: ``1,3``, ``1-4`` or ``none``."""
-    return [] if text.strip().lower() == "none" else _range(text)
-
-
 def _whole(text: str) -> list[int]:
     """Whole numbers with commas between them; empty if they are not."""
     try:
@@ -345,7 +340,8 @@ def once(ctx: Any, param: Any, pairs: Any) -> dict:
 
 
 _LAWS, _ORDER = "SITE=NAME+NAME", "SITE=DEGREE"
-FLOORS, NUMBERS = Text("I,J,...", _floors), Text("A,B,...", _numbers)
+FLOORS = Text("I,J,...", lambda text: [] if text.strip().lower() == "none" else _range(text))  # 1,3 or 1-4 or none
+NUMBERS = Text("A,B,...", _numbers)
 RANGE = Text("A-B|A,B,...", _range)
 
 files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))

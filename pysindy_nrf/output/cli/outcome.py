@@ -17,7 +17,6 @@ from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
 from ...regression.input_arrays import from_arrays
 from ...regression.segments import SegmentSet
-from ...signals.kinematics import base_acceleration
 from ...signals.zero_phase_filter import filters_of
 from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
@@ -66,14 +65,7 @@ class Outcome:
 def identify_records(records: Sequence[Record], estimator: Any, raw: bool) -> Outcome:
     """Identify a chain from records (``raw``: no fusion) and run the model free."""
     with warned() as messages, working("fitting, running free, checking"):
-        if raw:
-            pairs = [rec.to_features(smooth=False) for rec in records]
-            X, F = (pd.concat([pair[k] for pair in pairs]) for k in (0, 1))
-            options = _beside(records)
-            estimator.fit(X, F, **options)
-            data = from_arrays(X, F, n_dof=records[0].n_dof, **options)
-        else:
-            data = estimator.fit(records).fit_data("")
+        data = estimator.fit(from_arrays(records, smooth=False) if raw else records).fit_data("")
         step = None if data.segments[0].dt else 1.0 / records[0].fs
         if estimator._free is None:
             filters = estimator.problem_.filters(data)
@@ -95,18 +87,6 @@ def identify_frf(frf: FrequencyResponse, estimator: Any) -> Outcome:
     return Outcome(estimator, verdict, frf=(frf, response), used=used, warnings=messages())
 
 
-def _beside(records: Sequence[Record]) -> dict[str, Any]:
-    """What goes beside X: record ids, base acceleration, covariates."""
-    ids = np.concatenate([np.full(rec.n_samples, i) for i, rec in enumerate(records)])
-    out: dict[str, Any] = {"record": ids}
-    if any(rec.base_moves for rec in records):
-        out["base_acceleration"] = np.concatenate([base_acceleration(rec) for rec in records])
-    names = set(records[0].covariates).intersection(*(rec.covariates for rec in records))
-    if names:
-        out["covariates"] = {k: np.concatenate([rec.covariates[k] for rec in records]) for k in sorted(names)}
-    return out
-
-
 def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     """Masses, equations, errors and modes of an outcome; ``truth`` is the model behind a simulated record."""
     est, model = outcome.estimator, outcome.estimator.model_
@@ -124,7 +104,9 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
         if truth is not None:
             said.append(f"    truth: {truth.restoring_forces[site]}")
     said.append(heading(f"Errors, percent NRMSE, {band_text(band)}"))
-    said += [f"  {line}" for line in (*_balance(est.errors_), *_gaps(est.third_law_gap_), *_free(outcome))]
+    gaps = listed(f"{site} {gap:.3g} %" for site, gap in est.third_law_gap_.items())
+    third = [f"Newton's third law, the two estimates of one storey differ by: {gaps}"] if gaps else []
+    said += [f"  {line}" for line in (*_balance(est.errors_), *third, *_free(outcome))]
     modes = outcome.modes
     if modes is not None:
         said += [
@@ -156,12 +138,6 @@ def _balance(errors: pd.DataFrame) -> list[str]:
         f"({row['residual']:.4g} of {row['reference']:.4g} N rms)"
         for name, row in errors.iterrows()
     ]
-
-
-def _gaps(gaps: pd.Series) -> list[str]:
-    """How far two estimates of a storey differ."""
-    said = listed(f"{site} {gap:.3g} %" for site, gap in gaps.items())
-    return [f"Newton's third law, the two estimates of one storey differ by: {said}"] if said else []
 
 
 def _free(outcome: Outcome) -> list[str]:

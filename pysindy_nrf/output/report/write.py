@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from ...common.files import atomic_write
 from ...common.lazy import require
@@ -196,10 +197,6 @@ def _box(title: str, words: str, body: str) -> str:
 
 
 def _html_table(t: Table) -> str:
-    head = "".join(f"<th scope='col'>{escape(name)}</th>" for name in t.head)
-    places = {True: "right", False: "left"}
-    shown = [[cell(x) for x in row] for row in t.rows[:_MOST]]
-    lines = ["".join(f"<td style='text-align:{places[c.number]}'>{escape(c.text)}</td>" for c in row) for row in shown]
-    rows = "".join(f"<tr>{line}</tr>" for line in lines)
+    shown = pd.DataFrame([[cell(x).text for x in row] for row in t.rows[:_MOST]], columns=t.head)
     more = f"<p>and {len(t.rows) - _MOST} more rows</p>" if len(t.rows) > _MOST else ""
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{more}"
+    return shown.to_html(index=False, border=0) + more

@@ -258,7 +258,8 @@ def verdict_on(
         f"{e:.3g} % of the force in the balance of DOF {j} is unexplained: a law is missing, or the channels are noisy."
         for j, e in poor.items()
     ]  # fmt: skip
-    what = "; ".join([*found, "linear otherwise"]) if found else "Linear storeys, nothing else was found"
+    alone = "Linear storeys" + ", nothing else was found" * (not amber and not doubts)
+    what = "; ".join([*found, "linear otherwise"]) if found else alone
     shown = follows if error > ASTRAY and follows < error else error
     damping = pd.Series([0.0]) if (model.total_masses <= 0).any() else model.modes()["damping"]
     if damping.min() < 0 and not shown < ASTRAY:

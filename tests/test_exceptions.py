@@ -22,6 +22,7 @@ WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
 ALLOWED = {
     ("common/lazy.py", "AttributeError"): "the protocol of module attributes",
     ("laws/contract.py", "AssertionError"): "a check that a law failed, as documented",
+    ("laws/compiled.py", "TypingError"): "the protocol of numba, which tries other types",
     ("data/channels.py", "TypeError"): "caught some lines below",
     ("data/channels.py", "kind"): "one of two typed errors, chosen above",
     ("selection/comparison.py", "OverflowError"): "caught by the time limit's own loop",

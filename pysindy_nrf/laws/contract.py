@@ -93,7 +93,8 @@ def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
     theta = law.theta
     u = np.array([motion.covariates[c] for c in law.covariates]).reshape(-1, motion.n_samples)
     z = state_path(law, motion, u, theta) if law.n_states else np.zeros((0, motion.n_samples))
-    for kernel, how in ((type(law).kernel, "on floats"), (on_a_sample(law), "compiled")):
+    for how in ("on floats", "compiled"):
+        kernel = on_a_sample(law) if how == "compiled" else type(law).kernel
         for i in range(0, motion.n_samples, 29):
             sample = np.full(columns.shape[1], np.nan)
             s, v, a, t = (float(x[i]) for x in (motion.s, motion.v, motion.a, motion.t))

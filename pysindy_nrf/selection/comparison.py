@@ -92,7 +92,7 @@ class PlainSINDy:
     finds_masses = False
     targets_of_one = False  # targets divided by their norm
 
-    def __init__(self, degree: int, normalise: bool) -> None:
+    def __init__(self, degree: int, normalise: bool = True) -> None:
         self.degree, self.normalise = degree, normalise
 
     def n_features(self, data: Part) -> int:
@@ -156,15 +156,13 @@ class PlainSINDy:
     def accelerations(self, data: Part) -> np.ndarray:
         return self.predict(self.state(data), data.F[:, self.forced])[:, -data.n_dof :]
 
-    def derivative(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return self.predict(state, u)
+    derivative = predict
 
     def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
         """The true terms are those of an exact fit of the true accelerations at random points."""
         rng = np.random.default_rng(0)
         size = 3 * self.n_features(data)
-        draw = [rng.standard_normal((size, y.shape[1])) * y.std(axis=0) for y in (data.v, data.s, data.F)]
-        v, s, F = draw
+        v, s, F = (rng.standard_normal((size, y.shape[1])) * y.std(axis=0) for y in (data.v, data.s, data.F))
         R = truth.restoring_force(np.hstack([np.zeros_like(s), v, s]))
         a = (F - R + np.hstack([R[:, 1:], np.zeros((size, 1))])) / truth.masses
         points = Part(a, v, s, F, data.dt)
@@ -217,9 +215,6 @@ class HandSteeredSINDy(PlainSINDy):
     """``ps.SINDy`` as one who knows both would use it: accelerations from the terms of each storey by itself."""
 
     targets_of_one = True
-
-    def __init__(self, degree: int) -> None:
-        super().__init__(degree, normalise=True)
 
     def n_features(self, data: Part) -> int:
         return data.n_dof * (math.comb(2 + self.degree, 2) - 1) + len(data.forced)
@@ -379,22 +374,19 @@ def compare_with_sindy(
         raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
     if not 0 < heldout < 1:
         raise ChannelError(f"heldout={heldout!r} is not a share", "Give a number between 0 and 1.")
-    rows = segment.valid
-    a, v, s, force = (getattr(segment, k)[rows].astype(float) for k in ("a", "v", "s", "F"))
+    a, v, s, force = (getattr(segment, k)[segment.valid].astype(float) for k in ("a", "v", "s", "F"))
     whole = Part(a, v, s, force, step)
     if np.isnan(whole.F).any():
         raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
     cut = round(len(whole.a) * (1 - heldout))
     search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
-    given: Any = optimizers
+    given: Any = {"terms selected": "select"} if optimizers == "select" else optimizers
     if given is None:
         given = {"STLSQ": ps.STLSQ(), "STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
-    if given == "select":
-        given = {"terms selected": "select"}
     if isinstance(given, str):
         raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
     entries: dict[str, Any] = {
-        "SINDy, defaults": PlainSINDy(degree, normalise=False), "SINDy, normalised": PlainSINDy(degree, normalise=True),
+        "SINDy, defaults": PlainSINDy(degree, normalise=False), "SINDy, normalised": PlainSINDy(degree),
         "SINDy, hand-steered": HandSteeredSINDy(degree), "pysindy_nrf, least squares": Ours(degree, None),
         "pysindy_nrf, instrumental variables": Ours(degree, None, "iv"),
         **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
@@ -406,8 +398,7 @@ def compare_with_sindy(
         R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
         ruler = Ruler(model, truth is not None, R, np.sqrt(np.mean(R**2, axis=0)))
         found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
-    lines = {name: line for name, (line, _) in found.items()}
-    table = pd.DataFrame.from_dict(lines, orient="index", columns=COLUMNS).rename_axis("model")
+    table = pd.DataFrame([line for line, _ in found.values()], pd.Index(found, name="model"), COLUMNS)
     forces = {name: R for name, (_, R) in found.items() if R is not None}
     table.attrs["storey_forces"] = _Forces({"truth": ruler.R, **forces} if ruler.known else forces)
     return table
@@ -446,16 +437,13 @@ def row_of(
     handed = masses if entry.finds_masses else ruler.model.masses
     a_hat = entry.accelerations(rest)
     R, own = (np.cumsum((rest.F - m * a_hat)[:, ::-1], axis=1)[:, ::-1] for m in (handed, masses))
-    precision, recall = (
-        entry.hits(search, ruler.model) if ruler.known and not ruler.model.has_memory else (np.nan, np.nan)
-    )
+    hits = entry.hits(search, ruler.model) if ruler.known and not ruler.model.has_memory else (np.nan, np.nan)
     run, note = _free_run(entry, rest.part(slice(0, max(2, free_run))), time_limit)
-    gap, found = entry.third_law(ruler.model.masses)
     return [
-        entry.terms, precision, recall,
+        entry.terms, *hits,
         float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
         ruler.force_error(R) if ruler.known else np.nan, ruler.force_error(own) if ruler.known else np.nan,
-        ruler.balance_error(handed, a_hat, rest), run, gap, found, seconds, note,
+        ruler.balance_error(handed, a_hat, rest), run, *entry.third_law(ruler.model.masses), seconds, note,
     ], R  # fmt: skip
 
 

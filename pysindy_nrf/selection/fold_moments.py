@@ -64,11 +64,6 @@ class Order:
             self._index[group] = np.concatenate([*own, np.array([i for i in others if i is not None])])
         return self._index[group]
 
-    @property
-    def n_terms(self) -> int:
-        """Number of terms of all sites."""
-        return self.layout.n_terms
-
 
 class FoldMoments:
     """Gram matrices of the samples that are on the same sides of all folds, of all orders that will be asked for."""
@@ -126,8 +121,7 @@ class FoldMoments:
         """Accumulated columns of a group times this are its powers."""
         if dofs not in self._backs:
             group = next(g for g in self.groups if g.dofs == dofs)
-            plain = (np.eye(self.layout.counts[site]) for site in group.sites)
-            blocks = map(self.factors.get, group.sites, plain)
+            blocks = map(self.factors.get, group.sites, (np.eye(self.layout.counts[site]) for site in group.sites))
             self._backs[dofs] = linalg.block_diag(*blocks, np.eye(2 if len(group.dofs) == 1 else 1))
         return self._backs[dofs]
 
@@ -168,8 +162,7 @@ class FoldMoments:
 
     def order(self, orders: Mapping[Site, Any]) -> Order:
         """A candidate with an order at every searched site."""
-        laws = {**{s: (PowerSeries(o),) for s, o in orders.items()}, **self.laws}
-        layout = LawLayout(self.chain, laws)
+        layout = LawLayout(self.chain, {**{s: (PowerSeries(o),) for s, o in orders.items()}, **self.laws})
         columns = {
             s: self.union[s].positions(orders[s]) if s in self.union else np.arange(layout.counts[s])
             for s in layout.acting

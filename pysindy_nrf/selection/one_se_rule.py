@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import count, takewhile
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from ..regression.segments import BlockRows
 from .fold_moments import EVERY, FoldMoments, Order
 
 # What more terms must take off the held-out error, and the error below which nothing is missing: those of the closed
-# loop. Sensor offsets and slow drift are the same in all folds of a test, so the folds
-# do not see them as scatter, and even powers can imitate them.
+# loop. Sensor offsets and slow drift are the same in all folds of a test, so the folds do not see them as scatter, and
+# even powers can imitate them.
 MIN_GAIN = 0.15
 FLOOR = 2e-4
 
@@ -74,14 +75,11 @@ def one_standard_error(
 
 def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray:
     """Test scores of ``cv_results_``."""
-    columns, i = [], 0
-    while f"split{i}_test_{metric}" in results:
-        columns.append(np.asarray(results[f"split{i}_test_{metric}"], dtype=float))
-        i += 1
-    if not columns:
+    names = list(takewhile(results.__contains__, (f"split{i}_test_{metric}" for i in count())))
+    if not names:
         have = sorted({k.split("_test_")[1] for k in results if k.startswith("split") and "_test_" in k})
         raise NRFError(f"The search has no scores named {metric!r}", f"It has {', '.join(have) or 'none'}: metric=...")
-    return np.column_stack(columns)
+    return np.column_stack([np.asarray(results[name], dtype=float) for name in names])
 
 
 def errors_of(scores: np.ndarray) -> np.ndarray:
@@ -91,9 +89,7 @@ def errors_of(scores: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(errors), errors, np.inf)
 
 
-def choose(
-    errors: np.ndarray, complexity: Sequence[Any], min_gain: float = MIN_GAIN, paired: bool = False
-) -> int:
+def choose(errors: np.ndarray, complexity: Sequence[Any], min_gain: float = MIN_GAIN, paired: bool = False) -> int:
     """The rule on errors; see :func:`one_standard_error`."""
     errors = np.maximum(errors, FLOOR)
     mean = errors.mean(axis=1)

@@ -16,8 +16,6 @@ are passed to ``cross_validate`` or to the ``fit`` of a search reach these score
 pipeline's own steps must have requested what they need.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

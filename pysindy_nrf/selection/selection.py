@@ -42,8 +42,7 @@ class OrderSelection:
 
     def __init__(self, labels: list[Any], scores: np.ndarray, scoring: str, rule: str, source: Any) -> None:
         self.scoring, self.rule = scoring, rule
-        self._labels, self._source = labels, source
-        self._scores = scores
+        self._labels, self._scores, self._source = labels, scores, source
         ranks, errors = [rules.complexity_of({"degree": label}) for label in labels], rules.errors_of(scores)
         one = rule == "one_standard_error"
         self._chosen = rules.choose(errors, ranks) if one else int(np.nanargmax(scores.mean(axis=1)))
@@ -52,8 +51,7 @@ class OrderSelection:
     @cached_property
     def fold_scores(self) -> pd.DataFrame:
         index = pd.Index([str(label) for label in self._labels], name="order")
-        names = [f"fold {i + 1}" for i in range(self._scores.shape[1])]
-        return pd.DataFrame(self._scores, index=index, columns=names)
+        return pd.DataFrame(self._scores, index, [f"fold {i + 1}" for i in range(self._scores.shape[1])])
 
     @cached_property
     def table(self) -> pd.DataFrame:
@@ -62,7 +60,7 @@ class OrderSelection:
         scores = {self.scoring: self.fold_scores.to_numpy()}
         missing = [name for name in wanted if name not in scores]
         scores |= dict(zip(missing, _every(held, self._labels, missing)))
-        table = pd.DataFrame({"terms": [_order(held, x).n_terms for x in self._labels]}, index=self.fold_scores.index)
+        table = pd.DataFrame({"terms": [_order(held, x).layout.n_terms for x in self._labels]}, self.fold_scores.index)
         table["score"] = scores[self.scoring].mean(axis=1)
         table["standard_error"] = [rules.standard_error(row) for row in scores[self.scoring]]
         table["balance_error"] = -scores["balance"].mean(axis=1)
@@ -160,13 +158,11 @@ def select_order(
     if "degree" in regressor_params:
         raise ChainError("degree is what is selected", "Give degrees=..., or orders= for storeys whose order is known.")
     estimator = NRFRegressor(**regressor_params)
-    held = fold_moments_of(estimator, labels, X, F, cv, dict(
-        record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
-    ))  # fmt: skip
+    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    held = fold_moments_of(estimator, labels, X, F, cv, beside)
     if (free_run or scoring == "free_run") and any(seg.dt is None for seg in held.data.segments):
         raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
-    scores = _every(held, labels, [scoring])[0]
-    return OrderSelection(labels, scores, scoring, rule, (held, estimator, free_run))
+    return OrderSelection(labels, _every(held, labels, [scoring])[0], scoring, rule, (held, estimator, free_run))
 
 
 def _order(held: FoldMoments, label: Any) -> Order:

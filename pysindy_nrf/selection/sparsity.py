@@ -16,8 +16,7 @@ from .fold_moments import FoldMoments, Monomials, Order
 from .one_se_rule import balances_on_folds, choose, standard_error
 from .selection import fold_moments_of
 
-# Rise of the held-out error, as a share, that the absence of a term may cost at most.
-MARGIN = 0.02
+MARGIN = 0.02  # rise of the held-out error, as a share, that the absence of a term may cost at most
 
 
 class SparsitySelection:
@@ -43,7 +42,7 @@ class SparsitySelection:
         return clone(self._estimator).set_params(laws=laws, orders=None)
 
     def __repr__(self) -> str:
-        return f"SparsitySelection({self._order.n_terms} of {len(self.terms)} terms)"
+        return f"SparsitySelection({self._order.layout.n_terms} of {len(self.terms)} terms)"
 
 
 def select_sparsity(
@@ -85,15 +84,14 @@ def select_sparsity(
     (['v', 's', 's^3'], ['v', 's'])
     """
     estimator = NRFRegressor(degree=degree, **regressor_params)
-    held = fold_moments_of(estimator, [degree], X, F, cv, dict(
-        record=record, time=time, base_acceleration=base_acceleration, covariates=covariates
-    ))  # fmt: skip
+    beside = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+    held = fold_moments_of(estimator, [degree], X, F, cv, beside)
     whole = order = held.order(dict.fromkeys(held.union, degree))
     least = errors = balances_on_folds(held, order) / 100.0
     if not np.isfinite(errors).all():
         raise NRFError("The whole series cannot be fitted on every fold", "Use fewer folds or a lower degree.")
     support = {site: np.ones(order.layout.counts[site], dtype=bool) for site in held.union}
-    rows = [("", order.n_terms, errors)]
+    rows = [("", order, errors)]
     while (weakest := _weakest(held, whole, support)) is not None:
         site, at = weakest
         support = _without(support, site, at)
@@ -102,12 +100,9 @@ def select_sparsity(
         if choose(np.array([least, errors]), [1, 0], min_gain=MARGIN, paired=True) == 0:
             break
         order, least = one, min(least, errors, key=np.mean)
-        rows.append((f"{whole.layout.labels(site)[at]} of {site}", order.n_terms, errors))
-    table = pd.DataFrame({
-        "left_out": [name for name, _, _ in rows], "terms": [count for _, count, _ in rows],
-        "error": [100 * errors.mean() for _, _, errors in rows],
-        "standard_error": [100 * standard_error(errors) for _, _, errors in rows],
-    })  # fmt: skip
+        rows.append((f"{whole.layout.labels(site)[at]} of {site}", order, errors))
+    steps = [(name, one.layout.n_terms, 100 * e.mean(), 100 * standard_error(e)) for name, one, e in rows]
+    table = pd.DataFrame(steps, columns=["left_out", "terms", "error", "standard_error"])
     found = held.fit(order, None)[0].coefficients
     coefficients = {}
     for site in whole.layout.acting:

@@ -40,10 +40,7 @@ class _RecordSplitter(BaseCrossValidator):
         """
         rows = np.arange(_num_samples(X))
         for test, near in self._tests(self._records(X, groups)):
-            keep = np.ones(len(rows), dtype=bool)
-            keep[test] = False
-            keep[near] = False
-            yield rows[keep], rows[test]
+            yield np.delete(rows, np.concatenate([test, near])), test
 
     def _records(self, X: Any, groups: Any) -> list[np.ndarray]:
         """Rows of each record."""
@@ -118,15 +115,14 @@ class BlockedTimeSplit(_RecordSplitter):
     """
 
     def __init__(self, n_splits: int = 5, gap: int = 0) -> None:
-        self.n_splits = n_splits
-        self.gap = gap
+        self.n_splits, self.gap = n_splits, gap
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
         """Number of folds; parameters as of :meth:`split`, not needed."""
         return whole("n_splits", self.n_splits, 2)
 
     def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """One block of every record, and the gap around it."""
+        """One block of every record, and the same with the gap around it."""
         n, gap = whole("n_splits", self.n_splits, 2), whole("gap", self.gap)
         short = min(records, key=len)
         if len(short) < n or len(short) - len(short) // n <= 2 * gap:
@@ -137,8 +133,7 @@ class BlockedTimeSplit(_RecordSplitter):
         for i in range(n):
             tests = [parts[i] for parts in blocks]
             near = [
-                np.concatenate([np.arange(max(rows[0], test[0] - gap), test[0]),
-                                np.arange(test[-1] + 1, min(rows[-1], test[-1] + gap) + 1)])
+                np.arange(max(rows[0], test[0] - gap), min(rows[-1], test[-1] + gap) + 1)
                 for rows, test in zip(records, tests)
-            ]  # fmt: skip
+            ]
             yield np.concatenate(tests), np.concatenate(near)

@@ -135,9 +135,8 @@ def compare_tests(
     """
     if n_blocks < 5:
         raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")
-    fitted = [_fit(estimator, test, dict(options or {})) for test in (before, after)]
-    problems, models = [est.problem for est, _ in fitted], [est.model for est, _ in fitted]
-    tests = [data for _, data in fitted]
+    estimates, tests = zip(*[_fit(estimator, test, dict(options or {})) for test in (before, after)])
+    problems, models = [est.problem for est in estimates], [est.model for est in estimates]
     masses = np.mean([model.masses for model in models], axis=0)
     free = [j for j in range(1, len(masses) + 1) if j not in problems[0].known_masses]
     pairs = list(zip(problems, tests))
@@ -311,19 +310,17 @@ def track(
     resolver, spans = resolver_in_time(_problem(estimator, masses), data, length=step)
     pieces, record = resolver.pieces, resolver.record
     width = max(1, int(round(window / step)))
-    names = storey_names(estimator.model_)
     rows = []
     for start in range(len(pieces) - width + 1):
         if record[start] != record[start + width - 1]:
             continue
         linear = _linear(plain_model(resolver, pieces[start : start + width].sum()))
         middle = 0.5 * (spans[start, 0] + spans[start + width - 1, 1])
-        rows.append([record[start], middle, *linear[:, 0], *linear[:, 1]])
+        rows.append([record[start], middle, *linear.T.ravel()])
     if not rows:
         raise ChainError(f"No window of {window:g} s fits into the records", "Use a shorter one.")
-    n = len(names)
-    columns = ["record", "t", *(f"k{i + 1}" for i in range(n)), *(f"c{i + 1}" for i in range(n))]
-    return pd.DataFrame(rows, columns=columns)
+    names = [f"{term}{j}" for term in "kc" for j in range(1, estimator.model_.n_dof + 1)]
+    return pd.DataFrame(rows, columns=["record", "t", *names])
 
 
 @dataclass
@@ -388,8 +385,7 @@ def find_onset(
     if not candidates:
         raise ChainError(f"The record is too short for two parts of {margin:g} s", "Lower margin.")
     before, after = pieces.running()
-    whole = resolver.solve(pieces.sum())
-    scale = np.array([fit.residual for fit in whole.fits])
+    scale = np.array([fit.residual for fit in resolver.solve(pieces.sum()).fits])
     scale[scale == 0] = 1.0
 
     def cost(part: BlockGrams) -> float:
@@ -407,11 +403,9 @@ def find_onset(
     where = int(np.nanargmax(np.abs(z)))  # a free chain has no storey 1
     independent = max(2, int((times[-1] - times[0]) / margin))
     p = float(min(1.0, 2 * special.stdtr(_PARTS - 1, -abs(z[where])) * np.isfinite(z).sum() * independent))
-    found = p < level
-    return Onset(
-        float(times[best]) if found else float("nan"), names[where] if found else None,
-        float(table["change"].iloc[where]) if found else float("nan"), p, table,
-    )  # fmt: skip
+    if not p < level:
+        return Onset(float("nan"), None, float("nan"), p, table)
+    return Onset(float(times[best]), names[where], float(table["change"].iloc[where]), p, table)
 
 
 def _scatter(resolver: Resolver, index: int) -> np.ndarray:

@@ -35,8 +35,7 @@ _WORDS = {
 
 def in_words(terms: str) -> str:
     """What changed, as a sentence begins with it."""
-    words = dict.fromkeys(_WORDS.get(x.split()[0]) or x.removeprefix("own ") for x in terms.split(" + "))
-    text = " and ".join(words)
+    text = " and ".join(dict.fromkeys(_WORDS.get(x.split()[0]) or x.removeprefix("own ") for x in terms.split(" + ")))
     return text[0].upper() + text[1:]
 
 

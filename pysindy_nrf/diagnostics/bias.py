@@ -63,8 +63,7 @@ class MissingTerms:
             self._recipe = block.recipe, _widened(block.recipe, self.layout, self.wide)
         source = np.vstack([block.terms if block.source is None else block.source, *window.offered.values()])
         columns = source, self._recipe[1], self.wide.n_terms, block.weights
-        wide = Block(None, block.acceleration, block.force, *columns)
-        self.folds.add(wide, number % FOLDS)
+        self.folds.add(Block(None, block.acceleration, block.force, *columns), number % FOLDS)
         known = (~np.isnan(block.force[:, 0])).tolist()
         for dofs in self.counts:
             self.counts[dofs] += all(known[j - 1] for j in dofs)
@@ -94,8 +93,6 @@ class MissingTerms:
 
 def wrong_zeros(table: pd.DataFrame) -> list[str]:
     """A question on the zeros of sensors, where a constant or a ramp explains nearly all that a balance leaves."""
-    if "lasting" not in table:
-        return []
     lasting = table["lasting"].to_numpy()
     size = table["residual"].to_numpy() * np.sqrt(lasting / 100)
     hit = np.flatnonzero((lasting > STILL) & (size > MISSING))
@@ -192,8 +189,7 @@ def _judged(grams: np.ndarray, n_own: int, has_mass: np.ndarray, enough: np.ndar
         tests = grams[some]
         train = total[some, None] - tests
         with_own, *with_more = (left_over(tests, c, solved(train, c)).sum(axis=1) for c in (own, both, still))
-        for at, left in zip((1, 3), with_more):
-            out[some, at] = 100 * np.maximum(0.0, 1 - left / with_own)
+        out[some, 1], out[some, 3] = (100 * np.maximum(0.0, 1 - left / with_own) for left in with_more)
         moved = some[has_mass[some]]
         if moved.size:
             mass = alone[moved, 0]
@@ -249,18 +245,12 @@ def contradictions_of(solution: Solution) -> list[str]:
     ]
 
 
-# Groups of windows whose scatter gives the standard errors.
-_GROUPS = 8
-# Share of the force of its balance that is negligible.
-_NOTHING = 1e-3
-
-
+_GROUPS = 8  # of windows, whose scatter gives the standard errors
+_NOTHING = 1e-3  # share of the force of its balance that is negligible
 # Bias over standard error that leaves a 95 % interval 92 %: Phi(1.96 - b) - Phi(-1.96 - b) = 0.921 at b = 0.5.
 NEGLIGIBLE = 0.5
-# White noise below this share of a channel's rms is rounding, as in the fusion.
-_ROUNDING = 1e-6
-# Noise of a smooth nonlinear column over that of the motion: the power of a cubic.
-_STEEPNESS = 3.0
+_ROUNDING = 1e-6  # white noise below this share of a channel's rms is rounding, as in the fusion
+_STEEPNESS = 3.0  # noise of a smooth nonlinear column over that of the motion: the power of a cubic
 
 
 def noise_shares(data: SegmentSet, filters: Sequence[Any]) -> dict[str, float]:
@@ -434,8 +424,7 @@ class JumpBias:
             return _NO_JUMPS.copy()
         whole = _rms(total, self.places)
         # forces that hardly act in the samples kept cannot be estimated away from standstill
-        acting = [_rms(grams.sum(), self.places) >= _KEPT * whole for grams, _ in zip(fewer, kept)]
-        determined = np.all(acting, axis=0)
+        determined = np.all([_rms(grams.sum(), self.places) >= _KEPT * whole for grams, _ in zip(fewer, kept)], axis=0)
         if not kept or not determined.any():
             return _NO_JUMPS.copy()
         away, left_out = kept[first_settled([a[determined] for a, _ in kept], [r[:, determined] for _, r in kept])]
@@ -452,9 +441,8 @@ def _rms(total: BlockGrams, places: list[tuple[Site, int, str]]) -> np.ndarray:
     """Of the columns of some terms, in the balances that they act on first."""
     out = []
     for site, at, _ in places:
-        dofs = (site.p,)
-        column = total.positions(dofs)[0][site].start + at
-        out.append(np.sqrt(total.matrices[dofs][column, column] / max(total.sizes[dofs], 1)))
+        column = total.positions((site.p,))[0][site].start + at
+        out.append(np.sqrt(total.matrices[site.p,][column, column] / max(total.sizes[site.p,], 1)))
     return np.array(out)
 
 
@@ -464,8 +452,7 @@ def _weights(total: BlockGrams, places: list[tuple[Site, int, str]], masses: np.
     for site, at, _ in places:
         where, mass_at, target_at = total.positions((site.p,))
         length = np.sqrt(np.diag(total.matrices[site.p,]))
-        inertia = 0.0 if mass_at is None else masses[site.p - 1] * length[mass_at]
-        balance = max(length[target_at], inertia)
+        balance = max(length[target_at], 0.0 if mass_at is None else masses[site.p - 1] * length[mass_at])
         out.append(length[where[site].start + at] / balance if balance else np.inf)
     return np.array(out)
 
@@ -497,10 +484,8 @@ def jumping_terms(layout: LawLayout) -> list[tuple[Site, int, str]]:
 
 # Shares of the rms rate below which a sample counts as near standstill, in the order in which they are tried.
 SHARES = (0.0, 0.03, 0.1, 0.2, 0.4)
-# Samples on each side of a velocity reversal that are left out too.
-_BESIDE = 2
-# Part of its rms that the column of a force must keep where samples are left out.
-_KEPT = 0.1
+_BESIDE = 2  # samples on each side of a velocity reversal that are left out too
+_KEPT = 0.1  # part of its rms that the column of a force must keep where samples are left out
 # Standard errors of a difference that are no longer chance, and the error of a coefficient that is acceptable.
 _BEYOND, _WRONG = 3.0, 0.1
 
@@ -516,20 +501,16 @@ def moving(rate: np.ndarray, share: float) -> np.ndarray:
 
 def first_settled(found: Sequence[np.ndarray], without: Sequence[np.ndarray]) -> int:
     """Index of the first estimate, each from fewer samples, from which all later ones differ by chance only."""
-    for i in range(len(found) - 1):
-        apart = [
-            _beyond_chance(later - found[i], left_out - without[i])
-            for later, left_out in zip(found[i + 1 :], without[i + 1 :])
-        ]
-        if not np.any(apart):
-            return i
-    return len(found) - 1
+    later = list(zip(found, without))
+    for i, (one, parts) in enumerate(zip(found, without), 1):
+        if not np.any([_beyond_chance(x - one, rest - parts) for x, rest in later[i:]]):
+            break
+    return i - 1
 
 
 def made_wrong(found: np.ndarray, away: np.ndarray, difference: np.ndarray) -> np.ndarray:
     """Mask of coefficients that differ from those away from standstill by more than a tenth and more than chance."""
-    gap = away - found
-    return (np.abs(gap) > _WRONG * np.abs(away)) & _beyond_chance(gap, difference)
+    return (np.abs(away - found) > _WRONG * np.abs(away)) & _beyond_chance(away - found, difference)
 
 
 def _beyond_chance(gap: np.ndarray, parts: np.ndarray) -> np.ndarray:

@@ -32,15 +32,11 @@ BETWEEN = 12**-0.5  # standard error of a blow whose place within one sample is 
 
 def force_delay(estimator: Any, X: Any = None, F: Any = None, **options: Any) -> pd.DataFrame:
     """Delay of each measured force against the motion."""
-    if X is None:
-        data = estimator.fit_data("Pass X and F.")
-    else:
-        data = as_segments(estimator, X, F, **options)
+    data = estimator.fit_data("Pass X and F.") if X is None else as_segments(estimator, X, F, **options)
     layout, filters = estimator.problem_.layout, estimator.problem_.filters(data)
     rows = {}
     for j in data.forced:
-        found = _delay(data, filters, layout, j)
-        if found is None:
+        if (found := _delay(data, filters, layout, j)) is None:
             continue
         samples, error = found
         aligned = not (abs(samples) >= LATE and abs(samples) >= SURE * error)
@@ -113,8 +109,7 @@ def _delay_at(segments: Sequence[tuple[Segment, Any]], layout: LawLayout, j: int
     if not grams:
         return None
     total, n = np.sum(grams, axis=0), len(grams)
-    lowest = _lowest(total)
-    if lowest is None:
+    if (lowest := _lowest(total)) is None:
         return None
     best, sharpness, share = lowest
     energy = np.array([part[-MOST - 1, -MOST - 1] for part in grams])

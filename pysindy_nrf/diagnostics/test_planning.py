@@ -1,23 +1,19 @@
 """Diagnosis of what limits an estimate, and planning of the next test."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ..exceptions import BiasWarning, NRFError
+from ..mechanics.chain import Chain
 from ..mechanics.sites import dofs_of
 from .bias import sentences_of, wrong_zeros
 from .delays import force_delay
-
-if TYPE_CHECKING:
-    from ..mechanics.chain import Chain
 
 __all__ = ["diagnose", "plan"]
 
@@ -133,9 +129,7 @@ def _uncertainty(model: Any) -> list[Finding]:
     except (NRFError, BiasWarning) as error:
         return [(1.0, "uncertainty", "data", np.nan, f"No interval can be given: {error}")]
     out = []
-    for row in ci.itertuples():
-        if not row.estimate:
-            continue
+    for row in ci[ci["estimate"] != 0].itertuples():
         share = (row.upper - row.lower) / 2 / abs(row.estimate)
         stiffness_or_mass = row.parameter.startswith("m") or row.parameter.endswith(": s")
         if share > WIDE and stiffness_or_mass:
@@ -271,11 +265,9 @@ def plan(
     if not len(table):
         advice.append("No floor can be hit with a known force; give a mass (known_masses=) to scale the chain.")
         return Plan(table, advice)
-    table = table.assign(count=table["hit"].map(len))
-    table = table.sort_values(
-        ["identifies", "count", "response", "depth"], ascending=[False, True, False, True], kind="stable"
-    )
-    table = table.drop(columns="count").reset_index(drop=True)
+    by = {"identifies": False, "count": True, "response": False, "depth": True}
+    table = table.assign(count=table["hit"].map(len)).sort_values([*by], ascending=[*by.values()], ignore_index=True)
+    table = table.drop(columns="count")
     best = table.iloc[0]
     where = " and ".join(map(str, best["hit"]))
     if best["identifies"] == 1:

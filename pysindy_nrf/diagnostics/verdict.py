@@ -101,8 +101,7 @@ def free_runs(
         while label in rows:
             label, number = f"{name} ({number})", number + 1
         rows[label] = list(100.0 * np.sqrt(missed / moved))
-    columns = [f"x{j}" for j in range(1, model.n_dof + 1)]
-    out.table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    out.table = pd.DataFrame.from_dict(rows, orient="index", columns=[f"x{j + 1}" for j in range(model.n_dof)])
     return out
 
 
@@ -233,8 +232,7 @@ def verdict_on(
     red += [f"{', '.join(wrong)}: no structure has a mass that is not positive."] if wrong else []
     soft = [str(site) for site in _negative_stiffness(model, bounds)]
     red += [f"The stiffness of {', '.join(soft)} came out negative."] if soft else []
-    wide = [name for name, (low, high) in bounds.items() if name[:1] == "m" and low <= 0 < high]
-    if wide:
+    if wide := [name for name, (low, high) in bounds.items() if name[:1] == "m" and low <= 0 < high]:
         red.append(f"The data do not determine {', '.join(wide)}: the interval holds zero.")
     if free is not None and not wrong:
         diverged = [name for name, row in free.table.iterrows() if not np.isfinite(row.to_numpy()).all()]

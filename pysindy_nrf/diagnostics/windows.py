@@ -44,8 +44,7 @@ class Window:
         if self.every == 1:
             return self
         some = slice(None, None, self.every)
-        offered = {site: x[:, some] for site, x in self.offered.items()}
-        return Window(self.block.take(some), offered, record=self.record)
+        return Window(self.block.take(some), {site: x[:, some] for site, x in self.offered.items()}, record=self.record)
 
 
 def collect(layout: LawLayout, data: SegmentSet, band: Any, diagnostics: Sequence[Any]) -> None:

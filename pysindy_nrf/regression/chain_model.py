@@ -25,8 +25,7 @@ from .segments import SegmentSet, VisitedRegion
 
 SCHEMA = "pysindy_nrf.ChainModel"
 VERSION = 1
-# A model of a thousand floors is far below this size, bytes.
-_MOST_BYTES = 200_000_000
+_MOST_BYTES = 200_000_000  # a model of a thousand floors is far below this size
 
 
 class ChainModel:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,24 +24,20 @@ from .inner import fit_inner
 from .layout import Block, Group, LawLayout, Layout, with_coefficients
 from .segments import SegmentSet, VisitedRegion
 
-# Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
-_DIGITS_AT_RISK = 1e-9
+_DIGITS_AT_RISK = 1e-9  # squaring a scaled condition number c loses c^2 of the 1e16 digits of a double
 _CLEAN = 1e-5
 # Smallest singular value, as a share of the largest, that counts: round-off of a Gram matrix hides
 # what lies below the root of the machine precision.
 _RANK_CUT = {"gram": 3e-8, "root": 1e-9}
-# A rank is in doubt where a bound of the condition number comes this near to what counts as dependent.
-_SURE = 10.0
-# Residual over a mass's own part of its balance from which on the mass is warned of.
-_DOUBT = 0.5
+_SURE = 10.0  # a rank is in doubt where a bound of the condition number comes this near to what counts as dependent
+_DOUBT = 0.5  # residual over a mass's own part of its balance from which on the mass is warned of
 # Residual of a balance, as a share of its force, below which a joint solve takes it for as good as any: forces and
 # motions are not calibrated better than to a thousandth.
 _BEST = 1e-3
 # Share of a balance that the laws of its neighbours leave, and how many times what its own leave, from which on one of
 # them is wrong.
 _MUCH, _TIMES = 0.1, 3.0
-# Lengths of columns whose squares a double still holds with all digits.
-_SMALLEST = 1e-145
+_SMALLEST = 1e-145  # length of columns whose squares a double still holds with all digits
 
 
 @dataclass
@@ -146,23 +143,18 @@ def solve_blocks(
     """Sum up the samples and solve; where squaring loses digits, sum them up once more by QR."""
     groups, known = groups_of(layout, solve_order), dict(known_masses or {})
     grams = total_gram(layout, groups, blocks(), known)
-    solution = solved_safely(grams, solve_order, known_masses, inner)
-    if solution is None:
+    if (solution := solved_safely(grams, solve_order, known, inner)) is None:
         grams = total_gram(layout, groups, blocks(), known, "root")
-        solution = solve(grams, solve_order, known_masses, inner)
+        solution = solve(grams, solve_order, known, inner)
     return solution, grams
 
 
-def solved_safely(
-    grams: BlockGrams, solve_order: SolveOrder, known_masses: Mapping[int, float] | None = None, inner: Any = None,
-) -> Solution | None:  # fmt: skip
+def solved_safely(grams: BlockGrams, order: SolveOrder, known: Mapping[int, float], inner: Any) -> Solution | None:
     """Solution of Gram matrices, or None where squaring may have lost digits that the data hold."""
-    try:
-        with warnings.catch_warnings(action="error", category=RankWarning):
-            solution = solve(grams, solve_order, known_masses, inner)
-    except (RankWarning, IdentifiabilityError):
-        return None
-    return None if solution.digits_at_risk() else solution
+    with suppress(RankWarning, IdentifiabilityError), warnings.catch_warnings(action="error", category=RankWarning):
+        solution = solve(grams, order, known, inner)
+        return None if solution.digits_at_risk() else solution
+    return None
 
 
 def solve(
@@ -204,18 +196,15 @@ def _triangle(grams: BlockGrams, step: Step, solution: Solution) -> np.ndarray:
         target[..., where[site]] -= signs[site] * solution.coefficients[site]
     if mass_at is not None and not step.masses:
         target[..., mass_at] -= solution.masses.get(step.dofs[0], 0.0)
-    columns = ([mass_at] if step.masses and mass_at is not None else []) + [
-        c for s in step.sites for c in range(where[s].start, where[s].stop)
-    ]
+    columns = [mass_at] if step.masses and mass_at is not None else []
+    columns += [c for s in step.sites for c in range(where[s].start, where[s].stop)]
     combine = np.zeros((*target.shape, len(columns) + 1))
     combine[..., columns, np.arange(len(columns))] = 1.0
     combine[..., -1] = target
     return grams.triangle(step.dofs, combine)
 
 
-def _take(
-    grams: BlockGrams, step: Step, triangle: np.ndarray, solution: Solution, inner: Any, twice: bool
-) -> None:
+def _take(grams: BlockGrams, step: Step, triangle: np.ndarray, solution: Solution, inner: Any, twice: bool) -> None:
     """Solve one step and add what it finds to a solution."""
     cut, size = _RANK_CUT[grams.kind], grams.sizes[step.dofs]
     if grams.shape:
@@ -281,8 +270,7 @@ def _least_squares(
         scaled, fitted, said = _sparse(unit, target / size_y, len(step.masses), n_samples, inner)
     residual = float(np.linalg.norm(target / size_y - unit @ scaled)) * size_y if p else size_y
     noise = _mass_noise(unit[:p], scaled, residual / size_y, len(step.masses)) if rank == p else ()
-    rms = residual / (n_samples**0.5 or 1.0)
-    fit = StepFit(step, condition, rank, p, rms, residual / size_y, noise, fitted, said)
+    fit = StepFit(step, condition, rank, p, residual / (n_samples**0.5 or 1.0), residual / size_y, noise, fitted, said)
     return scaled * size_y / size if p else scaled, fit
 
 
@@ -335,8 +323,7 @@ def _sparse(unit: np.ndarray, target: np.ndarray, n_masses: int, n_samples: floa
 
 def _report_rank(unit: np.ndarray, rank: int, step: Step, labels: list[str]) -> None:
     """Say which columns depend on each other; refuse where a mass is among them."""
-    null = np.linalg.svd(unit)[2][rank:]
-    weight = np.sqrt((null**2).sum(axis=0))
+    weight = np.sqrt((np.linalg.svd(unit)[2][rank:] ** 2).sum(axis=0))
     involved = [labels[i] for i in np.argsort(-weight) if weight[i] > 1e-3][:6]
     what = f"{step.name}: rank {rank} of {len(labels)}; {', '.join(involved)} are linearly dependent on this excitation"
     if step.masses and weight[0] > 1e-3:
@@ -359,13 +346,12 @@ def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution,
         raise NotTogether()
     triangles = [_triangle(grams, step, solution) for step in steps]
     alone, shares = Solution(masses=dict(solution.masses)), [np.ones(())] * len(steps)
-    try:  # columns independent in every balance are so together: the condition is at most the worst of the balances
-        with warnings.catch_warnings(action="error", category=RankWarning):
-            _one_by_one(grams, solve_order, alone, None, triangles)
+    # columns independent in every balance are so together, where the condition is at most the worst of the balances;
+    # if not, they may have a solution together
+    with suppress(RankWarning, IdentifiabilityError), warnings.catch_warnings(action="error", category=RankWarning):
+        _one_by_one(grams, solve_order, alone, None, triangles)
         solution.alone, solution.fits = alone, alone.fits
         shares = [np.maximum(fit.share, _BEST) for fit in alone.fits]
-    except (IdentifiabilityError, RankWarning):
-        pass  # together they may have a solution
     if solve_order.yields and solution.alone and np.any([fit.contradicts for fit in alone.fits]):
         if grams.shape:
             raise NotTogether()
@@ -380,8 +366,7 @@ def _solve_joint(grams: BlockGrams, solve_order: SolveOrder, solution: Solution,
         whole = Step(tuple(range(1, layout.n_dof + 1)), free, layout.acting, (), True)
         own = np.concatenate([*(at[j] for j in free), *(at[site] for site in layout.acting)])
         samples = float(sum(grams.sizes[step.dofs] for step in steps))
-        triangle = root_of(upper[:, [*own, p]])
-        found, fit = _least_squares(triangle, whole, samples, inner, layout, _RANK_CUT[grams.kind])
+        found, fit = _least_squares(root_of(upper[:, [*own, p]]), whole, samples, inner, layout, _RANK_CUT[grams.kind])
         solution.fits, values = [fit], np.empty(p)
         values[own] = found
     for key, columns in at.items():
@@ -488,8 +473,7 @@ def require_moving(data: SegmentSet, layout: LawLayout) -> None:
     """Refuse channels that are constant in every record."""
     for at, name in enumerate("avs"):
         for j in range(data.n_dof):
-            site = Site(j + 1)
-            if name != "a" and not (site in layout.counts and layout.counts[site]):
+            if name != "a" and not layout.counts.get(Site(j + 1)):
                 continue
             channel = at * data.n_dof + j
             if all(seg.extent.low[channel] >= seg.extent.high[channel] for seg in data.segments):

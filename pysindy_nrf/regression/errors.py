@@ -187,19 +187,17 @@ def free_run_error(model: ChainModel, data: SegmentSet, filters: Sequence[Any], 
     """Free-run error of the displacements on some blocks, percent NRMSE."""
     if (model.masses <= 0).any():
         return float("nan")
-    top, bottom = np.zeros(model.n_dof), np.zeros(model.n_dof)
+    sums = np.zeros((2, model.n_dof))
     for block in blocks:
         seg = data.segments[block.segment]
         start = seg.valid.start
         rows = slice(start + block.rows.start, start + block.rows.stop)
-        dt = seg.dt
-        if dt is None or np.isnan(seg.F[rows.start]).any() or rows.stop - rows.start < 8:
+        if seg.dt is None or np.isnan(seg.F[rows.start]).any() or rows.stop - rows.start < 8:
             return float("nan")
         try:
-            run = free_run_of(model, seg, rows, dt)
+            run = free_run_of(model, seg, rows)
         except NRFError:
             return float("nan")
-        error, x = squares_of(run, seg, rows, filters[block.segment])
-        top += error
-        bottom += x
+        sums += squares_of(run, seg, rows, filters[block.segment])
+    top, bottom = sums
     return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")

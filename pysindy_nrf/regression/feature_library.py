@@ -79,11 +79,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self, laws: Any = None, chain: Chain | None = None, inputs: str = "balance", dt: float | None = None,
         excited: int | Sequence[int] | None = None,
     ) -> None:  # fmt: skip
-        self.laws = laws
-        self.chain = chain
-        self.inputs = inputs
-        self.dt = dt
-        self.excited = excited
+        self.laws, self.chain, self.inputs, self.dt, self.excited = laws, chain, inputs, dt, excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         if self.laws is None:
@@ -112,8 +108,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         if self.inputs not in _INPUTS:
             raise ChannelError(f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'.")
         first = x[0] if _is_list_of_records(x) else x
-        width = self._checked(first, reset=True).shape[-1]
-        n, self.excited_ = self._meaning(width)
+        n, self.excited_ = self._meaning(self._checked(first, reset=True).shape[-1])
         self.layout_ = self._layout_of(n)
         for law in (law for group in self.layout_.laws.values() for law in group if self.inputs == "state"):
             if law.has_memory or law.uses_acceleration:
@@ -181,9 +176,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
         if isinstance(x, AxesArray) and x.ndim == 1:  # one sample, by which the weak form asks for the columns
             x = np.asarray(x)[None]
         if getattr(x, "ndim", 2) > 2:  # PySINDy's leading axes
-            x = np.asarray(x)
             same_columns(self, x.shape[-1], None, reset)
-            return x
+            return np.asarray(x)
         return checked(self, x, reset=reset)
 
     def _columns(self, x: Any) -> Any:
@@ -323,11 +317,7 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
         self, degree: Any = 3, chain: Chain | None = None, orders: Mapping[Any, Any] | None = None,
         inputs: str = "balance", excited: int | Sequence[int] | None = None,
     ) -> None:  # fmt: skip
-        self.degree = degree
-        self.chain = chain
-        self.orders = orders
-        self.inputs = inputs
-        self.excited = excited
+        self.degree, self.chain, self.orders, self.inputs, self.excited = degree, chain, orders, inputs, excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         return power_series_laws(chain, self.degree, self.orders)

@@ -79,8 +79,6 @@ def from_arrays(
         if x.shape[1] == 0:
             cure = f"Give {', '.join(feature_names(n_dof or 1, coordinates)[:9])}."
             raise ChannelError(f"X has 0 feature(s) (shape={x.shape}) while a minimum of 1 is required", cure)
-        if not x.size:
-            raise ChannelError("X has no samples", "Give at least as many samples as a balance has unknowns.")
         if x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
             wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
             need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
@@ -286,16 +284,14 @@ def _trimmed(segment: Segment, names: Sequence[str], packed: np.ndarray | None =
         segment.valid = slice(0, segment.n_samples)
         segment._extent = segment.valid, extent
         return segment
-    rate, drift = names[n], names[2 * n]
-    motion = [*segment.a.T, *segment.v.T, *segment.s.T]
     forces = {f"F{j + 1}": f for j, f in enumerate(segment.F.T) if not np.isnan(f).all()}
     base = {} if segment.ag is None else {"base_acceleration": segment.ag}
     beside = forces | base | {f"covariate {key}": line for key, line in segment.covariates.items()}
-    motion, labels = [*motion, *beside.values()], [*names, *beside]
+    lines = [*segment.a.T, *segment.v.T, *segment.s.T, *beside.values()]
     where = "" if segment.name == "record" else f"record {segment.name!r}"
-    segment.valid = finite_span(motion, labels, where)
+    segment.valid = finite_span(lines, [*names, *beside], where)
     if segment.n_valid < 1:
-        cure = f"Check the edges of {rate}, {drift} and the forces."
+        cure = f"Check the edges of {names[n]}, {names[2 * n]} and the forces."
         raise ChannelError(f"{where or 'X'}: no row is finite in every channel", cure)
     return segment
 

@@ -56,9 +56,8 @@ class Layout:
 
     def group(self, dofs: Sequence[int]) -> Group:
         """The group of columns of one balance, or of several summed."""
-        pairs = [(s, sum(s.incidence(j) for j in dofs)) for s in self.acting]
-        pairs = [(s, sign) for s, sign in pairs if sign]
-        return Group(tuple(dofs), tuple(s for s, _ in pairs), tuple(sign for _, sign in pairs))
+        signs = {s: sign for s in self.acting if (sign := sum(s.incidence(j) for j in dofs))}
+        return Group(tuple(dofs), tuple(signs), tuple(signs.values()))
 
 
 @dataclass(frozen=True)
@@ -124,8 +123,7 @@ def _recipe(layout: LawLayout) -> Recipe:
                 steps.append((row, v + (j > 0), made.get((h, j - 1) if j else (h - 1, 0), -1)))
                 made[h, j] = row
     size = 2 * len(motions)
-    order = np.arange(size).reshape(2, -1).T.ravel()  # rates first, then drifts
-    steps = [(row, int(order[x]), p) for row, x, p in steps]
+    steps = [(row, x // 2 + x % 2 * len(motions), p) for row, x, p in steps]  # rates first, then drifts
     for (_, _, width), at in zip(others, given):
         steps += [(at + k, size + k, -1) for k in range(width)]
         size += width
@@ -180,8 +178,7 @@ def with_coefficients(
     """Laws with the coefficients of each site, one law after the other."""
     out = {}
     for site, held in laws.items():
-        ends = np.cumsum([len(law.terms()) for law in held])[:-1]
-        parts = np.split(coefficients.get(site, np.zeros(0)), ends)
+        parts = np.split(coefficients.get(site, np.zeros(0)), np.cumsum([len(law.terms()) for law in held])[:-1])
         out[site] = tuple(law.with_values(coefficients=part) for law, part in zip(held, parts))
     return out
 
@@ -215,14 +212,11 @@ class LawLayout(Layout):
         super().__init__(chain, {s: sum(len(law.terms()) for law in ls) for s, ls in self.laws.items()})
         for site, held in self.laws.items():
             owner: dict[str, str] = {}
-            for law in held:
-                for term in law.terms():
-                    if not _MONOMIAL.match(term.label):
-                        continue
-                    if term.label in owner:
-                        what = f"{site}: {owner[term.label]} and {type(law).__name__} both hold the term {term.label!r}"
-                        raise LawError(what, "Their coefficients cannot be told apart; leave one out.")
-                    owner[term.label] = type(law).__name__
+            for law, label in ((one, t.label) for one in held for t in one.terms() if _MONOMIAL.match(t.label)):
+                if label in owner:
+                    what = f"{site}: {owner[label]} and {type(law).__name__} both hold the term {label!r}"
+                    raise LawError(what, "Their coefficients cannot be told apart; leave one out.")
+                owner[label] = type(law).__name__
 
     def labels(self, site: str) -> list[str]:
         """Distinct labels of the terms at a site, as :func:`distinct_labels` makes them."""

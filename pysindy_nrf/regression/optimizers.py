@@ -1,13 +1,12 @@
 """Chain-aware optimizers: the paper's solve around any PySINDy optimizer."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
+from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from ..data.channels import as_matrix, checked, rows_text, sample_weights
@@ -17,9 +16,6 @@ from ..mechanics.identifiability import plan_solve_order
 from .chain_solve import doubtful_masses, solve_blocks
 from .errors import explained_accelerations
 from .layout import Layout, blocks_of
-
-if TYPE_CHECKING:
-    from sklearn.utils import Tags
 
 
 class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
@@ -33,12 +29,8 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self, optimizer: Any = None, chain: Chain | None = None, strategy: str = "auto",
         excited: int | Iterable[int] | None = None, terms: Any = None, known_masses: Mapping[int, float] | None = None,
     ) -> None:  # fmt: skip
-        self.optimizer = optimizer
-        self.chain = chain
-        self.strategy = strategy
-        self.excited = excited
-        self.terms = terms
-        self.known_masses = known_masses
+        self.optimizer, self.chain, self.strategy = optimizer, chain, strategy
+        self.excited, self.terms, self.known_masses = excited, terms, known_masses
 
     def _fit_columns(self, x: Any, terms: np.ndarray, a: np.ndarray, F: np.ndarray, sample_weight: Any) -> np.ndarray:
         n = a.shape[1]
@@ -48,8 +40,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         layout = self._layout(x, n, terms.shape[1])
         chain, known = layout.chain, masses_of(self.known_masses, layout.chain)
         unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
-        moved = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()]
-        forced = moved if self.excited is None else self.excited
+        forced = [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()] if self.excited is None else self.excited
         inner = sub_optimizer(self.optimizer)
         given = known, self.strategy, layout.acting, inner is not None
         solve_order = plan_solve_order(chain, forced, unknown, *given).require_complete()
@@ -58,8 +49,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         rows = _measured([*terms.T, *a.T, *known_forces.values()], labels)
         weights = None if sample_weight is None else sample_weights(sample_weight, len(a))[rows]
         data = terms[rows], a[rows], F[rows]
-        blocks = lambda: blocks_of(*data, weights=weights)  # noqa: E731
-        self.solution_, _ = solve_blocks(layout, solve_order, blocks, known, inner)
+        self.solution_, _ = solve_blocks(layout, solve_order, lambda: blocks_of(*data, weights=weights), known, inner)
         self.solution_.pass_on(stacklevel=3)
         if said := doubtful_masses(self.solution_):
             warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
@@ -341,9 +331,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
                 "The features are xdot, the terms and F: use InterstoryPolynomialLibrary(inputs='state') and pass u=F; "
                 "the targets are [xdot | a].",
             )
-        forces = x[:, x.shape[1] - n :]
-        rows = self._fit_columns(x_, x[:, n : x.shape[1] - n], target[:, -n:], forces, sample_weight)
-        coef = self._state_rows(rows)
+        terms, forces = x[:, n : x.shape[1] - n], x[:, x.shape[1] - n :]
+        coef = self._state_rows(self._fit_columns(x_, terms, target[:, -n:], forces, sample_weight))
         return self._finish(coef if moving else coef[n:])
 
     def _state_rows(self, rows: np.ndarray) -> np.ndarray:

@@ -18,8 +18,7 @@ class RestoringForce:
     """The force a site exerts, as a sum of laws with coefficients."""
 
     def __init__(self, site: Site, laws: Sequence[ForceLaw]) -> None:
-        self.site = site
-        self.laws = tuple(laws)
+        self.site, self.laws = site, tuple(laws)
 
     @property
     def has_memory(self) -> bool:
@@ -63,10 +62,7 @@ class RestoringForce:
 
     def along(self, motion: Motion) -> np.ndarray:
         """Force along one contiguous record, N."""
-        total = np.zeros(motion.n_samples)
-        for law in self.laws:
-            total += law.force(motion)
-        return total
+        return sum((law.force(motion) for law in self.laws), start=np.zeros(motion.n_samples))
 
     def linear_part(self) -> pd.Series:
         """Damping and stiffness of the terms v and s."""

@@ -25,16 +25,14 @@ Solve = Callable[[LawLayout], tuple[Any, Any]]
 
 
 def estimate_shapes(
-    layout: LawLayout, scales: Mapping[Site, Scales], solve: Solve, data: SegmentSet | None = None,
-    filters: Sequence[Any] = (),
-) -> LawLayout:  # fmt: skip
+    layout: LawLayout, scales: Mapping[Site, Scales], solve: Solve, data: SegmentSet, filters: Sequence[Any]
+) -> LawLayout:
     """Values for every shape parameter that has none."""
-    fastest = np.inf if data is None else half_the_rate(data.segments)
-    search = ShapeSearch(layout, scales, solve, fastest)
+    search = ShapeSearch(layout, scales, solve, half_the_rate(data.segments))
     unheard = [place for place in search.free if search.heard(place)]
     for k in sorted(range(len(search.free)), key=lambda k: search.heard(search.free[k])):
         place = search.free[k]
-        if data is not None and search.heard(place):
+        if search.heard(place):
             lines = _lines(search.trial(search.u), unheard, place[0], solve, data, filters)
             unheard = [other for other in unheard if other is not place]
             if search.tune(k, lines, scales[place[0]][2]):
@@ -141,8 +139,7 @@ def _lines(
         laws[place] = tuple(law for law, _ in kept)
         coefficients[place] = np.concatenate([np.zeros(0), *(part for _, part in kept)])
     without, left = LawLayout(layout.chain, laws), Solution(solution.masses, coefficients)
-    seg = data.segments[longest]
-    filter = filters[longest] if filters else None
+    seg, filter = data.segments[longest], filters[longest]
     blocks = seg.blocks(without, filter=filter, states={} if filter is None else None)
     rows = np.hstack([np.vstack([b.terms, b.acceleration, np.nan_to_num(b.force)]) for b in blocks])
     return balance_lines(rows, without, left, site.p, seg.step, site.p in data.forced, False, driven_at(seg))
@@ -167,18 +164,14 @@ def driving_frequency(drive: np.ndarray, dt: float) -> float:
 
 def spectral_lines(residual: np.ndarray, dt: float, most: int = _MOST, driven: float = float("nan")) -> list[float]:
     """Frequencies at which a residual has its highest peaks, Hz, by the periodogram of a Hann window."""
-    n = len(residual)
-    size = 4 * n
+    n, size = len(residual), 4 * len(residual)
     power = np.abs(np.fft.rfft(residual * np.hanning(n), size)) ** 2
     peaks, _ = find_peaks(power, distance=8)
     peaks = peaks[_away(peaks / (size * dt), driven) * n * dt > _BINS]
-    best = peaks[np.argsort(-power[peaks])][:most]
-    return [float(k / (size * dt)) for k in best if k > 0]
+    return [float(k / (size * dt)) for k in peaks[np.argsort(-power[peaks])][:most] if k > 0]
 
 
-def hidden_lines(
-    columns: np.ndarray, target: np.ndarray, dt: float, most: int = _MOST, driven: float = float("nan")
-) -> list[float]:
+def hidden_lines(columns: np.ndarray, target: np.ndarray, dt: float, driven: float) -> list[float]:
     """Frequencies without which a refitted balance closes best, Hz."""
     rows = np.vstack([columns, target])
     n = rows.shape[1]
@@ -200,7 +193,7 @@ def hidden_lines(
     rest = left[:, -1, -1] - (xy * (np.linalg.pinv(x, rcond=1e-12, hermitian=True) @ xy)).sum(axis=(1, 2))
     found: list[int] = []
     for k in bins[np.argsort(rest)].tolist():
-        if len(found) < most and all(abs(k - other) > _PADDED for other in found):
+        if len(found) < _MOST and all(abs(k - other) > _PADDED for other in found):
             found.append(k)
     return [k / (_PADDED * n * dt) for k in found]
 
@@ -219,8 +212,8 @@ def balance_lines(
         left = left + site.incidence(dof) * (solution.coefficients[site] @ columns)
         (own if str(site) == f"storey {dof}" else others).append(columns)
     free = [*own, *others, *([] if weighed else [a[None]])] if scaled else own
-    found = spectral_lines(left, dt, _MOST, driven)
-    return found + hidden_lines(np.vstack(free), left, dt, _MOST, driven) if free else found
+    found = spectral_lines(left, dt, driven=driven)
+    return found + hidden_lines(np.vstack(free), left, dt, driven) if free else found
 
 
 def driven_at(segment: Segment, rows: slice = slice(None)) -> float:

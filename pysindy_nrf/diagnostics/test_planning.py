@@ -308,5 +308,4 @@ def _modal_response(model: Any, floors: Iterable[int]) -> float:
     if model is None:
         return np.nan
     shapes = np.abs(model.modes().filter(like="dof ").to_numpy())
-    at = shapes[:, [j - 1 for j in floors]].max(axis=1)
-    return float((at / shapes.max(axis=1)).min())
+    return float((shapes[:, [j - 1 for j in floors]].max(axis=1) / shapes.max(axis=1)).min())

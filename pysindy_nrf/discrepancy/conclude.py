@@ -1,34 +1,44 @@
 """The end of the search: confirmation on held-out data, intervals, certainty, safeguards, the report."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
+from .. import laws
 from ..common.jackknife import variance
+from ..data.record import Record
+from ..diagnostics.verdict import FreeRuns
+from ..estimation.fewer_sensors import Linearised, estimate, shot_of
+from ..estimation.free_run_fit import FreeRunFit, Shot, free_parameters
 from ..estimation.intervals import parameters_of
+from ..estimation.problem import Problem
 from ..exceptions import NRFError
 from ..laws.friction import CoulombFriction
 from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.errors import free_run_of
+from ..regression.layout import LawLayout
 from ..regression.segments import VisitedRegion
+from ..signals.channel_checks import measured
 from . import judge, words
-from .catalogue import balances_of
-from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LEAST_GAIN, PERIODS, TENTH
+from .catalogue import as_laws, balances_of, candidates
+from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, PERIODS, TENTH
 from .evidence import Evidence, look
-from .prepare import Workspace, measured_of
+from .prepare import Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
 from .residual import floor_of, loops_of, searched, simulated
-from .ruler import Gain, Powers, Ruler, Slot, Trial
-from .search import Forward
+from .ruler import ChannelRuler, ChannelWork, Gain, Laws, Powers, Ruler, Slot, Trial
+from .search import Forward, Search
 from .sensors import contradictions
-from .state import Axes, Effect, State
-from .windows import Windows
+from .state import Axes, Effect, Finding, Proposal, State
+from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
 
@@ -62,7 +72,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
                 before, after = _pair(forward, confirmed, effect)
             except NRFError:
                 continue
-            step = _step(forward, effect, before, after)
+            step = _step(forward.rivals.get(effect, []), effect, before, after)
             if step.confirmed:
                 steps.append(step)
                 stands.append(after)
@@ -156,12 +166,11 @@ def _as_measured(stand: Stand) -> Stand:
         return stand
 
 
-def _step(forward: Forward, effect: Effect, before: Stand, after: Stand) -> Step:
+def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand) -> Step:
     """One effect, with what it gains on the search and on the held-out data."""
     site = effect.site
     gain = after.trial.gain_over(before.trial)
     held = Gain(before.held, after.held, before.trial.ruler.informative)
-    rivals = forward.rivals.get(effect, [])
     families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
     work = after.trial.ruler.work
     if not effect.is_fault and effect.law.is_dry_friction(work.scales(site)[0]):
@@ -386,3 +395,162 @@ def _run(model: ChainModel, seg: Any, rows: slice) -> Any:
         if np.isfinite(run.displacement).all():
             return run
     return None
+
+
+# -- fewer sensors than floors: the channels are judged, by the free run ---------------------------------
+
+# Laws whose free run is cheap, one of each kind; others are tried if they are named.
+KINDS = (
+    laws.CoulombFriction(), laws.QuadraticDamping(), laws.DisplacementDependentDamping(), laws.QuadraticStiffness(),
+    laws.CubicStiffness(), laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.TwoSidedGap(), laws.Jenkins(),
+    laws.BoucWen(),
+)  # fmt: skip
+SETTLE, FOLLOWED = 6, 4  # linearisations of a model about its own run; candidates that are followed so far
+STILL = 0.98  # power that the run misses over that before, from which on it is settled
+TOLERANCE = 1e-5  # of free runs: a hundredth of what noise leaves
+
+
+class _Course:
+    """Models on the way, each linearised about its free run."""
+
+    def __init__(self, problem: Problem, shots: Sequence[Shot], search: Search, heldout: list[int] | None) -> None:
+        self.problem, self.shots, self.search, self.heldout = problem, shots, search, heldout
+        self.cut: Any = None  # folds, held-out blocks and length of a window, of the first run
+        self.informative: np.ndarray | None = None
+
+    def stand(self, name: str, model: ChainModel, held: Laws, effects: Sequence[Effect] = ()) -> tuple[Stand, State]:
+        """A model judged by its free run, and the linear problem about it."""
+        seen = Linearised(model, self.shots)
+        if self.cut is None:
+            length = window_length([run for i, run in enumerate(seen.runs) if i not in (self.heldout or ())])
+            self.cut = split(seen.runs, length, self.heldout), length
+        (search, apart), length = self.cut
+        work, channels = ChannelWork(seen, search, apart, self.problem.known_masses, "auto"), self.shots[0].channels
+        windows = ChannelWindows(len(channels), work.data, search, length)
+        ruler = ChannelRuler(work, windows, self.informative)
+        if self.informative is None:
+            self.informative = ruler.informed().informative
+        trial = Trial(ruler, self.problem.chain, held)
+        judged = copy(trial)
+        judged.masses, judged.theta = trial.masses.copy(), trial.theta.copy()
+        judged.masses[0] = model.masses
+        for site, rows in trial.layout.slices.items():
+            judged.theta[0, rows] = model.coefficients[site]
+        judged.powers = ruler.missed(windows)
+        there = ruler.missed(ChannelWindows(len(channels), work.data, apart, length, windows.edges))
+        error = ruler.error(there, ruler.scale(judged.powers))
+        part, whole = (x.reshape(len(channels), -1).sum(axis=1) for x in (
+            there.residual * ruler.clear, there.reference * ruler.clear))  # fmt: skip
+        row = dict.fromkeys(("search", "validation"), ruler.error(judged.powers))
+        row |= dict.fromkeys(("held-out", "free run"), error)
+        row |= {f"held-out dof {c[1:]}": float(e) for c, e in zip(channels, 100 * np.sqrt(part / whole))}
+        return Stand(name, judged, there, row), State(trial, tuple(effects))
+
+    def settled(self, name: str, state: State, model: ChainModel | None = None) -> tuple[Stand, State] | None:
+        """A model and its shape parameters fitted to the search folds, linearised until its run misses no less."""
+        best: tuple[Stand, State] | None = None
+        with suppress(NRFError, np.linalg.LinAlgError):
+            for _ in range(SETTLE):
+                new = self.stand(name, model or state.trial.model(), state.trial.laws, state.effects)
+                old, now = (s.trial.powers.residual.sum() for s in ((best or new)[0], new[0]))
+                slow, best = best is not None and now > STILL * old, new if best is None or now < old else best
+                if slow:
+                    break
+                state, model = self.search.polished(new[1]), None
+        return best
+
+    def refined(self, stand: Stand, state: State) -> tuple[Stand, State]:
+        """A confirmed model fitted to the whole records with the sensitivities and initial states of its free run."""
+        model = stand.trial.model()
+        at = {e: (e.site, list(state.trial.laws[e.site]).index(e.law)) for e in state.effects}
+        shapes = [(*at[e], p) for e in state.effects for p in e.law.shapes if e.template.shape[p.name] is None]
+        used = [shot for i, shot in enumerate(self.shots) if i not in (self.heldout or ())]
+        rebuild = free_parameters(model, self.problem.known_masses, shapes=shapes)
+        with suppress(NRFError):
+            fit = FreeRunFit(rebuild, used, LawLayout(model.chain, model.laws), self.problem.band)
+            model = fit.solve(rebuild.start, steps=SETTLE, move=True).model
+            effects = [replace(e, law=model.laws[at[e][0]][at[e][1]]) for e in state.effects]
+            new = self.stand(stand.name, model, model.laws, effects)
+            if new[0].trial.gain_over(stand.trial).value > 0:
+                return new
+        return stand, state
+
+
+def by_channels(
+    mine: Sequence[Record], kept: Sequence[Record], problem: Problem, catalogue: Any, settings: dict[str, Any]
+) -> LoopReport:
+    """The loop on records in which floors have no sensor.
+
+    Candidates are ranked by what their force would do to the measured channels, along the free run and to first order;
+    the best are settled, and one is taken by how much less its free run misses.
+    """
+    every, known = [*mine, *kept], problem.known_masses
+    shots = [replace(shot_of(rec, i, problem.chain.n_dof), rtol=TOLERANCE) for i, rec in enumerate(every)]
+    fit, found, notes = estimate(problem, shots[: len(mine)], known)
+    shots = [*fit.shots, *(replace(shot, hold=fit.shots[0].hold) for shot in shots[len(mine) :])]
+    names = tuple(c for c in mine[0].covariates if all(c in rec.covariates for rec in every))
+    tried = [law for law in as_laws(KINDS if catalogue is None else catalogue, names)
+             if not any(p.is_frequency for p in law.shapes)]  # fmt: skip
+    forced = sorted({j for rec in mine for j in rec.forced})
+    proposals = [Proposal(c.law, (c.site,)) for c in candidates(tried, problem.chain, known, names, forced, len(mine))]
+    heldout = list(range(len(mine), len(every))) if kept else None
+    course = _Course(problem, shots, Search(proposals), heldout)
+    start, state = course.stand("baseline", found.model, found.model.laws)
+    stand, state = course.settled("baseline", state, found.model) or (start, state)
+    stands: list[Stand] = [stand]
+    steps: list[Step] = []
+    last: list[tuple[Finding, Gain]] = []
+    while len(steps) < settings["max_steps"]:
+        pairs, last = [], []
+        for f in course.search.candidates(state, 1)[:FOLLOWED]:
+            after = None if f.after is None else course.settled(f.proposal.name, f.after)
+            if after is not None:
+                gain = after[0].trial.gain_over(stand.trial)
+                pairs.append((replace(f, after=after[1], gain=gain), gain, after[0]))
+        pairs = sorted((pair for pair in pairs if pair[1].value > 0), key=lambda pair: -pair[1].value)
+        if not pairs:
+            break
+        last = [(f, gain) for f, gain, _ in pairs]
+        number = judge.chosen(last)
+        finding, gain, new = pairs[number]
+        assert finding.after is not None
+        effect = finding.after.effects[-1]
+        share = judge.share_of(new.trial, new.trial.without(effect.site, effect.law), effect.site)
+        if not (judge.is_there(gain) and gain.lower >= LARGE_GAIN and share >= LEAST_SHARE):
+            break
+        rivals = judge.rivals(last, number)
+        if new.error < stand.error:
+            new, finding.after = course.refined(new, finding.after)
+            effect = finding.after.effects[-1]
+        step = _step(rivals, effect, stand, new)
+        step.remainder = new.error / stand.error
+        step.sure &= step.confirmed and not step.alternatives and gain.value >= FAR * gain.error
+        step.evidence += "".join(f"; the channels cannot tell it from {f.proposal.name}" for f in rivals)
+        steps.append(step)
+        stands.append(new)
+        if not step.confirmed:
+            break
+        stand, state = new, finding.after
+    if len(steps) >= settings["max_steps"] or (steps and not steps[-1].confirmed):
+        stopped = "the last effect was not confirmed, or as many were added as were asked for"
+    else:
+        stopped = words.best_refused(last[0] if last else None)
+    model, ruler = stand.trial.model(), stand.trial.ruler
+    inside = np.flatnonzero(ruler.informative.reshape(len(shots[0].channels), -1).any(axis=0))
+    band = (*ruler.windows.edges[[inside[0], inside[-1] + 1]].tolist(),)
+    model.info = {"band": list(band), "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed]}
+    model.info["stopped_because"] = stopped = " ".join([stopped, *notes])
+    listed = pd.DataFrame(
+        [[f.proposal.law.name, f.family, str(f.proposal.sites[0]), g.value, g.error, g.least] for f, g in last],
+        columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
+    )
+    table = pd.DataFrame.from_dict({s.name: s.row for s in stands}, orient="index").assign(band=words.band(band))
+    report = LoopReport(
+        steps, table, stopped, model, band, listed, [s.trial.model() for s in stands],
+        measured=[measured(rec) for rec in every], bounds=_bounds(stand.trial),
+        settings=audit(settings | {"catalogue": tried, "calibration": "none: channels are taken as they are"},
+                       Prepared(every, ruler.work.data, heldout=heldout)),
+    )  # fmt: skip
+    left = table.loc[stand.name].filter(like="held-out dof").astype(float)
+    report.free_runs = FreeRuns(pd.DataFrame([left.to_numpy()], ["measured channels"], [c[9:] for c in left.index]))
+    return report

@@ -14,7 +14,8 @@ from .state import Finding, State
 def share_of(trial: Trial, without: Trial, site: Site) -> float:
     """Rms of what an effect changes of the force at its site over that of the storey, in the informative bands."""
     p = site.p
-    grams = (trial.grams * trial.ruler.informative[p - 1][None, :, None, None]).sum(axis=(0, 1))
+    informative = trial.ruler.informative[min(p, len(trial.ruler.informative)) - 1]
+    grams = (trial.grams * informative[None, :, None, None]).sum(axis=(0, 1))
 
     def force(of: Site) -> tuple[np.ndarray, np.ndarray]:
         with_, less = np.zeros(len(grams)), np.zeros(len(grams))

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from ..common.random_state import generator
 from ..diagnostics.verdict import DOUBTFUL, free_runs, suspect_channels
+from ..estimation.fewer_sensors import lacks_motion
 from ..estimation.fitted import wiring_of
 from ..estimation.intervals import tolerances_of
 from ..estimation.problem import LEAST_SQUARES, Problem
@@ -25,7 +26,7 @@ from ..mechanics.sites import Site
 from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
-from .conclude import concluded
+from .conclude import by_channels, concluded
 from .constants import TOLERANCES
 from .prepare import MOST, Prepared, Workspace, as_records, excerpts, prepare
 from .report import LoopReport
@@ -109,6 +110,10 @@ def close_loop(
         problem = baseline.problem(mine[0].n_dof)
         if not problem.needs_clock:
             mine, kept = ([rec.by_sample() for rec in held] for held in (mine, kept))
+        if lacks_motion([*mine, *kept]):
+            _say_what_is_not_used(baseline)
+            settings = {"band": band, "random_state": random_state, "max_steps": max_steps, "baseline": baseline}
+            return by_channels(mine, kept, replace(problem, band=band), catalogue, settings)
         ready = prepare(mine, kept)
         _say_what_is_not_used(baseline)
         segments = ready.data.segments

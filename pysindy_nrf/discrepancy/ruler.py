@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..estimation.fewer_sensors import Linearised
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
@@ -22,10 +23,11 @@ from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, model_of
 from ..regression.grams import leave_one_out
 from ..regression.layout import LawLayout, Layout
+from ..regression.many_fits import ChainFit, ChannelFit
+from ..regression.segments import SegmentSet
 from .constants import ENERGY, EXPLAINED, FLOOR, TENTH
-from .fits import ChainFit
 from .prepare import Workspace
-from .windows import Windows
+from .windows import ChannelWindows, Windows
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]
@@ -150,6 +152,14 @@ class Ruler:
             held |= new
         return np.concatenate([held[law] for law in laws])
 
+    def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
+        """The solve of a set of columns."""
+        work = self.work
+        way = "auto" if work.strategy == "joint" else work.strategy  # a missing law is located by balances one by one
+        given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting, True
+        order = plan_solve_order(layout.chain, *given).require_complete()
+        return ChainFit(layout, order, work.known_masses, where, at, work.forced)
+
     def find_bands(self, models: Sequence[tuple[Chain, Mapping[Site, Sequence[ForceLaw]]]]) -> Ruler:
         """Find the informative bands and cut the spectra above the last of them.
 
@@ -260,6 +270,49 @@ def _typical(left: np.ndarray, power: np.ndarray) -> float:
     return max(float(left[middle]), FLOOR**2 * TENTH)
 
 
+class ChannelWork(Workspace):
+    """Records in which floors have no sensor: the free run of a model, and its columns as the sensors see them."""
+
+    def __init__(self, seen: Linearised, *given: Any) -> None:
+        super().__init__(SegmentSet(seen.runs, sum(run.n_samples for run in seen.runs)), *given)
+        self.seen, self.known = seen, np.ones_like(self.known)
+
+    def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
+        """What the forces of laws do to the channels, (n_terms * n_channels, n_samples)."""
+        return self.seen.columns(site, laws, self.motion(site, segment), segment)
+
+    def fixed(self, segment: int) -> np.ndarray:
+        """What inertias do to the channels; what the forces do, less what the run misses of them; the channels."""
+        return self.seen.fixed(segment)
+
+
+class ChannelRuler(Ruler):
+    """Gains in the measured channels where floors have no sensor; all channels together stand for one balance."""
+
+    def __init__(self, work: ChannelWork, windows: ChannelWindows, informative: np.ndarray | None = None) -> None:
+        shape = 1, len(windows.bands)
+        super().__init__(work, windows, np.ones(shape, dtype=bool) if informative is None else informative)
+
+    def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
+        """The solve of a set of columns."""
+        return ChannelFit(layout, self.work.known_masses, where, at)
+
+    def missed(self, windows: Windows) -> Powers:
+        """Powers of what the free run misses of the channels, and of the channels, in some windows."""
+        seen = self.work.seen  # type: ignore[attr-defined]
+        both = [np.stack([windows.spectra(dict(enumerate(rows)))[0]]) for rows in (seen.gaps, seen.measured)]
+        gap, whole = (np.einsum("fkii->fik", windows.grams(line)) for line in both)
+        return Powers(gap, whole.sum(axis=0))
+
+    def informed(self) -> ChannelRuler:
+        """The ruler with the bands in which the run explains more than half of a channel, and that touch its core."""
+        powers, per = self.missed(self.windows), len(self.windows.edges) - 1
+        left, whole = (x.reshape(-1, per) for x in (powers.shares, powers.reference))
+        good = [_connected(a < EXPLAINED, a, b, _strongest(b)) for a, b in zip(left, whole)]
+        self.informative = self.clear = np.array(good).reshape(1, -1)
+        return self
+
+
 class Trial:
     """A set of laws, every shape parameter with a value, fitted and judged on the ruler.
 
@@ -285,7 +338,7 @@ class Trial:
         self.at = self.layout.n_terms
         self.slots: dict[Any, ChainFit] = {}  # solves with further columns, by their sites and numbers
         where = {s: list(range(rows.start, rows.stop)) for s, rows in self.layout.slices.items()}
-        self.fit = self.fit_of(self.layout, where)
+        self.fit = ruler.fit_of(self.layout, where, self.at)
         informative = ruler.informative
         self.weights = informative.astype(float)
         for _ in range(ROUNDS):
@@ -301,14 +354,6 @@ class Trial:
         # A scan reads all folds, also those in which a force is unknown: both sides of a comparison hold them alike.
         rows = (x[0] for x in self.fit.rows(self.masses[:1], self.theta[:1]))
         self.shares = share(*(np.einsum("ip,kpq,iq->ik", x, self.summed, x, optimize=True) for x in rows))
-
-    def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]]) -> ChainFit:
-        """The solve of a set of columns."""
-        work = self.ruler.work
-        way = "auto" if work.strategy == "joint" else work.strategy  # a missing law is located by balances one by one
-        given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting, True
-        order = plan_solve_order(layout.chain, *given).require_complete()
-        return ChainFit(layout, order, work.known_masses, where, self.at, work.forced)
 
     def on_part(self) -> Trial:
         """The same laws on the excerpts of long records."""
@@ -408,7 +453,7 @@ class Slot:
                 where[site] = [*where.get(site, ()), *range(at, at + width)]
                 at += width
             layout = Layout(chain, {s: len(where.get(s, ())) for s in sites})
-            trial.slots[kind] = trial.fit_of(layout, {s: where.get(s, []) for s in layout.sites})
+            trial.slots[kind] = trial.ruler.fit_of(layout, {s: where.get(s, []) for s in layout.sites}, trial.at)
         self.fit = trial.slots[kind]
 
     def left_out(self, columns: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ column over a fold is taken out: the zero of a sensor drifts, and a constant for
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from scipy.fft import rfft
@@ -251,3 +252,19 @@ class Windows:
     def products(self, columns: np.ndarray) -> np.ndarray:
         """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""
         return np.stack([(part := columns[..., band]) @ part.swapaxes(1, 2) for band in self.bands], axis=1)
+
+
+class ChannelWindows(Windows):
+    """Windows of rows that each have several channels, one after the other: the bands of every channel are bands."""
+
+    def __init__(self, channels: int, *given: Any) -> None:
+        super().__init__(*given)
+        self.bands, *self.spans = (
+            [slice(b.start + c * self.size, b.stop + c * self.size) for c in range(channels) for b in bands]
+            for bands in (self.bands, *self.spans)
+        )
+        self.channels = channels
+
+    def spectra(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
+        """Spectra of rows, those of all channels beside each other, (n_rows, n_channels * size)."""
+        return super().spectra(rows).reshape(-1, self.channels * self.size)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.fft import next_fast_len
 from scipy.stats import norm
 
 from ..data.channels import finite_span
@@ -14,7 +15,7 @@ from ..data.record import Record
 from ..diagnostics.verdict import FreeRuns
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, NRFError, NRFWarning
 from ..laws import ForceLaw, PowerSeries
-from ..laws.shape import ShapeScale
+from ..laws.shape import Motion, ShapeScale
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import scales_of
@@ -25,7 +26,7 @@ from ..signals.kinematics import base_acceleration_if_any
 from .chain_starts import chain_starts
 from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, placed
 from .intervals import InfluenceResolver
-from .noise_spectra import common_band, lines_of, transfer
+from .noise_spectra import common_band, linearised, lines_of, transfer
 from .problem import Problem
 
 MOST_STEPS, FEW_STEPS, LAST_STEPS = 40, 6, 3  # iterations at most; of a trial; once the noise is known
@@ -37,6 +38,7 @@ RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, fro
 UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
 ILL = 1e9  # condition of the sensitivities, each of length one, from which on they are not told apart
 LEVEL = 0.95  # of the intervals of motions
+FORGOTTEN, LONGEST = 7.0, 6  # time constants after which a thousandth is left; lengths of a record at most
 
 
 def lacks_motion(records: Any) -> bool:
@@ -50,7 +52,7 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     """Fit a regressor to records in which some floors have no sensor."""
     problem = estimator.problem(records[0].n_dof)
     known = dict(problem.known_masses)
-    shots = [_shot(rec, number, problem.chain.n_dof) for number, rec in enumerate(records)]
+    shots = [shot_of(rec, number, problem.chain.n_dof) for number, rec in enumerate(records)]
     if not known and not any(np.any(shot.segment.F) for shot in shots):
         cure = "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out."
         raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
@@ -80,7 +82,7 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     return estimator
 
 
-def _shot(record: Record, number: int, n: int) -> Shot:
+def shot_of(record: Record, number: int, n: int) -> Shot:
     """What drives a record, and its channels."""
     if record.n_dof != n:
         what = f"Record {record.name!r} has {record.n_dof} DOFs, {n} are needed"
@@ -279,6 +281,48 @@ def _rivals(found: Sequence[Solution]) -> list[str]:
             masses = ", ".join(f"{m:.3g}" for m in other.model.masses)
             return [f"Another linear chain fits the channels as well, with masses of {masses} kg: add a sensor."]
     return []
+
+
+class Linearised:
+    """The free run of a model, and what forces beside its own would do to the measured channels, to first order.
+
+    If masses m and laws R are true, the channels miss the run by ``-G (M a + R - F)``, G the response of the model.
+    """
+
+    def __init__(self, model: ChainModel, shots: Sequence[Shot]) -> None:
+        motions = [shot.motion(model) for shot in shots]
+        self.measured = [shot.measured.T for shot in shots]
+        self.gaps = [(shot.measured - shot.of(motion)).T for shot, motion in zip(shots, motions)]
+        self.runs = [placed(shot.segment, motion) for shot, motion in zip(shots, motions)]
+        M, C, K = matrices = linearised(model, LawLayout(model.chain, model.laws), self.runs)
+        poles = np.linalg.eigvals(np.vstack([np.eye(2 * len(M))[len(M) :], -np.linalg.solve(M, np.hstack([K, C]))]))
+        rest = FORGOTTEN / np.abs(poles.real).min()  # s, in which the end of a record has died out
+        self.responses = []
+        for shot in shots:
+            size = next_fast_len(int(min(shot.n_samples + rest / shot.segment.step, LONGEST * shot.n_samples)), True)
+            f = np.fft.rfftfreq(size, shot.segment.step)
+            f[0] = 1e-3 * f[1]
+            self.responses.append((size, transfer(matrices, f, shot.channels)[:, :, :-1]))
+
+    def through(self, rows: np.ndarray, ends: np.ndarray, number: int) -> np.ndarray:
+        """Channels from forces that enter the balances with some signs, (n_rows * n_channels, n_samples)."""
+        size, response = self.responses[number]
+        lines = np.fft.rfft(rows, size, axis=1)[:, None] * (response @ ends).T
+        return np.fft.irfft(lines, size, axis=2)[:, :, : rows.shape[1]].reshape(-1, rows.shape[1])
+
+    def columns(self, site: Site, laws: Sequence[ForceLaw], motion: Motion, number: int) -> np.ndarray:
+        """Terms of laws at a site along a record, as the channels see them."""
+        ends = np.array([site.incidence(j) for j in range(1, self.runs[0].n_dof + 1)], dtype=float)
+        return self.through(np.vstack([law.features(motion).T for law in laws]), ends, number)
+
+    def fixed(self, number: int) -> np.ndarray:
+        """Inertias as the channels see them, the forces less the gap, and the channels."""
+        run = self.runs[number]
+        a, F = run.a[run.valid].T, run.F[run.valid].T.astype(float)
+        unit = np.eye(len(a))
+        seen, driven = (np.vstack([self.through(y[None], e, number) for y, e in zip(x, unit)]) for x in (a, F))
+        force = driven.reshape(len(F), -1, F.shape[1]).sum(axis=0)
+        return np.vstack([seen, force - self.gaps[number], self.measured[number]])
 
 
 def _channel_errors(shots: Sequence[Shot], model: ChainModel) -> pd.DataFrame:

@@ -51,6 +51,7 @@ class Shot:
     channels: tuple[str, ...]  # a1: absolute; v1, x1: relative to the base
     measured: np.ndarray  # (n_samples, n_channels)
     hold: str = FORCE_HOLDS[0]
+    rtol: float = 1e-9  # of the integration; fits by differences need it
 
     @property
     def n_samples(self) -> int:
@@ -67,12 +68,15 @@ class Shot:
             if (found := linear_run(matrices, seg.F[rows], seg.step, state, ag, self.hold)) is not None:
                 return dict(zip("xva", found))
         integrator = classical_run if fits_one_step(model, seg.step) else ChainModel.simulate
-        run = free_run_of(model, seg, start=tuple(state), integrator=integrator, rtol=1e-9, hold=self.hold)
+        run = free_run_of(model, seg, start=tuple(state), integrator=integrator, rtol=self.rtol, hold=self.hold)
         return {kind: np.asarray(y) for kind, y in zip("xva", (run.displacement, run.velocity, run.acceleration))}
 
     def read(self, model: ChainModel, start: np.ndarray | None = None, forces: Segment | None = None) -> np.ndarray:
         """What the sensors would read, shape of ``measured``."""
-        motion = self.motion(model, start, forces)
+        return self.of(self.motion(model, start, forces))
+
+    def of(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The channels of a motion."""
         return np.column_stack([motion[c[0]][:, int(c[1:]) - 1] for c in self.channels])
 
     def run(self, model: ChainModel) -> Segment:

@@ -12,7 +12,6 @@ from simulated_cases import Plan, simulated
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, excitation, laws, simulate
 from pysindy_nrf.discrepancy import constants, judge
 from pysindy_nrf.discrepancy.catalogue import candidates
-from pysindy_nrf.discrepancy.fits import ChainFit
 from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import simulated as bootstrap
@@ -25,6 +24,7 @@ from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.chain_solve import groups_of, solve
 from pysindy_nrf.regression.gram_pass import total_gram
 from pysindy_nrf.regression.layout import Layout, blocks_of
+from pysindy_nrf.regression.many_fits import ChainFit
 from pysindy_nrf.regression.segments import BlockRows, Segment, SegmentSet
 from pysindy_nrf.simulation.noise import add_noise
 

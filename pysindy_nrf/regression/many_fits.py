@@ -9,11 +9,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..mechanics.identifiability import SolveOrder
+from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
-from ..regression.chain_solve import groups_of
-from ..regression.gram import KNOWN, MASS, OWN, SECOND, compiled_solve
-from ..regression.layout import Layout
+from .chain_solve import groups_of
+from .gram import KNOWN, MASS, OWN, SECOND, compiled_solve
+from .layout import Layout
+
+RIDGE = 1e-12  # of scaled Gram matrices: above round-off, far below what any channel tells
 
 
 class ChainFit:
@@ -86,3 +88,36 @@ class ChainFit:
         out = np.zeros((len(masses), 2 * self.n, theta.shape[1]))
         out[:, row, column] = factor * values[:, place]
         return out[:, : self.n], out[:, self.n :]
+
+
+class ChannelFit(ChainFit):
+    """Masses and coefficients from measured channels: one sum of all columns, whatever balances they stand in."""
+
+    def __init__(
+        self, layout: Layout, known_masses: Mapping[int, float], where: Mapping[Site, Sequence[int]], at: int
+    ) -> None:
+        n = self.n = layout.n_dof
+        self.groups, self.judged, self.at = [Step((1,), (), ())], [0], at  # type: ignore[list-item]
+        self._known = np.array([known_masses.get(j, 0.0) for j in range(1, n + 1)])
+        self._terms = [int(c) for s in layout.sites for c in where[s]]
+        self._free = [j for j in range(n) if j + 1 not in known_masses]
+
+    def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, 1, p, p)."""
+        grams, at, n = fit[:, 0], self.at, self.n
+        columns = self._terms + [at + j for j in self._free]
+        size = np.sqrt(np.einsum("kii->ki", grams)[:, columns])
+        size[size == 0] = 1.0
+        right = (grams[:, columns, at + n] - grams[:, columns, at : at + n] @ self._known) / size
+        left = grams[:, columns][:, :, columns] / size[:, :, None] / size[:, None] + RIDGE * np.eye(len(columns))
+        found = np.linalg.solve(left, right[:, :, None])[:, :, 0] / size
+        masses, theta = np.tile(self._known, (len(fit), 1)), np.zeros((len(fit), fit.shape[2]))
+        theta[:, self._terms], masses[:, self._free] = np.split(found, [len(self._terms)], axis=1)
+        return masses, theta
+
+    def rows(self, masses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Combinations of columns that are the residual and the measured channels, (n_fits, 1, p)."""
+        at, end = self.at, self.at + self.n
+        residual, reference = theta[:, None].copy(), np.zeros((len(theta), 1, theta.shape[1]))
+        residual[:, 0, at:end], residual[:, 0, end], reference[:, 0, end + 1] = masses, -1.0, 1.0
+        return residual, reference

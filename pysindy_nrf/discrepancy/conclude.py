@@ -29,7 +29,7 @@ from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
 from . import judge, words
 from .catalogue import as_laws, balances_of, candidates
-from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, PERIODS, TENTH
+from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
 from .evidence import Evidence, look
 from .prepare import Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
@@ -326,20 +326,20 @@ def _report(
         "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed],
         "stopped_because": stopped,
     }
-    listed = pd.DataFrame(
-        [
-            [f.proposal.law.name, f.family, ", ".join(map(str, f.proposal.sites)), g.value, g.error, g.least]
-            for f, g in forward.last
-        ],
-        columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
-    )
     floor = floor_of(model, None if noise is None else noise.work)
     evidence = _evidence(stands, steps, floor)
     data, filters = searched(work)
     return LoopReport(
-        steps, table, stopped, model, band, listed, [s.trial.model() for s in stands], evidence, measured_of(ready),
-        loops_of(model, data, filters), audit(settings, ready),
+        steps, table, stopped, model, band, _listed(forward.last), [s.trial.model() for s in stands], evidence,
+        measured_of(ready), loops_of(model, data, filters), audit(settings, ready),
     )  # fmt: skip
+
+
+def _listed(last: Sequence[tuple[Finding, Gain]]) -> pd.DataFrame:
+    """Candidates of the last search, the best first."""
+    columns = ["law", "family", "site", "gain (dB)", "standard error", "least"]
+    names = [[f.proposal.law.name, f.family, ", ".join(map(str, f.proposal.sites))] for f, _ in last]
+    return pd.DataFrame([[*name, g.value, g.error, g.least] for name, (_, g) in zip(names, last)], columns=columns)
 
 
 def _evidence(stands: list[Stand], steps: list[Step], floor: Any) -> list[Evidence]:
@@ -399,11 +399,10 @@ def _run(model: ChainModel, seg: Any, rows: slice) -> Any:
 
 # -- fewer sensors than floors: the channels are judged, by the free run ---------------------------------
 
-# Laws whose free run is cheap, one of each kind; others are tried if they are named.
+# One law of each kind whose free run takes a second at most (that of a Bouc-Wen law may take minutes); others if named.
 KINDS = (
     laws.CoulombFriction(), laws.QuadraticDamping(), laws.DisplacementDependentDamping(), laws.QuadraticStiffness(),
     laws.CubicStiffness(), laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.TwoSidedGap(), laws.Jenkins(),
-    laws.BoucWen(),
 )  # fmt: skip
 SETTLE, FOLLOWED = 6, 4  # linearisations of a model about its own run; candidates that are followed so far
 STILL = 0.98  # power that the run misses over that before, from which on it is settled
@@ -515,8 +514,7 @@ def by_channels(
         finding, gain, new = pairs[number]
         assert finding.after is not None
         effect = finding.after.effects[-1]
-        share = judge.share_of(new.trial, new.trial.without(effect.site, effect.law), effect.site)
-        if not (judge.is_there(gain) and gain.lower >= LARGE_GAIN and share >= LEAST_SHARE):
+        if not (judge.is_there(gain) and gain.lower >= LARGE_GAIN):
             break
         rivals = judge.rivals(last, number)
         if new.error < stand.error:
@@ -540,13 +538,9 @@ def by_channels(
     band = (*ruler.windows.edges[[inside[0], inside[-1] + 1]].tolist(),)
     model.info = {"band": list(band), "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed]}
     model.info["stopped_because"] = stopped = " ".join([stopped, *notes])
-    listed = pd.DataFrame(
-        [[f.proposal.law.name, f.family, str(f.proposal.sites[0]), g.value, g.error, g.least] for f, g in last],
-        columns=["law", "family", "site", "gain (dB)", "standard error", "least"],
-    )
     table = pd.DataFrame.from_dict({s.name: s.row for s in stands}, orient="index").assign(band=words.band(band))
     report = LoopReport(
-        steps, table, stopped, model, band, listed, [s.trial.model() for s in stands],
+        steps, table, stopped, model, band, _listed(last), [s.trial.model() for s in stands],
         measured=[measured(rec) for rec in every], bounds=_bounds(stand.trial),
         settings=audit(settings | {"catalogue": tried, "calibration": "none: channels are taken as they are"},
                        Prepared(every, ruler.work.data, heldout=heldout)),

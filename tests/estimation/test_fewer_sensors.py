@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from chains import driven, worst
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, laws, simulate
+from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, close_loop, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
@@ -100,6 +100,34 @@ def test_several_records_and_a_shaken_base_with_a_known_mass(exact):
     shaken = simulate(TRUTH, None, 1 / FS, base_acceleration=ag)
     model = NRFRegressor(degree=1, known_masses={4: MASSES[3]}).fit(seen(shaken, [2, 3]))
     assert worst(parameters(model.model_), parameters(TRUTH)) < 1e-5
+
+
+TRIED = [laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping()]
+PLAIN = laws.PowerSeries(1, [30.0, 1e5])
+
+
+def of_two(*effects) -> Record:
+    """Two floors, a sensor on the top alone, 0.5 % noise; effects in storey 1, whose floor has no sensor."""
+    truth = ChainModel([10.0, 8.0], {1: [PLAIN, *effects], 2: PLAIN})
+    return seen(add_noise(driven(truth, [2], 6.0, 150.0, 100.0, (0.5, 40.0), seed=3), 0.005, random_state=4), [2])
+
+
+def test_the_loop_finds_friction_between_floors_without_a_sensor(tmp_path):
+    report = close_loop(of_two(laws.CoulombFriction(15.0)), catalogue=TRIED)
+    (step,) = report.steps
+    assert (step.law, step.site, step.confirmed) == ("coulomb_friction", "storey 1", True)
+    assert step.parameters["Fc"] == pytest.approx(15.0, rel=0.05)
+    assert worst(parameters(report.model), [10.0, 8.0, 1e5, 1e5]) < 0.02
+    held = report.table["held-out"]
+    assert held.iloc[-1] < 1.5 < 5.0 < held.iloc[0]  # to the noise
+    report.to_html(tmp_path / "page.html")
+    assert "coulomb" in report.to_markdown()
+
+
+def test_the_loop_adds_nothing_where_the_chain_is_linear():
+    report = close_loop(of_two(), catalogue=TRIED)
+    assert not report.steps and report.table["held-out"].iloc[0] < 1.5
+    assert report.stopped_because.startswith("no ")
 
 
 @pytest.mark.slow

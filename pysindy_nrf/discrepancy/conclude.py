@@ -14,11 +14,11 @@ from .. import laws
 from ..common.jackknife import variance
 from ..data.record import Record
 from ..diagnostics.verdict import FreeRuns
-from ..estimation.fewer_sensors import Linearised, estimate, shot_of
-from ..estimation.free_run_fit import FreeRunFit, Shot, free_parameters
+from ..estimation.fewer_sensors import Linearised, estimate, shot_of, told
+from ..estimation.free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters
 from ..estimation.intervals import parameters_of
 from ..estimation.problem import Problem
-from ..exceptions import NRFError
+from ..exceptions import IdentifiabilityError, NRFError
 from ..laws.friction import CoulombFriction
 from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
@@ -416,6 +416,7 @@ class _Course:
         self.problem, self.shots, self.search, self.heldout = problem, shots, search, heldout
         self.cut: Any = None  # folds, held-out blocks and length of a window, of the first run
         self.informative: np.ndarray | None = None
+        self.last: tuple[Solution, Rebuild] | None = None  # of the whole records
 
     def stand(self, name: str, model: ChainModel, held: Laws, effects: Sequence[Effect] = ()) -> tuple[Stand, State]:
         """A model judged by its free run, and the linear problem about it."""
@@ -467,7 +468,8 @@ class _Course:
         rebuild = free_parameters(model, self.problem.known_masses, shapes=shapes)
         with suppress(NRFError):
             fit = FreeRunFit(rebuild, used, LawLayout(model.chain, model.laws), self.problem.band)
-            model = fit.solve(rebuild.start, steps=SETTLE, move=True).model
+            self.last = fit.solve(rebuild.start, steps=SETTLE, move=True), rebuild
+            model = self.last[0].model
             effects = [replace(e, law=model.laws[at[e][0]][at[e][1]]) for e in state.effects]
             new = self.stand(stand.name, model, model.laws, effects)
             if new[0].trial.gain_over(stand.trial).value > 0:
@@ -533,6 +535,11 @@ def by_channels(
         stopped = "the last effect was not confirmed, or as many were added as were asked for"
     else:
         stopped = words.best_refused(last[0] if last else None)
+    try:
+        notes += told(*(course.last or (found, fit.rebuild)))
+    except IdentifiabilityError as error:
+        stopped = f"{error.what}. Nothing is claimed"
+        steps, stands, stand = [], stands[:1], stands[0]
     model, ruler = stand.trial.model(), stand.trial.ruler
     inside = np.flatnonzero(ruler.informative.reshape(len(shots[0].channels), -1).any(axis=0))
     band = (*ruler.windows.edges[[inside[0], inside[-1] + 1]].tolist(),)

@@ -33,6 +33,7 @@ MOST_STEPS, FEW_STEPS, LAST_STEPS = 40, 6, 3  # iterations at most; of a trial; 
 ROUNDS = 2  # of noise and estimate
 WINDOW, WINDOWS = 150, 8  # samples at least, and number at most, of windows in which nonlinear laws are fitted first
 TRIALS = (0.3, 0.5, 0.7)  # first values of shape parameters, as shares of the way between their bounds
+UNEVEN = 100.0  # largest mass over smallest from which on a chain is followed only if there is no other: a fixed floor
 NEAR = 3.0  # cost of a trial over the least, above which it is not followed
 RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
 UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
@@ -57,7 +58,7 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
         cure = "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out."
         raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
     fit, best, notes = estimate(problem, shots, known)
-    notes += _told(best, fit.rebuild)
+    notes += told(best, fit.rebuild)
     model = best.model
     runs = SegmentSet([shot.run(model) for shot in fit.shots], sum(len(shot.segment.F) for shot in shots))
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
@@ -128,7 +129,8 @@ def estimate(
     if not tried:
         what = "No linear chain follows the measured channels"
         raise IdentifiabilityError(what, "Check units and DOFs, or add a sensor.")
-    tried.sort(key=lambda pair: pair[1].cost)
+    even = [pair for pair in tried if np.ptp(np.log(pair[1].model.masses)) < np.log(UNEVEN)]
+    tried = sorted(even or tried, key=lambda pair: pair[1].cost)
     near = [(fit, got) for fit, got in tried if got.cost <= NEAR * tried[0][1].cost][:2]
     tried = [(fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near]
     tried.sort(key=lambda pair: pair[1].cost)
@@ -246,13 +248,14 @@ def _names(rebuild: Rebuild) -> list[str]:
         if len(place) == 1:
             out.append(f"m{place[0] + 1}")
         elif len(place) == 2:
-            out.append(f"{place[0]}: {list(model.restoring_forces[place[0]].coefficients)[place[1]]}")
+            terms = [term.label for law in model.laws[place[0]] for term in law.terms()]
+            out.append(f"{place[0]}: {terms[place[1]]}")
         else:
             out.append(f"{place[0]}: {place[2].name}")
     return out
 
 
-def _told(best: Solution, rebuild: Rebuild) -> list[str]:
+def told(best: Solution, rebuild: Rebuild) -> list[str]:
     """Sentences on masses and stiffnesses that the channels tell poorly; an error if they do not tell them."""
     names, spread = _names(rebuild), _spread(best, rebuild)
     size = np.linalg.norm(best.jacobian, axis=0)

@@ -404,8 +404,8 @@ KINDS = (
     laws.CoulombFriction(), laws.QuadraticDamping(), laws.DisplacementDependentDamping(), laws.QuadraticStiffness(),
     laws.CubicStiffness(), laws.OneSidedGap(), laws.OneSidedGap(side=-1), laws.TwoSidedGap(), laws.Jenkins(),
 )  # fmt: skip
-SETTLE, FOLLOWED = 6, 4  # linearisations of a model about its own run; candidates that are followed so far
-STILL = 0.98  # power that the run misses over that before, from which on it is settled
+SETTLE, STILL = 6, 0.98  # linearisations of a model about its own run at most; until it misses this share of before
+FOLLOWED, REFINED = 4, 25  # candidates; steps of the fit of a confirmed model, of which a gap needs more than six
 TOLERANCE = 1e-5  # of free runs: a hundredth of what noise leaves
 
 
@@ -415,10 +415,10 @@ class _Course:
     def __init__(self, problem: Problem, shots: Sequence[Shot], search: Search, heldout: list[int] | None) -> None:
         self.problem, self.shots, self.search, self.heldout = problem, shots, search, heldout
         self.cut: Any = None  # folds, held-out blocks and length of a window, of the first run
-        self.informative: np.ndarray | None = None
+        self.informative: Any = None
         self.last: tuple[Solution, Rebuild] | None = None  # of the whole records
 
-    def stand(self, name: str, model: ChainModel, held: Laws, effects: Sequence[Effect] = ()) -> tuple[Stand, State]:
+    def stand(self, name: str, model: ChainModel, laws_: Laws, effects: Sequence[Effect] = ()) -> tuple[Stand, State]:
         """A model judged by its free run, and the linear problem about it."""
         seen = Linearised(model, self.shots)
         if self.cut is None:
@@ -427,10 +427,11 @@ class _Course:
         (search, apart), length = self.cut
         work, channels = ChannelWork(seen, search, apart, self.problem.known_masses, "auto"), self.shots[0].channels
         windows = ChannelWindows(len(channels), work.data, search, length)
-        ruler = ChannelRuler(work, windows, self.informative)
+        every = np.ones((1, len(windows.bands)), dtype=bool) if self.informative is None else self.informative
+        ruler = ChannelRuler(work, windows, every)
         if self.informative is None:
-            self.informative = ruler.informed().informative
-        trial = Trial(ruler, self.problem.chain, held)
+            self.informative = ruler.informed(self.problem.band or (None, None)).informative
+        trial = Trial(ruler, self.problem.chain, laws_)
         judged = copy(trial)
         judged.masses, judged.theta = trial.masses.copy(), trial.theta.copy()
         judged.masses[0] = model.masses
@@ -439,11 +440,10 @@ class _Course:
         judged.powers = ruler.missed(windows)
         there = ruler.missed(ChannelWindows(len(channels), work.data, apart, length, windows.edges))
         error = ruler.error(there, ruler.scale(judged.powers))
-        part, whole = (x.reshape(len(channels), -1).sum(axis=1) for x in (
-            there.residual * ruler.clear, there.reference * ruler.clear))  # fmt: skip
+        held = [(x * ruler.clear).reshape(len(channels), -1).sum(axis=1) for x in (there.residual, there.reference)]
         row = dict.fromkeys(("search", "validation"), ruler.error(judged.powers))
-        row |= dict.fromkeys(("held-out", "free run"), error)
-        row |= {f"held-out dof {c[1:]}": float(e) for c, e in zip(channels, 100 * np.sqrt(part / whole))}
+        row |= {"held-out": error, "free run": error}
+        row |= {f"held-out dof {c[1:]}": float(100 * np.sqrt(a / b)) for c, a, b in zip(channels, *held)}
         return Stand(name, judged, there, row), State(trial, tuple(effects))
 
     def settled(self, name: str, state: State, model: ChainModel | None = None) -> tuple[Stand, State] | None:
@@ -468,7 +468,7 @@ class _Course:
         rebuild = free_parameters(model, self.problem.known_masses, shapes=shapes)
         with suppress(NRFError):
             fit = FreeRunFit(rebuild, used, LawLayout(model.chain, model.laws), self.problem.band)
-            self.last = fit.solve(rebuild.start, steps=SETTLE, move=True), rebuild
+            self.last = fit.solve(rebuild.start, steps=REFINED, move=True), rebuild
             model = self.last[0].model
             effects = [replace(e, law=model.laws[at[e][0]][at[e][1]]) for e in state.effects]
             new = self.stand(stand.name, model, model.laws, effects)
@@ -496,33 +496,30 @@ def by_channels(
     proposals = [Proposal(c.law, (c.site,)) for c in candidates(tried, problem.chain, known, names, forced, len(mine))]
     heldout = list(range(len(mine), len(every))) if kept else None
     course = _Course(problem, shots, Search(proposals), heldout)
-    start, state = course.stand("baseline", found.model, found.model.laws)
-    stand, state = course.settled("baseline", state, found.model) or (start, state)
-    stands: list[Stand] = [stand]
+    first = course.stand("baseline", found.model, found.model.laws)
+    stand, state = course.settled("baseline", first[1], found.model) or first
+    stands, last = [stand], []
     steps: list[Step] = []
-    last: list[tuple[Finding, Gain]] = []
     while len(steps) < settings["max_steps"]:
-        pairs, last = [], []
+        pairs = []
         for f in course.search.candidates(state, 1)[:FOLLOWED]:
             after = None if f.after is None else course.settled(f.proposal.name, f.after)
             if after is not None:
                 gain = after[0].trial.gain_over(stand.trial)
                 pairs.append((replace(f, after=after[1], gain=gain), gain, after[0]))
         pairs = sorted((pair for pair in pairs if pair[1].value > 0), key=lambda pair: -pair[1].value)
+        last = [(f, gain) for f, gain, _ in pairs]
         if not pairs:
             break
-        last = [(f, gain) for f, gain, _ in pairs]
         number = judge.chosen(last)
         finding, gain, new = pairs[number]
         assert finding.after is not None
-        effect = finding.after.effects[-1]
         if not (judge.is_there(gain) and gain.lower >= LARGE_GAIN):
             break
         rivals = judge.rivals(last, number)
         if new.error < stand.error:
             new, finding.after = course.refined(new, finding.after)
-            effect = finding.after.effects[-1]
-        step = _step(rivals, effect, stand, new)
+        step = _step(rivals, finding.after.effects[-1], stand, new)
         step.remainder = new.error / stand.error
         step.sure &= step.confirmed and not step.alternatives and gain.value >= FAR * gain.error
         step.evidence += "".join(f"; the channels cannot tell it from {f.proposal.name}" for f in rivals)
@@ -531,20 +528,19 @@ def by_channels(
         if not step.confirmed:
             break
         stand, state = new, finding.after
-    if len(steps) >= settings["max_steps"] or (steps and not steps[-1].confirmed):
-        stopped = "the last effect was not confirmed, or as many were added as were asked for"
-    else:
-        stopped = words.best_refused(last[0] if last else None)
+    ended = len(steps) >= settings["max_steps"] or (steps and not steps[-1].confirmed)
+    stopped = "the last effect is not confirmed, or no more were asked for" if ended else ""
+    stopped = stopped or words.best_refused(last[0] if last else None)
     try:
         notes += told(*(course.last or (found, fit.rebuild)))
     except IdentifiabilityError as error:
         stopped = f"{error.what}. Nothing is claimed"
         steps, stands, stand = [], stands[:1], stands[0]
     model, ruler = stand.trial.model(), stand.trial.ruler
-    inside = np.flatnonzero(ruler.informative.reshape(len(shots[0].channels), -1).any(axis=0))
-    band = (*ruler.windows.edges[[inside[0], inside[-1] + 1]].tolist(),)
+    inside = np.flatnonzero(ruler.informative.reshape(len(shots[0].channels), -1).any(axis=0))[[0, -1]] + [0, 1]
+    band = tuple(ruler.windows.edges[inside].tolist())
     model.info = {"band": list(band), "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed]}
-    model.info["stopped_because"] = stopped = " ".join([stopped, *notes])
+    model.info["stopped_because"] = stopped = ". ".join([stopped, *(note.rstrip(".") for note in notes)])
     table = pd.DataFrame.from_dict({s.name: s.row for s in stands}, orient="index").assign(band=words.band(band))
     report = LoopReport(
         steps, table, stopped, model, band, _listed(last), [s.trial.model() for s in stands],

@@ -27,7 +27,7 @@ from ..regression.many_fits import ChainFit, ChannelFit
 from ..regression.segments import SegmentSet
 from .constants import ENERGY, EXPLAINED, FLOOR, TENTH
 from .prepare import Workspace
-from .windows import ChannelWindows, Windows
+from .windows import Windows
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]
@@ -289,10 +289,6 @@ class ChannelWork(Workspace):
 class ChannelRuler(Ruler):
     """Gains in the measured channels where floors have no sensor; all channels together stand for one balance."""
 
-    def __init__(self, work: ChannelWork, windows: ChannelWindows, informative: np.ndarray | None = None) -> None:
-        shape = 1, len(windows.bands)
-        super().__init__(work, windows, np.ones(shape, dtype=bool) if informative is None else informative)
-
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
         """The solve of a set of columns."""
         return ChannelFit(layout, self.work.known_masses, where, at)
@@ -300,15 +296,17 @@ class ChannelRuler(Ruler):
     def missed(self, windows: Windows) -> Powers:
         """Powers of what the free run misses of the channels, and of the channels, in some windows."""
         seen = self.work.seen  # type: ignore[attr-defined]
-        both = [np.stack([windows.spectra(dict(enumerate(rows)))[0]]) for rows in (seen.gaps, seen.measured)]
-        gap, whole = (np.einsum("fkii->fik", windows.grams(line)) for line in both)
+        lines = (windows.spectra(dict(enumerate(rows))) for rows in (seen.gaps, seen.measured))
+        gap, whole = (np.einsum("fkii->fik", windows.grams(line)) for line in lines)
         return Powers(gap, whole.sum(axis=0))
 
-    def informed(self) -> ChannelRuler:
+    def informed(self, band: tuple[float | None, float | None]) -> ChannelRuler:
         """The ruler with the bands in which the run explains more than half of a channel, and that touch its core."""
         powers, per = self.missed(self.windows), len(self.windows.edges) - 1
         left, whole = (x.reshape(-1, per) for x in (powers.shares, powers.reference))
-        good = [_connected(a < EXPLAINED, a, b, _strongest(b)) for a, b in zip(left, whole)]
+        edges, (low, high) = self.windows.edges, band
+        inside = (edges[:-1] >= (low or 0.0)) & (edges[1:] <= (high or np.inf))
+        good = [_connected(a < EXPLAINED, a, b, _strongest(b * inside)) & inside for a, b in zip(left, whole)]
         self.informative = self.clear = np.array(good).reshape(1, -1)
         return self
 

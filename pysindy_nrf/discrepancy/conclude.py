@@ -406,7 +406,7 @@ KINDS = (
 )  # fmt: skip
 SETTLE, STILL = 6, 0.98  # linearisations of a model about its own run at most; until it misses this share of before
 FOLLOWED, REFINED = 4, 25  # candidates; steps of the fit of a confirmed model, of which a gap needs more than six
-TOLERANCE = 1e-5  # of free runs: a hundredth of what noise leaves
+TOLERANCE = 1e-8  # of free runs: small against the differences by which a confirmed model is fitted
 
 
 class _Course:

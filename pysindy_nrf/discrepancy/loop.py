@@ -110,9 +110,9 @@ def close_loop(
         problem = baseline.problem(mine[0].n_dof)
         if not problem.needs_clock:
             mine, kept = ([rec.by_sample() for rec in held] for held in (mine, kept))
+        settings = {"band": band, "random_state": random_state, "max_steps": max_steps, "baseline": baseline}
         if lacks_motion([*mine, *kept]):
             _say_what_is_not_used(baseline)
-            settings = {"band": band, "random_state": random_state, "max_steps": max_steps, "baseline": baseline}
             return by_channels(mine, kept, replace(problem, band=band), catalogue, settings)
         ready = prepare(mine, kept)
         _say_what_is_not_used(baseline)
@@ -136,11 +136,7 @@ def close_loop(
             if seen is ready or not any(effect.is_fault for effect in forward.state.effects):
                 break  # else again: a fault changes all samples
         first = first if seen is ready else forward.on_all(first, ready)
-        settings = {
-            "band": band, "random_state": random_state, "max_steps": max_steps, "catalogue": tried,
-            "baseline": baseline, "calibration": tolerances,
-        }  # fmt: skip
-        report = concluded(forward, first, settings, rng)
+        report = concluded(forward, first, settings | {"catalogue": tried, "calibration": tolerances}, rng)
         report.free_runs = free_runs(report.model, ready.data)
         report.faults = suspect_channels((*mine, *kept))
         last = max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)

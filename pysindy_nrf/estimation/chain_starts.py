@@ -66,9 +66,7 @@ def chain_starts(
     return kept[:KEPT]
 
 
-def _spectra(
-    shots: Sequence[Shot], band: tuple[float, float]
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _spectra(shots: Sequence[Shot], band: tuple[float, float]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Imaginary frequencies (1/s), channels as accelerations, and inputs of every shot, line by line."""
     for shot in shots:
         seg, rows = shot.segment, shot.segment.valid
@@ -221,20 +219,16 @@ def _matched(
     aim = [(j, u, (r * 2j * found.poles.imag).real) for j, u, r in found.residues]
     largest = [np.abs(values).max() for *_, values in aim]
 
-    def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        masses = fixed.copy()
+    def built(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Masses, stiffnesses, natural frequencies (1/s) and mode shapes of a unit modal mass."""
+        masses, k = fixed.copy(), np.exp(x[len(free) :])
         masses[free] = np.exp(x[: len(free)])
-        return masses, np.exp(x[len(free) :])
-
-    def shapes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        masses, k = parts(x)
         root = np.sqrt(masses)
         values, vectors = np.linalg.eigh((signs * k) @ signs.T / root[:, None] / root)
-        return np.sqrt(np.maximum(values, 1e-12 * values[-1])), vectors / root[:, None]
+        return masses, k, np.sqrt(np.maximum(values, 1e-12 * values[-1])), vectors / root[:, None]
 
     def gap(x: np.ndarray) -> np.ndarray:
-        masses, _ = parts(x)
-        own, phi = shapes(x)
+        masses, _, own, phi = built(x)
         driven = np.vstack([phi, -masses @ phi])
         wrong = [(phi[j] * driven[u] - values) / size / SHARE for (j, u, values), size in zip(aim, largest)]
         return np.concatenate([np.log(own / w) / NEAR, *wrong])
@@ -256,8 +250,7 @@ def _matched(
             got = least_squares(gap, np.clip(draw, -limits, limits), method="trf", xtol=1e-10, ftol=1e-10, max_nfev=80)
         except (ValueError, np.linalg.LinAlgError):
             continue
-        masses, k = parts(got.x)
-        own, phi = shapes(got.x)
+        masses, k, _, phi = built(got.x)
         if not np.isfinite(got.cost):
             continue
         good += got.cost < 1.0

@@ -18,7 +18,7 @@ from ..estimation.fewer_sensors import Linearised, estimate, shot_of, told
 from ..estimation.free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters
 from ..estimation.intervals import parameters_of
 from ..estimation.problem import Problem
-from ..exceptions import IdentifiabilityError, NRFError
+from ..exceptions import NRFError
 from ..laws.friction import CoulombFriction
 from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
@@ -406,39 +406,32 @@ KINDS = (
 )  # fmt: skip
 SETTLE, STILL = 6, 0.98  # linearisations of a model about its own run at most; until it misses this share of before
 FOLLOWED, REFINED = 4, 25  # candidates; steps of the fit of a confirmed model, of which a gap needs more than six
-TOLERANCE = 1e-8  # of free runs: small against the differences by which a confirmed model is fitted
 
 
 class _Course:
     """Models on the way, each linearised about its free run."""
 
-    def __init__(self, problem: Problem, shots: Sequence[Shot], search: Search, heldout: list[int] | None) -> None:
-        self.problem, self.shots, self.search, self.heldout = problem, shots, search, heldout
-        self.cut: Any = None  # folds, held-out blocks and length of a window, of the first run
+    def __init__(self, problem: Problem, shots: Sequence[Shot], search: Search, heldout: Any, runs: list[Any]) -> None:
+        self.problem, self.shots, self.search = problem, shots, search
+        self.length = window_length(runs[: heldout[0] if heldout else None])
+        self.rows = split(runs, self.length, heldout)
+        for block in self.rows[1]:  # no fit reads them
+            shots[block.segment].weights[block.rows] = 0.0
         self.informative: Any = None
-        self.last: tuple[Solution, Rebuild] | None = None  # of the whole records
 
     def stand(self, name: str, model: ChainModel, laws_: Laws, effects: Sequence[Effect] = ()) -> tuple[Stand, State]:
         """A model judged by its free run, and the linear problem about it."""
-        seen = Linearised(model, self.shots)
-        if self.cut is None:
-            length = window_length([run for i, run in enumerate(seen.runs) if i not in (self.heldout or ())])
-            self.cut = split(seen.runs, length, self.heldout), length
-        (search, apart), length = self.cut
-        work, channels = ChannelWork(seen, search, apart, self.problem.known_masses, "auto"), self.shots[0].channels
-        windows = ChannelWindows(len(channels), work.data, search, length)
-        every = np.ones((1, len(windows.bands)), dtype=bool) if self.informative is None else self.informative
-        ruler = ChannelRuler(work, windows, every)
+        work = ChannelWork(Linearised(model, self.shots), *self.rows, self.problem.known_masses, "auto")
+        channels, given = self.shots[0].channels, (work.data, work.search, self.length)
+        ruler = ChannelRuler(work, ChannelWindows(len(channels), *given), self.informative)
         if self.informative is None:
-            self.informative = ruler.informed(self.problem.band or (None, None)).informative
+            self.informative = ruler.find_channel_bands(self.problem.band or (None, None))
         trial = Trial(ruler, self.problem.chain, laws_)
-        judged = copy(trial)
-        judged.masses, judged.theta = trial.masses.copy(), trial.theta.copy()
-        judged.masses[0] = model.masses
-        for site, rows in trial.layout.slices.items():
-            judged.theta[0, rows] = model.coefficients[site]
-        judged.powers = ruler.missed(windows)
-        there = ruler.missed(ChannelWindows(len(channels), work.data, apart, length, windows.edges))
+        judged, at = copy(trial), trial.layout.n_terms
+        own = np.concatenate([*(model.coefficients[site] for site in trial.layout.slices), trial.theta[0, at:]])
+        judged.masses, judged.theta = np.vstack([model.masses, trial.masses[1:]]), np.vstack([own, trial.theta[1:]])
+        judged.powers = ruler.missed(ruler.windows)
+        there = ruler.missed(ChannelWindows(len(channels), work.data, work.held, self.length, ruler.windows.edges))
         error = ruler.error(there, ruler.scale(judged.powers))
         held = [(x * ruler.clear).reshape(len(channels), -1).sum(axis=1) for x in (there.residual, there.reference)]
         row = dict.fromkeys(("search", "validation"), ruler.error(judged.powers))
@@ -459,19 +452,21 @@ class _Course:
                 state, model = self.search.polished(new[1]), None
         return best
 
-    def refined(self, stand: Stand, state: State) -> tuple[Stand, State]:
-        """A confirmed model fitted to the whole records with the sensitivities and initial states of its free run."""
-        model = stand.trial.model()
-        at = {e: (e.site, list(state.trial.laws[e.site]).index(e.law)) for e in state.effects}
-        shapes = [(*at[e], p) for e in state.effects for p in e.law.shapes if e.template.shape[p.name] is None]
-        used = [shot for i, shot in enumerate(self.shots) if i not in (self.heldout or ())]
+    def fitted(self, model: ChainModel, state: State, steps: int) -> tuple[Solution, Rebuild, list[Effect]]:
+        """A model fitted to all rows that are not held out, by the sensitivities and initial states of its free run."""
+        at = {e: (e.site, state.trial.laws[e.site].index(e.law)) for e in state.effects}
+        shapes = [(*at[e], p) for e in at for p in e.law.shapes if e.template.shape[p.name] is None]
         rebuild = free_parameters(model, self.problem.known_masses, shapes=shapes)
+        used, layout = [shot for shot in self.shots if shot.weights.any()], LawLayout(model.chain, model.laws)
+        fit = FreeRunFit(rebuild, used, layout, self.problem.band)
+        best = fit.solve(rebuild.start, steps=steps, move=True)
+        return best, rebuild, [replace(e, law=best.model.laws[site][i]) for e, (site, i) in at.items()]
+
+    def refined(self, stand: Stand, state: State) -> tuple[Stand, State]:
+        """A model that is settled, fitted by its free run, if this misses less."""
         with suppress(NRFError):
-            fit = FreeRunFit(rebuild, used, LawLayout(model.chain, model.laws), self.problem.band)
-            self.last = fit.solve(rebuild.start, steps=REFINED, move=True), rebuild
-            model = self.last[0].model
-            effects = [replace(e, law=model.laws[at[e][0]][at[e][1]]) for e in state.effects]
-            new = self.stand(stand.name, model, model.laws, effects)
+            best, _, effects = self.fitted(stand.trial.model(), state, REFINED)
+            new = self.stand(stand.name, best.model, best.model.laws, effects)
             if new[0].trial.gain_over(stand.trial).value > 0:
                 return new
         return stand, state
@@ -486,7 +481,8 @@ def by_channels(
     the best are settled, and one is taken by how much less its free run misses.
     """
     every, known = [*mine, *kept], problem.known_masses
-    shots = [replace(shot_of(rec, i, problem.chain.n_dof), rtol=TOLERANCE) for i, rec in enumerate(every)]
+    heldout = list(range(len(mine), len(every))) if kept else None
+    shots = [shot_of(rec, i, problem.chain.n_dof) for i, rec in enumerate(every)]
     fit, found, notes = estimate(problem, shots[: len(mine)], known)
     shots = [*fit.shots, *(replace(shot, hold=fit.shots[0].hold) for shot in shots[len(mine) :])]
     names = tuple(c for c in mine[0].covariates if all(c in rec.covariates for rec in every))
@@ -494,20 +490,19 @@ def by_channels(
              if not any(p.is_frequency for p in law.shapes)]  # fmt: skip
     forced = sorted({j for rec in mine for j in rec.forced})
     proposals = [Proposal(c.law, (c.site,)) for c in candidates(tried, problem.chain, known, names, forced, len(mine))]
-    heldout = list(range(len(mine), len(every))) if kept else None
-    course = _Course(problem, shots, Search(proposals), heldout)
+    course = _Course(problem, shots, Search(proposals), heldout, [shot.run(found.model) for shot in shots])
     first = course.stand("baseline", found.model, found.model.laws)
-    stand, state = course.settled("baseline", first[1], found.model) or first
+    model = course.fitted(found.model, first[1], REFINED)[0].model
+    stand, state = course.settled("baseline", first[1], model) or course.stand("baseline", model, model.laws)
     stands, last = [stand], []
     steps: list[Step] = []
     while len(steps) < settings["max_steps"]:
         pairs = []
         for f in course.search.candidates(state, 1)[:FOLLOWED]:
-            after = None if f.after is None else course.settled(f.proposal.name, f.after)
-            if after is not None:
+            if f.after is not None and (after := course.settled(f.proposal.name, f.after)):
                 gain = after[0].trial.gain_over(stand.trial)
                 pairs.append((replace(f, after=after[1], gain=gain), gain, after[0]))
-        pairs = sorted((pair for pair in pairs if pair[1].value > 0), key=lambda pair: -pair[1].value)
+        pairs = sorted((one for one in pairs if one[1].value > 0), key=lambda one: -one[1].value)
         last = [(f, gain) for f, gain, _ in pairs]
         if not pairs:
             break
@@ -517,9 +512,8 @@ def by_channels(
         if not (judge.is_there(gain) and gain.lower >= LARGE_GAIN):
             break
         rivals = judge.rivals(last, number)
-        if new.error < stand.error:
-            new, finding.after = course.refined(new, finding.after)
-        step = _step(rivals, finding.after.effects[-1], stand, new)
+        new, refined = course.refined(new, finding.after)
+        step = _step(rivals, refined.effects[-1], stand, new)
         step.remainder = new.error / stand.error
         step.sure &= step.confirmed and not step.alternatives and gain.value >= FAR * gain.error
         step.evidence += "".join(f"; the channels cannot tell it from {f.proposal.name}" for f in rivals)
@@ -527,13 +521,13 @@ def by_channels(
         stands.append(new)
         if not step.confirmed:
             break
-        stand, state = new, finding.after
+        stand, state = new, refined
     ended = len(steps) >= settings["max_steps"] or (steps and not steps[-1].confirmed)
-    stopped = "the last effect is not confirmed, or no more were asked for" if ended else ""
-    stopped = stopped or words.best_refused(last[0] if last else None)
+    refused = "the last effect is not confirmed, or no more were asked for"
+    stopped = refused if ended else words.best_refused(last[0] if last else None)
     try:
-        notes += told(*(course.last or (found, fit.rebuild)))
-    except IdentifiabilityError as error:
+        notes += told(*course.fitted(stand.trial.model(), state, 0)[:2])
+    except NRFError as error:
         stopped = f"{error.what}. Nothing is claimed"
         steps, stands, stand = [], stands[:1], stands[0]
     model, ruler = stand.trial.model(), stand.trial.ruler
@@ -542,12 +536,11 @@ def by_channels(
     model.info = {"band": list(band), "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed]}
     model.info["stopped_because"] = stopped = ". ".join([stopped, *(note.rstrip(".") for note in notes)])
     table = pd.DataFrame.from_dict({s.name: s.row for s in stands}, orient="index").assign(band=words.band(band))
-    report = LoopReport(
+    left = table.loc[stand.name].filter(like="held-out dof").astype(float)
+    return LoopReport(
         steps, table, stopped, model, band, _listed(last), [s.trial.model() for s in stands],
+        free_runs=FreeRuns(pd.DataFrame([left.to_numpy()], ["measured channels"], [c[9:] for c in left.index])),
         measured=[measured(rec) for rec in every], bounds=_bounds(stand.trial),
         settings=audit(settings | {"catalogue": tried, "calibration": "none: channels are taken as they are"},
                        Prepared(every, ruler.work.data, heldout=heldout)),
     )  # fmt: skip
-    left = table.loc[stand.name].filter(like="held-out dof").astype(float)
-    report.free_runs = FreeRuns(pd.DataFrame([left.to_numpy()], ["measured channels"], [c[9:] for c in left.index]))
-    return report

@@ -275,19 +275,25 @@ class ChannelWork(Workspace):
 
     def __init__(self, seen: Linearised, *given: Any) -> None:
         super().__init__(SegmentSet(seen.runs, sum(run.n_samples for run in seen.runs)), *given)
-        self.seen, self.known = seen, np.ones_like(self.known)
+        self.seen, self.known, self.ends = seen, np.ones_like(self.known), np.eye(self.n_dof)
 
     def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
         """What the forces of laws do to the channels, (n_terms * n_channels, n_samples)."""
-        return self.seen.columns(site, laws, self.motion(site, segment), segment)
+        ends = self.ends @ [site.incidence(j) for j in range(1, self.n_dof + 1)]
+        return self.seen.through(super().columns(site, laws, segment), ends, segment)
 
     def fixed(self, segment: int) -> np.ndarray:
         """What inertias do to the channels; what the forces do, less what the run misses of them; the channels."""
-        return self.seen.fixed(segment)
+        rows = zip(super().fixed(segment), [*self.ends, *self.ends])
+        each = [self.seen.through(row[None], end, segment) for row, end in rows]
+        force = np.sum(each[self.n_dof :], axis=0) - self.seen.gaps[segment]
+        return np.vstack([*each[: self.n_dof], force, self.seen.measured[segment]])
 
 
 class ChannelRuler(Ruler):
     """Gains in the measured channels where floors have no sensor; all channels together stand for one balance."""
+
+    work: ChannelWork
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
         """The solve of a set of columns."""
@@ -295,20 +301,18 @@ class ChannelRuler(Ruler):
 
     def missed(self, windows: Windows) -> Powers:
         """Powers of what the free run misses of the channels, and of the channels, in some windows."""
-        seen = self.work.seen  # type: ignore[attr-defined]
-        lines = (windows.spectra(dict(enumerate(rows))) for rows in (seen.gaps, seen.measured))
+        lines = (windows.spectra(rows) for rows in (self.work.seen.gaps, self.work.seen.measured))
         gap, whole = (np.einsum("fkii->fik", windows.grams(line)) for line in lines)
         return Powers(gap, whole.sum(axis=0))
 
-    def informed(self, band: tuple[float | None, float | None]) -> ChannelRuler:
-        """The ruler with the bands in which the run explains more than half of a channel, and that touch its core."""
-        powers, per = self.missed(self.windows), len(self.windows.edges) - 1
-        left, whole = (x.reshape(-1, per) for x in (powers.shares, powers.reference))
-        edges, (low, high) = self.windows.edges, band
+    def find_channel_bands(self, band: tuple[float | None, float | None]) -> np.ndarray:
+        """Take the bands in which the run explains more than half of a channel, and that touch its core."""
+        powers, edges, (low, high) = self.missed(self.windows), self.windows.edges, band
         inside = (edges[:-1] >= (low or 0.0)) & (edges[1:] <= (high or np.inf))
-        good = [_connected(a < EXPLAINED, a, b, _strongest(b * inside)) & inside for a, b in zip(left, whole)]
+        pairs = zip(*(x.reshape(-1, len(inside)) for x in (powers.shares, powers.reference)))
+        good = [_connected(a < EXPLAINED, a, b, _strongest(b * inside)) & inside for a, b in pairs]
         self.informative = self.clear = np.array(good).reshape(1, -1)
-        return self
+        return self.informative
 
 
 class Trial:

@@ -14,8 +14,8 @@ from ..data.channels import finite_span
 from ..data.record import Record
 from ..diagnostics.verdict import FreeRuns
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError, NRFError, NRFWarning
-from ..laws import ForceLaw, PowerSeries
-from ..laws.shape import Motion, ShapeScale
+from ..laws import PowerSeries
+from ..laws.shape import ShapeScale
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import scales_of
@@ -110,7 +110,7 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
         dict(record.covariates), valid=rows,
     )  # fmt: skip
     measured = np.column_stack([line[rows] for line in channels.values()])
-    return Shot(segment, number, np.zeros((2, n)), tuple(channels), measured, "linear")
+    return Shot(segment, number, np.zeros((2, n)), tuple(channels), measured, np.ones((len(measured), 1)), "linear")
 
 
 def estimate(
@@ -123,44 +123,29 @@ def estimate(
     tried: list[tuple[FreeRunFit, Solution]] = []
     for one in chain_starts(shots, chain, links, known, common_band([shot.segment for shot in shots], band)):
         laws = {site: PowerSeries(1, pair) for site, *pair in zip(links, one.damping, one.stiffness)}
-        fit = FreeRunFit(free_parameters(ChainModel(one.masses, laws, chain), known), _copies(shots), linear, band)
-        if (got := _solved(fit, fit.rebuild.start, FEW_STEPS)) is not None:
+        rebuild = free_parameters(ChainModel(one.masses, laws, chain), known)
+        fit = FreeRunFit(rebuild, list(map(replace, shots)), linear, band)
+        if got := _solved(fit, rebuild.start, FEW_STEPS):
             tried.append((fit, got))
     if not tried:
         what = "No linear chain follows the measured channels"
         raise IdentifiabilityError(what, "Check units and DOFs, or add a sensor.")
     even = [pair for pair in tried if np.ptp(np.log(pair[1].model.masses)) < np.log(UNEVEN)]
     tried = sorted(even or tried, key=lambda pair: pair[1].cost)
-    near = [(fit, got) for fit, got in tried if got.cost <= NEAR * tried[0][1].cost][:2]
-    tried = [(fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near]
-    tried.sort(key=lambda pair: pair[1].cost)
-    notes = _rivals([got for _, got in tried])
-    fit, best = tried[0]
+    near = [(fit, got) for fit, got in tried[:2] if got.cost <= NEAR * tried[0][1].cost]
+    tried = sorted(((fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near), key=lambda pair: pair[1].cost)
+    notes, (fit, best) = _rivals([got for _, got in tried]), tried[0]
     fit.choose_hold(best.model)
     if fit.shots[0].hold != "linear":
         best = _solved(fit, best.u, MOST_STEPS) or best
-    if any(held != linear.laws.get(site, ()) for site, held in _blank(problem.laws).items()):
+    declared = [(site, law) for site, held in problem.laws.items() for law in held]
+    if any(site not in links or not isinstance(law, PowerSeries) or law.degree != 1 for site, law in declared):
         fit, best = _with_laws(problem, fit, best.model, known)
     for _ in range(ROUNDS):
-        if not fit.learn_noise(best.model, fit.shots[0].channels):
-            break
-        got = _solved(fit, best.u, LAST_STEPS)
-        if got is None:
+        if not fit.learn_noise(best.model, fit.shots[0].channels) or not (got := _solved(fit, best.u, LAST_STEPS)):
             break
         best = got
     return fit, best, notes
-
-
-def _blank(laws: Mapping[Site, Sequence[ForceLaw]]) -> dict[Site, tuple[ForceLaw, ...]]:
-    """Power series without the coefficients that they were given."""
-    return {
-        s: tuple(PowerSeries(law.degree) if isinstance(law, PowerSeries) else law for law in held)  # type: ignore[arg-type]
-        for s, held in laws.items()
-    }
-
-
-def _copies(shots: Sequence[Shot]) -> list[Shot]:
-    return [replace(shot) for shot in shots]
 
 
 def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
@@ -191,16 +176,14 @@ def _with_laws(
         rebuild = free_parameters(start, known, sizes, free)
         windows = [part for shot, run in zip(first.shots, runs.segments) for part in _windows(shot, run, memory)]
         fit = FreeRunFit(rebuild, windows, problem.layout, problem.band)
-        if (got := _solved(fit, rebuild.start, FEW_STEPS)) is not None:
-            tried.append((got.cost, got.u, rebuild))
-    if not tried:
-        raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
-    _, u, rebuild = min(tried, key=lambda one: one[0])
-    fit = FreeRunFit(rebuild, _copies(first.shots), problem.layout, problem.band)
-    best = _solved(fit, u, MOST_STEPS // 2)
-    if best is None:
-        raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
-    return fit, best
+        if got := _solved(fit, rebuild.start, FEW_STEPS):
+            tried.append((got, rebuild))
+    if tried:
+        got, rebuild = min(tried, key=lambda one: one[0].cost)
+        fit = FreeRunFit(rebuild, list(map(replace, first.shots)), problem.layout, problem.band)
+        if got := _solved(fit, got.u, MOST_STEPS // 2):
+            return fit, got
+    raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
 
 
 def _coefficients(
@@ -230,34 +213,24 @@ def _windows(shot: Shot, run: Segment, memory: bool) -> list[Shot]:
     for low, high in zip(edges[:-1], edges[1:]):
         rows = slice(seg.valid.start + int(low), seg.valid.start + int(high))
         state = np.array([np.cumsum(y[rows.start]) for y in (run.s, run.v)])
-        out.append(replace(shot, segment=replace(seg, valid=rows), start=state, measured=shot.measured[low:high]))
+        part = replace(shot, segment=replace(seg, valid=rows), start=state, weights=shot.weights[low:high])
+        out.append(replace(part, measured=shot.measured[low:high]))
     return out
-
-
-def _spread(best: Solution, rebuild: Rebuild) -> np.ndarray:
-    """Standard errors of parameters as shares of them, the larger of blocks and curvature."""
-    blocks = np.sqrt((best.influences**2).sum(axis=0))
-    u = np.where(rebuild.scale == 0, 1.0, np.abs(best.u))
-    return blocks / np.where(u == 0, 1.0, u)
 
 
 def _names(rebuild: Rebuild) -> list[str]:
     """Parameters in words."""
-    model, out = rebuild.model, []
-    for place in rebuild.places:
-        if len(place) == 1:
-            out.append(f"m{place[0] + 1}")
-        elif len(place) == 2:
-            terms = [term.label for law in model.laws[place[0]] for term in law.terms()]
-            out.append(f"{place[0]}: {terms[place[1]]}")
-        else:
-            out.append(f"{place[0]}: {place[2].name}")
-    return out
+    labels = {site: [term.label for law in held for term in law.terms()] for site, held in rebuild.model.laws.items()}
+    return [
+        f"m{site + 1}" if not rest else f"{site}: {rest[1].name if len(rest) == 2 else labels[site][rest[0]]}"
+        for site, *rest in rebuild.places
+    ]
 
 
 def told(best: Solution, rebuild: Rebuild) -> list[str]:
     """Sentences on masses and stiffnesses that the channels tell poorly; an error if they do not tell them."""
-    names, spread = _names(rebuild), _spread(best, rebuild)
+    names, errors = _names(rebuild), np.sqrt((best.influences**2).sum(axis=0))
+    spread = errors / np.where((rebuild.scale == 0) | (best.u == 0), 1.0, np.abs(best.u))  # as shares
     size = np.linalg.norm(best.jacobian, axis=0)
     size[size == 0] = 1.0
     singular, vectors = np.linalg.svd(best.jacobian / size)[1:]
@@ -294,8 +267,8 @@ class Linearised:
 
     def __init__(self, model: ChainModel, shots: Sequence[Shot]) -> None:
         motions = [shot.motion(model) for shot in shots]
-        self.measured = [shot.measured.T for shot in shots]
-        self.gaps = [(shot.measured - shot.of(motion)).T for shot, motion in zip(shots, motions)]
+        self.measured = {i: shot.measured.T for i, shot in enumerate(shots)}
+        self.gaps = {i: (s.measured - s.of(motion)).T for i, (s, motion) in enumerate(zip(shots, motions))}
         self.runs = [placed(shot.segment, motion) for shot, motion in zip(shots, motions)]
         M, C, K = matrices = linearised(model, LawLayout(model.chain, model.laws), self.runs)
         poles = np.linalg.eigvals(np.vstack([np.eye(2 * len(M))[len(M) :], -np.linalg.solve(M, np.hstack([K, C]))]))
@@ -312,20 +285,6 @@ class Linearised:
         size, response = self.responses[number]
         lines = np.fft.rfft(rows, size, axis=1)[:, None] * (response @ ends).T
         return np.fft.irfft(lines, size, axis=2)[:, :, : rows.shape[1]].reshape(-1, rows.shape[1])
-
-    def columns(self, site: Site, laws: Sequence[ForceLaw], motion: Motion, number: int) -> np.ndarray:
-        """Terms of laws at a site along a record, as the channels see them."""
-        ends = np.array([site.incidence(j) for j in range(1, self.runs[0].n_dof + 1)], dtype=float)
-        return self.through(np.vstack([law.features(motion).T for law in laws]), ends, number)
-
-    def fixed(self, number: int) -> np.ndarray:
-        """Inertias as the channels see them, the forces less the gap, and the channels."""
-        run = self.runs[number]
-        a, F = run.a[run.valid].T, run.F[run.valid].T.astype(float)
-        unit = np.eye(len(a))
-        seen, driven = (np.vstack([self.through(y[None], e, number) for y, e in zip(x, unit)]) for x in (a, F))
-        force = driven.reshape(len(F), -1, F.shape[1]).sum(axis=0)
-        return np.vstack([seen, force - self.gaps[number], self.measured[number]])
 
 
 def _channel_errors(shots: Sequence[Shot], model: ChainModel) -> pd.DataFrame:

@@ -9,7 +9,7 @@ predicts unseen parts of the records, both halves of them, better. With fewer se
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,8 +50,8 @@ class Shot:
     start: np.ndarray  # (2, n_dof); displacements and velocities relative to the base
     channels: tuple[str, ...]  # a1: absolute; v1, x1: relative to the base
     measured: np.ndarray  # (n_samples, n_channels)
+    weights: np.ndarray  # of the rows, (n_samples, 1); a fit does not read those of weight zero
     hold: str = FORCE_HOLDS[0]
-    rtol: float = 1e-9  # of the integration; fits by differences need it
 
     @property
     def n_samples(self) -> int:
@@ -68,7 +68,7 @@ class Shot:
             if (found := linear_run(matrices, seg.F[rows], seg.step, state, ag, self.hold)) is not None:
                 return dict(zip("xva", found))
         integrator = classical_run if fits_one_step(model, seg.step) else ChainModel.simulate
-        run = free_run_of(model, seg, start=tuple(state), integrator=integrator, rtol=self.rtol, hold=self.hold)
+        run = free_run_of(model, seg, start=tuple(state), integrator=integrator, rtol=1e-9, hold=self.hold)
         return {kind: np.asarray(y) for kind, y in zip("xva", (run.displacement, run.velocity, run.acceleration))}
 
     def read(self, model: ChainModel, start: np.ndarray | None = None, forces: Segment | None = None) -> np.ndarray:
@@ -118,19 +118,7 @@ class Rebuild:
     model: ChainModel
     places: list[tuple]
     scale: np.ndarray  # parameters are values over these; 0: their logarithms
-    start: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        values = np.array([self._value(place) for place in self.places])
-        log = self.scale == 0
-        self.start = np.where(log, np.log(np.where(log, values, 1.0)), values / np.where(log, 1.0, self.scale))
-
-    def _value(self, place: tuple) -> float:
-        if len(place) == 1:
-            return float(self.model.masses[place[0]])
-        if len(place) == 2:
-            return float(self.model.coefficients[place[0]][place[1]])
-        return float(self.model.laws[place[0]][place[1]].shape[place[2].name])
+    start: np.ndarray  # the parameters of the model
 
     def __call__(self, u: np.ndarray) -> ChainModel:
         """Model of a vector."""
@@ -154,19 +142,15 @@ def free_parameters(
     shapes: Sequence[tuple[Site, int, Shape]] = (),
 ) -> Rebuild:  # fmt: skip
     """Free parameters of a model; zero terms stay zero unless the size of a step of each is given."""
-    places: list[tuple] = [(j,) for j in range(model.n_dof) if j + 1 not in known]
-    scale = [0.0] * len(places)
+    found: list[tuple] = [((j,), m, 0.0) for j, m in enumerate(model.masses) if j + 1 not in known]
     for site, values in model.coefficients.items():
-        for k, value in enumerate(values):
-            size = max(abs(value), (sizes or {}).get((site, k), 0.0))
-            if size:
-                places.append((site, k))
-                scale.append(size)
-    for place in shapes:
-        places.append(place)
-        now = model.laws[place[0]][place[1]].shape[place[2].name] or 1.0
-        scale.append(0.0 if place[2].log else abs(now))
-    return Rebuild(model, places, np.array(scale))
+        every = [(k, value, max(abs(value), (sizes or {}).get((site, k), 0.0))) for k, value in enumerate(values)]
+        found += [((site, k), value, size) for k, value, size in every if size]
+    for site, i, p in shapes:
+        now = model.laws[site][i].shape[p.name]
+        found.append(((site, i, p), now, 0.0 if p.log else abs(now or 1.0)))
+    start = [value / scale if scale else np.log(value) for _, value, scale in found]
+    return Rebuild(model, [place for place, *_ in found], np.array([one[2] for one in found]), np.array(start))
 
 
 @dataclass
@@ -200,7 +184,7 @@ class FreeRunFit:
         self.low, self.high = self.limits = common_band([s.segment for s in shots], band)
         self.noise: NoiseModel | None = None
         self.better: list[Segment | None] = [None] * len(self.shots)
-        every = np.concatenate([s.measured for s in self.shots]) if self.shots else np.ones((1, 1))
+        every = np.concatenate([s.measured * s.weights for s in self.shots]) if self.shots else np.ones((1, 1))
         self.level = np.sqrt(np.mean(every**2, axis=0))
         self.level[self.level == 0] = 1.0
 
@@ -277,16 +261,16 @@ class FreeRunFit:
         moved = [self.rebuild(u + DIFFERENCE * e) for e in np.eye(p)]
         factors, scores, record, states = [], [np.empty((0, p))], [], []
         if np.isfinite(below):
-            cost = sum((self.whitened((shot.measured - base)[part, :, None], shot.segment.step) ** 2).sum()
-                       for shot, _, part, base in used)  # fmt: skip
+            gaps = [((shot.measured - base) * shot.weights)[part, :, None] for shot, _, part, base in used]
+            cost = sum((self.whitened(gap, one[0].segment.step) ** 2).sum() for one, gap in zip(used, gaps))
             if not cost < below:
                 return None
         for shot, better, part, base in used:
             from_ = base if better is None else shot.read(model, forces=better)
             columns = [(shot.read(m, forces=better) - from_) / DIFFERENCE for m in moved]
             decays = self.decays(shot, model, from_, better)
-            gap = shot.measured - base
-            every = self.whitened(np.stack([*decays, *columns, gap], axis=2)[part], shot.segment.step)
+            every = np.stack([*decays, *columns, shot.measured - base], axis=2) * shot.weights[:, :, None]
+            every = self.whitened(every[part], shot.segment.step)
             flat, k = every.reshape(-1, every.shape[2]), len(decays)
             free, rest = flat[:, :k], flat[:, k:]
             length = np.linalg.norm(free, axis=0)
@@ -301,9 +285,7 @@ class FreeRunFit:
             scores.append(_scores(rest.reshape(*every.shape[:2], p + 1), pieces))
             record += [shot.number] * pieces
         stacked = np.concatenate(factors)
-        return Evaluation(
-            stacked[:, -1], stacked[:, :-1], np.concatenate(scores), np.array(record, dtype=int), states
-        )
+        return Evaluation(stacked[:, -1], stacked[:, :-1], np.concatenate(scores), np.array(record, dtype=int), states)
 
     def decays(self, shot: Shot, model: ChainModel, base: np.ndarray, forces: Segment | None) -> list[np.ndarray]:
         """Changes of the channels with each displacement and velocity of the initial state."""
@@ -439,7 +421,7 @@ def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
             rows = slice(seg.valid.start + lo, seg.valid.start + hi)
             state = np.array([np.cumsum(y[rows.start].astype(float)) for y in (seg.s, seg.v)])
             part = replace(seg, valid=rows)
-            out.append(Shot(part, number, state, names, velocities(part)))
+            out.append(Shot(part, number, state, names, velocities(part), np.ones((hi - lo, 1))))
     return out
 
 

@@ -5,8 +5,11 @@ import pytest
 from chains import driven, worst
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, close_loop, laws, simulate
+from pysindy_nrf.estimation.fewer_sensors import shot_of
+from pysindy_nrf.estimation.free_run_fit import FreeRunFit, free_parameters
 from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError
 from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 250.0
@@ -110,6 +113,18 @@ def of_two(*effects) -> Record:
     """Two floors, a sensor on the top alone, 0.5 % noise; effects in storey 1, whose floor has no sensor."""
     truth = ChainModel([10.0, 8.0], {1: [PLAIN, *effects], 2: PLAIN})
     return seen(add_noise(driven(truth, [2], 6.0, 150.0, 100.0, (0.5, 40.0), seed=3), 0.005, random_state=4), [2])
+
+
+def test_a_free_run_is_not_fitted_to_samples_of_weight_zero():
+    start, record = ChainModel([11.0, 7.0], {1: PLAIN, 2: PLAIN}), of_two()
+    wrong = record.replace(acceleration=record.acceleration * np.where(np.arange(record.n_samples) // 200 == 1, 5, 1)[:, None])
+    found = []
+    for rec in (record, wrong):
+        shot = shot_of(rec, 0, 2)
+        shot.weights[200:400] = 0.0
+        fit = FreeRunFit(free_parameters(start, {}), [shot], LawLayout(start.chain, start.laws))
+        found.append(fit.solve(fit.rebuild.start, move=True).model.masses)
+    assert (found[0] == found[1]).all() and worst(found[0], [10.0, 8.0]) < 0.01
 
 
 def test_the_loop_finds_friction_between_floors_without_a_sensor(tmp_path):

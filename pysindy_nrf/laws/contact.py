@@ -131,8 +131,7 @@ class DeadZone(_Contact):
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        high = theta[0] * (theta[1] + 1.0)
-        low = theta[0] * (theta[1] - 1.0)
+        low, high = theta[0] * (theta[1] - 1.0), theta[0] * (theta[1] + 1.0)
         out[0] = np.maximum(s - high, 0.0) + np.minimum(s - low, 0.0)
 
 

@@ -136,8 +136,7 @@ def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
     fresh = law.features(last)
     out = np.empty((len(law.terms()), 1))
     u = np.array([[x[0]] for x in last.covariates.values()]).reshape(-1, 1)
-    at_start = (last.s[:1], last.v[:1], last.a[:1], last.t[:1])
-    law.kernel(*at_start, u, np.zeros((law.n_states, 1)), law.theta, out)
+    law.kernel(last.s[:1], last.v[:1], last.a[:1], last.t[:1], u, np.zeros((law.n_states, 1)), law.theta, out)
     _close(fresh[0], out[:, 0], f"{law}: a record does not start from a fresh state")
     _close(law.features(motion), columns, f"{law}: the law remembers an earlier record")
 
@@ -223,10 +222,8 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
     motion = random_motion(law, rng)
     size = {"m": 3.7, "s": 0.6, "kg": 1.9, "[u]": 2.3, "1": 1.0}
     size["N"] = size["kg"] * size["m"] / size["s"] ** 2
-    covariates = {
-        c: x * _in(unit, size, law)
-        for (c, x), unit in zip(motion.covariates.items(), covariate_units(law), strict=True)
-    }
+    units = zip(motion.covariates.items(), covariate_units(law), strict=True)
+    covariates = {c: x * _in(unit, size, law) for (c, x), unit in units}
     other = Motion(
         motion.s * size["m"], motion.v * size["m"] / size["s"], motion.a * size["m"] / size["s"] ** 2,
         motion.t * size["s"], covariates,

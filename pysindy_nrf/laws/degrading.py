@@ -34,12 +34,9 @@ class _BaberNoori(ForceLaw):
     def theta(self) -> np.ndarray:
         values = {"strength": 0.0, "stiffness": 0.0, "slip": 0.0, "width": 1.0, "q": 0.0, **self._fixed}
         values |= dict(zip(self.shape, super().theta))
-        order = ("beta", "strength", "stiffness", "slip", "width", "q", "rho", "n")
-        return np.array([values[key] for key in order])
+        return np.array([values[key] for key in ("beta", "strength", "stiffness", "slip", "width", "q", "rho", "n")])
 
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = z[0] / theta[0]
+    kernel = staticmethod(BoucWen.kernel)
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):

@@ -199,11 +199,8 @@ class _CovariateFriction(CovariateLaw):
 
     def terms(self) -> tuple[Term, ...]:
         u = self.covariates[0] if not self.n_states else f"lag[{self.covariates[0]}]"
-        return (
-            Term("Fc", self.carrier, "N"),
-            Term("Fu", f"{u} {self.carrier}", "N/[u]"),
-            Term("Cu", f"{u} v", "N s/m/[u]"),
-        )
+        level = Term("Fu", f"{u} {self.carrier}", "N/[u]")
+        return Term("Fc", self.carrier, "N"), level, Term("Cu", f"{u} v", "N s/m/[u]")
 
 
 class CovariateFriction(_CovariateFriction):

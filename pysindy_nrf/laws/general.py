@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 
 from .base import ForceLaw, Term
-from .hysteresis import Jenkins
+from .hysteresis import Element, Jenkins
 from .power_series import whole
 from .shape import Shape
 
 
-class PrandtlIshlinskii(ForceLaw):
+class PrandtlIshlinskii(Element):
     r"""Elasto-plastic elements side by side: the general hysteresis of Masing's kind.
 
     .. math:: R = \sum_{k=1}^{n} F_k Z_k
@@ -20,9 +20,7 @@ class PrandtlIshlinskii(ForceLaw):
     """
 
     name = "prandtl_ishlinskii"
-    family = "hysteresis"
     shapes = (Shape("uy", "m", 0.2, 4.0, "s"),)
-    passive = True
     saturates_at = "uy"
     special_cases = {Jenkins: lambda c: PrandtlIshlinskii(c.theta[0], [0.0] * 5 + [c.values[0]])}
 

@@ -11,7 +11,7 @@ _SIGMA = Shape("sigma", "1/m", 0.03, 3000.0, "1/s")
 
 
 class Element(ForceLaw):
-    """Base of passive elements with one state, which is the force unless they say otherwise."""
+    """Base of passive elements; they have one state, which is the force, unless they say otherwise."""
 
     family = "hysteresis"
     n_states = 1
@@ -155,7 +155,7 @@ class BacklashFriction(Element):
         z[0] = min(max(z[0] + (s1 - s0), -reach), reach)
 
 
-class Iwan(ForceLaw):
+class Iwan(Element):
     r"""Two elasto-plastic elements side by side (Iwan, J. Appl. Mech. 33, 1966).
 
     .. math:: R = F_1 Z_1 + F_2 Z_2
@@ -165,11 +165,9 @@ class Iwan(ForceLaw):
     """
 
     name = "iwan"
-    family = "hysteresis"
     shapes = (Shape("uy", "m", 0.01, 2.0, "s"), Shape("ratio", "1", 1.5, 20.0))
     columns = (Term("F1", "Jenkins[s; uy]", "N"), Term("F2", "Jenkins[s; ratio uy]", "N"))
     n_states = 2
-    passive = True
     nonnegative = ("F1", "F2")
     saturates_at = "uy"
     special_cases = {Jenkins: lambda c: Iwan(uy=c.theta[0], ratio=2.0, F1=c.values[0], F2=0.0)}
@@ -299,17 +297,15 @@ class BoucWen(ForceLaw):
         limit = 1e6
         sign = math.copysign(1.0, s1 - s0)
         x = theta[0] * abs(s1 - s0)
-        rho = theta[1]
-        n = theta[2]
+        rho, n = theta[1], theta[2]
         y = sign * z[0]
         if n == 1.0:
             if y < 0.0:
                 c = 1.0 - rho
                 slope = 1.0 - c * y
+                x_zero = math.inf
                 if slope > 0.0:
                     x_zero = math.log(slope) / c if abs(c) > 1e-9 else -y
-                else:
-                    x_zero = math.inf
                 if x_zero <= x:
                     y = 0.0
                     x -= x_zero

@@ -41,8 +41,7 @@ def _pairs(k: int, q: int, most: int) -> tuple[tuple[int, int], ...]:
 
 def monomial(h: int, j: int) -> str:
     """Text of v^h s^j, e.g. ``"v^2 s"``."""
-    parts = [f"{x}^{n}" if n > 1 else x for x, n in (("v", h), ("s", j)) if n]
-    return " ".join(parts) or "1"
+    return " ".join(f"{x}^{n}" if n > 1 else x for x, n in (("v", h), ("s", j)) if n) or "1"
 
 
 def monomial_unit(h: int, j: int) -> str:
@@ -105,8 +104,7 @@ class PowerSeries(ForceLaw):
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         for k in range(theta.size // 2):
-            h = int(theta[2 * k])
-            j = int(theta[2 * k + 1])
+            h, j = int(theta[2 * k]), int(theta[2 * k + 1])
             p = 0.0 * s + 1.0
             for _ in range(h):
                 p = p * v

@@ -62,7 +62,11 @@ def channel_alignment(
     if reference not in ORDER:
         raise ChannelError(f"reference={reference!r} is unknown", "Choose 'a', 'v' or 'x'.")
     channels = record.channels()
-    base = _base(record, channels)
+    shaken = record.coordinates == "relative" and record.base_moves
+    if shaken and "ag" not in channels:
+        what = f"Record {record.name!r} has a moving base without its acceleration"
+        raise ChannelError(what, "Give base_acceleration.")
+    base = channels["ag"] if shaken else None
     rows = {}
     for j in range(1, record.n_dof + 1):
         own = {k: channels[f"{k}{j}"] for k in "avx" if f"{k}{j}" in channels}
@@ -199,12 +203,10 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     [(400, 100.0), (500, 100.0)]
     """
     key = next((k for k in ("t", "time") if k in table), None)
-    time = seconds_of(table[key].to_numpy() if key else table.index)
-    steps = np.diff(time)
+    steps = np.diff(seconds_of(table[key].to_numpy() if key else table.index))
     usual = 1.0 / fs if fs else float(np.median(steps))
     body = table.drop(columns=[key]) if key else table
-    measured = body.loc[:, body.notna().any()]
-    good = measured.notna().all(axis=1).to_numpy()
+    good = body.dropna(axis=1, how="all").notna().all(axis=1).to_numpy()
     breaks = np.flatnonzero((steps > 1.5 * usual) | (steps <= 0) | (good[1:] != good[:-1])) + 1
     name = options.pop("name", "record")
     out: list[Record] = []
@@ -215,15 +217,6 @@ def split_at_gaps(table: pd.DataFrame, fs: float | None = None, shortest: int = 
     if not out:
         raise ChannelError(f"No piece without a gap has {shortest} samples", "Repair the channels, or lower shortest=.")
     return out
-
-
-def _base(record: Record, channels: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    if record.coordinates == "absolute" or not record.base_moves:
-        return None
-    if "ag" not in channels:
-        cure = "Give base_acceleration."
-        raise ChannelError(f"Record {record.name!r} has a moving base without its acceleration", cure)
-    return channels["ag"]
 
 
 ORDER = {"x": 0, "v": 1, "a": 2}
@@ -346,9 +339,7 @@ def _derived(y: np.ndarray, order: int, fs: float) -> np.ndarray:
     """Central differences of first or second order, a sample shorter at either end."""
     if order == 0:
         return y[1:-1]
-    if order == 1:
-        return (y[2:] - y[:-2]) * (0.5 * fs)
-    return (y[2:] - 2 * y[1:-1] + y[:-2]) * fs**2
+    return (y[2:] - y[:-2]) * (0.5 * fs) if order == 1 else (y[2:] - 2 * y[1:-1] + y[:-2]) * fs**2
 
 
 def _hann(length: int) -> np.ndarray:
@@ -385,8 +376,7 @@ def _compare(
     w = 2 * np.pi * f[use]
     # between the gains that noise in the one and in the other channel makes too small and too large
     H = cross[use] / np.abs(cross[use]) * np.sqrt(theirs[use] / own[use])
-    weight = coherence[use] / np.maximum(1 - coherence[use], 1e-6)
-    weight = np.minimum(weight, 1e3)
+    weight = np.minimum(coherence[use] / np.maximum(1 - coherence[use], 1e-6), 1e3)
     # delay: the one that lines all phases up, searched on a grid (a chirp transform) and refined
     lined = np.zeros(int(np.flatnonzero(use)[-1]) + 1, dtype=complex)
     lined[use[: len(lined)]] = H / np.abs(H) * weight

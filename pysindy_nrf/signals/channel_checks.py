@@ -120,9 +120,7 @@ def _stuck(name: str, y: np.ndarray) -> tuple[float, str] | None:
 def _resolution(y: np.ndarray) -> float:
     """Smallest step between two values that the channel takes repeatedly; 0 if there is none."""
     values, counts = np.unique(y[:: max(1, len(y) // ENOUGH)], return_counts=True)
-    if len(values) < 3 or np.median(counts) < 3:
-        return 0.0
-    return float(np.median(np.diff(values)))
+    return 0.0 if len(values) < 3 or np.median(counts) < 3 else float(np.median(np.diff(values)))
 
 
 def _quantised(name: str, y: np.ndarray) -> tuple[float, str] | None:
@@ -289,7 +287,6 @@ def _integrates(y: np.ndarray, rate: np.ndarray, dt: float) -> bool:
 
 def _smooth_stretch(s: np.ndarray, v: np.ndarray, rows: slice) -> slice:
     """Rows of these between jumps, where folds were joined; none where the rows follow no clock."""
-    start = rows.start
     part = np.hstack([s[rows], v[rows]])
     steps = np.abs(np.diff(part, axis=0))
     rms, power = np.sqrt(np.mean(steps**2, axis=0)), part.var(axis=0)
@@ -298,7 +295,7 @@ def _smooth_stretch(s: np.ndarray, v: np.ndarray, rows: slice) -> slice:
     alone = steps[1:-1] > _JUMP * np.maximum(np.maximum(steps[:-2], steps[2:]), 0.5 * rms)
     edges = np.concatenate([[0], np.flatnonzero(alone.any(axis=1)) + 2, [len(part)]])
     longest = int(np.diff(edges).argmax())
-    return slice(start + int(edges[longest]), start + int(edges[longest + 1]))
+    return slice(rows.start + int(edges[longest]), rows.start + int(edges[longest + 1]))
 
 
 def _large(record: Record) -> list[str]:
@@ -350,8 +347,8 @@ def _contradictions(record: Record) -> list[str]:
 
 def _drifting(record: Record, table: pd.DataFrame) -> list[str]:
     """Messages on channels whose gain against their reference differs between the halves of the record."""
-    n = record.n_samples
-    first, last = (channel_alignment(record, runs=[rows]) for rows in (slice(0, n // 2), slice(n // 2, n)))
+    half, n = record.n_samples // 2, record.n_samples
+    first, last = (channel_alignment(record, runs=[rows]) for rows in (slice(0, half), slice(half, n)))
     apart = np.log((last["gain"] / first["gain"]).astype(float))
     chance = _SURE * np.hypot(first["scatter"].astype(float), last["scatter"].astype(float))
     return [

@@ -416,11 +416,8 @@ def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
         return
     dead = [name for name, y in channels.items() if np.ptp(y) <= 1e-12 * np.abs(y).max()]
     if dead:
-        raise ChannelError(
-            f"Channel {dead[0]} of DOF {dof} is constant",
-            "A dead sensor, or a record without motion; leave the channel out (a column of NaN), or excite the "
-            "structure.",
-        )
+        cure = "A dead sensor, or a record without motion; leave the channel out (a column of NaN), or excite the "
+        raise ChannelError(f"Channel {dead[0]} of DOF {dof} is constant", f"{cure}structure.")
 
 
 def derived_base(live: Mapping[str, np.ndarray], fs: float) -> np.ndarray:

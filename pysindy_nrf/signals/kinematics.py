@@ -14,8 +14,7 @@ from .channel_checks import data_warnings
 from .kinematic_smoother import KinematicSmoother
 from .zero_phase_filter import Band, FairFilter, check_band, check_rate
 
-# Share of the knots' Nyquist frequency up to which a fused motion is reliable.
-RESOLVED = 0.7
+RESOLVED = 0.7  # share of the knots' Nyquist frequency up to which a fused motion is reliable
 
 
 def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -100,13 +99,10 @@ def base_motion(record: Record, fused: Record, smooth: Any = True) -> tuple[np.n
         assert fused.base_velocity is not None and fused.base_displacement is not None
         return fused.base_velocity, fused.base_displacement
     if smooth is False or not have & {"vg", "xg"}:
-        raise ChannelError(
-            f"Record {record.name!r} has absolute displacements and a moving base, but lacks "
-            + ("xg" if "xg" not in have else "vg"),
-            "Give base_displacement"
-            + (" and base_velocity." if smooth is False else " (integrating ag alone loses its slow part).")
-            + " Or give motion relative to the base.",
-        )
+        what = f"Record {record.name!r} has absolute displacements and a moving base, but lacks "
+        what += "vg" if "xg" in have else "xg"
+        cure = "and base_velocity." if smooth is False else "(integrating ag alone loses its slow part)."
+        raise ChannelError(what, f"Give base_displacement {cure} Or give motion relative to the base.")
     # the record is already band-limited if the smoother was told to
     measured = {"velocity": fused.base_velocity, "displacement": fused.base_displacement}
     whole = _ground(record, acceleration=fused.base_acceleration, **measured)
@@ -164,9 +160,8 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
     >>> bool(np.abs(v - np.sin(30 * t) / 30).max() < 1e-9)
     True
     """
-    methods = ("spline", "cumulative")
-    if method not in methods:
-        raise ChannelError(f"method={method!r} is unknown", f"Choose {', '.join(methods)}.")
+    if method not in ("spline", "cumulative"):
+        raise ChannelError(f"method={method!r} is unknown", "Choose spline, cumulative.")
     values = np.asarray(a, dtype=float)
     if values.ndim not in (1, 2):
         cure = "Give one row per sample and one column per channel."
@@ -189,7 +184,6 @@ def integrate(a: Any, dt: float, method: str = "spline", order: int = 1, detrend
         degree = min(7, n - 1 if n % 2 == 0 else n - 2)  # less than 7 for the shortest records
         out = make_interp_spline(t, values, k=max(1, degree), axis=0).antiderivative(order)(t)
     if detrend:
-        line = np.linspace(-1.0, 1.0, n)
-        basis = np.polynomial.legendre.legvander(line, order)
+        basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), order)
         out = out - basis @ np.linalg.lstsq(basis, out, rcond=None)[0]
     return out

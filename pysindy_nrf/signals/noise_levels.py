@@ -3,17 +3,13 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.signal import welch
 
-from ..data.record import Record
+from ..data.record import BASES, Record
 
-BASE = {"ag": "base_acceleration", "vg": "base_velocity", "xg": "base_displacement"}
-# What is louder than a fifth of a signal's rms is signal, not noise.
-LOUDEST = 0.2
-# Chance that a stretch as quiet as noise is none.
-RARE = 0.01
-# Samples that tell a level, and of a stretch in time.
-_FEWEST = 256
-_WINDOW = 64
+LOUDEST = 0.2  # of a signal's rms: what is louder is signal, not noise
+RARE = 0.01  # chance that a stretch as quiet as noise is none
+_FEWEST, _WINDOW = 256, 64  # samples that tell a level, and of a stretch in time
 
 
 def quiet_level(signal: np.ndarray, fs: float, rows: np.ndarray | None = None) -> float:
@@ -21,8 +17,6 @@ def quiet_level(signal: np.ndarray, fs: float, rows: np.ndarray | None = None) -
 
     Runs of rows are read one by one: a step from one to the next has power at all frequencies.
     """
-    from scipy.signal import welch
-
     known = np.isfinite(signal) if rows is None else np.isfinite(signal) & rows
     edges = np.flatnonzero(np.diff(np.concatenate([[0], known.astype(int), [0]])))
     runs = [signal[a:b] for a, b in zip(edges[::2], edges[1::2])]
@@ -33,7 +27,7 @@ def quiet_level(signal: np.ndarray, fs: float, rows: np.ndarray | None = None) -
     densities = [welch(run, fs, nperseg=size, detrend="constant")[1] for run in runs if len(run) >= size]
     pieces = [2 * len(run) // size - 1 for run in runs if len(run) >= size]
     density = np.average(densities, axis=0, weights=pieces)
-    by_frequency = flat_level(density[1:-1], _dof(sum(pieces))) * fs / 2
+    by_frequency = flat_level(density[1:-1], 2 * sum(pieces) / (1 + 1 / 18)) * fs / 2  # Hann windows overlap by half
     windows = [run[: len(run) // _WINDOW * _WINDOW].reshape(-1, _WINDOW) for run in runs]
     powers = (np.concatenate(windows) ** 2).mean(axis=1)
     level = float(np.sqrt(min(by_frequency, flat_level(powers, _WINDOW) if len(powers) else np.inf)))
@@ -42,8 +36,6 @@ def quiet_level(signal: np.ndarray, fs: float, rows: np.ndarray | None = None) -
 
 def denoised(signal: np.ndarray, level: float, fs: float) -> np.ndarray:
     """A signal without the white noise beneath it (Wiener's filter), as far as frequencies tell them apart."""
-    from scipy.signal import welch
-
     if level <= 0 or len(signal) < _FEWEST or not np.isfinite(signal).all():
         return signal
     f, density = welch(signal, fs, nperseg=min(1024, len(signal) // 8), detrend=False)
@@ -58,7 +50,7 @@ def levels_of(record: Record, motion: Mapping[str, float], rows: np.ndarray | No
     channels, fs = record.channels(), record.fs
     levels = {str(k): float(v) for k, v in motion.items()}
     levels |= {f"F{j}": quiet_level(record.force[:, j - 1], fs, rows) for j in record.forced}
-    levels |= {name: quiet_level(np.asarray(channels[name]), fs, rows) for name in BASE if name in channels}
+    levels |= {name: quiet_level(np.asarray(channels[name]), fs, rows) for name in BASES.values() if name in channels}
     if record.coordinates == "relative" and (base := levels.get("ag", 0.0)) > 0:
         for name in (k for k in levels if k[0] == "a" and k in motion):
             levels[name] = float(np.sqrt(max(levels[name] ** 2 - base**2, 0.0)))
@@ -69,7 +61,7 @@ def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
     """A record whose forces and base motion are freed of noise, for a free run."""
     changes = {
         key: denoised(np.asarray(getattr(record, key), dtype=float), levels[name], record.fs)
-        for name, key in BASE.items() if name in levels and getattr(record, key) is not None
+        for key, name in BASES.items() if name in levels and getattr(record, key) is not None
     }  # fmt: skip
     force = np.array(record.force, dtype=float)
     for j in record.forced:
@@ -80,15 +72,11 @@ def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
 def noisy_base(record: Record, levels: Mapping[str, float], rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Fresh noise on the measured motion of the base; fields of the record by name."""
     out = {}
-    for name, key in BASE.items():
+    for key, name in BASES.items():
         if levels.get(name, 0.0) > 0 and getattr(record, key) is not None:
             line = np.asarray(getattr(record, key), dtype=float)
             out[key] = line + levels[name] * rng.standard_normal(len(line))
     return out
-
-
-def _dof(pieces: int) -> float:
-    return 2 * pieces / (1 + 1 / 18)  # Hann windows that overlap by half
 
 
 def flat_level(values: np.ndarray, dof: float) -> float:

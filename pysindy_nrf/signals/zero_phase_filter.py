@@ -11,8 +11,7 @@ from ..data.channels import by_record, rows_text
 from ..data.record import row_times
 from ..exceptions import ChannelError
 
-# The part of the filter's impulse response (sum of magnitudes) that may still reach across the edge.
-EDGE_LEVEL = 1e-4
+EDGE_LEVEL = 1e-4  # part of the filter's impulse response (sum of magnitudes) that may still reach across the edge
 
 Band = tuple[float | None, float | None] | None
 
@@ -85,14 +84,13 @@ class FairFilter:
             return array.copy()
         matrix = array[:, None] if array.ndim == 1 else array
         finite = np.isfinite(matrix)
-        unmeasured = np.isnan(matrix).all(axis=0)
-        bad = ~finite.all(axis=0) & ~unmeasured
+        use = ~np.isnan(matrix).all(axis=0)
+        bad = use & ~finite.all(axis=0)
         if bad.any():
             j = int(np.flatnonzero(bad)[0])
             what = f"Column {j + 1} given to the filter is not finite in {rows_text(np.flatnonzero(~finite[:, j]))}"
             raise ChannelError(what, "Filter the rows between the masked edges, one contiguous record at a time.")
         out = np.full(matrix.shape, np.nan)
-        use = ~unmeasured
         if use.any():
             padding = min(max(self.edge, 3 * len(self.sos)), len(matrix) - 1)
             out[:, use] = signal.sosfiltfilt(self.sos.copy(), matrix[:, use], axis=0, padtype="even", padlen=padding)
@@ -100,9 +98,7 @@ class FairFilter:
 
     def noise_gain(self) -> float:
         """The part of the power of white noise that the filter, run forward and backward, lets through."""
-        if self.sos is None:
-            return 1.0
-        return float(np.mean(np.abs(signal.sosfreqz(self.sos, 8192)[1]) ** 4))
+        return 1.0 if self.sos is None else float(np.mean(np.abs(signal.sosfreqz(self.sos, 8192)[1]) ** 4))
 
     def __repr__(self) -> str:
         return f"FairFilter(band={self.band}, fs={self.fs:g}, order={self.order}, edge={self.edge})"
@@ -110,8 +106,7 @@ class FairFilter:
 
 def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
     """A band as (lower or None, upper or None) in Hz, checked against the sampling rate."""
-    if not np.isfinite(fs) or fs <= 0:
-        raise ChannelError(f"fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
+    nyquist = check_rate(fs) / 2
     if band is None:
         return None, None
     try:
@@ -123,12 +118,10 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
         raise ChannelError(f"band={band!r} holds an impossible frequency", "Give (lo, hi) in Hz with 0 <= lo < hi.")
     lo = None if not lo else lo
     hi = None if hi is None or hi == np.inf else hi
-    nyquist = fs / 2
-    if hi is not None and hi >= nyquist:
-        what = f"Band edge {hi:g} Hz is not below the Nyquist frequency {nyquist:g} Hz of fs = {fs:g} Hz"
-        raise ChannelError(what, "Lower it, or give None for no upper edge.")
-    if lo is not None and lo >= nyquist:
-        raise ChannelError(f"Band edge {lo:g} Hz is not below the Nyquist frequency {nyquist:g} Hz", "Lower it.")
+    for edge, cure in ((hi, "Lower it, or give None for no upper edge."), (lo, "Lower it.")):
+        if edge is not None and edge >= nyquist:
+            what = f"Band edge {edge:g} Hz is not below the Nyquist frequency {nyquist:g} Hz of fs = {fs:g} Hz"
+            raise ChannelError(what, cure)
     if hi is not None and hi <= (lo or 0.0):
         cure = "Give (lo, hi) in Hz with lo < hi."
         raise ChannelError(f"band={band!r} is empty: the upper edge is not above the lower one", cure)
@@ -191,14 +184,10 @@ def check_rate(fs: Any) -> float:
     return rate
 
 
-# Noise of the displacement that integration may bring along, as a share of the displacement.
-SHARE = 0.02
-# Part of the spectrum, from the top, that holds noise alone.
-_TOP = 0.2
-# A filter may spoil this share of the record at each end.
-_SPOILT = 0.2
-# Share of the displacement's power that a short record, which asks for a higher edge, must keep.
-_KEPT = 0.8
+SHARE = 0.02  # noise of the displacement that integration may bring along, as a share of the displacement
+_TOP = 0.2  # part of the spectrum, from the top, that holds noise alone
+_SPOILT = 0.2  # share of the record that a filter may spoil at each end
+_KEPT = 0.8  # share of the displacement's power that a short record, which asks for a higher edge, must keep
 
 
 def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -24,15 +25,13 @@ _MARKERS: dict[str, dict[str, Any]] = {
     "|": {"marker": "|", "markersize": 16, "markeredgewidth": 2},
     "ring": {"marker": "o", "markersize": 12, "markerfacecolor": "none", "markeredgewidth": 1.5},
 }  # fmt: skip
-# A long record is a picture and not a 100 MB file.
-_MOST = 20_000
+_MOST = 20_000  # points of a curve: a long record is a picture and not a 100 MB file
 
 
 class Drawing:
     """Figures that stand beside each other; ``ax_`` (array of Axes) and ``figure_`` are where they were drawn."""
 
-    # axes beside each other; 0: a single figure, and ``ax_`` is no array
-    _columns: ClassVar[int] = 3
+    _columns: ClassVar[int] = 3  # axes beside each other; 0: a single figure, and ``ax_`` is no array
     ax_: Any
     figure_: Any
 
@@ -65,8 +64,6 @@ class Drawing:
 
 def available() -> bool:
     """Whether matplotlib is installed."""
-    from importlib.util import find_spec
-
     return find_spec("matplotlib") is not None
 
 

@@ -114,13 +114,9 @@ def finite_span(columns: Sequence[np.ndarray], names: Sequence[str], record: str
         if stop - start < shortest:
             shortest, worst = stop - start, name
     if last - first < _EDGES_LEAVE * n:
-        lost = (
-            f"NaN at the edges leave {max(0, last - first)} of {n} rows{where}; channel {worst} is measured in "
-            f"{shortest} of them"
-        )
-        warnings.warn(
-            DataQualityWarning(lost, f"Cut the record to the rows that count, or leave {worst} out."), stacklevel=2
-        )
+        lost = f"NaN at the edges leave {max(0, last - first)} of {n} rows{where}; channel {worst} is measured in "
+        cure = f"Cut the record to the rows that count, or leave {worst} out."
+        warnings.warn(DataQualityWarning(f"{lost}{shortest} of them", cure), stacklevel=2)
     return slice(first, max(first, last))
 
 
@@ -218,11 +214,8 @@ def same_columns(estimator: Any, width: int, names: list[str] | None, reset: boo
             del estimator.feature_names_in_
         return
     if width != estimator.n_features_in_:
-        raise ChannelError(
-            f"X has {width} features, but {type(estimator).__name__} is expecting {estimator.n_features_in_} features "
-            "as input",
-            "Give the columns of fit.",
-        )
+        expected = f"{type(estimator).__name__} is expecting {estimator.n_features_in_} features as input"
+        raise ChannelError(f"X has {width} features, but {expected}", "Give the columns of fit.")
     fitted = getattr(estimator, "feature_names_in_", None)
     if names is not None and fitted is not None and names != list(fitted):
         cure = "Fit again."

@@ -109,11 +109,9 @@ class Record:
         lines = {k: as_matrix(v, [k], 1, k)[:, 0] for k, v in bases.items() if v is not None}
         lengths = {k: len(a) for k, a in (arrays | lines).items()}
         if len(set(lengths.values())) > 1:
-            raise ChannelError(
-                f"Record {self.name!r}: channels differ in length, "
-                + ", ".join(f"{k} {n}" for k, n in lengths.items()),
-                "Cut or resample them to one clock.",
-            )
+            found = ", ".join(f"{k} {n}" for k, n in lengths.items())
+            cure = "Cut or resample them to one clock."
+            raise ChannelError(f"Record {self.name!r}: channels differ in length, {found}", cure)
         self.n_samples = next(iter(lengths.values()))
         if self.n_samples < 2:
             raise ChannelError(f"Record {self.name!r} has {self.n_samples} samples", "At least two are needed.")
@@ -136,11 +134,8 @@ class Record:
         finite_span(list(columns.values()), list(columns), f"record {self.name!r}")
         for channel, line in columns.items():
             if float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
-                raise ChannelError(
-                    f"Channel {channel} of record {self.name!r} reaches {np.nanmax(np.abs(line)):.3g}, whose square "
-                    "leaves the range of a double",
-                    "Check its unit.",
-                )
+                what = f"Channel {channel} of record {self.name!r} reaches {np.nanmax(np.abs(line)):.3g}, whose square "
+                raise ChannelError(f"{what}leaves the range of a double", "Check its unit.")
 
     def channels(self) -> dict[str, np.ndarray]:
         """Measured channels by name.
@@ -303,8 +298,7 @@ class Record:
         ChannelError
             If fewer than two samples lie between them.
         """
-        inside = (self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt)
-        rows = np.flatnonzero(inside)
+        rows = np.flatnonzero((self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt))
         if len(rows) < 2:
             cure = f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s."
             raise ChannelError(f"Record {self.name!r} has no samples from {start} to {stop} s", cure)

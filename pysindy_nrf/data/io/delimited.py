@@ -137,8 +137,7 @@ def _own(path: Path, first: bytes) -> Table:
         raise unreadable(path, "delimited text", error) from error
     if values.shape[1] != len(names):
         raise unreadable(path, "delimited text", f"{values.shape[1]} columns where {len(names)} are announced")
-    columns = dict(zip(names, values.T))
-    return Table(path, "CSV", columns, attributes=attributes, fs=attributes.fs)
+    return Table(path, "CSV", dict(zip(names, values.T)), attributes=attributes, fs=attributes.fs)
 
 
 def sniff(path: Path) -> Dialect:
@@ -150,10 +149,8 @@ def sniff(path: Path) -> Dialect:
         raise unreadable(path, "delimited text", "it holds binary data")
     encoding, text = _decode(raw, path)
     lines = re.split(r"\r\n|\n|\r", text)  # splitlines() also splits at characters that pandas keeps
-    if not lines[-1]:
-        lines.pop()
-    elif not whole:
-        lines.pop()  # probably cut
+    if not lines[-1] or not whole:
+        lines.pop()  # empty, or probably cut
     if not lines:
         raise unreadable(path, "delimited text", f"its first line is longer than {_HEAD_BYTES // 1024} KB")
     trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
@@ -222,9 +219,7 @@ def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: f
     width = len(rows[start][1])
     body = rows[start : start + 200]
     even = sum(len(cells) == width and is_row(cells) for _, cells in body)
-    if even < 0.8 * len(body):
-        return None
-    if decimal == "," and not any("," in cell for _, cells in body for cell in cells):
+    if even < 0.8 * len(body) or decimal == "," and not any("," in cell for _, cells in body for cell in cells):
         return None
     header, units, named = _header(lines, rows, start, width, separator)
     return Dialect(separator, decimal, header, units, rows[start][0], encoding, named)
@@ -245,10 +240,9 @@ def _header(
     if not above:
         # names may stand in the last comment line: "# t, a1, a2"
         comments = [line.lstrip().lstrip("#%/").strip() for line in lines[: rows[start][0]] if line.strip()]
-        if comments:
-            cells = _cells(comments[-1], separator)
-            if len(cells) == width and width > 1:
-                above = [cells]
+        cells = _cells(comments[-1], separator) if comments else []
+        if len(cells) == width and width > 1:
+            above = [cells]
     units = [""] * width
     for row in (-1, -2):  # below the names, as a rule; some programs write them above
         if len(above) > 1 and any(above[row]) and all(not c or is_unit(c) or not c.strip("[]()-") for c in above[row]):

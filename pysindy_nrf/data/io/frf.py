@@ -80,10 +80,8 @@ def read_frf(
     """
     path = Path(path)
     check_file(path, max_bytes)
-    if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat", ".asc"):
-        f, H = _from_text(path)
-    else:
-        f, H = _from_variables(path, max_bytes)
+    text = path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat", ".asc")
+    f, H = _from_text(path) if text else _from_variables(path, max_bytes)
     return frequency_response(f, H, excited, kind, path.stem)
 
 

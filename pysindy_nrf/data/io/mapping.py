@@ -90,10 +90,8 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
             raise FileFormatError(what, f"{kind.capitalize()}s count from 0.")
         values = values.take(index, axis)
     if values.ndim != 1:
-        cure = (
-            f"Pick one column, {expression.name}[:, 0], or one row, {expression.name}[0, :]." if values.ndim == 2
-            else "Give one value per sample."
-        )  # fmt: skip
+        pick = f"Pick one column, {expression.name}[:, 0], or one row, {expression.name}[0, :]."
+        cure = pick if values.ndim == 2 else "Give one value per sample."
         raise FileFormatError(f"{wanted} has the shape {values.shape}, not one line of samples", cure)
     if channel == "t" and (values.dtype.kind in "mM" or expression.factor is None and values.dtype == object):
         return values
@@ -112,11 +110,8 @@ def _factor(expression: Expression, table: Table, channel: str) -> float:
     except ValueError:
         scalar = table.variables.get(expression.factor)
         if scalar is None or scalar.size != 1 or scalar.dtype.kind not in "iuf":
-            raise ChannelError(
-                f"The factor {expression.factor!r} of channel {channel} is neither a number nor the name of one in "
-                f"{table.path}",
-                f"Write {GRAMMAR}.",
-            ) from None
+            what = f"The factor {expression.factor!r} of channel {channel} is neither a number nor the name of one in "
+            raise ChannelError(f"{what}{table.path}", f"Write {GRAMMAR}.") from None
         value = float(scalar.reshape(())[()])
     if not np.isfinite(value) or value == 0:
         cure = "Give a finite factor, not zero."
@@ -135,13 +130,11 @@ def _numbers(values: np.ndarray, wanted: str, decimal: str) -> np.ndarray:
         text |= pd.Series(values).astype(str).str.contains(".", regex=False).to_numpy(dtype=bool)
     if text.any():
         row = int(np.argmax(text))
-        raise FileFormatError(
-            f"{wanted} holds the text {values[row]!r} in data row {row + 1}"
-            + (", in a file with a decimal comma" if decimal == "," else ""),
-            "Export numbers without marks of thousands, all with the same decimal mark."
-            if _GROUPED.fullmatch(str(values[row]).strip())
-            else "Remove it, or leave the cell empty where nothing was measured.",
-        )
+        mark = ", in a file with a decimal comma" if decimal == "," else ""
+        cure = "Remove it, or leave the cell empty where nothing was measured."
+        if _GROUPED.fullmatch(str(values[row]).strip()):
+            cure = "Export numbers without marks of thousands, all with the same decimal mark."
+        raise FileFormatError(f"{wanted} holds the text {values[row]!r} in data row {row + 1}{mark}", cure)
     return numbers
 
 
@@ -195,8 +188,7 @@ def _good(key: str, value: Any) -> bool:
     if key == "files":
         return isinstance(value, list) and bool(value) and all(isinstance(v, str) and v.strip() for v in value)
     if key == "fs":
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return number and 0 < value <= sys.float_info.max
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value <= sys.float_info.max
     if key == "coordinates":
         return value in ("relative", "absolute")
     return isinstance(value, {"together": bool, "name": str}.get(key, dict))
@@ -285,8 +277,7 @@ def propose(table: Table) -> list[Proposal]:
             found += [(kind, f"{bare} {k + 1}", f"{quoted}[:, {k}]", doubts) for k in range(values.shape[1])]
     out = [Proposal("t", text, doubts) for kind, _, text, doubts in found if kind == "t"][:1]
     found = _without_counters([row for row in found if row[0] != "t"])
-    motions = {k: [row for row in found if row[0] == k] for k in "axvF"}
-    numbered = {k: _numbered(rows) for k, rows in motions.items()}
+    numbered = {k: _numbered([row for row in found if row[0] == k]) for k in "axvF"}
     floors = max((j for k in "axv" for j, *_ in numbered[k]), default=1)
     for kind, rows in numbered.items():
         for j, text, doubts in rows:
@@ -294,9 +285,8 @@ def propose(table: Table) -> list[Proposal]:
                 doubts = doubts if j == _TOP else [*doubts, f"on which floor? the top is taken of F1 to F{floors}"]
                 j = floors
             channel = f"{kind}{j}" if j else f"{kind}g"
-            if channel in (one.channel for one in out):
-                continue
-            out.append(Proposal(channel, text, doubts))
+            if channel not in (one.channel for one in out):
+                out.append(Proposal(channel, text, doubts))
     return out
 
 

@@ -175,8 +175,7 @@ def understand(table: Table, *, mapping: Mapping[str, str] | None = None, fs: fl
     title = name or (own.name if own else table.path.stem)
     record, clock = record_of(table, lines, sources, fs, title, coordinates or (own.coordinates if own else "relative"))
     used = {source.name for source in sources.values()}
-    unused = tuple(v for v in table.variables if v not in used)
-    return Reading(record, table, sources, unused, clock)
+    return Reading(record, table, sources, tuple(v for v in table.variables if v not in used), clock)
 
 
 def lines_of(
@@ -296,8 +295,7 @@ def _declared(units: Mapping[str, str] | None) -> dict[str, str]:
     for key, unit in (units or {}).items():
         if not isinstance(unit, str) or not unit.strip():
             raise ChannelError(f"The unit of {key!r} is {unit!r}", "Give a text such as 'mm' or 'g'.")
-        channel = channel_of(str(key)) or {"f": "F"}.get(str(key), str(key))
-        out[channel] = unit.strip()
+        out[channel_of(str(key)) or {"f": "F"}.get(str(key), str(key))] = unit.strip()
     return out
 
 

@@ -65,11 +65,8 @@ _SHRINKS, _HARMLESS = 100, 200_000_000  # times, and bytes below which it does n
 def check_size(path: Path, size: int, max_bytes: int) -> None:
     """Refuse a content of more bytes than the limit, or out of all proportion to its file."""
     if _HARMLESS < size <= max_bytes and size > _SHRINKS * path.stat().st_size:
-        raise FileFormatError(
-            f"{path}, a file of {path.stat().st_size / 1e6:.2g} MB, unpacks to more than {size / 1e9:.2g} GB, as no "
-            "measured channels do",
-            "Save it uncompressed if it is right.",
-        )
+        what = f"{path}, a file of {path.stat().st_size / 1e6:.2g} MB, unpacks to more than {size / 1e9:.2g} GB"
+        raise FileFormatError(f"{what}, as no measured channels do", "Save it uncompressed if it is right.")
     if size > max_bytes:
         what = f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB"
         raise FileFormatError(what, "Split it into records, or raise max_bytes=.")

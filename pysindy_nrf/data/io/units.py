@@ -30,9 +30,7 @@ _MOST = 24  # characters of a unit
 
 def dimension_of(channel: str) -> str | None:
     """Quantity that a channel measures, None for a covariate."""
-    if channel == "t" or re.fullmatch(r"[avxF]\d+|[avx]g", channel):
-        return _DIMENSIONS[channel[0]]
-    return None
+    return _DIMENSIONS[channel[0]] if re.fullmatch(r"t|[avxF]\d+|[avx]g", channel) else None
 
 
 def si_unit(channel: str) -> str:

@@ -123,11 +123,9 @@ def free_run(model: Any, F: Any, dt: float, **options: Any) -> FreeRun:
     run = _run(model, F, dt, _known(method), **options)
     out = run.out
     kinetic = 0.5 * (out.v**2) @ run.masses
-    energy = pd.DataFrame(
-        np.column_stack([out.work[:, 0], kinetic, out.work[:, 1:]]),
-        index=pd.Index(run.t0 + np.arange(len(kinetic)) * dt, name="t"),
-        columns=["input", "kinetic", *map(str, run.layout.sites)],
-    )
+    times = pd.Index(run.t0 + np.arange(len(kinetic)) * dt, name="t")
+    names = ["input", "kinetic", *map(str, run.layout.sites)]
+    energy = pd.DataFrame(np.column_stack([out.work[:, 0], kinetic, out.work[:, 1:]]), times, names)
     states = {key: out.z[:, part] for key, part in run.layout.states.items()}
     return FreeRun(run.record(name), states, energy, run.quality)
 
@@ -222,17 +220,14 @@ def _run(
         ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", dt / 1024, out)
     why, interval, dof, steps, rejected, forced = ended
     if why == CRAWLS:
-        raise SimulationError(
-            f"Up to {interval * dt:.6g} s the free run took more than {PATIENCE} steps a sample: a law is far stiffer "
-            "than the sampling, or two laws at one site make it chatter",
-            "Use method='newmark', a shorter dt, or one law instead of two at a site that sticks.",
-        )
+        what = f"Up to {interval * dt:.6g} s the free run took more than {PATIENCE} steps a sample: a law is far "
+        what += "stiffer than the sampling, or two laws at one site make it chatter"
+        cure = "Use method='newmark', a shorter dt, or one law instead of two at a site that sticks."
+        raise SimulationError(what, cure)
     if why:
-        raise SimulationError(
-            f"The free run diverges at {interval * dt:.6g} s, at DOF {dof + 1}",
-            "The model is unstable there (a softening or negative term beyond the range it was fitted in), "
-            "or dt is too long for its stiffness: lower the force, the degree or dt.",
-        )
+        cure = "The model is unstable there (a softening or negative term beyond the range it was fitted in), or dt "
+        cure += "is too long for its stiffness: lower the force, the degree or dt."
+        raise SimulationError(f"The free run diverges at {interval * dt:.6g} s, at DOF {dof + 1}", cure)
     quality = {"steps": int(steps), "rejected": int(rejected), "forced": int(forced)}
     return _Run(samples, dt, system.masses, layout, out, base_acceleration is not None, covariates, quality, start)
 
@@ -250,9 +245,6 @@ def _positive(name: str, value: Any, cure: str) -> float:
     if not 0 < number < np.inf:
         raise SimulationError(f"{name}={value!r} is not a positive number", cure)
     return number
-
-
-HOLDS = ("linear", "zero", "cubic")
 
 
 def finite(value: Any, names: Any, n_columns: int, what: str) -> np.ndarray:
@@ -305,7 +297,7 @@ def polynomials(samples: np.ndarray, hold: str) -> np.ndarray:
         return samples[None, :-1].copy()
     if hold == "cubic":
         return np.ascontiguousarray(CubicSpline(np.arange(len(samples)), samples).c[::-1])
-    raise ChannelError(f"hold={hold!r} is unknown", f"Choose {', '.join(map(repr, HOLDS))}.")
+    raise ChannelError(f"hold={hold!r} is unknown", "Choose 'linear', 'zero', 'cubic'.")
 
 
 def as_read(record: Record, laws: Mapping[Site, Sequence[ForceLaw]]) -> Record:

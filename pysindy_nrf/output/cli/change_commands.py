@@ -29,20 +29,16 @@ def _read(files: list[Path], options: dict[str, Any], session: Session) -> list[
     return [reading.record for reading in readings]
 
 
-_path = click.Path(path_type=Path)
-_figures = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-
-
 @click.command(short_help="Storey forces, the force of a damper, dissipated energy.")
-@click.argument("file", type=_path)
+@click.argument("file", type=opt.PATH)
 @opt.record_options
-@click.option("--bare", type=_path, help="A test of the structure without its damper: the damper's force (eq. 21).")
+@click.option("--bare", type=opt.PATH, help="A test of the structure without its damper: the damper's force (eq. 21).")
 @opt.degree_option(3, "Total degree of the power series, or box k,q.")
 @opt.law_option
 @opt.mass_option
 @opt.band_option
 @opt.output_option
-@_figures
+@opt.figures_option
 @opt.json_option
 def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None:
     """Storey forces along a record, the energy that each storey dissipates, and the force of a damper.
@@ -96,8 +92,8 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
 
 
 @click.command(short_help="What changed between two tests: where, how much, which term.")
-@click.argument("before", type=_path)
-@click.argument("after", type=_path)
+@click.argument("before", type=opt.PATH)
+@click.argument("after", type=opt.PATH)
 @opt.record_options
 @opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
 @opt.law_option
@@ -107,7 +103,7 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
 @click.option("--level", type=float, default=0.01, help="Level of significance, of all places and terms together.")
 @click.option("--blocks", type=click.IntRange(5), default=20, help="Pieces of each test, left out in turn.")
 @opt.output_option
-@_figures
+@opt.figures_option
 @opt.json_option
 def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     """Say which storey's force, or which mass, changed between two tests of one structure.
@@ -135,9 +131,8 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     session.headed("The tests fitted apart", opt.table(report.table))
     session.take_care()
     with session.aside() as folder:
-        written = [
-            write_table(report.changed, folder / "changed.csv"), write_table(report.table, folder / "fitted_apart.csv"),
-        ]  # fmt: skip
+        tables = {"changed": report.changed, "fitted_apart": report.table}
+        written = [write_table(frame, folder / f"{name}.csv") for name, frame in tables.items()]
         if options["figures"]:
             from ..displays._matplotlib import save
             from ..displays.models import change_figure

@@ -72,7 +72,7 @@ def demo(as_json: bool, **options: Any) -> int:
     "With --frf: acceleration, velocity or displacement over force.", "accelerance",
 )  # fmt: skip
 @opt.output_option
-@click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
+@opt.figures_option
 @opt.json_option
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> int:
     """Find masses and restoring forces from the records of one chain.
@@ -159,11 +159,9 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     session.measured(frf.describe(band))
     settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
     estimator = NRFRegressor(**settings, band=band)
-    masses = settings["known_masses"] or {}
-    _say_plan(session, frf.n_dof, [frf.excited], [], masses, estimator)
+    _say_plan(session, frf.n_dof, [frf.excited], [], settings["known_masses"] or {}, estimator)
     understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
-    outcome = identify_frf(frf, estimator)
-    return finish(session, outcome, band, options["figures"], understood)
+    return finish(session, identify_frf(frf, estimator), band, options["figures"], understood)
 
 
 def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> None:
@@ -178,21 +176,15 @@ def _given(option: str) -> bool:
     return click.get_current_context().get_parameter_source(option) is not ParameterSource.DEFAULT
 
 
-def _loop_options(command: Any) -> Any:
-    """Options of the commands that close the loop."""
-    options = (
-        opt.record_options,
-        click.option(
-            "--heldout", multiple=True, type=click.Path(path_type=Path), help="A file that only the last line may see."
-        ),
-        opt.degree_option(1, "Total degree of the declared storeys, or box k,q."), opt.law_option, opt.mass_option,
-        opt.band_option, click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most."),
-        click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap."),
-        click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib)."),
-    )  # fmt: skip
-    for option in reversed(options):
-        command = option(command)
-    return command
+# of the commands that close the loop
+_loop_options = opt.together(
+    opt.record_options,
+    click.option("--heldout", multiple=True, type=opt.PATH, help="A file that only the last line may see."),
+    opt.degree_option(1, "Total degree of the declared storeys, or box k,q."),
+    opt.law_option, opt.mass_option, opt.band_option,
+    click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most."),
+    click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap."), opt.figures_option,
+)  # fmt: skip
 
 
 @click.command("run", short_help="Inspect, close the loop, report: the verdict on a test.")
@@ -379,13 +371,11 @@ def _as_option(order: Any) -> str:
 
 
 @click.command(short_help="Plain SINDy and this package on the same record.")
-@click.argument("file", required=False, type=click.Path(path_type=Path))
+@click.argument("file", required=False, type=opt.PATH)
 @opt.record_options
 @click.option("--degree", type=click.IntRange(1), default=3, help="Total degree of the power series everywhere.")
 @click.option("--heldout", type=float, default=0.3, help="Share of the record at its end on which all are judged.")
-@click.option(
-    "--truth", type=click.Path(path_type=Path), help="The structure, if it is known: a model.json. Judges the terms."
-)
+@click.option("--truth", type=opt.PATH, help="The structure, if it is known: a model.json. Judges the terms.")
 @click.option("--time-limit", type=float, default=10.0, help="Seconds after which a free run of SINDy is given up.")
 @opt.output_option
 @opt.json_option

@@ -1,6 +1,7 @@
 """What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
 
 import contextlib
+import functools
 import itertools
 import json
 import math
@@ -343,8 +344,9 @@ _LAWS, _ORDER = "SITE=NAME+NAME", "SITE=DEGREE"
 FLOORS = Text("I,J,...", lambda text: [] if text.strip().lower() == "none" else _range(text))  # 1,3 or 1-4 or none
 NUMBERS = Text("A,B,...", _numbers)
 RANGE = Text("A-B|A,B,...", _range)
+PATH = click.Path(path_type=Path)
 
-files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=click.Path(path_type=Path))
+files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=PATH)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 
 
@@ -382,7 +384,7 @@ def choice(flag: str, values: Sequence[str], words: str, default: str | None = N
 
 
 mapping_option = click.option(
-    "--mapping", "mapping_file", type=click.Path(path_type=Path),
+    "--mapping", "mapping_file", type=PATH,
     help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
 )  # fmt: skip
 map_option = repeated(
@@ -412,15 +414,17 @@ mass_option = repeated(
 band_option = click.option(
     "--band", type=Text("LO,HI", _band), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
 )
+figures_option = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
 order_option = repeated("--order", "orders", Text(_ORDER, _site_degree), 'Another degree at a site: "storey 2=5".')
-_CHANNELS = (map_option, unit_option, rate_option, coordinates_option, mapping_option)
 
 
-def record_options(command: Any) -> Any:
-    """Options of every command that reads records: channels, units, clock, coordinates."""
-    for option in reversed(_CHANNELS):
-        command = option(command)
-    return command
+def together(*options: Any) -> Callable[[Any], Any]:
+    """Several options as one decorator, in the order in which help lists them."""
+    return lambda command: functools.reduce(lambda held, option: option(held), reversed(options), command)
+
+
+# of every command that reads records: channels, units, clock, coordinates
+record_options = together(map_option, unit_option, rate_option, coordinates_option, mapping_option)
 
 
 def output_file(name: str, words: str) -> Any:

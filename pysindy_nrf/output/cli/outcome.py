@@ -109,10 +109,8 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     said += [f"  {line}" for line in (*_balance(est.errors_), *third, *_free(outcome))]
     modes = outcome.modes
     if modes is not None:
-        said += [
-            heading("Modes of the linear part (Hz, share of critical damping, shape)"),
-            textwrap.indent(table(modes), "  "),
-        ]
+        said.append(heading("Modes of the linear part (Hz, share of critical damping, shape)"))
+        said.append(textwrap.indent(table(modes), "  "))
     if outcome.warnings:
         said += [heading("Take care"), paragraphs(outcome.warnings)]
     return "\n".join(said)
@@ -159,8 +157,7 @@ def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[
     est, model = outcome.estimator, outcome.estimator.model_
     runs = outcome.free or FreeRuns(pd.DataFrame())
     return {
-        "verdict": asdict(outcome.verdict),
-        "records": records, "band_hz": None if band is None else list(band),
+        "verdict": asdict(outcome.verdict), "records": records, "band_hz": None if band is None else list(band),
         "solve_order": str(est.solve_order_).splitlines(), "masses_kg": [float(m) for m in model.masses],
         "equations": model.equations(6), "balance_error_percent": est.errors_["error"],
         "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()},
@@ -215,8 +212,7 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
     """Draw the restoring forces and the free run, or the frequency responses."""
     written = []
     if outcome.frf is not None:
-        frf, found = outcome.frf
-        used = outcome.used
+        (frf, found), used = outcome.frf, outcome.used
         title = f"Accelerance, force on DOF {frf.excited}, {band_text(band)}"
         responses = response_figures(frf.f[used], frf.H[used], found[used])
         return save(folder / "frequency_response.png", responses, title=title)

@@ -1,5 +1,7 @@
 """Commands on records and runs: ``inspect``, ``simulate``, ``plan`` a test, ``report`` as a page."""
 
+import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,7 @@ from .options import Session
 @click.command(short_help="Say what a file holds and how it was understood.")
 @opt.files_argument
 @opt.record_options
-@click.option(
-    "--write-mapping", type=click.Path(path_type=Path), help="Propose a channel for every column, in a new TOML file."
-)
+@click.option("--write-mapping", type=opt.PATH, help="Propose a channel for every column, in a new TOML file.")
 @opt.json_option
 def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, **options: Any) -> None:
     """Say what a file holds and how it was understood. Nothing is solved, nothing is written.
@@ -84,11 +84,9 @@ def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
     from ...data.io import read_table
     from ...data.io.summary import contents
 
-    for path in files[:1]:
-        try:
+    with suppress(NRFError, MissingExtraError):
+        for path in files[:1]:
             session.say(contents(read_table(path)) + "\n")
-        except (NRFError, MissingExtraError):
-            return
 
 
 @click.command("laws", short_help="List the force laws that storeys may have.")
@@ -121,8 +119,8 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
 
 
 @click.command(short_help="Run a model alone under the forces of a file.")
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("forces", required=False, type=click.Path(path_type=Path))
+@click.argument("model", type=opt.PATH)
+@click.argument("forces", required=False, type=opt.PATH)
 @opt.map_option
 @opt.unit_option
 @opt.rate_option
@@ -210,9 +208,7 @@ def _beyond(model: Any, run: Any) -> list[str]:
 @click.option("--unknown", type=opt.FLOORS, help="Floors on which a force acts that is not measured.")
 @opt.mass_option
 @click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
-@click.option(
-    "--model", type=click.Path(path_type=Path), help="A first guess (model.json): ranks floors by how modes respond."
-)
+@click.option("--model", type=opt.PATH, help="A first guess (model.json): ranks floors by how modes respond.")
 @opt.json_option
 def plan(floors: int, as_json: bool, **options: Any) -> None:
     """Say which floor to hit, or which sensor to add, before a test of a structure with FLOORS floors.
@@ -272,8 +268,7 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     results = [path for path in files if path.suffix.lower() == ".json"]
     if len(results) != 1:
         raise click.UsageError("report takes one result (.json); records are identified by run or identify first.")
-    measured = [path for path in files if path not in results]
-    readings = opt.readings_of(measured, options, needed=False)
+    readings = opt.readings_of([path for path in files if path not in results], options, needed=False)
     records = [reading.record for reading in readings]
     with session.listening():
         subject = _result(results[0])
@@ -287,8 +282,6 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
 
 def _result(path: Path) -> Any:
     """The model of a result file."""
-    import json
-
     from ...common.files import plain_json
     from ...data.io.table import check_file
     from ...regression.chain_model import ChainModel

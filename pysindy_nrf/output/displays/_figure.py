@@ -131,9 +131,7 @@ class Figure:
 def index_of(site: Any) -> str:
     """Index of s, v and R at a site: ``2`` at storey 2, ``4,2`` at link 4-2."""
     site = Site(site) if isinstance(site, str) else site
-    if site.is_storey:
-        return str(site.p)
-    return f"{site.p},{site.q}" if site.kind == "link" else f"dof {site.p}"
+    return str(site.p) if site.is_storey else f"{site.p},{site.q}" if site.kind == "link" else f"dof {site.p}"
 
 
 def dof_words(name: Any) -> str:

@@ -98,6 +98,7 @@ def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) ->
         "share": "explains (%)", "low": "from (%)", "high": "to (%)", "own": "follows its own motion (%)",
         "balances": "signs in the balances",
     }  # fmt: skip
+    shown = found.head(20)[[c for c in head if c in found]]
     low, high = heads["low"].clip(0, 100), heads["high"].clip(0, 100)
     return Figure(
         "Localisation: where the missing force acts", [Bars(heads["share"], color=colors, low=low, high=high)],
@@ -105,10 +106,7 @@ def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) ->
         alt=f"A force at {found.index[0]} would explain {heads['share'].iloc[0]:.0f} percent of the residual.",
         caption="By the pattern of signs across the balances (Newton's third law); lines are about 95 %."
         + " Orange: the site the loop chose." * ("orange" in colors),
-        table=table(
-            "Sites by the share of the residual that a force there would explain",
-            found.head(20)[[c for c in head if c in found]], head, index="site",
-        ),
+        table=table("Sites by the share of the residual that a force there would explain", shown, head, index="site"),
     )  # fmt: skip
 
 
@@ -121,20 +119,15 @@ def dependence_figures(found: Any, variables: Sequence[str] = ("s", "v"), where:
         low=shares["low"].clip(0, 100), high=shares["high"].clip(0, 100),
     )  # fmt: skip
     head = {"share": "explains (%)", "low": "from (%)", "high": "to (%)", "gain": "more than linear (points)"}
-    out = [
-        Figure(
-            f"Characterisation: what the force{where} depends on", [bars],
-            **_lying(len(names), "explained on data left out", names) | {"size": (4.2, 3.2)}, alt=found.sentence,
-            caption="Without any formula. Highlighted: the simplest that explains nearly as much as the best.",
-            table=table(
-                "Share of the missing force that is a function of", shares[list(head)].set_axis(names), head, index="of"
-            ),
-        )
-    ]  # fmt: skip
-    for name in variables:
-        if name in found.curves:
-            out.append(_mean(found.curves[name], *_VARIABLES.get(name, (name, "")), where))
-    return out
+    shown = shares[list(head)].set_axis(names)
+    whole = Figure(
+        f"Characterisation: what the force{where} depends on", [bars],
+        **_lying(len(names), "explained on data left out", names) | {"size": (4.2, 3.2)}, alt=found.sentence,
+        caption="Without any formula. Highlighted: the simplest that explains nearly as much as the best.",
+        table=table("Share of the missing force that is a function of", shown, head, index="of"),
+    )  # fmt: skip
+    drawn = ((name, found.curves[name]) for name in variables if name in found.curves)
+    return [whole, *(_mean(curve, *_VARIABLES.get(name, (name, "")), where) for name, curve in drawn)]
 
 
 def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:

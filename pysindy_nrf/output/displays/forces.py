@@ -43,10 +43,8 @@ def surface_figure(
         alt=f"Restoring force of {site} over drift and rate. It reaches from {inside.min():.3g} to {inside.max():.3g} "
         f"N for drifts of {s.min():.3g} to {s.max():.3g} m and rates of {v.min():.3g} to {v.max():.3g} m/s.",
         caption="Coloured where the data were, grey where the law is extrapolated; the line is the path of the data. "
-        + _TURN,
-        heading=str(site),
-        table=Table(f"Force of {site} (N) by rate and drift; empty where the data never were", head, rows),
-        size=(4.8, 4.0), height=380,
+        + _TURN, table=Table(f"Force of {site} (N) by rate and drift; empty where the data never were", head, rows),
+        heading=str(site), size=(4.8, 4.0), height=380,
     )  # fmt: skip
 
 

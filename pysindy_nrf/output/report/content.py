@@ -254,8 +254,7 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) ->
             heads |= {c: dof_words(c) for c in modes.columns if c.startswith("dof")}
             tables.append(table("Modes of the linear part", modes, heads, index="mode"))
             figures.append(modes_figure(modes))
-    held = Table("Versions", ["package", "version"], [list(row) for row in versions().items()])
-    lines = str(model).splitlines()
+    held, lines = Table("Versions", ["package", "version"], [*map(list, versions().items())]), str(model).splitlines()
     return Content(balance_equations(model), sections, tables, figures, held, _run(model.info), lines)
 
 

@@ -149,6 +149,4 @@ def as_text(value: Any) -> str:
         return ""
     mantissa, _, exponent = f"{x:.{getattr(value, 'digits', 4)}g}".partition("e")
     mantissa = mantissa.replace("-", "−")
-    if not exponent:
-        return mantissa
-    return f"{mantissa}×10" + str(int(exponent)).translate(_RAISED)
+    return f"{mantissa}×10{str(int(exponent)).translate(_RAISED)}" if exponent else mantissa

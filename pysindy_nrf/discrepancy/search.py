@@ -346,6 +346,10 @@ class Forward:
             if found is not None and found[0] in better:
                 before, self.state = self.state, base
                 self._take(found)
+                effects = self.state.effects
+                place = min(before.effects.index(effect), len(effects) - 1)  # the report follows the order of discovery
+                effects = (*effects[:place], effects[-1], *effects[place:-1])
+                self.state = replace(self.state, effects=effects)
                 self._eliminate()
                 if self.state.trial.gain_over(before.trial).value <= 0:
                     self.state = before

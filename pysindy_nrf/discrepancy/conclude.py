@@ -183,7 +183,7 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
         error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
         free_run_after=after.row["free run"], validation_before=before.row["validation"],
         validation_after=after.row["validation"], gain=gain.value, gain_error=gain.error, gain_least=gain.least,
-        gain_heldout=held.value, confirmed=bool(after.error < before.error and gain.value > 0),
+        gain_heldout=held.value, confirmed=bool(after.error < before.error and judge.is_there(gain, effect.law)),
         tied=[
             (f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), f.gain.value if f.gain else np.nan)
             for f in rivals

@@ -87,9 +87,10 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
         if step.gain >= LEAST_GAIN:
             steps.append(step)
             stands.append(stand)
+    stopped = _why_stopped(forward, settings["max_steps"])
     if not confirmed.trial.ruler.windows.centred:  # one ruler for the table: that of the last model
         stands = [_as_measured(stand) for stand in stands]
-    stopped = _why_stopped(forward, settings["max_steps"])
+        stopped += f". {words.MEANS_LEFT_IN}" if len(steps) > 1 else ""
     no_claim = _no_claim(confirmed)
     if no_claim:
         stopped = f"{no_claim}. Nothing is claimed"

@@ -271,6 +271,12 @@ def not_in_catalogue(found: pd.DataFrame) -> str:
     return f"What is left is not noise alone: {', '.join(said)} than the model"
 
 
+MEANS_LEFT_IN = (
+    "The table judges every model with the means left in, which only the constant force explains; other effects were "
+    "confirmed without them, so a row may lie above the one before it"
+)
+
+
 def hopeless(left: np.ndarray) -> str:
     """A balance of which the model explains next to nothing: a claim is no better than its worst balance."""
     worst = int(np.nanargmax(left)) + 1

@@ -7,22 +7,22 @@ problem of Jacobi matrices: Hochstadt, 1974; Gladwell, Inverse problems in vibra
 noise, chains drawn at random are fitted to poles and residues.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import nnls
 
 from ..exceptions import IdentifiabilityError
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
-from .free_run_fit import Shot
+from .free_run_fit import DIFFERENCE, LONGEST, Shot, lengths
 
 ROUNDS = 8  # of the poles, with those of noise and without
 EXTRA = (0, 2)  # poles for noise
-DRAWS, KEPT = 40, 4  # chains drawn at random; starting values at most
+DRAWS, KEPT, STEPS = 40, 4, 80  # chains drawn at random; starting values at most; iterations of each
 ALIKE = 0.02  # starting values whose logarithms differ by less are one
 WIDTH, FLOOR = 9, 0.05  # lines of a local mean of the response; part of its rms below which weights are even
 POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
@@ -122,9 +122,7 @@ def modes_of(shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np
         for c in range(len(channels)):
             own, y = columns(poles, c)
             shared = np.vstack([_basis(s, poles) * Y[:, c, None] for s, Y, _ in data]) * weights[:, c, None]
-            size = np.linalg.norm(own, axis=0)
-            size[size == 0] = 1.0
-            wide = np.column_stack([own / size, -_real(shared), y])
+            wide = np.column_stack([own / lengths(own), -_real(shared), y])
             R = np.asarray(np.linalg.qr(wide, mode="r"))[own.shape[1] :, own.shape[1] :]
             gram.append(R[:, :-1])
             right.append(R[:, -1])
@@ -152,17 +150,14 @@ def modes_of(shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np
 
     out: list[Modes] = []
     for spread, extra in product((np.linspace, np.geomspace), EXTRA):
-        poles, best = spread(max(low, high / 300), high, n + extra + 2)[1:-1] * (-0.01 + 1j), None
+        poles, tried = spread(max(low, high / 300), high, n + extra + 2)[1:-1] * (-0.01 + 1j), []
         for number in range(2 * ROUNDS):
             poles = relocated(poles)
             if number == ROUNDS:  # poles of noise hold little energy
                 poles = poles[np.argsort(-fitted(poles)[2])[:n]]
             if number >= ROUNDS:
-                left, values, _ = fitted(poles)
-                if best is None or left < best[0]:
-                    best = left, poles, values
-        assert best is not None
-        left, poles, values = best
+                tried.append((*fitted(poles)[:2], poles))
+        _, values, poles = min(tried, key=lambda one: one[0])
         order = np.argsort(np.abs(poles))
         if any(np.allclose(poles[order], other.poles, rtol=1e-3) for other in out):
             continue
@@ -220,18 +215,18 @@ def _matched(
     largest = [np.abs(values).max() for *_, values in aim]
 
     def built(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Masses, stiffnesses, natural frequencies (1/s) and mode shapes of a unit modal mass."""
-        masses, k = fixed.copy(), np.exp(x[len(free) :])
-        masses[free] = np.exp(x[: len(free)])
-        root = np.sqrt(masses)
-        values, vectors = np.linalg.eigh((signs * k) @ signs.T / root[:, None] / root)
-        return masses, k, np.sqrt(np.maximum(values, 1e-12 * values[-1])), vectors / root[:, None]
+        """Masses, stiffnesses, natural frequencies (1/s) and mode shapes of a unit modal mass, of each row of x."""
+        masses, k = np.tile(fixed, (len(x), 1)), np.exp(x[:, len(free) :])
+        masses[:, free] = np.exp(x[:, : len(free)])
+        root = np.sqrt(masses)[:, :, None]
+        values, vectors = np.linalg.eigh((signs * k[:, None]) @ signs.T / root / root.transpose(0, 2, 1))
+        return masses, k, np.sqrt(np.maximum(values, 1e-12 * values[:, -1:])), vectors / root
 
-    def gap(x: np.ndarray) -> np.ndarray:
+    def gaps(x: np.ndarray) -> np.ndarray:
         masses, _, own, phi = built(x)
-        driven = np.vstack([phi, -masses @ phi])
-        wrong = [(phi[j] * driven[u] - values) / size / SHARE for (j, u, values), size in zip(aim, largest)]
-        return np.concatenate([np.log(own / w) / NEAR, *wrong])
+        driven = np.concatenate([phi, -masses[:, None] @ phi], axis=1)
+        wrong = [(phi[:, j] * driven[:, u] - values) / size / SHARE for (j, u, values), size in zip(aim, largest)]
+        return np.hstack([np.log(own / w) / NEAR, *wrong])
 
     first = _from_end(found, n) if list(links) == [Site(j) for j in range(1, n + 1)] else None
     draws = [] if first is None else [np.concatenate([first[:n][free], first[n:]])]
@@ -241,19 +236,26 @@ def _matched(
     for _ in range(DRAWS):
         k = size * np.median(w) ** 2 * rng.lognormal(0, 0.7, signs.shape[1])
         draws.append(np.log(np.concatenate([size * rng.lognormal(0, 0.7, len(free)), k])))
-    good = 0
-    for number, draw in enumerate(draws):
-        if good >= KEPT and number > DRAWS // 2:
-            return
-        limits = np.maximum(np.abs(draw) + 12.0, 1.0)
-        try:
-            got = least_squares(gap, np.clip(draw, -limits, limits), method="trf", xtol=1e-10, ftol=1e-10, max_nfev=80)
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-        masses, k, _, phi = built(got.x)
-        if not np.isfinite(got.cost):
-            continue
-        good += got.cost < 1.0
-        damping = nnls((signs.T @ phi).T ** 2, 2 * np.abs(found.poles.real))[0]
-        floor = 0.2 * np.median(-2 * found.poles.real / w**2) * k
-        yield Linear(masses, k, np.maximum(damping, floor), float(got.cost))
+    x = _nearest(gaps, np.array(draws))
+    cost, (masses, k, _, phi) = (gaps(x) ** 2).sum(axis=1) / 2, built(x)
+    for row in np.flatnonzero(np.isfinite(cost)):
+        damping = nnls((signs.T @ phi[row]).T ** 2, 2 * np.abs(found.poles.real))[0]
+        floor = 0.2 * np.median(-2 * found.poles.real / w**2) * k[row]
+        yield Linear(masses[row], k[row], np.maximum(damping, floor), float(cost[row]))
+
+
+def _nearest(gaps: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Least squares from each row of x, all rows in step (Levenberg)."""
+    low, high, damping, p, left = x - 12.0, x + 12.0, np.full(len(x), 1e-3), x.shape[1], gaps(x)
+    for _ in range(STEPS):
+        beside = gaps((x[:, None] + DIFFERENCE * np.eye(p)).reshape(-1, p)).reshape(len(x), p, -1)
+        J = (beside - left[:, None]) / DIFFERENCE
+        normal = J @ J.transpose(0, 2, 1)
+        ridge = damping * np.trace(normal, axis1=1, axis2=2)
+        step = np.linalg.solve(normal + ridge[:, None, None] * np.eye(p), J @ left[:, :, None])[:, :, 0]
+        new = np.clip(x - np.clip(step, -LONGEST, LONGEST), low, high)
+        now = gaps(new)
+        better = (now**2).sum(axis=1) < (left**2).sum(axis=1)
+        x, left = np.where(better[:, None], new, x), np.where(better[:, None], now, left)
+        damping = np.clip(np.where(better, damping / 10, damping * 3), 1e-12, 1e3)
+    return x

@@ -24,7 +24,7 @@ from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from ..signals.kinematics import base_acceleration_if_any
 from .chain_starts import chain_starts
-from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, placed
+from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, lengths, placed
 from .intervals import InfluenceResolver
 from .noise_spectra import common_band, linearised, lines_of, transfer
 from .problem import Problem
@@ -37,6 +37,7 @@ UNEVEN = 100.0  # largest mass over smallest from which on a chain is followed o
 NEAR = 3.0  # cost of a trial over the least, above which it is not followed
 RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
 UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
+HOPELESS = 50.0  # standard error of a mass, as a share, in every trial, from which on no iteration is worth while
 ILL = 1e9  # condition of the sensitivities, each of length one, from which on they are not told apart
 LEVEL = 0.95  # of the intervals of motions
 FORGOTTEN, LONGEST = 7.0, 6  # time constants after which a thousandth is left; lengths of a record at most
@@ -132,6 +133,8 @@ def estimate(
         raise IdentifiabilityError(what, "Check units and DOFs, or add a sensor.")
     even = [pair for pair in tried if np.ptp(np.log(pair[1].model.masses)) < np.log(UNEVEN)]
     tried = sorted(even or tried, key=lambda pair: pair[1].cost)
+    if min(_shares(got, fit.rebuild)[: chain.n_dof - len(known)].max(initial=0.0) for fit, got in tried) > HOPELESS:
+        told(tried[0][1], tried[0][0].rebuild)  # no chain nearby is told, either
     near = [(fit, got) for fit, got in tried[:2] if got.cost <= NEAR * tried[0][1].cost]
     tried = sorted(((fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near), key=lambda pair: pair[1].cost)
     notes, (fit, best) = _rivals([got for _, got in tried]), tried[0]
@@ -227,13 +230,16 @@ def _names(rebuild: Rebuild) -> list[str]:
     ]
 
 
+def _shares(best: Solution, rebuild: Rebuild) -> np.ndarray:
+    """Standard errors of parameters as shares of them."""
+    errors = np.sqrt((best.influences**2).sum(axis=0))
+    return errors / np.where((rebuild.scale == 0) | (best.u == 0), 1.0, np.abs(best.u))
+
+
 def told(best: Solution, rebuild: Rebuild) -> list[str]:
     """Sentences on masses and stiffnesses that the channels tell poorly; an error if they do not tell them."""
-    names, errors = _names(rebuild), np.sqrt((best.influences**2).sum(axis=0))
-    spread = errors / np.where((rebuild.scale == 0) | (best.u == 0), 1.0, np.abs(best.u))  # as shares
-    size = np.linalg.norm(best.jacobian, axis=0)
-    size[size == 0] = 1.0
-    singular, vectors = np.linalg.svd(best.jacobian / size)[1:]
+    names, spread = _names(rebuild), _shares(best, rebuild)
+    singular, vectors = np.linalg.svd(best.jacobian / lengths(best.jacobian))[1:]
     cure = "Add a sensor (Chain.sensing says where), give known_masses=, or declare fewer laws."
     if singular[-1] * ILL < singular[0]:
         blind = [name for name, part in zip(names, np.abs(vectors[-1])) if part > 0.3]

@@ -41,6 +41,12 @@ LONGEST = 2.0  # change of a logarithm in a step
 MOST_DAMPING = 1e9  # of a step, as a share of the squared sensitivities, above which no step is better
 
 
+def lengths(columns: np.ndarray) -> np.ndarray:
+    """Length of each column, 1 of one of zeros."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size == 0, 1.0, size)
+
+
 @dataclass
 class Shot:
     """A record, or a part of one (``number`` of the record): what drives it, its first state, what was measured."""
@@ -221,8 +227,7 @@ class FreeRunFit:
         """Estimate from some rows of every shot; ``move``: initial states are estimated, too (Levenberg, Marquardt)."""
         now, damping = self.evaluate(u, rows), 1e-4
         for _ in range(steps):
-            J, r, size = now.jacobian, now.residuals, np.linalg.norm(now.jacobian, axis=0)
-            size[size == 0] = 1.0
+            J, r, size = now.jacobian, now.residuals, lengths(now.jacobian)
             starts, spread = [shot.start for shot in self.shots], np.sqrt(max(r @ r / self.lines, 1e-300))
             while damping < MOST_DAMPING:
                 wide = np.vstack([J / size, np.sqrt(damping) * np.eye(len(u))])
@@ -245,8 +250,7 @@ class FreeRunFit:
             u, now, damping = u + step, new, damping / 10
             if np.linalg.norm(J @ step) < settled * min(spread, 1.0 if self.noise else np.inf):
                 break
-        size = np.linalg.norm(now.jacobian, axis=0)
-        size[size == 0] = 1.0
+        size = lengths(now.jacobian)
         half = np.linalg.pinv(now.jacobian / size, rcond=1e-12) / size[:, None]
         cost = float(now.residuals @ now.residuals)
         return Solution(u, self.rebuild(u), now.scores @ half @ half.T, now.record, cost, now.jacobian)
@@ -273,8 +277,7 @@ class FreeRunFit:
             every = self.whitened(every[part], shot.segment.step)
             flat, k = every.reshape(-1, every.shape[2]), len(decays)
             free, rest = flat[:, :k], flat[:, k:]
-            length = np.linalg.norm(free, axis=0)
-            length[length == 0] = 1.0
+            length = lengths(free)
             taken = np.linalg.lstsq(free / length, rest, rcond=RANK)[0]
             rest = rest - free / length @ taken
             state = taken / length[:, None] * self.state_sizes[:, None]
@@ -323,8 +326,7 @@ class FreeRunFit:
             C = np.stack(self.decays(shot, model, base, None), axis=2)[part]
             gap = (shot.measured - base)[part]
             flat = C.reshape(-1, C.shape[2])
-            size = np.linalg.norm(flat, axis=0)
-            size[size == 0] = 1.0
+            size = lengths(flat)
             gap = gap - (C / size) @ np.linalg.lstsq(flat / size, gap.ravel(), rcond=RANK)[0]
             dt, motion = shot.segment.step, shot.measured[part]
             f = np.fft.rfftfreq(len(gap), dt)[1:]

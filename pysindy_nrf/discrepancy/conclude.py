@@ -101,7 +101,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
         stopped += f". {words.not_in_catalogue(there)}"
     made = simulated(forward.state.ready, confirmed.trial.on_part(), rng) if forward.state.ready is not None else None
     noise = None if made is None else made[1]
-    _say_how_sure(steps, confirmed, noise)
+    _say_how_sure(steps, confirmed, noise, [Site(site) for site, _ in there.index])
     report = _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
     report.lack_of_fit = general.drop(columns="there")
     report.bounds = _bounds(confirmed.trial)
@@ -271,8 +271,11 @@ def _why_stopped(forward: Forward, most: int) -> str:
     return words.best_refused(forward.last[0] if forward.last else None)
 
 
-def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None) -> None:
-    """Say of each effect how much of it stays unexplained, and whether its name is sure."""
+def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> None:
+    """Say of each effect how much of it stays unexplained, and whether its name is sure.
+
+    No name is sure at a site that is still ``lacking``: where a general law explains more.
+    """
     trial = final.trial
     left = trial.ruler.errors(trial.powers)
     floor = np.full(len(left), np.nan)
@@ -299,7 +302,7 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None) -> None:
     for step in steps:
         here = balances_of(Site(step.site))
         step.company = [s.law for s in steps if s is not step and balances_of(Site(s.site)) == here]
-        step.sure = step.sure and not step.company
+        step.sure = step.sure and not (step.company or here in map(balances_of, lacking))
 
 
 def _report(

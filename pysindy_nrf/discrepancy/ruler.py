@@ -155,8 +155,10 @@ class Ruler:
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
         """The solve of a set of columns."""
         work = self.work
-        way = "auto" if work.strategy == "joint" else work.strategy  # a missing law is located by balances one by one
-        given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting, True
+        # Balances one by one locate a missing law; each is fitted beside the laws that the balances before it found, as
+        # it is judged (``complete`` finds laws twice and judges one balance by what another found).
+        way = "sequential" if work.strategy in ("auto", "joint") else work.strategy
+        given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting
         order = plan_solve_order(layout.chain, *given).require_complete()
         return ChainFit(layout, order, work.known_masses, where, at, work.forced)
 

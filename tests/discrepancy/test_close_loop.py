@@ -140,6 +140,18 @@ def test_an_effect_that_is_not_in_the_catalogue_gets_no_sure_name():
     assert all(not step.sure and "unexplained remainder" in step.sentence for step in report.steps)
 
 
+def test_a_name_beside_which_a_general_law_explains_more_is_not_sure():
+    """Of a damping with a power of the rate, a regularised friction leaves 3 %, of which noise is nothing."""
+
+    def power(t, x, v):
+        return on_storey_2(60.0 * np.sign(v[1] - v[0]) * abs(v[1] - v[0]) ** 0.4)
+
+    report = close_loop(record(power, seed=3), catalogue=[laws.RegularizedFriction()])
+    step = report.steps[0]
+    assert step.confirmed and step.remainder < 0.05 and not step.sure
+    assert "a function of drift and rate at storey 2 would gain" in report.stopped_because
+
+
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_report():
     rec, few = record(friction, seed=4, noise=0.02), [laws.CoulombFriction(), laws.PowerLawDamping(), laws.Dahl()]

@@ -285,6 +285,23 @@ def test_records_of_the_bootstrap_leave_as_much_in_every_band_also_near_a_quarte
     assert (np.abs(np.log(two.powers.shares / one.powers.shares)) < 1).all()  # a wrong hold of the force gives 4
 
 
+def test_every_balance_is_fitted_as_it_is_judged():
+    """Near a resonance small errors of a storey's law exceed the forces: the truth must leave no less than the fit."""
+    truth = ChainModel([10.0, 12.0], {i: [laws.LinearElastic(1e5), laws.LinearViscous(5.0)] for i in (1, 2)})
+    F = excitation.band_limited_random(2, 16.0, 250.0, excited=(1, 2), rms=100.0, band=(1, 40), random_state=0)
+    ready = prepare(add_noise(simulate(truth, F, 1 / 250, hold="cubic"), 0.01, random_state=1))
+    problem = NRFRegressor(degree=1).problem(2)
+    _, ruler = _ruler(ready, problem, "auto", None, np.inf)
+    trial = Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work))
+    theta = np.zeros_like(trial.theta[:1])
+    theta[0, :4] = 5.0, 1e5, 5.0, 1e5
+    left = []
+    for values in ((trial.masses[:1], trial.theta[:1]), (np.array([[10.0, 12.0]]), theta)):
+        rows = trial.fit.rows(*values)[0][0]
+        left.append((trial.weights * np.einsum("ip,kpq,iq->ik", rows, trial.summed, rows)).sum(axis=1))
+    assert (left[0] < 1.01 * left[1]).all()  # laws found twice, and judged by the other one, leave 10 % more
+
+
 def test_every_number_that_decides_stands_in_one_file():
     numbers = [name for name in vars(constants) if name.isupper()]
     assert 0 < len(numbers) <= 25

@@ -53,7 +53,7 @@ def demo_truth() -> Any:
     --------
     >>> from pysindy_nrf import datasets
     >>> print(datasets.demo_truth())
-    m1 = 12 kg, m2 = 10 kg, m3 = 8 kg
+    m1 = 12 kg, m2 = 10 kg, m3 = 8 kg  (R in N, s in m, v in m/s)
     R1 = 30 v1 + 4e+04 s1 + 1.5e+09 s1^3
     R2 = 25 v2 + 3.5e+04 s2
     R3 = 20 v3 + 3e+04 s3

@@ -191,18 +191,17 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
         ],
     )  # fmt: skip
     if effect.is_fault:
-        step.sure = effect.witnessed
-        step.parameters = dict(effect.law.parameters)
+        step.sure, fitted = effect.witnessed, effect.law
         step.sensors = [
             str(f.proposal.sites[0]) for f in rivals if f.is_fault and f.proposal.law.name == effect.law.name
         ]
     else:
         laws = after.trial.model().laws[site]
         fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
-        step.parameters = dict(fitted.parameters)
         step.sure = all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
         step.intervals = _intervals(after.trial, effect)
         step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
+    step.parameters, step.units = dict(fitted.parameters), fitted.units
     step.evidence = words.acceptance(step)
     return step
 

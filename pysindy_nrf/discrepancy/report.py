@@ -33,6 +33,8 @@ class Step:
     parameters : dict
         Coefficients by symbol and shape parameters by name, SI units, in the final model; of a faulty sensor, of all
         corrections together.
+    units : dict of str to str
+        Units of the same; empty for a plain number.
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str
@@ -85,6 +87,7 @@ class Step:
     site: str
     shape: dict[str, float | None] = field(default_factory=dict)
     parameters: dict[str, float | None] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
     intervals: dict[str, tuple[float, float]] = field(default_factory=dict)
     alternatives: list[str] = field(default_factory=list)
     error_before: float = float("nan")
@@ -118,7 +121,8 @@ class Step:
     @property
     def sentence(self) -> str:
         """The step in words."""
-        values = ", ".join(f"{k} = {v:.4g}" for k, v in self.parameters.items() if v is not None)
+        held = ((k, v, self.units.get(k, "")) for k, v in self.parameters.items() if v is not None)
+        values = ", ".join(f"{k} = {v:.4g} {unit}".rstrip() for k, v, unit in held)
         name = (
             f"{self.law} at {self.site}" if self.sure
             else f"closest law {self.law} at {self.site}, unexplained remainder {100 * self.remainder:.0f} %"
@@ -131,6 +135,15 @@ class Step:
         if self.sensors:
             text += f" The same fault, reversed, at {' or '.join(self.sensors)} explains as much."
         return text
+
+
+class Whole(pd.DataFrame):
+    """A table that is printed whole: no row and no column gives way to dots."""
+
+    _constructor = property(lambda self: Whole)
+
+    def __repr__(self) -> str:
+        return self.to_string(float_format="{:.4g}".format)
 
 
 @dataclass
@@ -202,6 +215,9 @@ class LoopReport:
     free_runs: FreeRuns | None = None
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.table = Whole(self.table)
 
     @property
     def verdict(self) -> Verdict:

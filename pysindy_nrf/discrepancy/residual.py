@@ -37,7 +37,7 @@ from .windows import Windows
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
 # Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
-_POINTS, _PER_CYCLE = 1000, 40
+_CYCLES, _PER_CYCLE = 6, 40  # of a loop that is drawn: more hide each other
 _MOTIONS = ("acceleration", "velocity", "displacement")
 
 
@@ -339,8 +339,8 @@ def _loop(site: Site, force: Any, data: SegmentSet, filters: list[Any], storeys:
     m, filter, seg = motions[which], filters[which], data.segments[which]
     # a law that remembers starts fresh with the stretch, and needs a cycle or two to forget that
     first = len(m.s) // 10 if force.has_memory else 0
-    step = int(max(1, min(period_of([m.s]) // _PER_CYCLE, len(m.s) // _POINTS)))
-    width = min(len(m.s) - first, _POINTS * step)
+    period = period_of([m.s])
+    step, width = int(max(1, period // _PER_CYCLE)), min(len(m.s) - first, int(_CYCLES * period) + 1)
     start = int(np.clip(int(np.abs(m.s).argmax()) - width // 2, first, len(m.s) - width))
     rows = slice(start, start + width, step)
 

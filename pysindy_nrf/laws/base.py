@@ -275,6 +275,12 @@ class ForceLaw:
         return self.variable == "1" or (self.uses_time and any(p.is_frequency for p in self.shapes))
 
     @property
+    def units(self) -> dict[str, str]:
+        """Unit of every coefficient and shape parameter by its symbol; empty for a plain number."""
+        both = [(term.symbol, term.unit) for term in self.terms()] + [(p.name, p.unit) for p in self.shapes]
+        return {name: "" if unit == "1" else unit for name, unit in both}
+
+    @property
     def rate_dependent(self) -> bool:
         """True if a slower test along the same path gives another force: if time is in the unit of a parameter.
 
@@ -284,8 +290,7 @@ class ForceLaw:
         >>> laws.CoulombFriction().rate_dependent, laws.Dahl().rate_dependent, laws.LinearViscous().rate_dependent
         (False, False, True)
         """
-        units = [term.unit for term in self.terms()] + [p.unit for p in self.shapes]
-        return bool(self.covariates) or any(re.search(r"\bs\b|\bkg\b|Hz", unit) for unit in units)
+        return bool(self.covariates) or any(re.search(r"\bs\b|\bkg\b|Hz", unit) for unit in self.units.values())
 
     @property
     def saturation_drift(self) -> float:
@@ -463,7 +468,8 @@ class ForceLaw:
             factor = term.symbol if c is None else f"{c:.{digits}g}"
             pieces.append(f"{factor} {label}" if label != "1" else factor)
         text = " + ".join(pieces).replace("+ -", "- ") or "0"
-        known = [f"{k} = {value:.{digits}g}" for k, value in self.shape.items() if value is not None]
+        held = ((k, value, self.units[k]) for k, value in self.shape.items() if value is not None)
+        known = [f"{k} = {value:.{digits}g} {unit}".rstrip() for k, value, unit in held]
         return text + (f"  ({', '.join(known)})" if known else "")
 
     def to_dict(self) -> dict:

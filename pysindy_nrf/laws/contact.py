@@ -61,7 +61,7 @@ class OneSidedGap(_OneSided):
     --------
     >>> from pysindy_nrf import laws
     >>> print(laws.OneSidedGap(gap=0.002, k=1e6, side=-1).equation(3))
-    1e+06 min(s3 + gap, 0)  (gap = 0.002)
+    1e+06 min(s3 + gap, 0)  (gap = 0.002 m)
     """
 
     name = "one_sided_gap"

@@ -242,7 +242,7 @@ class StiffnessStep(ForceLaw):
     --------
     >>> from pysindy_nrf import laws
     >>> print(laws.StiffnessStep(t0=12.0, dk=-2e4).equation(2))
-    -2e+04 s2 [t > t0]  (t0 = 12)
+    -2e+04 s2 [t > t0]  (t0 = 12 s)
     """
 
     name = "stiffness_step"

@@ -80,7 +80,7 @@ class ModifiedDahl(ForceLaw):
     >>> from pysindy_nrf import laws
     >>> damper = laws.ModifiedDahl(K0=50.0, C0=399.0, Fd=34.85, f0=0.0, sigma=5e4)
     >>> print(damper.equation(1))
-    50 s1 + 399 v1 + 34.85 Z1  (sigma = 5e+04)
+    50 s1 + 399 v1 + 34.85 Z1  (sigma = 5e+04 1/m)
     """
 
     name = "modified_dahl"
@@ -273,7 +273,7 @@ class BoucWen(ForceLaw):
 
     >>> from pysindy_nrf import laws
     >>> print(laws.BoucWen(beta=1e3 * 0.8, rho=-1.1 / 0.8, n=1.0, alpha=5e4).equation(1))
-    5e+04 BoucWen[s1]  (beta = 800, rho = -1.375, n = 1)
+    5e+04 BoucWen[s1]  (beta = 800 1/m, rho = -1.375, n = 1)
     """
 
     name = "bouc_wen"

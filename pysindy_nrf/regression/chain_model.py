@@ -57,8 +57,8 @@ class ChainModel:
     >>> storey = laws.PowerSeries(1, [100.0, 1e5])
     >>> model = ChainModel([10.0, 10.0], {"storey 1": [storey, laws.Dahl(sigma=5e4, Fd=34.85)], "storey 2": storey})
     >>> print(model)
-    m1 = 10 kg, m2 = 10 kg
-    R1 = 100 v1 + 1e+05 s1 + 34.85 Z1  (sigma = 5e+04)
+    m1 = 10 kg, m2 = 10 kg  (R in N, s in m, v in m/s)
+    R1 = 100 v1 + 1e+05 s1 + 34.85 Z1  (sigma = 5e+04 1/m)
     R2 = 100 v2 + 1e+05 s2
     >>> ChainModel.from_json(model.to_json()) == model
     True
@@ -350,7 +350,7 @@ class ChainModel:
 
     def __str__(self) -> str:
         masses = ", ".join(f"m{j + 1} = {m:.5g} kg" for j, m in enumerate(self.masses))
-        return "\n".join([masses, *self.equations()])
+        return "\n".join([f"{masses}  (R in N, s in m, v in m/s)", *self.equations()])
 
     def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
         """Write the model as one self-contained page; without jinja2 or plotly a MissingExtraError names the extra.

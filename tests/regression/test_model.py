@@ -117,7 +117,7 @@ def test_a_force_with_memory_needs_a_path():
 def test_equations_read_like_the_papers():
     model = ChainModel([9.85, 10.0], {1: laws.PowerSeries((1, 2), [476.07, 101120.0, -1.5, 3e4, 2e6]), 2: laws.PowerSeries(1, [100, 1e5])})
     assert str(model).splitlines() == [
-        "m1 = 9.85 kg, m2 = 10 kg",
+        "m1 = 9.85 kg, m2 = 10 kg  (R in N, s in m, v in m/s)",
         "R1 = 476.1 v1 + 1.011e+05 s1 - 1.5 v1 s1 + 3e+04 s1^2 + 2e+06 v1 s1^2",
         "R2 = 100 v2 + 1e+05 s2",
     ]

@@ -83,10 +83,10 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
         if options["figures"]:
             from ...discrepancy.residual import loops_of
             from ..displays._matplotlib import save
-            from ..displays.forces import energy_figure, loop_figure
+            from ..displays.forces import energy_figure, loop_figures
 
-            loops = [loop_figure(loop) for loop in loops_of(estimator.model_, data, estimator.problem_.filters(data))]
-            written += save(folder / "loops.png", loops, columns=max(1, min(3, len(loops))))
+            loops = loops_of(estimator.model_, data, estimator.problem_.filters(data))
+            written += save(folder / "loops.png", loop_figures(estimator.model_, loops), columns=2)
             written += save(folder / "energy.png", [energy_figure(energy)])
     session.finish({"storeys": table, "masses_kg": estimator.masses_}, written)
 

@@ -20,7 +20,7 @@ from ...regression.segments import SegmentSet
 from ...signals.zero_phase_filter import filters_of
 from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
-from ..displays.forces import loop_figure
+from ..displays.forces import loop_figures
 from ..displays.motion import free_run_figure, response_figures
 from ..report import available as pages_available
 from ..report import write_html
@@ -218,8 +218,9 @@ def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
         return save(folder / "frequency_response.png", responses, title=title)
     if outcome.data is not None:
         data = outcome.data
-        loops = [loop_figure(loop) for loop in loops_of(outcome.estimator.model_, data, filters_of(band, data))]
-        written += save(folder / "restoring_forces.png", loops, columns=max(1, min(3, len(loops))))
+        model = outcome.estimator.model_
+        loops = loop_figures(model, loops_of(model, data, filters_of(band, data)))
+        written += save(folder / "restoring_forces.png", loops, columns=2)
     return written + save(folder / "free_run.png", free_run_figure(outcome.free))
 
 

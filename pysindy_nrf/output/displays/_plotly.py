@@ -20,6 +20,11 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
     scales = [unit_of(_along(figure, side), axis.unit) for side, axis in zip("xyz", _axes(figure))]
     data = [trace for mark in figure.marks for trace in _trace(mark, figure, [factor for factor, _ in scales])]
     titles = [plain(x.label + (f" ({unit})" if unit else "")) for x, (_, unit) in zip(_axes(figure), scales)]
+    shown = zip("xyz", _axes(figure), (unit for _, unit in scales))
+    numbers = ((plain(a.label), f"%{{{x}{':.4g' if a.ticks is None else ''}}}", plain(unit)) for x, a, unit in shown)
+    hover = "<br>".join(" ".join(filter(None, parts)) for parts in numbers)
+    for trace in (one for one in data if "hoverinfo" not in one):
+        trace["hovertemplate"] = f"{hover}<extra>{trace['name']}</extra>"
     if figure.turns:
         return {"data": data, "layout": _scene(titles, data, figure.height)}
     x, y = (_axis(title, axis) for title, axis in zip(titles, _axes(figure)))
@@ -120,7 +125,6 @@ def _bars(bars: Bars, figure: Figure) -> dict[str, Any]:
     out: dict[str, Any] = {
         "type": "bar", "orientation": "h" if figure.lying else "v", "name": plain(bars.name),
         across: list(range(len(values))), long: rounded(values), "marker": {"color": colors},
-        "hovertemplate": f"%{{{across}}}: %{{{long}:.3g}}<extra></extra>",
     }  # fmt: skip
     if bars.hatched:
         out["marker"]["pattern"] = {"shape": "/"}
@@ -135,11 +139,11 @@ def _bars(bars: Bars, figure: Figure) -> dict[str, Any]:
 def _surface(surface: Surface, figure: Figure, scales: list[float]) -> dict[str, Any]:
     x, y = scales[0] * np.asarray(surface.x)[0], scales[1] * np.asarray(surface.y)[:, 0]
     out: dict[str, Any] = {"type": "surface", "x": rounded(x), "y": rounded(y), "name": plain(surface.name)}
-    out |= {"z": rounded(scales[2] * np.asarray(surface.z)), "showscale": False}
+    out |= {"z": rounded(scales[2] * np.asarray(surface.z), 3), "showscale": False}
     if surface.style == "full":
         return out | {
-            "colorscale": "Cividis", "hovertemplate": "x %{x:.3g}<br>y %{y:.3g}<br>%{z:.4g}<extra></extra>",
-            "contours": {"z": {"show": False}}, "lighting": {"ambient": 0.75, "diffuse": 0.5, "specular": 0.05},
+            "colorscale": "Cividis", "contours": {"z": {"show": False}},
+            "lighting": {"ambient": 0.75, "diffuse": 0.5, "specular": 0.05},
         }  # fmt: skip
     return out | {"opacity": 0.28, "hoverinfo": "skip", "colorscale": [[0, _MUTED], [1, _MUTED]]}
 

@@ -16,8 +16,8 @@ _DEPENDENCES = {
 }  # fmt: skip
 
 
-def evidence_figures(evidence: Evidence) -> list[Figure]:
-    """Everything that can be drawn of one step of the loop: residual, detection, localisation, dependence."""
+def evidence_figures(evidence: Evidence, means: bool = True) -> list[Figure]:
+    """What can be drawn of one step of the loop: residual, detection, localisation, dependence, ``means`` by bins."""
     made = [residual_figure(evidence.sizes, evidence.floor)]
     if evidence.detection is not None:
         made.append(_detection(evidence.detection))
@@ -25,7 +25,7 @@ def evidence_figures(evidence: Evidence) -> list[Figure]:
         made.append(localisation_figure(evidence.localisation.table, evidence.chosen))
     found = [figure for figure in made if figure is not None]
     if evidence.characterisation is not None:
-        found += dependence_figures(evidence.characterisation, ("s", "v"), f" at {evidence.site}")
+        found += dependence_figures(evidence.characterisation, ("s", "v") if means else (), f" at {evidence.site}")
     return found
 
 

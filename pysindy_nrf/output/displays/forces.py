@@ -1,5 +1,6 @@
 """Figures of restoring forces: surfaces, loops, the energy dissipated."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,12 @@ def _space(site: Any, limits: tuple[float, float] | None = None) -> tuple[Axis, 
     return Axis(f"drift s_{{{i}}}", "m"), Axis(f"rate v_{{{i}}}", "m/s"), Axis(f"force R_{{{i}}}", "N", limits)
 
 
+def loop_figures(model: Any, loops: Sequence[SiteLoop]) -> list[Figure]:
+    """Every loop and, where its site has a spring, the same without it, which shows what the spring hides."""
+    springs = {str(site): float(force.linear_part()["k"]) for site, force in model.restoring_forces.items()}
+    return [loop_figure(loop, k) for loop in loops for k in dict.fromkeys((0.0, springs[loop.site]))]
+
+
 def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
     """Force over drift, identified over measured; without the spring of ``stiffness`` (N/m), if that is given."""
     spring = stiffness * loop.s
@@ -84,7 +91,7 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
     marks: list[Mark] = [Line(loop.s, found, "identified", "blue", 1.0)]
     gap, how = "", "Nothing else measures it."
     if measured is not None:
-        marks.insert(0, Line(loop.s, measured, "measured", "orange", 1.8, opacity=0.85))
+        marks.insert(0, Line(loop.s, measured, "measured", "orange", 3.4))
         gap = f", rms difference {rms(measured - found):.3g} N"
         how = "Measured: the force that the measured motion asks for."
     if loop.record not in ("", "0"):
@@ -97,7 +104,7 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
         f"Loops of {loop.site} without its spring" if stiffness else f"Hysteresis loops of {loop.site}", marks,
         Axis(f"drift s_{{{i}}}", "m"), Axis(f"force R_{{{i}}} − k s_{{{i}}}" if stiffness else f"force R_{{{i}}}", "N"),
         alt=f"Force of {loop.site}{without} over its drift, identified over measured: {_span(found)}{gap}.",
-        caption=how, heading=loop.site, table=_loop_table(loop, spring) if loop.t.size else None, height=380,
+        caption=how, heading=f"{loop.site}{without}", table=_loop_table(loop, spring) if loop.t.size else None, height=380,
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
@@ -26,7 +26,7 @@ from ...signals.zero_phase_filter import filters_of
 from ..displays._figure import Figure, Table, dof_words, table
 from ..displays._matplotlib import Drawing
 from ..displays.evidence import before_after_figure, dependence_figures, evidence_figures, residual_figure
-from ..displays.forces import force_figure, loop_figure
+from ..displays.forces import force_figure, loop_figures
 from ..displays.motion import free_run_figure, modes_figure
 from .equations import Estimate, as_text, balance_equations, law_equation, pretty, shape_values
 
@@ -118,7 +118,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     content.measured = [(m, _channels(m)) for m in report.measured]
     content.chapters = chapters(report)
     content.effects = effects(report)
-    guilty = {s.site: _effect(s, report) for s in held}
+    guilty = {s.site: _effect(s) for s in held}
     opened = [j for j in range(1, report.model.n_dof + 1) if last.get(f"held-out dof {j}", 0.0) > OPEN]
     content.frame = _frame(report.model, report.bounds, guilty, opened, report.measured)
     content.picture = pictures(report)
@@ -130,16 +130,20 @@ def of_loop(report: Any, title: str | None = None) -> Content:
 def pictures(report: Any) -> list[Figure]:
     """What comes first of a closed loop: before and after, the missing force, the free run."""
     out = [before_after_figure(report)]
-    first = next((e for e, s in zip(report.evidence, report.steps) if s.confirmed), None)
+    first = _first(report)
     if first is not None and first.characterisation is not None:
         out += dependence_figures(first.characterisation, ("s", "v"), f" at {first.site}")[1:]
     return out + free_run_figure(report.free_runs)
 
 
-def _effect(step: Any, report: Any) -> str:
+def _first(report: Any) -> Any:
+    """The evidence of the first confirmed effect, whose missing force is drawn first; None without one."""
+    return next((e for e, s in zip(report.evidence, report.steps) if s.confirmed), None)
+
+
+def _effect(step: Any) -> str:
     """An effect with its size and interval, in words."""
-    law = _law_of(step, report)
-    units = {} if law is None or isinstance(law, type) else {t.symbol: t.unit for t in law.terms()}
+    units = {name: unit for name, unit in step.units.items() if name not in step.shape}
     return effect_words(step.law, step.site, step.parameters, step.intervals, units)
 
 
@@ -148,7 +152,7 @@ def loop_verdict(report: Any) -> Verdict:
     last = final(report)
     balances = {j: float(last.get(f"held-out dof {j}", np.nan)) for j in range(1, report.model.n_dof + 1)}
     stopped = sentence(report.stopped_because) if "Nothing is claimed" in report.stopped_because else ""
-    found = [_effect(step, report) for step in confirmed(report)]
+    found = [_effect(step) for step in confirmed(report)]
     known = [j for j, m in enumerate(report.model.masses, 1) if f"m{j}" not in report.bounds]
     return verdict_on(
         report.model, balances, found, report.free_runs, report.bounds, known_masses=known, doubts=cautions(report),
@@ -216,10 +220,8 @@ def drawing(regressor: Any) -> Drawing:
     """The force of every site of a fitted regressor over its drift, and its free run."""
     data = regressor.fit_data("Fit again to draw the model over its data.")
     loops = loops_of(regressor.model_, data, regressor.problem_.filters(data))
-    return Drawing([*map(loop_figure, loops), *free_run_figure(regressor.free_runs())])
+    return Drawing([*loop_figures(regressor.model_, loops), *free_run_figure(regressor.free_runs())])
 
-
-_LOOP = 500  # points of a loop
 
 # columns of ``missing_terms_`` of a regressor, in words
 _MISSING = {
@@ -231,17 +233,14 @@ _MISSING = {
 
 def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) -> Content:
     """Equations, sites, masses, coefficients, modes."""
-    by_site = {loop.site: _shortened(loop) for loop in loops}
+    by_site = {loop.site: loop for loop in loops}
     sections = []
     for site, force in model.restoring_forces.items():
         if not force.laws:
             continue
         loop = by_site.get(str(site))
-        drawn = [force_figure(model, site, loop)]
-        if loop is not None:
-            spring = float(force.linear_part()["k"])
-            drawn += [loop_figure(loop), *([loop_figure(loop, spring)] if spring else [])]
-        shown = [figure for figure in drawn if figure is not None]
+        surface = force_figure(model, site, loop)
+        shown = [*([] if surface is None else [surface]), *loop_figures(model, [] if loop is None else [loop])]
         sections.append(SiteSection(str(site), law_equation(force, bounds), shape_values(force), shown))
     tables, figures = [_masses(model, bounds), _coefficients(model, bounds)], []
     if (model.masses > 0).all():
@@ -264,13 +263,6 @@ def _run(info: Mapping[str, Any]) -> Table:
     rows.append(["written", datetime.now().astimezone().isoformat(" ", "seconds")])
     rows += [[one["file"], f"{one['bytes']} bytes, SHA-256 {one['sha256']}"] for one in info.get("inputs", ())]
     return Table("This run", ["what", "value"], rows)
-
-
-def _shortened(loop: SiteLoop) -> SiteLoop:
-    """The middle of a long stretch, around the largest motion: cycles that can be told apart, on a small page."""
-    first = max(0, (len(loop.t) - _LOOP) // 2)
-    lines = {key: x[first : first + _LOOP] for key, x in vars(loop).items() if isinstance(x, np.ndarray)}
-    return replace(loop, **lines)  # type: ignore[arg-type]
 
 
 def _masses(model: ChainModel, bounds: Bounds) -> Table:
@@ -361,12 +353,7 @@ class Chapter:
     tables: list[Table]
     badge: str = ""
     state: str = ""
-    evidence: Any = None
-
-    @property
-    def figures(self) -> list[Figure]:
-        """Figures of the evidence."""
-        return [] if self.evidence is None else evidence_figures(self.evidence)
+    figures: list[Figure] = field(default_factory=list)
 
 
 def names(name: Any) -> str:
@@ -466,8 +453,11 @@ def errors(report: Any) -> Table:
 def chapters(report: Any) -> list[Chapter]:
     """One chapter for each step, and the last on what is left."""
     evidence = list(report.evidence) + [None] * (len(report.steps) + 1 - len(report.evidence))
-    out = [_step(k, step, evidence[k - 1], report) for k, step in enumerate(report.steps, 1)]
-    return [*out, _end(evidence[len(report.steps)], report)]
+    out = [_step(k, step, evidence[k - 1]) for k, step in enumerate(report.steps, 1)]
+    out, first = [*out, _end(evidence[len(report.steps)], report)], _first(report)
+    for chapter, one in zip(out, evidence):
+        chapter.figures = [] if one is None else evidence_figures(one, means=one is not first)
+    return out
 
 
 def cautions(report: Any) -> list[str]:
@@ -512,7 +502,7 @@ def _not_told_apart(step: Any) -> list[str]:
     return out
 
 
-def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
+def _step(number: int, step: Any, evidence: Any) -> Chapter:
     """What was seen, decided and gained with one effect."""
     facts = [*_seen(evidence), ("Decision", sentence(step.evidence))]
     said = f"{standing(step)}: balance error {step.error_before:.3g} → {step.error_after:.3g} %, gain "
@@ -523,14 +513,14 @@ def _step(number: int, step: Any, evidence: Any, report: Any) -> Chapter:
     apart = _not_told_apart(step)
     if apart and step.confirmed:
         facts.append(("What else it may be", " ".join(apart)))
-    tables = [_parameters(step, report)]
+    tables = [_parameters(step)]
     if step.tied:
         rows = [[names(law), site, float(gain)] for law, site, gain in step.tied]
         tables.append(Table(f"The data cannot tell from {names(step.law)}", ["law", "site", "gain (dB)"], rows))
     title = f"Step {number}: {'' if step.sure or not step.confirmed else 'closest law: '}{_where(step)}"
     doc = (getattr(registry().get(step.law), "__doc__", None) or "").strip()  # the law's own first line
     about = doc.splitlines()[0].strip().replace("``", "") if doc else ""
-    return Chapter(title, about, facts, tables, step.family, standing(step), evidence)
+    return Chapter(title, about, facts, tables, step.family, standing(step))
 
 
 def _end(evidence: Any, report: Any) -> Chapter:
@@ -544,7 +534,7 @@ def _end(evidence: Any, report: Any) -> Chapter:
         rows = report.lack_of_fit.reset_index().to_numpy().tolist()
         tables.append(Table("What general laws would still gain", ["site", "law", "gain (dB)", "standard error"], rows))
     facts = [*_seen(evidence), ("Why it stopped", sentence(report.stopped_because))]
-    return Chapter("What is left", "", facts, tables, evidence=evidence)
+    return Chapter("What is left", "", facts, tables)
 
 
 def _seen(evidence: Any) -> list[tuple[str, str]]:
@@ -553,23 +543,9 @@ def _seen(evidence: Any) -> list[tuple[str, str]]:
     return [] if evidence is None else [(words, getattr(evidence, f"{x}_sentence")) for words, x in asked.items()]
 
 
-def _law_of(step: Any, report: Any) -> Any:
-    """The law of an effect, with its values if a model holds it."""
-    held = [law for model in (report.model, *report.models) for laws in model.laws.values() for law in laws]
-    named = [law for law in held if law.name == step.law]
-    same = [law for law in named if dict(law.parameters) == step.parameters]
-    return next(iter(same or named), registry().get(step.law))
-
-
-def _parameters(step: Any, report: Any) -> Table:
+def _parameters(step: Any) -> Table:
     """Parameters of a step with their units, and intervals where they are known."""
-    units: dict[str, str] = {}
-    law = _law_of(step, report)
-    if law is not None:
-        units = {p.name: p.unit for p in law.shapes}
-        if not isinstance(law, type):
-            units |= {t.symbol: t.unit for t in law.terms()}
     ends = pd.DataFrame.from_dict(step.intervals or {}, orient="index", columns=["lower", "upper"])
     frame = pd.DataFrame({"estimate": pd.Series(step.parameters, dtype=float)}).join(ends).dropna(axis=1, how="all")
-    rows = [[name, *values, pretty(units.get(str(name), ""))] for name, *values in frame.itertuples(name=None)]
+    rows = [[name, *values, pretty(step.units.get(str(name), ""))] for name, *values in frame.itertuples(name=None)]
     return Table(f"Parameters of {names(step.law)} at {step.site}", ["parameter", *frame.columns, "unit"], rows)

@@ -19,10 +19,10 @@ _RAISED = str.maketrans("0123456789n-", "⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ⁻")
 _SIGNS = {"*": r"\cdot", "\\": r"\backslash", "~": r"\sim", "^": r"\wedge"} | {c: f"\\{c}" for c in "{}%&#$_"}
 
 
-def number(value: float, digits: int = 4) -> str:
+def number(value: float, form: str = ".4g") -> str:
     """A number, with a power of ten where it is needed."""
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    return mantissa + (rf"\times 10^{{{int(exponent)}}}" if exponent else "")
+    mantissa, _, exponent = f"{value:{form}}".partition("e")
+    return mantissa.rstrip(".") + (rf"\times 10^{{{int(exponent)}}}" if exponent else "")
 
 
 def symbol(name: str) -> str:
@@ -42,16 +42,16 @@ def feature(label: str, index: str = "") -> str:
 
 
 class Estimate(float):
-    """A number with its 95 % interval, which sets its digits; faint if the interval holds zero."""
+    """A number with its 95 % interval, which sets its digits, zeros among them; faint if the interval holds zero."""
 
-    digits, faint = 4, False
+    form, faint = ".4g", False
 
     def __new__(cls, value: float, low: float = np.nan, high: float = np.nan) -> "Estimate":
         """A number; without an interval it has four digits."""
         self = super().__new__(cls, value)
         half, top = 0.5 * (high - low), max(abs(low), abs(high), 1e-300)
         if half > 0:
-            self.digits = int(np.clip(np.floor(np.log10(top)) - np.floor(np.log10(half)) + 2, 2, 7))
+            self.form = f"#.{int(np.clip(np.floor(np.log10(top)) - np.floor(np.log10(half)) + 2, 2, 7))}g"
             self.faint = low < 0 < high
         return self
 
@@ -67,7 +67,7 @@ def law_equation(force: RestoringForce, bounds: Mapping[str, tuple[float, float]
             shown = Estimate(c, *(bounds or {}).get(f"{force.site}: {term.label}", ()))
             sign = "-" if c < 0 else "+" if len(pieces) > 1 else ""
             inside = "" if term.label == "1" else rf"\, {feature(term.label, index)}"
-            piece = f"{sign} {number(abs(c), shown.digits)}{inside}".strip()
+            piece = f"{sign} {number(abs(c), shown.form)}{inside}".strip()
             pieces.append(rf"\color{{gray}}{{{piece}}}" if shown.faint else piece)
     return pieces if len(pieces) > 1 else [*pieces, "0"]
 
@@ -147,6 +147,6 @@ def as_text(value: Any) -> str:
         return str(value)
     if not np.isfinite(x):
         return ""
-    mantissa, _, exponent = f"{x:.{getattr(value, 'digits', 4)}g}".partition("e")
-    mantissa = mantissa.replace("-", "−")
+    mantissa, _, exponent = f"{x:{getattr(value, 'form', '.4g')}}".partition("e")
+    mantissa = mantissa.rstrip(".").replace("-", "−")
     return f"{mantissa}×10{str(int(exponent)).translate(_RAISED)}" if exponent else mantissa

@@ -1,6 +1,5 @@
 """The views of a result: one self-contained page, Markdown, and small HTML for notebooks, which escapes every name."""
 
-import base64
 import json
 import zlib
 from collections.abc import Sequence
@@ -48,13 +47,13 @@ class Cell(NamedTuple):
 
 
 def cell(value: Any) -> Cell:
-    """Cell of a number or of text; four digits are shown, all are kept for sorting and copying."""
+    """Cell of a number or of text; four digits are shown, twelve are kept for sorting and copying."""
     if isinstance(value, (bool, np.bool_)):
         return Cell("yes" if value else "", "1" if value else "0")
     if isinstance(value, (int, np.integer)):
         return Cell(str(value), str(value), True)
     if isinstance(value, (float, np.floating)):
-        given = repr(float(value)) if np.isfinite(value) else ""
+        given = f"{value:.12g}" if np.isfinite(value) else ""
         return Cell(as_text(value), given, True, getattr(value, "faint", False))
     return Cell(str(value), str(value))
 
@@ -102,11 +101,16 @@ def page(
     return f"{body}{environment.get_template('scripts.html').render(scripts)}</body>\n</html>\n"
 
 
+_SIGNS = bytes(code for code in range(0x21, 0x7F) if chr(code) not in "'<\\")
+
+
 @lru_cache(2)
 def _packed(text: str) -> tuple[int, str]:
-    """Bytes of a text when deflated, and these in signs that may stand inside a script element."""
-    small = zlib.compress(text.encode(), 9)
-    return len(small), base64.b85encode(small, pad=True).decode().replace("<", ",")
+    """Bytes of a text when deflated, and these as pairs of 91 signs, 13 bits a pair: no sign is "<" or a quote."""
+    small = np.frombuffer(zlib.compress(text.encode(), 9), np.uint8)
+    bits = np.pad(np.unpackbits(small), (0, -8 * len(small) % 13)).reshape(-1, 13)
+    pairs = np.stack(np.divmod(bits @ (1 << np.arange(12, -1, -1)), 91), axis=1)
+    return len(small), np.frombuffer(_SIGNS, np.uint8)[pairs].tobytes().decode()
 
 
 def _template(name: str) -> str:

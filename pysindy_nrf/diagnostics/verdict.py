@@ -24,6 +24,7 @@ OPEN = 50.0  # percent of a balance unexplained, above which nothing may be conc
 DOUBTFUL = 25.0  # and above which other mappings of the channels are tried
 LARGE = 15.0  # and above which its estimates deserve a word
 ASTRAY = 20.0  # percent of the measured motion by which a free run may miss it
+OTHER_UNIT = 2.0  # ratio of two channels of one motion from which on it is a unit; the nearest is cm for in, 2.54
 NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
 CARRIES = 0.25  # and from which on a negative stiffness is no error of a weak spring
 _TRIED = 6  # mappings of the channels that are fitted to fused motions
@@ -189,7 +190,7 @@ def mapping_that_closes(
 
 
 def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
-    """What says that a channel is reversed or in the wrong column, by another of its DOF, and whether it is sure."""
+    """What says that a channel is reversed, in another unit or another column, by one of its DOF; is it sure?"""
     out: dict[str, bool] = {}
     for record in records:
         with suppress(NRFError):  # no DOF has two kinds of channels
@@ -199,6 +200,8 @@ def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
                     out[f"{row['message']}: one of them is reversed."] = True
                 elif np.isnan(row["gain"]):
                     out[f"{row['message']}."] = False
+                elif abs(np.log(row["gain"])) > np.log(OTHER_UNIT):
+                    out[f"{row['message']}: one of them is in another unit."] = True
     return out
 
 
@@ -249,8 +252,9 @@ def verdict_on(
     if red or cause:
         red = red or [f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained." for j, e in poor.items()]
         red = list(dict.fromkeys([*red, *(faults or ())]))
-        more = red if cause else [*red[1:], *doubts]
-        return Verdict("red", f"Do not use this model. {cause or red[0]}", tuple(dict.fromkeys(more)))
+        more = red if cause else [*red, *doubts]
+        named = cause or next((text for text, sure in (faults or {}).items() if sure), red[0])
+        return Verdict("red", f"Do not use this model. {named}", tuple(x for x in dict.fromkeys(more) if x != named))
     doubts = [*(faults or ()), *doubts]
     amber = [
         f"{e:.3g} % of the force in the balance of DOF {j} is unexplained: a law is missing, or the channels are noisy."

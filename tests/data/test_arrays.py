@@ -294,3 +294,22 @@ def test_what_the_matlab_script_writes_is_one_test_in_two_forms(tmp_path):
         np.testing.assert_allclose(first, second, rtol=1e-9, atol=1e-12)
     assert records[0].forced == (2,) and records[0].fs == records[1].fs == 500.0
     np.testing.assert_allclose(NRFRegressor(degree=1).fit(records[1]).masses_, [12, 10], rtol=2e-3)
+
+
+def test_a_timetable_says_how_it_is_exported(tmp_path):
+    h5py = pytest.importorskip("h5py")
+
+    def element(kind, data):
+        return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
+
+    numbers = element(6, struct.pack("<II", 13, 0)) + element(5, struct.pack("<ii", 2, 1)) + element(1, b"") + element(6, b"\1\0\0\0" * 2)
+    words = element(1, b"TT") + element(1, b"MCOS") + element(1, b"timetable")
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    (tmp_path / "v7.mat").write_bytes(head + element(14, element(6, struct.pack("<II", 17, 0)) + words + element(14, numbers)))
+    with h5py.File(tmp_path / "v73.mat", "w", userblock_size=512) as file:
+        file["TT"] = np.ones((1, 6), dtype="u4")
+        file["TT"].attrs["MATLAB_class"] = np.bytes_("timetable")
+        file["TT"].attrs["MATLAB_object_decode"] = np.int32(3)
+    for name in ("v7.mat", "v73.mat"):
+        with pytest.raises(FileFormatError, match=r"TT \(timetable\).*timetable2table\(TT\)"):
+            read_table(tmp_path / name)

@@ -34,6 +34,13 @@ def test_every_error_of_wiring_is_named_and_the_clean_record_is_not_accused():
         assert expected in str(verdict), verdict
 
 
+def test_a_channel_in_another_unit_is_named_first():
+    clean = shaken_on_top()
+    with warnings.catch_warnings(action="ignore"):
+        verdict = NRFRegressor(degree=1, estimation="ls").fit(clean.replace(displacement=1e3 * clean.displacement)).verdict()
+    assert verdict.state == "red" and "x1 is 1e+03 times as large against a1: one of them is in another unit" in verdict.sentence
+
+
 def test_the_verdict_on_a_loop_says_what_where_how_large_and_how_sure():
     verdict = loop_report(friction).verdict
     low, high = loop_report(friction).steps[0].intervals["Fc"]

@@ -159,6 +159,25 @@ def test_units_behind_a_slash_and_a_clock_without_a_name_are_seen(tmp_path, monk
 
 
 @pytest.mark.parametrize(
+    ("names", "encoding"),
+    [
+        (["時間(ms)", "加振力 2(N)", "加速度1F(gal)", "加速度2F(gal)", "変位1F(mm)", "変位2F(mm)"], "cp932"),
+        (["时间（ms）", "激振力2（N）", "加速度1（gal）", "加速度2（gal）", "位移1（mm）", "位移2（mm）"], "gb18030"),
+        (["Zeit [ms]", "Kraft 2 [N]", "Beschl. 1 [gal]", "Beschl. 2 [gal]", "Weg Stütze 1 [mm]", "Weg Stütze 2 [mm]"], "cp1252"),
+    ],
+)  # fmt: skip
+def test_names_are_read_in_the_encoding_of_the_country(names, encoding, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    t, F, a, x = shaken()
+    lines = np.column_stack([1e3 * t, F, 100 * a, 1e3 * x])
+    pd.DataFrame(lines, columns=names).to_csv("own.csv", index=False, encoding=encoding)
+    assert run(["inspect", "own.csv", "--write-mapping", "own.toml", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)["records"][0]
+    assert record["doubts"] == [] and re.split(r"[（(\[]", names[1])[0].strip() in Path("own.toml").read_text("utf-8")
+    assert "?" not in Path("own.toml").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
     ("names", "channels"),
     [
         (["Tempo", "Forza 3", "Accelerazione P1", "Accelerazione P2", "Accelerazione P3", "Spostamento tavola"], "t a1 a2 a3 xg F3"),

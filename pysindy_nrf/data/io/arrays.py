@@ -81,9 +81,12 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
     kind = "MATLAB v7.3" if matlab else "HDF5"
     variables: dict[str, np.ndarray] = {}
-    total = 0
+    total, objects = 0, []
     with reading_as(path, kind), h5py.File(path, "r") as file:
         for name, item in data_sets(h5py, file).items():
+            if "MATLAB_object_decode" in item.attrs:
+                objects.append(f"{name} ({bytes(item.attrs['MATLAB_class']).decode()})")
+                continue
             text = matlab and item.attrs.get("MATLAB_class") in (b"char", "char")
             empty = item.shape is None or "MATLAB_empty" in item.attrs
             if text or empty or name.startswith("#") or item.dtype.kind not in "biufc":
@@ -93,7 +96,15 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
             check_size(path, total, max_bytes)
             values = np.asarray(item[()])
             variables[name.replace("/", ".")] = values.T if matlab else values
-    return Table(path, kind, flattened(variables))
+    return _without_objects(path, kind, flattened(variables), objects)
+
+
+def _without_objects(path: Path, kind: str, variables: dict[str, np.ndarray], objects: list[str]) -> Table:
+    """The table of a file without MATLAB's objects (timetables, durations), which are numbers to MATLAB alone."""
+    if objects and not any(values.size > 1 for values in variables.values()):
+        export = "T = timetable2table(TT); t = seconds(T.Time); a1 = T.a1; save('test.mat', 't', 'a1', '-v7')"
+        raise FileFormatError(f"{path} holds {', '.join(objects)}, which MATLAB alone can read", f"In MATLAB: {export}")
+    return Table(path, kind, variables, notes=[f"not read, an object of MATLAB: {one}" for one in objects])
 
 
 def require_own(path: Any, name: str, item: Any) -> None:
@@ -116,9 +127,13 @@ _SECONDS, _BYTES_PER_SECOND = 60.0, 5e6  # time limit of a file
 _LOAD = """
 import pickle, sys
 from scipy.io import loadmat
+from scipy.io.matlab import MatlabOpaque
 try:
-    held = loadmat(sys.argv[1], simplify_cells=True)
-    pickle.dump({k: v for k, v in held.items() if k[:2] != "__"}, sys.stdout.buffer, protocol=5)
+    held = {k: v for k, v in loadmat(sys.argv[1], simplify_cells=True).items() if k[:2] != "__"}
+    objects = [v[0] for v in held.values() if isinstance(v, MatlabOpaque)]
+    objects = [f"{one['s0'].decode()} ({one['s2'].decode()})" for one in objects]
+    numbers = {k: v for k, v in held.items() if not isinstance(v, MatlabOpaque)}
+    pickle.dump({"numbers": numbers, "objects": objects}, sys.stdout.buffer, protocol=5)
 except Exception as error:
     sys.exit(f"{error or type(error).__name__}"[:500])
 """
@@ -133,7 +148,7 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     with reading_as(path, "MATLAB"):
         _check_unpacked(path, head, max_bytes)
         content = _loaded(path)
-    return Table(path, "MATLAB", flattened(content))
+    return _without_objects(path, "MATLAB", flattened(content["numbers"]), content["objects"])
 
 
 def _loaded(path: Path) -> dict[str, Any]:

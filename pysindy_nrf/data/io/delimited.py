@@ -4,6 +4,7 @@ import csv
 import re
 import zipfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pandas as pd
 
 from ...common.lazy import require
 from ...exceptions import FileFormatError
+from .mapping import EASTERN_WORDS
 from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, reading_as, unreadable
 from .units import is_unit
 
@@ -168,14 +170,17 @@ def sniff(path: Path) -> Dialect:
     raise FileFormatError(what, "Give a table of numbers: one row per sample, one column per channel.")
 
 
+_EASTERN = ("cp932", "gb18030")  # nearly any bytes are a text in them: one that speaks of channels is
+
+
 def _decode(raw: bytes, path: Path) -> tuple[str, str]:
     marked = raw[:2] in (b"\xff\xfe", b"\xfe\xff")
-    for encoding in ("utf-16",) if marked else ("utf-8-sig", "latin-1"):
+    for encoding in ("utf-16",) if marked else ("utf-8-sig", *_EASTERN, "latin-1"):
         for cut in range(4):  # the head may end inside a character
-            try:
-                return encoding, raw[: len(raw) - cut].decode(encoding)
-            except UnicodeError:
-                continue
+            with suppress(UnicodeError):
+                text = raw[: len(raw) - cut].decode(encoding)
+                if encoding not in _EASTERN or any(word in text for word in EASTERN_WORDS):
+                    return encoding, text
     raise unreadable(path, "delimited text", "its characters are neither UTF-8 nor UTF-16")
 
 
@@ -226,9 +231,9 @@ def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: f
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """Name of a column and the unit written behind it, ``"a1 [mm]"`` or ``"a1 (g)"``."""
+    """Name of a column and the unit written behind it, ``"a1 [mm]"``, ``"a1 (g)"`` or in brackets of full width."""
     text = column.strip()
-    opening = text.rfind({"]": "[", ")": "("}.get(text[-1:], "\n"))
+    opening = text.rfind({"]": "[", ")": "(", "）": "（", "］": "［", "】": "【"}.get(text[-1:], "\n"))
     name = text[: max(opening, 0)].strip()
     return (name, text[opening + 1 : -1].strip() or None) if name else (text, None)
 

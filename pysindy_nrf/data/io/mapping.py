@@ -226,6 +226,7 @@ _WORDS = {
     "x": "disp lvdt laser string weg verschieb auslenk deplac desplaz spost dist abstand potentiom 位移 变位 変位",
     "v": "vel geschw vitess speed ldv 速度",
 }  # fmt: skip
+EASTERN_WORDS = [word for words in _WORDS.values() for word in words.split() if not word.isascii()]
 _BASE_WORDS = "ag xg vg base basis ground boden table tisch sol suelo terreno fundament foundation fondation mesa "
 _BASE_WORDS += "tavola 台 地"
 _TOP = 10**6  # the number of the top floor, before the floors are counted

@@ -78,7 +78,7 @@ def _space(site: Any, limits: tuple[float, float] | None = None) -> tuple[Axis, 
 
 
 def loop_figures(model: Any, loops: Sequence[SiteLoop]) -> list[Figure]:
-    """Every loop and, where its site has a spring, the same without it, which shows what the spring hides."""
+    """Every loop and, where its site has a spring, the same without it."""
     springs = {str(site): float(force.linear_part()["k"]) for site, force in model.restoring_forces.items()}
     return [loop_figure(loop, k) for loop in loops for k in dict.fromkeys((0.0, springs[loop.site]))]
 
@@ -104,7 +104,8 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
         f"Loops of {loop.site} without its spring" if stiffness else f"Hysteresis loops of {loop.site}", marks,
         Axis(f"drift s_{{{i}}}", "m"), Axis(f"force R_{{{i}}} − k s_{{{i}}}" if stiffness else f"force R_{{{i}}}", "N"),
         alt=f"Force of {loop.site}{without} over its drift, identified over measured: {_span(found)}{gap}.",
-        caption=how, heading=f"{loop.site}{without}", table=_loop_table(loop, spring) if loop.t.size else None, height=380,
+        caption=how, heading=f"{loop.site}{without}", height=380,
+        table=_loop_table(loop, spring) if loop.t.size else None,
     )  # fmt: skip
 
 

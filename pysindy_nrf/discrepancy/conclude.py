@@ -273,27 +273,23 @@ def _why_stopped(forward: Forward, most: int) -> str:
 def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> None:
     """Say of each effect how much of it stays unexplained, and whether its name is sure.
 
-    No name is sure at a site that is still ``lacking``: where a general law explains more.
+    A claim is no better than its worst balance: what stays there beyond noise stays of the effect. No name is sure at a
+    site that is still ``lacking``: where a general law explains more.
     """
     trial = final.trial
     left = trial.ruler.errors(trial.powers)
     floor = np.full(len(left), np.nan)
     if steps and noise is not None:
-        try:
+        with suppress(NRFError):
             floor = noise.errors(Trial(noise, trial.base, trial.laws).powers)
-        except NRFError:
-            pass
+    beyond = np.sqrt(np.maximum(left**2 - np.nan_to_num(BY_NOISE * floor) ** 2, 0.0))
     for step in steps:
         site = Site(step.site)
         balances = [j - 1 for j in range(1, len(left) + 1) if site.kind != "sensor" and site.incidence(j)] or list(
             range(len(left))
         )
-        noise_at, left_at = (float(np.sqrt(np.mean(x[balances] ** 2))) for x in (floor, left))
-        step.noise_floor = noise_at
-        known = np.isfinite(noise_at)
-        before = max(step.validation_before, left_at)
-        top = max(left_at**2 - (BY_NOISE * noise_at) ** 2 if known else left_at**2, 0.0)
-        step.remainder = float(np.sqrt(top / max(before**2, 1e-300)))
+        step.noise_floor, left_at = (float(np.sqrt(np.mean(x[balances] ** 2))) for x in (floor, left))
+        step.remainder = float(np.nanmax(beyond) / max(step.validation_before, left_at, 1e-300))
         ratio = step.gain / max(step.gain_error, 1e-12)
         step.sure = bool(
             step.sure and step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= FAR

@@ -19,7 +19,6 @@ from ..estimation.free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_
 from ..estimation.intervals import parameters_of
 from ..estimation.problem import Problem
 from ..exceptions import NRFError
-from ..laws.friction import CoulombFriction
 from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
@@ -174,8 +173,9 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
     held = Gain(before.held, after.held, before.trial.ruler.informative)
     families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
     work = after.trial.ruler.work
-    if not effect.is_fault and effect.law.is_dry_friction(work.scales(site)[0]):
-        families = dict.fromkeys([CoulombFriction.family, *families])
+    if not effect.is_fault:
+        low, high = after.trial.ruler.band()
+        families = dict.fromkeys([effect.law.limit(work.scales(site)[0], (low or 0.0, high or np.inf)), *families])
     families.pop(effect.law.family, None)
     if effect.law.variable == "1":
         families = dict.fromkeys(["sensor"])  # the wrong zero of a displacement is the same

@@ -308,22 +308,27 @@ class ForceLaw:
         inverse = next(p for p in self.shapes if p.name == self.saturates_at).unit == "1/m"
         return 1.0 / value if inverse else value
 
-    def is_dry_friction(self, drift: float) -> bool:
-        """True if the law is dry friction in all but name: it saturates within a small part of the drift.
+    def limit(self, drift: float, band: tuple[float, float]) -> str:
+        """Family of simpler laws of which the law is a limit in some data; its own family if it is none.
+
+        What saturates within a small part of the drift is dry friction in all but name.
 
         Parameters
         ----------
         drift : float
             Rms drift of the site, m.
+        band : (float, float)
+            Frequencies that the data tell, Hz.
 
         Examples
         --------
         >>> from pysindy_nrf import laws
-        >>> laws.Jenkins(uy=1e-4).is_dry_friction(1e-3), laws.Jenkins(uy=1e-3).is_dry_friction(1e-3)
-        (True, False)
+        >>> [laws.Jenkins(uy=uy).limit(1e-3, (0.5, 20.0)) for uy in (1e-4, 1e-3)]
+        ['friction', 'hysteresis']
         """
         near = ((self.shape[p.name], p.friction_below) for p in self.shapes if p.friction_below is not None)
-        return self.saturation_drift < 0.3 * drift or any((value or np.inf) < below for value, below in near)
+        dry = self.saturation_drift < 0.3 * drift or any((value or np.inf) < below for value, below in near)
+        return "friction" if dry else self.family
 
     def contains(self, other: ForceLaw) -> bool:
         """True if another law is a special case of this one.

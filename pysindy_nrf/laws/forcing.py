@@ -223,6 +223,12 @@ class HiddenOscillator(ForceLaw):
     def options(self) -> dict[str, Any]:
         return {"covariate": self.covariates[0]} if self.covariates else {}
 
+    def limit(self, drift: float, band: tuple[float, float]) -> str:
+        """A tie where the band lies above its resonance, and the mass stands still; an added mass where it lies below."""
+        low, high = 2.0 * np.pi * np.asarray(band)
+        omega = self.shape["omega"] or low
+        return "link" if omega < low else AddedMass.family if omega > high else self.family
+
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = -theta[0] * (2.0 * theta[1] * z[1] + theta[0] * z[0])

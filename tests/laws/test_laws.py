@@ -158,6 +158,20 @@ def test_hidden_oscillator_moves_by_newton(zeta, covariate):
     _assert_same(found, m * pull(T, run.y), 1e-4 if covariate else 1e-7)
 
 
+@pytest.mark.parametrize(("ratio", "family"), [(0.1, "link"), (1.0, "oscillator"), (10.0, "inertia")])
+def test_an_oscillator_that_does_not_resonate_in_the_band_is_a_tie_or_a_mass(ratio, family):
+    drive, t = 20.0, np.linspace(0.0, 40.0, 40001)
+    motion = Motion(np.sin(drive * t), drive * np.cos(drive * t), -(drive**2) * np.sin(drive * t), t)
+    law = laws.HiddenOscillator(ratio * drive, 0.1, 3.0)
+    omega, last = ratio * drive, slice(-10000, None)
+    steady = law.force(motion)[last]
+    tie = 3.0 * (omega**2 * motion.s[last] + 0.2 * omega * motion.v[last])
+    limits = {"link": tie, "inertia": 3.0 * motion.a[last]}
+    near = {name: np.sqrt(np.mean((steady - f) ** 2) / np.mean(f**2)) for name, f in limits.items()}
+    assert law.limit(1.0, (15.0 / (2 * np.pi), 25.0 / (2 * np.pi))) == family
+    assert {name for name, error in near.items() if error < 0.1} == {family} - {"oscillator"}
+
+
 @pytest.mark.parametrize("uy", [1e-4, 7e-4, 2e-3])
 def test_jenkins_is_the_stop_operator(uy):
     t = np.linspace(0.0, T[-1], 20 * (T.size - 1) + 1)

@@ -2,7 +2,7 @@
 
 import itertools
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +13,7 @@ import pandas as pd
 from ..data.record import MATRICES, Record
 from ..exceptions import NRFError, NRFWarning
 from ..regression.chain_model import ChainModel
-from ..regression.errors import free_run_of, squares_of
+from ..regression.errors import balance_errors, free_run_of, squares_of
 from ..regression.segments import Segment, SegmentSet
 from ..signals.alignment import channel_alignment
 from .test_planning import creates_energy
@@ -147,32 +147,33 @@ def _changed(keys: tuple[str, ...], j: int, k: int, n: int) -> Callable[[Record]
 
 
 def mapping_that_closes(
-    records: Sequence[Record], fit: Callable[[list[Record]], Any], quick: Callable[[list[Record]], Any] | None = None
-) -> str:
+    records: Sequence[Record], solve: Callable[[list[Record]], Any], quick: Callable[[list[Record]], Any],
+    known: Collection[int] = (),
+) -> str:  # fmt: skip
     """The error of wiring without which balances close that did not, in words; empty if there is none.
 
-    ``fit`` turns records into an object with ``errors_``, ``masses_`` and ``known_masses``, as of a regressor. So does
-    ``quick``, coarsely: by it the mappings are put in order, and only the best are fitted.
+    ``solve`` turns records into an estimate of a model, with its Gram matrices. So does ``quick``, coarsely: by it the
+    mappings are put in order, and only the best are solved. Masses of ``known`` DOFs may be of any size.
     """
     records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
 
-    def left(change: Callable[[Record], Record] | None = None, fit: Any = fit) -> tuple[bool, float, np.ndarray]:
+    def left(change: Callable[[Record], Record] | None = None, solve: Any = solve) -> tuple[bool, float, np.ndarray]:
         """Whether no structure has the masses, the size of the errors, and the error of each balance."""
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
             try:
-                found = fit([rec if change is None else change(rec) for rec in records])
+                found = solve([rec if change is None else change(rec) for rec in records])
             except NRFError:
                 return True, np.inf, np.full(records[0].n_dof, np.inf)
-        known = dict(found.known_masses or {})
-        errors = np.maximum(found.errors_["error"].drop("pooled").to_numpy(dtype=float), 1e-9)
-        unreal = any(m <= 0 for j, m in enumerate(found.masses_, 1) if j not in known)
+        table = balance_errors(found.model, found.grams)
+        errors = np.maximum(table["error"].drop("pooled").to_numpy(dtype=float), 1e-9)
+        unreal = any(m <= 0 for j, m in enumerate(found.model.masses, 1) if j not in known)
         return unreal, float(np.log(errors).sum()), errors
 
     unreal, most, given = left()
     if not unreal and given.max() <= LARGE:
         return ""
     rows, tried = [], list(rearranged(records[0], np.flatnonzero(given > OPEN) + 1))
-    if quick is not None and np.isfinite(left(fit=quick)[1]):  # else motions are missing that only fusion fills in
+    if np.isfinite(left(solve=quick)[1]):  # else motions are missing that only fusion fills in
         tried = sorted(tried, key=lambda one: left(one[1], quick)[:2])[:_TRIED]
     for words, change in tried:
         wrong, size, error = left(change)

@@ -41,7 +41,7 @@ from .intervals import (
     parameter_intervals,
     statistic_of,
 )
-from .problem import Problem, flexible_laws
+from .problem import Estimate, Problem, flexible_laws
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
 # interpolation, which no further sample averages out.
@@ -442,10 +442,16 @@ def wiring_of(estimator: Any, problem: Problem, model: ChainModel, records: list
         laws=flexible_laws(problem, drifts),
     )  # fmt: skip
 
-    def coarse(some: list[Record]) -> Any:
-        """A fit to channels as they are; rates that were not measured are differences."""
+    asked = again.problem(problem.chain.n_dof)
+    options = {"n_dof": problem.chain.n_dof, "has_memory": asked.layout.has_memory}
+
+    def coarse(some: list[Record]) -> Estimate:
+        """An estimate from channels as they are; rates that were not measured are differences."""
         pairs = ((one, {} if one.velocity is not None or one.displacement is None else
                   {"velocity": np.gradient(one.displacement, 1.0 / one.fs, axis=0)}) for one in some)  # fmt: skip
-        return again.fit(from_arrays([one.replace(**rates) for one, rates in pairs], smooth=False))
+        return asked.solve(from_arrays([one.replace(**rates) for one, rates in pairs], smooth=False))
 
-    return mapping_that_closes(records, again.fit, coarse)
+    def solved(some: list[Record]) -> Estimate:
+        return asked.solve(again._data(some, None, **options))
+
+    return mapping_that_closes(records, solved, coarse, estimator.known_masses or ())

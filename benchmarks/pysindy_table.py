@@ -142,7 +142,7 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     parser.add_argument("--raw", action="store_true", help="noisy channels as they are")
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
-    table = rows(1, 2000, (0.02,), given.raw) if given.quick else rows(6, 6000, (0.0, 0.02), given.raw)
+    table = rows(1, 1000, (0.02,), given.raw) if given.quick else rows(6, 6000, (0.0, 0.02), given.raw)
     print(markdown(table))
     if given.write:
         page = ROOT / "docs" / "coming_from_pysindy.md"

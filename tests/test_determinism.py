@@ -97,16 +97,12 @@ def answer(threads: int, *arguments: str) -> dict[str, np.ndarray]:
 
 @pytest.mark.slow
 def test_the_same_input_gives_the_same_bits_in_another_process():
-    one, two = answer(1, "loop"), answer(1, "loop")
-    assert one.keys() == two.keys()
+    """And on four threads of BLAS all but the last digits."""
+    one, two, four = answer(1, "loop"), answer(1, "loop"), answer(4)
+    assert one.keys() == two.keys() == four.keys() | {"loop", "loop model"}
     for name in one:
         np.testing.assert_array_equal(one[name], two[name], err_msg=name)
-
-
-@pytest.mark.slow
-def test_blas_threads_change_nothing_but_the_last_digits():
-    one, four = answer(1), answer(4)
-    for name in one:
+    for name in four:
         scale = 0.0 if name == "coefficients" else np.abs(one[name]).max()  # coefficients are ten orders apart
         np.testing.assert_allclose(four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name)
 

@@ -12,7 +12,7 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
 MEASURED = os.environ.get("PYSINDY_NRF_DATA")
 # The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them too, and so does the gallery.
-SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force", "plot_paper_2dof_surfaces")
+SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force")
 ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
 pytestmark = pytest.mark.examples
 

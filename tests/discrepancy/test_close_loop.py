@@ -95,8 +95,8 @@ def test_nothing_is_added_where_nothing_is_missing_at_ten_percent_noise():
 
 
 def test_the_size_of_what_is_found():
-    assert close_loop(record(cubic, seed=5), catalogue=FEW).steps[0].parameters["k3"] == pytest.approx(1.2e9, rel=1e-3)
-    found = close_loop(record(brace, seed=5), catalogue=FEW).steps[0].parameters
+    assert close_loop(record(cubic, seed=5), catalogue=FEW, max_steps=1).steps[0].parameters["k3"] == pytest.approx(1.2e9, rel=1e-3)
+    found = close_loop(record(brace, seed=5), catalogue=FEW, max_steps=1).steps[0].parameters
     assert found["k"] == pytest.approx(9e3, rel=1e-3)
     assert found["c"] == pytest.approx(8.0, rel=1e-2)
 
@@ -109,7 +109,7 @@ def test_a_change_in_time_is_seen_when_it_happens():
         return on_storey_2(-9e3 * (x[1] - x[0]) * (t > when))
 
     rec = record(weaker, seed=3, noise=0.01, n_samples=3000)
-    step = close_loop(rec, catalogue=[laws.StiffnessStep(), laws.StiffnessDrift()]).steps[0]
+    step = close_loop(rec, catalogue=[laws.StiffnessStep(), laws.StiffnessDrift()], max_steps=1).steps[0]
     assert (step.law, step.site) == ("stiffness_step", "storey 2")
     assert step.parameters["dk"] == pytest.approx(-9e3, rel=0.03)
     assert step.parameters["t0"] == pytest.approx(when, abs=0.15)
@@ -118,7 +118,7 @@ def test_a_change_in_time_is_seen_when_it_happens():
 @pytest.mark.slow
 def test_intervals_hold_the_truth():
     rec = record(brace, seed=5, noise=0.02, n_samples=3000)
-    report = close_loop(rec, catalogue=[laws.LinkSpringDashpot(), laws.CubicStiffness()])
+    report = close_loop(rec, catalogue=[laws.LinkSpringDashpot(), laws.CubicStiffness()], max_steps=1)
     found = report.steps[0]
     for name, truth, width in (("k", 9e3, 0.1), ("c", 8.0, 1.5)):
         low, high = found.intervals[name]
@@ -129,14 +129,14 @@ def test_intervals_hold_the_truth():
         s = x[1] - x[0]
         return on_storey_2(4e4 * (max(s - 2e-3, 0.0) + min(s + 2e-3, 0.0)))
 
-    found = close_loop(record(gap, seed=5, noise=0.01, n_samples=3000), catalogue=[laws.TwoSidedGap()]).steps[0]
+    found = close_loop(record(gap, seed=5, noise=0.01, n_samples=3000), catalogue=[laws.TwoSidedGap()], max_steps=1).steps[0]
     assert found.intervals["gap"][0] <= 2e-3 <= found.intervals["gap"][1] < 2.2e-3
     assert found.intervals["k"][0] <= 4e4 <= found.intervals["k"][1]
 
 
 def test_an_effect_that_is_not_in_the_catalogue_gets_no_sure_name():
     other = [laws.CoulombFriction(), laws.QuadraticDamping(), laws.Dahl(), laws.StiffnessDrift(), laws.ConstantForce()]
-    report = close_loop(record(brace, seed=3, noise=0.01), catalogue=other)
+    report = close_loop(record(brace, seed=3, noise=0.01), catalogue=other, max_steps=2)
     assert all(not step.sure and "unexplained remainder" in step.sentence for step in report.steps)
 
 
@@ -150,13 +150,6 @@ def test_a_name_beside_which_a_general_law_explains_more_is_not_sure():
     step = report.steps[0]
     assert step.confirmed and step.remainder < 0.05 and not step.sure
     assert "a function of drift and rate at storey 2 would gain" in report.stopped_because
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_report():
-    rec, few = record(friction, seed=4, noise=0.02), [laws.CoulombFriction(), laws.PowerLawDamping(), laws.Dahl()]
-    first, second = (close_loop(rec, catalogue=few, random_state=5) for _ in range(2))
-    assert first.to_markdown() == second.to_markdown()
 
 
 def test_the_loop_leaves_the_record_and_the_baseline_as_they_were():
@@ -195,7 +188,7 @@ def test_what_the_search_does_not_use_of_the_baseline_is_said():
 
 
 def test_an_effect_that_does_not_lower_the_held_out_error_is_not_confirmed_and_not_in_the_model():
-    report = close_loop(record(cubic, seed=1), catalogue=FEW, heldout=record(None, seed=2, name="other"))
+    report = close_loop(record(cubic, seed=1), catalogue=FEW, heldout=record(None, seed=2, name="other"), max_steps=1)
     (step,) = report.steps
     assert (step.law, step.site) == ("cubic_stiffness", "storey 2")
     assert not step.confirmed and not step.sure and step.error_after >= step.error_before
@@ -214,7 +207,7 @@ def test_confirmed_effects_are_those_of_the_model():
         return 0.1 * cubic(t, x, v)
 
     heldout = record(weak, dofs=(1, 2, 3), seed=9, name="other")
-    report = close_loop(record(both, dofs=(1, 2, 3), seed=2), catalogue=FEW, heldout=heldout)
+    report = close_loop(record(both, dofs=(1, 2, 3), seed=2), catalogue=FEW, heldout=heldout, max_steps=2)
     assert {(s.law, s.confirmed) for s in report.steps} == {("cubic_stiffness", True), ("quadratic_damping", False)}
     held = {law.name for laws_ in report.model.laws.values() for law in laws_}
     assert held == {"power_series", "cubic_stiffness"}

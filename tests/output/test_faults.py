@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,12 +21,20 @@ from pysindy_nrf.output.cli.group import run
 MODEL = ChainModel([10.0, 12.0], {1: laws.LinearElastic(1e5), 2: laws.Dahl(sigma=1e3, Fd=20.0)})
 
 
-@pytest.fixture
-def finished(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory):
     """A folder with a record, and the results of an earlier run."""
-    monkeypatch.chdir(tmp_path)
-    datasets.load_demo().to_frame().iloc[:3000].to_csv("test.csv")
-    assert run(["identify", "test.csv", "-o", "out", "--degree", "1", "--no-figures"]) == 0
+    folder = tmp_path_factory.mktemp("earlier")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(folder)
+        datasets.load_demo().to_frame().iloc[:3000].to_csv("test.csv")
+        assert run(["identify", "test.csv", "-o", "out", "--degree", "1", "--no-figures"]) == 0
+    return folder
+
+
+@pytest.fixture
+def finished(earlier, tmp_path, monkeypatch):
+    monkeypatch.chdir(shutil.copytree(earlier, tmp_path, dirs_exist_ok=True))
     return tmp_path
 
 

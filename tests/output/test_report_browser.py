@@ -88,8 +88,10 @@ def column(table, k):
 
 
 @pytest.mark.parametrize(("size", "scheme"), [(DESK, "light"), (PHONE, "dark")], ids=["desk, light", "phone, dark"])
-def test_every_figure_is_drawn_without_an_error_and_nothing_overflows(browser, address, size, scheme):
+def test_every_figure_is_drawn_without_an_error_and_nothing_overflows_and_print_is_light(browser, address, size, scheme):
+    """Plane figures are drawn before anybody scrolls to them."""
     opened(browser, address, size, scheme)
+    assert until(lambda: browser.execute_script("return document.documentElement.dataset.drawn === 'all'"))
     places = browser.find_elements("css selector", ".plot")
     assert len(places) >= 12
     for place in places:
@@ -103,10 +105,18 @@ def test_every_figure_is_drawn_without_an_error_and_nothing_overflows(browser, a
     assert browser.execute_script(out) == []
     light = browser.execute_script("return getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
     assert (sum(light) > 600) == (scheme == "light")
+    pdf = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})["data"]
+    assert len(pdf) > 50_000 and errors(browser) == []
+    empty = "return [...document.querySelectorAll('.plot:not(.turns)')].filter(p => !p.querySelector('svg')).length"
+    assert browser.execute_script(empty) == 0
 
 
-def test_a_table_is_sorted_by_click_and_by_keyboard(browser, address):
+def test_the_keyboard_reaches_the_content_and_a_table_is_sorted_and_copied_with_all_digits(browser, address):
     opened(browser, address, DESK)
+    webdriver.ActionChains(browser).send_keys("\ue004").perform()  # Tab
+    assert browser.execute_script("return document.activeElement.textContent") == "Skip to the content"
+    webdriver.ActionChains(browser).send_keys("\ue007").perform()
+    assert until(lambda: browser.execute_script("return location.hash") == "#main")
     table = browser.find_element("css selector", "#measured table")
     peak = next(b for b in table.find_elements("css selector", "button.sort") if b.text.startswith("peak"))
     k = [b.text for b in table.find_elements("css selector", "button.sort")].index(peak.text)
@@ -121,22 +131,18 @@ def test_a_table_is_sorted_by_click_and_by_keyboard(browser, address):
     assert head.get_attribute("aria-sort") == "descending"
     assert "peak" in browser.find_element("id", "status").get_attribute("textContent")
     assert len(column(table, 0)) == len(before) and errors(browser) == []
-
-
-def test_a_table_is_copied_with_all_digits(browser, address):
-    opened(browser, address, DESK)
     catch = "Object.defineProperty(navigator, 'clipboard', {value: {writeText: t => { window.copied = t; return Promise.resolve(); }}})"
     browser.execute_script(catch)
     table = browser.find_element("css selector", "#model .table")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", table)
     table.find_element("css selector", "[data-copy]").click()
     lines = until(lambda: browser.execute_script("return window.copied || ''")).splitlines()
     masses = loop_report().model.masses
     assert [float(line.split("\t")[1]) for line in lines[1:]] == list(masses)
 
 
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
-def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser, address, size):
-    opened(browser, address, size)
+def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser, address):
+    opened(browser, address, PHONE)
     place = shown(browser, ".turns")
     if not browser.execute_script("return Boolean(document.createElement('canvas').getContext('webgl'))"):
         pytest.skip("this browser draws nothing in space (no WebGL)")
@@ -155,21 +161,3 @@ def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser, address, 
     assert until(lambda: eye(browser, place)[2] < pressed[2])
     browser.find_element("css selector", "[data-turn=home]").click()
     assert until(lambda: eye(browser, place) == pytest.approx(start)) and errors(browser) == []
-
-
-def test_keyboard_reaches_the_content_first(browser, address):
-    opened(browser, address, DESK)
-    webdriver.ActionChains(browser).send_keys("\ue004").perform()  # Tab
-    assert browser.execute_script("return document.activeElement.textContent") == "Skip to the content"
-    webdriver.ActionChains(browser).send_keys("\ue007").perform()
-    assert until(lambda: browser.execute_script("return location.hash") == "#main")
-
-
-def test_print_is_light_and_holds_every_plane_figure(browser, address):
-    opened(browser, address, DESK, "dark")
-    ready = "return document.documentElement.dataset.drawn === 'all'"
-    assert until(lambda: browser.execute_script(ready))
-    pdf = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})["data"]
-    assert len(pdf) > 50_000 and errors(browser) == []
-    empty = "return [...document.querySelectorAll('.plot:not(.turns)')].filter(p => !p.querySelector('svg')).length"
-    assert browser.execute_script(empty) == 0

@@ -51,6 +51,7 @@ html_theme_options = {
 }  # fmt: skip
 html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
+html_context = {"default_mode": "auto"}
 
 # Examples that read measured records run where PYSINDY_NRF_DATA names their folder.
 measured = os.environ.get("PYSINDY_NRF_DATA")
@@ -64,6 +65,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "download_all_examples": False,
     "show_memory": False,
+    "write_computation_times": False,  # its page asks a network for a script
     "abort_on_example_error": True,
 }
 

@@ -22,9 +22,13 @@ __all__ = ["Verdict"]
 
 OPEN = 50.0  # percent of a balance unexplained, above which nothing may be concluded from it
 DOUBTFUL = 25.0  # and above which other mappings of the channels are tried
-LARGE = 15.0  # and above which its estimates deserve a word
+LARGE = 15.0  # and above which its estimates deserve a word: as much as 5 % noise left of linear chains (14.7 at most)
 ASTRAY = 20.0  # percent of the measured motion by which a free run may miss it
-OTHER_UNIT = 2.0  # ratio of two channels of one motion from which on it is a unit; the nearest is cm for in, 2.54
+# ratios of two channels of one motion that no calibration has, and only a unit (the nearest are cm and in) or column
+OFF, OTHER_UNIT = 1.2, 2.0
+# fall of an error that tells mappings apart: of two equally wrong, one leaves a third of the other once in a thousand
+# where a record holds ten independent cycles (0.999 quantile of the variance ratio F(10, 10): 8.8)
+FALL = 3.0
 NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
 CARRIES = 0.25  # and from which on a negative stiffness is no error of a weak spring
 _TRIED = 6  # mappings of the channels that are fitted to fused motions
@@ -170,15 +174,15 @@ def mapping_that_closes(
         return unreal, float(np.log(errors).sum()), errors
 
     unreal, most, given = left()
-    if not unreal and given.max() <= LARGE:
+    if not unreal and given.max() <= LARGE and not suspect_channels(records):
         return ""
     rows, tried = [], list(rearranged(records[0], np.flatnonzero(given > OPEN) + 1))
     if np.isfinite(left(solve=quick)[1]):  # else motions are missing that only fusion fills in
         tried = sorted(tried, key=lambda one: left(one[1], quick)[:2])[:_TRIED]
     for words, change in tried:
         wrong, size, error = left(change)
-        closes = error <= np.minimum(OPEN, np.inf if unreal else given / 3)
-        if not wrong and (closes.all() or closes.any() and size < most - np.log(3.0)):
+        closes = error <= np.minimum(OPEN, np.inf if unreal else given / FALL)
+        if not wrong and (closes.all() or closes.any() and size < most - np.log(FALL)):
             rows.append((size, words, error, closes))
     if not rows:
         return ""
@@ -199,10 +203,10 @@ def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
             for _, row in table[~table["aligned"].astype(bool)].iterrows():
                 if row["sign"] < 0:
                     out[f"{row['message']}: one of them is reversed."] = True
-                elif np.isnan(row["gain"]):
-                    out[f"{row['message']}."] = False
                 elif abs(np.log(row["gain"])) > np.log(OTHER_UNIT):
-                    out[f"{row['message']}: one of them is in another unit."] = True
+                    out[f"{row['message']}: one of them is in another unit or another column."] = True
+                elif not abs(np.log(row["gain"])) < np.log(OFF):  # another motion, or none that it resembles
+                    out[f"{row['message']}."] = False
     return out
 
 

@@ -140,8 +140,6 @@ class Step:
 class Whole(pd.DataFrame):
     """A table that is printed whole: no row and no column gives way to dots."""
 
-    _constructor = property(lambda self: Whole)
-
     def __repr__(self) -> str:
         return self.to_string(float_format="{:.4g}".format)
 

@@ -38,15 +38,23 @@ def test_a_channel_in_another_unit_is_named_first():
     clean = shaken_on_top()
     with warnings.catch_warnings(action="ignore"):
         verdict = NRFRegressor(degree=1, estimation="ls").fit(clean.replace(displacement=1e3 * clean.displacement)).verdict()
-    assert verdict.state == "red" and "x1 is 1e+03 times as large against a1: one of them is in another unit" in verdict.sentence
+    assert verdict.state == "red" and "x1 is 1e+03 times as large against a1: one of them is in another unit or another column" in verdict.sentence
 
 
 def test_the_verdict_on_a_loop_says_what_where_how_large_and_how_sure():
     verdict = loop_report(friction).verdict
-    low, high = loop_report(friction).steps[0].intervals["Fc"]
+    (low, high), found = (getattr(loop_report(friction).steps[0], key)["Fc"] for key in ("intervals", "parameters"))
     assert verdict.state == "green" and low < FC < high
-    assert verdict.sentence.startswith(f"Dry friction of 8.96 N ({digits(low, high)} N) in storey 2; linear otherwise; the free run")
+    assert verdict.sentence.startswith(f"Dry friction of {digits(low, high, found)} N ({digits(low, high)} N) in storey 2; linear otherwise; the free run")
     assert f"GREEN: {verdict.sentence}" in loop_report(friction).to_markdown()
+
+
+def test_exchanged_sensors_that_nearly_close_are_named():
+    """One mode moves most: the exchanged displacement is the right one but for its size."""
+    rec = shaken_on_top()
+    with warnings.catch_warnings(action="ignore"):
+        verdict = NRFRegressor(degree=1).fit(rec.replace(displacement=rec.displacement[:, ::-1])).verdict()
+    assert verdict.state == "red" and "x1 with x2 exchanged" in verdict.sentence
 
 
 def test_a_loop_on_a_force_of_the_wrong_floor_claims_nothing_and_names_it():

@@ -133,7 +133,7 @@ try:
     objects = [v[0] for v in held.values() if isinstance(v, MatlabOpaque)]
     objects = [f"{one['s0'].decode()} ({one['s2'].decode()})" for one in objects]
     numbers = {k: v for k, v in held.items() if not isinstance(v, MatlabOpaque)}
-    pickle.dump({"numbers": numbers, "objects": objects}, sys.stdout.buffer, protocol=5)
+    pickle.dump((numbers, objects), sys.stdout.buffer, protocol=5)
 except Exception as error:
     sys.exit(f"{error or type(error).__name__}"[:500])
 """
@@ -147,12 +147,12 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         return read_hdf5(path, max_bytes, matlab=True)
     with reading_as(path, "MATLAB"):
         _check_unpacked(path, head, max_bytes)
-        content = _loaded(path)
-    return _without_objects(path, "MATLAB", flattened(content["numbers"]), content["objects"])
+        numbers, objects = _loaded(path)
+    return _without_objects(path, "MATLAB", flattened(numbers), objects)
 
 
-def _loaded(path: Path) -> dict[str, Any]:
-    """Variables of a v4 or v5 file, read in a process of its own: a damaged byte can crash SciPy's reader."""
+def _loaded(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """Variables and objects of a v4 or v5 file, read in a process of its own: damaged bytes can crash SciPy."""
     limit = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
     command = [sys.executable, "-P", "-W", "ignore", "-c", _LOAD, str(path.absolute())]
     try:

@@ -77,9 +77,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
         with _heard():
             words = sys.argv[1:] if given is None else given
             return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False, obj=words) or 0
-    except click.exceptions.NoArgsIsHelpError as error:
-        error.show()
-        return USAGE
     except click.ClickException as error:
         said = io.StringIO()
         error.show(said)

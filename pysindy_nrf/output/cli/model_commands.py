@@ -268,20 +268,13 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
     session.headed(f"Errors, percent NRMSE, {band} (balance errors, but for the free run)", opt.table(shown))
     session.headed("Model" + " (not to be used)" * (verdict.state == "red"), str(report.model))
     session.take_care()
-    steps = [{key: getattr(step, key) for key in _OF_A_STEP} for step in report.steps]
+    steps = [asdict(step) | {"sentence": step.sentence} for step in report.steps]
     data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
     report.model.info.update(session.provenance())
     with session.aside() as folder:
         written = _write(report, folder, options["figures"])
     session.finish({"verdict": asdict(verdict)} | data | {"model": report.model.to_dict()}, written)
     return exit_code(verdict)
-
-
-# what --json prints of each effect
-_OF_A_STEP = (
-    "law", "family", "site", "parameters", "intervals", "alternatives", "error_before", "error_after", "gain",
-    "gain_error", "gain_least", "gain_heldout", "share", "confirmed", "sure", "remainder", "sentence",
-)  # fmt: skip
 
 
 def _write(report: Any, folder: Path, figures: bool) -> list[Path]:

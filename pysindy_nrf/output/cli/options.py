@@ -31,8 +31,12 @@ class Session:
         self.as_json = as_json
         self.warnings: list[str] = []
         run = click.get_current_context()
-        place = next((p.type for p in run.command.params if p.name == "output"), None)
-        self._results = None if place is None else _results(run, place)
+        place: Any = next((p.type for p in run.command.params if p.name == "output"), None)
+        inputs = run.meta.setdefault(_NAMED, [])  # what a mapping file names, and all paths among the options
+        for value in (value for name, value in run.params.items() if name != "output"):
+            inputs += [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, Path)]
+        force = run.meta.get(_FORCE, False)
+        self._results = None if place is None else Results(run.params["output"], place.file_okay, inputs, force)
 
     def say(self, *words: str) -> None:
         """Print words for people, each on lines of its own."""
@@ -136,15 +140,6 @@ def say_if_compiling() -> None:
 _FORCE, _NAMED = "force", "named by the mapping file"  # what a run knows beside its options
 
 
-def _results(run: click.Context, place: Any) -> Results:
-    """The place of the results of a run; its inputs are all paths among its options, and those a mapping file names."""
-    inputs = run.meta.setdefault(_NAMED, [])
-    for name, value in run.params.items():
-        held = value if isinstance(value, tuple) else (value,)
-        inputs += [one for one in held if isinstance(one, Path) and name != "output"]
-    return Results(run.params["output"], place.file_okay, inputs, run.meta.get(_FORCE, False))
-
-
 @contextmanager
 def warned() -> Iterator[Callable[[], list[str]]]:
     """Catch all warnings; the function returned gives those of the package so far, each once."""
@@ -212,13 +207,11 @@ def plain(data: Any) -> Any:
         return plain(data.to_dict("index"))
     if isinstance(data, pd.Series):
         return plain(data.to_dict())
-    if isinstance(data, (bool, np.bool_)):
-        return bool(data)
-    if isinstance(data, (int, np.integer)):
-        return int(data)
-    if isinstance(data, (float, np.floating)):
-        return float(data) if math.isfinite(data) else None
-    return data if data is None else str(data)
+    if isinstance(data, np.generic):
+        data = data.item()
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    return data if data is None or isinstance(data, int) else str(data)
 
 
 class Text(click.ParamType):

@@ -12,7 +12,7 @@ import pandas as pd
 from ...data.io import write_table
 from ...data.io.frf import FrequencyResponse, in_band
 from ...data.record import Record
-from ...diagnostics.verdict import FreeRuns, Verdict, free_runs, shares_of, verdict_on
+from ...diagnostics.verdict import FreeRuns, Verdict, shares_of, verdict_on
 from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
 from ...regression.input_arrays import from_arrays
@@ -66,10 +66,6 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool) -> Ou
     """Identify a chain from records (``raw``: no fusion) and run the model free."""
     with warned() as messages, working("fitting, running free, checking"):
         data = estimator.fit(from_arrays(records, smooth=False) if raw else records).fit_data("")
-        step = None if data.segments[0].dt else 1.0 / records[0].fs
-        if estimator._free is None:
-            filters = estimator.problem_.filters(data)
-            estimator._free = free_runs(estimator.model_, data, filters, [rec.name for rec in records], step)
         shares = shares_of(estimator.model_, data)
         outcome = Outcome(estimator, estimator.verdict(), estimator.free_runs(), shares, data=data)
     outcome.warnings = [one for one in messages() if one not in outcome.verdict.reasons]
@@ -126,16 +122,16 @@ def _carriers(shares: pd.Series) -> str:
 
 def _balance(errors: pd.DataFrame) -> list[str]:
     """Balance errors, one a line."""
-    return [
-        f"balance error, pooled: {row['error']:.4g} %"
-        if name == "pooled"
-        else f"free-run error of {row['of']}, measured: {row['error']:.4g} %"
-        if row["of"] not in ("F", "m a")
-        else f"balance error of {dof_words(name)}: {row['error']:.4g} % of the "
-        f"{'applied force' if row['of'] == 'F' else 'inertia m a'} "
-        f"({row['residual']:.4g} of {row['reference']:.4g} N rms)"
-        for name, row in errors.iterrows()
-    ]
+    of, out = {"F": "applied force", "m a": "inertia m a"}, []
+    for name, row in errors.iterrows():
+        size = f"{row['residual']:.4g} of {row['reference']:.4g} N rms"
+        what, more = f"free-run error of {row['of']}, measured", ""
+        if name == "pooled":
+            what = "balance error, pooled"
+        elif row["of"] in of:
+            what, more = f"balance error of {dof_words(name)}", f" of the {of[row['of']]} ({size})"
+        out.append(f"{what}: {row['error']:.4g} %{more}")
+    return out
 
 
 def _free(outcome: Outcome) -> list[str]:
@@ -143,12 +139,10 @@ def _free(outcome: Outcome) -> list[str]:
     if outcome.response_error is not None:
         shown = listed(f"H{j} {e:.4g} %" for j, e in enumerate(outcome.response_error, 1))
         return [f"response error (the model's own frequency response against the measured one): {shown}"]
-    lines: list[str] = []
     if outcome.free is None:
-        return lines
-    for name, row in outcome.free.table.iterrows():
-        shown = listed(f"{dof} {e:.4g} %" for dof, e in row.items())
-        lines.append(f"free-run error of {name} (the model alone under the measured force): {shown}")
+        return []
+    rows = ((name, listed(f"{dof} {e:.4g} %" for dof, e in row.items())) for name, row in outcome.free.table.iterrows())
+    lines = [f"free-run error of {name} (the model alone under the measured force): {shown}" for name, shown in rows]
     return lines + ([f"no free run: {outcome.free.why_not}"] if outcome.free.why_not else [])
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from ...exceptions import FileFormatError, MissingExtraError, NRFError
+from ...exceptions import MissingExtraError, NRFError
 from . import options as opt
 from .options import Session
 
@@ -287,11 +287,7 @@ def _result(path: Path) -> Any:
     from ...regression.chain_model import ChainModel
 
     check_file(path, 200_000_000)
-    try:
-        data = plain_json(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path} is not JSON: {error}", "Give a model.json, or what --json printed.") from error
-    inner = data.get("model", data) if isinstance(data, dict) else data
-    if not isinstance(inner, dict):
-        raise FileFormatError(f"{path} holds no model", "Give a model.json, or what identify --json printed.")
-    return ChainModel.from_json(json.dumps(inner))
+    inner = None
+    with suppress(ValueError, RecursionError, AttributeError):  # it holds no model; from_json says what is wrong
+        inner = plain_json(path.read_text(encoding="utf-8")).get("model")
+    return ChainModel.from_json(path if inner is None else json.dumps(inner))

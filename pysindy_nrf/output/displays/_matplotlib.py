@@ -31,7 +31,7 @@ _MOST = 20_000  # points of a curve: a long record is a picture and not a 100 MB
 class Drawing:
     """Figures that stand beside each other; ``ax_`` (array of Axes) and ``figure_`` are where they were drawn."""
 
-    _columns: ClassVar[int] = 3  # axes beside each other; 0: a single figure, and ``ax_`` is no array
+    _columns: ClassVar[int] = 2  # axes beside each other; 0: a single figure, and ``ax_`` is no array
     ax_: Any
     figure_: Any
 

@@ -25,7 +25,7 @@ def evidence_figures(evidence: Evidence, means: bool = True) -> list[Figure]:
         made.append(localisation_figure(evidence.localisation.table, evidence.chosen))
     found = [figure for figure in made if figure is not None]
     if evidence.characterisation is not None:
-        found += dependence_figures(evidence.characterisation, ("s", "v") if means else (), f" at {evidence.site}")
+        found += dependence_figures(evidence.characterisation, f" at {evidence.site}", means)
     return found
 
 
@@ -110,7 +110,7 @@ def localisation_figure(found: pd.DataFrame, chosen: str = "", most: int = 8) ->
     )  # fmt: skip
 
 
-def dependence_figures(found: Any, variables: Sequence[str] = ("s", "v"), where: str = "") -> list[Figure]:
+def dependence_figures(found: Any, where: str = "", means: bool = True) -> list[Figure]:
     """What a force depends on, without any formula, and its mean over single variables."""
     shares = found.shares
     names = [_DEPENDENCES.get(str(n), str(n)) for n in shares.index]
@@ -126,8 +126,8 @@ def dependence_figures(found: Any, variables: Sequence[str] = ("s", "v"), where:
         caption="Without any formula. Highlighted: the simplest that explains nearly as much as the best.",
         table=table("Share of the missing force that is a function of", shown, head, index="of"),
     )  # fmt: skip
-    drawn = ((name, found.curves[name]) for name in variables if name in found.curves)
-    return [whole, *(_mean(curve, *_VARIABLES.get(name, (name, "")), where) for name, curve in drawn)]
+    drawn = [name for name in _VARIABLES if means and name in found.curves]
+    return [whole, *(_mean(found.curves[name], *_VARIABLES[name], where) for name in drawn)]
 
 
 def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:

@@ -49,8 +49,7 @@ class Content:
     sites: list[SiteSection]
     tables: list[Table]
     figures: list[Figure]
-    versions: Table
-    run: Table
+    audit: list[Table]
     equation_text: list[str]
     title: str = ""
     lead: str = ""
@@ -65,7 +64,6 @@ class Content:
     chapters: list[Chapter] = field(default_factory=list)
     effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
-    settings: Table | None = None
 
 
 @dataclass
@@ -123,7 +121,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     content.frame = _frame(report.model, report.bounds, guilty, opened, report.measured)
     content.picture = pictures(report)
     content.errors = [errors(report)]
-    content.settings = _settings(report.settings or settings_of(loop={"band": report.band}))
+    content.audit.insert(1, _settings(report.settings or settings_of(loop={"band": report.band})))
     return content
 
 
@@ -132,7 +130,7 @@ def pictures(report: Any) -> list[Figure]:
     out = [before_after_figure(report)]
     first = _first(report)
     if first is not None and first.characterisation is not None:
-        out += dependence_figures(first.characterisation, ("s", "v"), f" at {first.site}")[1:]
+        out += dependence_figures(first.characterisation, f" at {first.site}")[1:]
     return out + free_run_figure(report.free_runs)
 
 
@@ -212,7 +210,7 @@ def of_model(
     groups = {"model": {k: v for k, v in model.info.items() if k not in ("command", "inputs")} | {"band": band}}
     if hasattr(subject, "get_params"):
         groups = {"regressor": subject.get_params(deep=False), **groups}
-    content.settings = _settings(settings_of(**groups))
+    content.audit.insert(1, _settings(settings_of(**groups)))
     return content
 
 
@@ -253,8 +251,8 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) ->
             heads |= {c: dof_words(c) for c in modes.columns if c.startswith("dof")}
             tables.append(table("Modes of the linear part", modes, heads, index="mode"))
             figures.append(modes_figure(modes))
-    held, lines = Table("Versions", ["package", "version"], [*map(list, versions().items())]), str(model).splitlines()
-    return Content(balance_equations(model), sections, tables, figures, held, _run(model.info), lines)
+    audit = [_run(model.info), Table("Versions", ["package", "version"], [*map(list, versions().items())])]
+    return Content(balance_equations(model), sections, tables, figures, audit, str(model).splitlines())
 
 
 def _run(info: Mapping[str, Any]) -> Table:
@@ -275,10 +273,9 @@ def _coefficients(model: ChainModel, bounds: Bounds) -> Table:
     for site, force in model.restoring_forces.items():
         for (term, value), unit in zip(force.coefficients.items(), force.units):
             rows.append([str(site), pretty(str(term)), pretty(unit), *_with_ends(value, bounds.get(f"{site}: {term}"))])
-        for law in force.laws:
-            for p in law.shapes:
-                if (x := law.shape[p.name]) is not None:
-                    rows.append([str(site), f"{p.name} ({names(law.name)})", pretty(p.unit), *_with_ends(x, None)])
+        shapes = ((law, name, x) for law in force.laws for name, x in law.shape.items() if x is not None)
+        said = ((f"{n} ({names(law.name)})", pretty(law.units[n]), x) for law, n, x in shapes)
+        rows += [[str(site), name, unit, *_with_ends(x, None)] for name, unit, x in said]
     head = ["site", "term or shape parameter", "unit", "estimate", "lower", "upper"]
     return _bounded("Coefficients", head, rows, 4)
 

@@ -74,15 +74,8 @@ def law_equation(force: RestoringForce, bounds: Mapping[str, tuple[float, float]
 
 def shape_values(force: RestoringForce) -> list[str]:
     """Shape parameters of a site's laws with their units, e.g. sigma = 2e4 1/m."""
-    out = []
-    for law in force.laws:
-        units = {p.name: p.unit for p in law.shapes}
-        for name, value in law.shape.items():
-            if value is not None:
-                unit = units.get(name, "")
-                said = f"{symbol(name)} = {number(value)}"
-                out.append(said + (rf"\,\text{{{pretty(unit)}}}" if unit not in ("", "1") else ""))
-    return out
+    held = ((name, x, law.units[name]) for law in force.laws for name, x in law.shape.items() if x is not None)
+    return [f"{symbol(name)} = {number(x)}" + (rf"\,\text{{{pretty(unit)}}}" if unit else "") for name, x, unit in held]
 
 
 def balance_equations(model: ChainModel) -> list[list[str]]:

@@ -30,11 +30,9 @@ class Step:
         In the grammar of :class:`pysindy_nrf.Site`.
     shape : dict
         Shape parameters by name, SI units, as the search found them.
-    parameters : dict
+    parameters, units : dict
         Coefficients by symbol and shape parameters by name, SI units, in the final model; of a faulty sensor, of all
-        corrections together.
-    units : dict of str to str
-        Units of the same; empty for a plain number.
+        corrections together; their units, empty for a plain number.
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str

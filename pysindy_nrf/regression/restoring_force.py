@@ -34,8 +34,7 @@ class RestoringForce:
     @property
     def units(self) -> pd.Series:
         """Units of the coefficients by term."""
-        units = [term.unit for law in self.laws for term in law.terms()]
-        return pd.Series(units, index=self.coefficients.index, dtype=object)
+        return pd.Series([t.unit for law in self.laws for t in law.terms()], self.coefficients.index, dtype=object)
 
     def __call__(self, v: Any, s: Any, *, t: Any = None, covariates: Mapping[str, Any] | None = None) -> np.ndarray:
         """Force for rates and drifts."""

@@ -131,8 +131,7 @@ def say_if_compiling() -> None:
     """Announce the first run, for which the numerical functions are compiled; numba is not loaded to find out."""
     kept = os.environ.get("NUMBA_CACHE_DIR")
     places = [Path(kept)] if kept else [Path(__file__).parents[2], Path.home() / ".cache" / "numba"]
-    search = click.get_current_context().info_name in ("run", "close-loop")
-    wanted = ["gram_pass", *(["chain"] if search else [])]
+    wanted = ["gram_pass"] + ["chain"] * (click.get_current_context().info_name in ("run", "close-loop"))
     if not all(any(any(place.rglob(f"{name}-*.nbi")) for place in places) for name in wanted):
         click.echo("compiling, once, about 10 s", err=True)
 
@@ -180,10 +179,8 @@ def table(frame: pd.DataFrame, digits: int = 4) -> str:
 
 def paragraphs(notes: Sequence[str], first: str = "  - ") -> str:
     """Warnings, one a paragraph, in lines that a terminal shows whole."""
-    lines = textwrap.TextWrapper(
-        110, initial_indent=first, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
-    )
-    return "\n".join(lines.fill(note) for note in notes)
+    how: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
+    return "\n".join(textwrap.fill(note, 110, initial_indent=first, **how) for note in notes)
 
 
 def verdict_words(verdict: Any) -> str:

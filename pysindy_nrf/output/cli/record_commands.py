@@ -188,9 +188,7 @@ def _beyond(model: Any, run: Any) -> list[str]:
     """Storeys that move further than the data the model was fitted to."""
     out = []
     drifts = np.diff(run.displacement, axis=1, prepend=0.0)
-    for site, region in model.visited.items():
-        if not site.is_storey:
-            continue
+    for site, region in ((site, box) for site, box in model.visited.items() if site.is_storey):
         most, known = np.abs(drifts[:, site.p - 1]).max(), max(abs(region.low[1]), abs(region.high[1]))
         if most > 1.05 * known:
             out.append(

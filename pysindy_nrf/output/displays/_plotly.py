@@ -20,9 +20,9 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
     scales = [unit_of(_along(figure, side), axis.unit) for side, axis in zip("xyz", _axes(figure))]
     data = [trace for mark in figure.marks for trace in _trace(mark, figure, [factor for factor, _ in scales])]
     titles = [plain(x.label + (f" ({unit})" if unit else "")) for x, (_, unit) in zip(_axes(figure), scales)]
-    shown = zip("xyz", _axes(figure), (unit for _, unit in scales))
-    numbers = ((plain(a.label), f"%{{{x}{':.4g' if a.ticks is None else ''}}}", plain(unit)) for x, a, unit in shown)
-    hover = "<br>".join(" ".join(filter(None, parts)) for parts in numbers)
+    shown = ((plain(axis.label), f"%{{{x}{':.4g' if axis.ticks is None else ''}}}", plain(unit))
+             for x, axis, (_, unit) in zip("xyz", _axes(figure), scales))  # fmt: skip
+    hover = "<br>".join(" ".join(filter(None, parts)) for parts in shown)
     for trace in (one for one in data if "hoverinfo" not in one):
         trace["hovertemplate"] = f"{hover}<extra>{trace['name']}</extra>"
     if figure.turns:

@@ -296,9 +296,7 @@ def _bounded(caption: str, head: list[str], rows: list[list[Any]], width: int) -
 def _channels(m: Measured) -> Table:
     heads = {"what": "what it is", "noise": "noise estimate, rms"}
     shown = m.channels.assign(unit=[pretty(str(u)) for u in m.channels["unit"]])
-    if not shown["noise"].notna().any():
-        shown = shown.drop(columns="noise")
-    return table(f"Channels of {m.name}", shown, heads)
+    return table(f"Channels of {m.name}", shown.dropna(axis=1, how="all"), heads)
 
 
 def _settings(groups: dict[str, dict[str, Any]]) -> Table:

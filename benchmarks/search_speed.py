@@ -49,7 +49,7 @@ def state_of(rec: Record) -> State:
     ready = prepare(rec)
     data, problem = ready.data, NRFRegressor(degree=1).problem(ready.data.n_dof)
     length = window_length(data.segments)
-    work = Workspace(data, *split(data.segments, length), {}, "auto")
+    work = Workspace(data, *split(data.segments, length), {})
     ruler = Ruler(work, Windows(data, work.search, length)).find_bands([(problem.chain, problem.laws)])
     return State(Trial(ruler, problem.chain, problem.laws), ready=ready)
 

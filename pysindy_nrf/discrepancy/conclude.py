@@ -160,10 +160,9 @@ def _as_measured(stand: Stand) -> Stand:
     trial = stand.trial
     if not trial.ruler.windows.centred:
         return stand
-    try:
+    with suppress(NRFError):
         return _stand(stand.name, Trial(trial.ruler.as_measured(), trial.base, trial.laws))
-    except NRFError:
-        return stand
+    return stand
 
 
 def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand) -> Step:
@@ -285,10 +284,8 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
     beyond = np.sqrt(np.maximum(left**2 - np.nan_to_num(BY_NOISE * floor) ** 2, 0.0))
     for step in steps:
         site = Site(step.site)
-        balances = [j - 1 for j in range(1, len(left) + 1) if site.kind != "sensor" and site.incidence(j)] or list(
-            range(len(left))
-        )
-        step.noise_floor, left_at = (float(np.sqrt(np.mean(x[balances] ** 2))) for x in (floor, left))
+        own = [j for j in range(len(left)) if site.kind != "sensor" and site.incidence(j + 1)] or np.arange(len(left))
+        step.noise_floor, left_at = (float(np.sqrt(np.mean(x[own] ** 2))) for x in (floor, left))
         step.remainder = float(np.nanmax(beyond) / max(step.validation_before, left_at, 1e-300))
         ratio = step.gain / max(step.gain_error, 1e-12)
         step.sure = bool(
@@ -385,14 +382,11 @@ def _window(seg: Any, rows: slice) -> int:
 
 def _run(model: ChainModel, seg: Any, rows: slice) -> Any:
     """A free run, tried again by the other integrator; None where both fail."""
-    choices: tuple[dict[str, Any], ...] = ({}, {"method": "newmark"})
-    for options in choices:
-        try:
-            run: Any = free_run_of(model, seg, rows, seg.dt, **options)
-        except NRFError:
-            continue
-        if np.isfinite(run.displacement).all():
-            return run
+    for options in ({}, {"method": "newmark"}):
+        with suppress(NRFError):
+            run: Any = free_run_of(model, seg, rows, seg.dt, **options)  # type: ignore[arg-type]
+            if np.isfinite(run.displacement).all():
+                return run
     return None
 
 
@@ -420,7 +414,7 @@ class _Course:
 
     def stand(self, name: str, model: ChainModel, laws_: Laws, effects: Sequence[Effect] = ()) -> tuple[Stand, State]:
         """A model judged by its free run, and the linear problem about it."""
-        work = ChannelWork(Linearised(model, self.shots), *self.rows, self.problem.known_masses, "auto")
+        work = ChannelWork(Linearised(model, self.shots), *self.rows, self.problem.known_masses)
         channels, given = self.shots[0].channels, (work.data, work.search, self.length)
         ruler = ChannelRuler(work, ChannelWindows(len(channels), *given), self.informative)
         if self.informative is None:

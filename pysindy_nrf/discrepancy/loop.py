@@ -123,7 +123,7 @@ def close_loop(
         tried = [law for law in as_laws(catalogue, names) if clock or not law.rate_dependent]
         faults = [law for law in tried if isinstance(law, SensorFault)]
         for most in (MOST, np.inf):
-            seen, ruler = _ruler(ready, problem, baseline.strategy, band, most)
+            seen, ruler = _ruler(ready, problem, band, most)
             work = ruler.work.whole
             first = State(Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work)))
             _require_covariates(first.trial.laws, ready)
@@ -146,12 +146,12 @@ def close_loop(
         return report
 
 
-def _ruler(ready: Prepared, problem: Problem, strategy: str, band: Any, most: float) -> tuple[Prepared, Ruler]:
+def _ruler(ready: Prepared, problem: Problem, band: Any, most: float) -> tuple[Prepared, Ruler]:
     """What the search reads: records or excerpts of them, with folds, windows and informative bands."""
     filters_of(band, ready.data)  # a band that cannot be is refused here
     segments = ready.data.segments
     length = window_length([s for i, s in enumerate(segments) if i not in (ready.heldout or ())])
-    whole = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses, strategy)
+    whole = Workspace(ready.data, *split(segments, length, ready.heldout), problem.known_masses)
     if not whole.forced and not whole.known_masses:
         cure = "Give the baseline known_masses={dof: kg}."
         raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
@@ -202,13 +202,14 @@ def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared
 
 
 def _say_what_is_not_used(baseline: NRFRegressor) -> None:
-    """The search is least squares: what else the baseline asks for has no part in it."""
+    """The search is least squares, one balance after the other: what else the baseline asks for has no part in it."""
     asked = [f"estimation={baseline.estimation!r}"] if baseline.estimation not in LEAST_SQUARES else []
+    asked += [f"strategy={baseline.strategy!r}"] if baseline.strategy in ("complete", "joint") else []
     asked += [f"{name}=" for name in ("constraints", "optimizer") if getattr(baseline, name) is not None]
     if asked:
         warnings.warn(
-            f"close_loop fits by plain least squares and does not use {', '.join(asked)} of the baseline. Fit "
-            "NRFRegressor(laws=report.model.laws, ...) with it to the records afterwards.",
+            f"close_loop fits each balance by plain least squares and does not use {', '.join(asked)} of the baseline. "
+            "Fit NRFRegressor(laws=report.model.laws, ...) with it to the records afterwards.",
             BiasWarning, stacklevel=3,
         )  # fmt: skip
 

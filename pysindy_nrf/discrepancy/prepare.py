@@ -153,12 +153,12 @@ class Workspace:
 
     def __init__(
         self, data: SegmentSet, search: Sequence[BlockRows], held: Sequence[BlockRows],
-        known_masses: Mapping[int, float], strategy: str,
+        known_masses: Mapping[int, float],
     ) -> None:  # fmt: skip
         self.data = data
         self.filters: list[Any] = [None] * len(data.segments)
         self.search, self.held = list(search), list(held)
-        self.known_masses, self.strategy = dict(known_masses), strategy
+        self.known_masses = dict(known_masses)
         self.n_dof = data.n_dof
         self.searched = sorted({b.segment for b in search})
         seen = SegmentSet([data.segments[i] for i in self.searched], data.n_samples)
@@ -267,6 +267,6 @@ def excerpts(ready: Prepared, work: Workspace, most: float = MOST) -> tuple[Prep
         at += segments[-1].n_samples
     noise, bands = ([held[b.segment] for b in work.search] for held in (ready.noise, ready.bands))
     few = Prepared(records, SegmentSet(segments, at), noise, clean=ready.clean, bands=bands)
-    part = Workspace(few.data, blocks, [], work.known_masses, work.strategy)
+    part = Workspace(few.data, blocks, [], work.known_masses)
     part.whole = work
     return few, part

@@ -251,7 +251,7 @@ def _produced(
         for b in (b for b in work.search if b.segment == i):
             ends = (min(max(row + later, 0), valid.stop - valid.start) for row in (b.rows.start, b.rows.stop))
             blocks.append(BlockRows(number, slice(*ends)))
-    fake = Workspace(data, blocks, [], work.known_masses, work.strategy)
+    fake = Workspace(data, blocks, [], work.known_masses)
     fake.filters = [work.filters[i] for i in work.searched]
     windows = trial.ruler.windows
     other = Windows(data, blocks, windows.length, windows.edges, windows.centred)

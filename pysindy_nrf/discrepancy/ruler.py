@@ -156,9 +156,8 @@ class Ruler:
         """The solve of a set of columns."""
         work = self.work
         # Balances one by one locate a missing law; each is fitted beside the laws that the balances before it found, as
-        # it is judged (``complete`` finds laws twice and judges one balance by what another found).
-        way = "sequential" if work.strategy in ("auto", "joint") else work.strategy
-        given = work.forced, work.unknown, dict(work.known_masses), way, layout.acting
+        # it is judged (laws that are found twice would be judged where the other one was not fitted).
+        given = work.forced, work.unknown, dict(work.known_masses), "sequential", layout.acting
         order = plan_solve_order(layout.chain, *given).require_complete()
         return ChainFit(layout, order, work.known_masses, where, at, work.forced)
 

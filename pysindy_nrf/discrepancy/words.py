@@ -271,10 +271,7 @@ def not_in_catalogue(found: pd.DataFrame) -> str:
     return f"What is left is not noise alone: {', '.join(said)} than the model"
 
 
-MEANS_LEFT_IN = (
-    "The table judges every model with the means left in, which only the constant force explains; other effects were "
-    "confirmed without them, so a row may lie above the one before it"
-)
+MEANS_LEFT_IN = "The table leaves means in, so a row may lie above the one before it; steps were confirmed without"
 
 
 def hopeless(left: np.ndarray) -> str:

@@ -224,7 +224,7 @@ class HiddenOscillator(ForceLaw):
         return {"covariate": self.covariates[0]} if self.covariates else {}
 
     def limit(self, drift: float, band: tuple[float, float]) -> str:
-        """A tie where the band lies above its resonance, and the mass stands still; an added mass where it lies below."""
+        """A tie where the band lies above its resonance and the mass stands still; an added mass if it lies below."""
         low, high = 2.0 * np.pi * np.asarray(band)
         omega = self.shape["omega"] or low
         return "link" if omega < low else AddedMass.family if omega > high else self.family

@@ -208,7 +208,7 @@ def _kernel() -> Callable[..., None]:
     return multiply_all
 
 
-OWN, KNOWN, MASS, SECOND = range(4)  # roles of a column in a step of the solve order
+OWN, KNOWN, MASS = range(3)  # roles of a column in a step of the solve order
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy as np
 from ..mechanics.identifiability import SolveOrder, Step
 from ..mechanics.sites import Site
 from .chain_solve import groups_of
-from .gram import KNOWN, MASS, OWN, SECOND, compiled_solve
+from .gram import KNOWN, MASS, OWN, compiled_solve
 from .layout import Layout
 
 RIDGE = 1e-12  # of scaled Gram matrices: above round-off, far below what any channel tells
@@ -41,9 +41,7 @@ class ChainFit:
             signs = {s: sum(s.incidence(j) for j in step.dofs) for s in (*step.sites, *step.known_sites)}
             begin, first = len(entries), len(dofs)
             entries += [(at + j - 1, 1, MASS, j - 1) for j in step.masses]
-            for s in step.sites:  # a second estimate (complete strategy) is solved for and left aside
-                role = SECOND if order.strategy == "complete" and s.p not in step.dofs else OWN
-                entries += [(int(c), signs[s], role, 0) for c in where[s]]
+            entries += [(int(c), signs[s], OWN, 0) for s in step.sites for c in where[s]]
             entries += [(int(c), signs[s], KNOWN, 0) for s in step.known_sites for c in where[s]]
             dofs += [j - 1 for j in step.dofs]
             steps.append((index[step.dofs], begin, len(entries), first, len(dofs), int(bool(step.masses))))

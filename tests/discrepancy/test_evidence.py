@@ -22,7 +22,7 @@ pytestmark = pytest.mark.slow
 def workspace(rec, heldout=None):
     ready = prepare(rec, heldout)
     segments = ready.data.segments
-    return Workspace(ready.data, *split(segments, window_length(segments), ready.heldout), {}, "auto")
+    return Workspace(ready.data, *split(segments, window_length(segments), ready.heldout), {})
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_long_record_is_searched_by_excerpts_and_fitted_on_all_of_it():
     record = add_noise(simulate(truth, F, 1e-3), 0.005, random_state=1)
     ready = prepare(record)
     problem = NRFRegressor(degree=1).problem(2)
-    seen, ruler = _ruler(ready, problem, "auto", None, MOST)
+    seen, ruler = _ruler(ready, problem, None, MOST)
     rows = sum(b.rows.stop - b.rows.start for b in ruler.work.search)
     assert len(seen.records) == len(ruler.work.search) and MOST <= 1.1 * rows < 0.5 * record.n_samples
     report = close_loop(record, catalogue=CATALOGUE[1:], max_steps=1)

@@ -142,23 +142,23 @@ PLAIN = Layout(Chain(4), {f"storey {i}": 2 for i in range(1, 5)})
 
 
 @pytest.mark.parametrize(
-    ("layout", "forced", "known", "strategy"),
+    ("layout", "forced", "known"),
     [
-        (BRACED, (1, 2, 3), {}, "complete"),
-        (BRACED, (1, 2, 3), {2: 7.0}, "complete"),
-        (PLAIN, (4,), {}, "sequential"),
-        (PLAIN, (2,), {3: 2.0}, "auto"),
-        (PLAIN, (), {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}, "auto"),
+        (BRACED, (1, 2, 3), {}),
+        (BRACED, (1, 2, 3), {2: 7.0}),
+        (PLAIN, (4,), {}),
+        (PLAIN, (2,), {3: 2.0}),
+        (PLAIN, (), {1: 1.0, 2: 2.0, 3: 3.0, 4: 4.0}),
     ],
 )
-def test_the_compiled_solve_is_the_chain_solve(layout, forced, known, strategy):
+def test_the_compiled_solve_is_the_chain_solve(layout, forced, known):
     rng = np.random.default_rng(5)
     n, count = layout.n_dof, 500
     terms = rng.normal(size=(count, layout.n_terms)) * 10.0 ** rng.uniform(-6, 1, layout.n_terms)
     a, F = rng.normal(size=(2, count, n))
     F = a * 3.0 + F + (terms / terms.std(axis=0)) @ rng.normal(size=(layout.n_terms, n))
     F[:, [j - 1 for j in range(1, n + 1) if j not in forced]] = 0.0
-    order = plan_solve_order(layout.chain, forced, (), known, strategy, layout.acting).require_complete()
+    order = plan_solve_order(layout.chain, forced, (), known, "sequential", layout.acting).require_complete()
     exact = solve(total_gram(layout, groups_of(layout, order), blocks_of(terms, a, F), known, "root"), order, known)
     where = {s: list(range(rows.start, rows.stop)) for s, rows in layout.slices.items()}
     fit = ChainFit(layout, order, known, where, layout.n_terms, forced)
@@ -180,7 +180,7 @@ def test_the_compiled_solve_is_the_chain_solve(layout, forced, known, strategy):
 
 
 def test_columns_that_depend_on_each_other_are_no_number():
-    order = plan_solve_order(PLAIN.chain, (1, 2, 3, 4), (), {}, "complete", PLAIN.acting)
+    order = plan_solve_order(PLAIN.chain, (1, 2, 3, 4), (), {}, "sequential", PLAIN.acting)
     where = {s: list(range(rows.start, rows.stop)) for s, rows in PLAIN.slices.items()}
     fit = ChainFit(PLAIN, order, {}, where, 8, (1, 2, 3, 4))
     rows = np.random.default_rng(0).standard_normal((16, 300))
@@ -236,7 +236,7 @@ def searched(plan, catalogue):
     """The state of the linear chain on a simulated record, and what the search finds on top of it, the best first."""
     ready = prepare(Record(**simulated(plan).channels))
     problem = NRFRegressor(degree=1).problem(ready.data.n_dof)
-    _, ruler = _ruler(ready, problem, "auto", None, np.inf)
+    _, ruler = _ruler(ready, problem, None, np.inf)
     work = ruler.work
     state = State(Trial(ruler, problem.chain, _baseline_laws(problem, work)), ready=ready)
     proposals = proposals_of(candidates(catalogue, problem.chain, (), (), work.forced), problem.chain.sites)
@@ -278,7 +278,7 @@ def test_records_of_the_bootstrap_leave_as_much_in_every_band_also_near_a_quarte
     F = excitation.band_limited_random(1, 8.0, 500.0, excited=1, rms=100.0, band=(1, 120), random_state=5)
     exact = simulate(truth, F, 1 / 500, hold="cubic").replace(acceleration=None, velocity=None)
     ready, problem = prepare(add_noise(exact, 5e-4, random_state=1)), NRFRegressor(degree=1).problem(1)
-    _, ruler = _ruler(ready, problem, "auto", None, np.inf)
+    _, ruler = _ruler(ready, problem, None, np.inf)
     one = Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work))
     two = Trial(bootstrap(ready, one, np.random.default_rng(0))[1], one.base, one.laws)
     assert ruler.band()[1] > 75
@@ -291,7 +291,7 @@ def test_every_balance_is_fitted_as_it_is_judged():
     F = excitation.band_limited_random(2, 16.0, 250.0, excited=(1, 2), rms=100.0, band=(1, 40), random_state=0)
     ready = prepare(add_noise(simulate(truth, F, 1 / 250, hold="cubic"), 0.01, random_state=1))
     problem = NRFRegressor(degree=1).problem(2)
-    _, ruler = _ruler(ready, problem, "auto", None, np.inf)
+    _, ruler = _ruler(ready, problem, None, np.inf)
     trial = Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work))
     theta = np.zeros_like(trial.theta[:1])
     theta[0, :4] = 5.0, 1e5, 5.0, 1e5

@@ -82,7 +82,7 @@ def eye(browser, place):
 
 def column(table, k):
     return [
-        row.find_elements("css selector", "th, td")[k].get_attribute("data-value")
+        (cell := row.find_elements("css selector", "th, td")[k]).get_attribute("data-v") or cell.text
         for row in table.find_elements("css selector", "tbody tr")
     ]
 

@@ -47,13 +47,13 @@ class Cell(NamedTuple):
 
 
 def cell(value: Any) -> Cell:
-    """Cell of a number or of text; four digits are shown, twelve are kept for sorting and copying."""
+    """Cell of a number or of text; four digits are shown, all are kept for sorting and copying."""
     if isinstance(value, (bool, np.bool_)):
         return Cell("yes" if value else "", "1" if value else "0")
     if isinstance(value, (int, np.integer)):
         return Cell(str(value), str(value), True)
     if isinstance(value, (float, np.floating)):
-        given = f"{value:.12g}" if np.isfinite(value) else ""
+        given = repr(float(value)) if np.isfinite(value) else ""
         return Cell(as_text(value), given, True, getattr(value, "faint", False))
     return Cell(str(value), str(value))
 

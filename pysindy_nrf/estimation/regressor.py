@@ -32,7 +32,7 @@ from ..mechanics.chain import Chain, chain_of
 from ..mechanics.sites import as_mapping
 from ..regression.chain_solve import doubtful_masses, third_law_gap, unknown_forces, visited_regions
 from ..regression.errors import balance_errors
-from ..regression.input_arrays import as_measured, doubted, fused_together, holds_records, one_by_one
+from ..regression.input_arrays import as_measured, both_ways, doubted, fused_together, holds_records
 from ..regression.segments import SegmentSet
 from .constraints import constrained
 from .fewer_sensors import fit_fewer_sensors, lacks_motion
@@ -238,12 +238,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         options = beside | {"has_memory": memory, "n_dof": getattr(self.chain, "n_dof", None)}
         if not isinstance(X, (Record, SegmentSet)):
             require_two_dimensions(X)
-        data, self._measured = doubted(self._data(X, y, **options), X), as_measured(X)
+        together, apart = both_ways(X) if self.estimation != "ls" else ({}, {})
+        data, self._measured = doubted(self._data(X, y, **options, **together), X), as_measured(X)
         if sample_weight is not None:
             weights = sample_weights(sample_weight, data.n_samples)
             data = SegmentSet([replace(seg, weights=weights[seg.rows]) for seg in data.segments], data.n_samples)
         least_squares = self.estimation == "ls" or (self.estimation == "auto" and not holds_records(X))
-        self._fit(data, None if least_squares else lambda: self._separate(X, y, data, options))
+        self._fit(data, None if least_squares else lambda: self._separate(X, y, data, options | apart))
         if self.model_.info["estimation"]["found"] == "ls":
             if holds_records(X):
                 self._fused_separately = lambda: self._separate(X, y, data, options)
@@ -345,7 +346,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         """Motions fused DOF by DOF, whose noise is independent of the motion, if records were given."""
         if holds_records(X):
             with warnings.catch_warnings(action="ignore", category=DataQualityWarning):  # the first fusion has warned
-                return self._data(X, y, **options, **one_by_one(X))
+                return self._data(X, y, **both_ways(X)[1] | options)
         if fused_together(X):
             warnings.warn(
                 f"estimation={self.estimation!r} was given motions that were fused jointly over the DOFs; their noise "

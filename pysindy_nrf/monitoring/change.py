@@ -19,7 +19,7 @@ from ..regression.chain_model import ChainModel, as_segments, storey_names
 from ..regression.chain_solve import groups_of, model_of, visited_regions
 from ..regression.gram_pass import pieces_of
 from ..regression.grams import BlockGrams
-from ..regression.input_arrays import from_arrays, fused_together, one_by_one
+from ..regression.input_arrays import both_ways, from_arrays, fused_together
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet
 from .force_change import Comparison, cut_of, in_words
@@ -210,7 +210,7 @@ def _fit(estimator: Any, test: Any, options: dict[str, Any]) -> tuple[Estimate, 
         )  # fmt: skip
     est = clone(estimator)
     memory = any(law.has_memory for law in law_list(est.laws))
-    given = {"coordinates": est.coordinates, "dt": est.dt, "has_memory": memory} | options | one_by_one(X)
+    given = {"coordinates": est.coordinates, "dt": est.dt, "has_memory": memory} | options | both_ways(X)[1]
     data = from_arrays(X, F, n_dof=None if est.chain is None else est.chain.n_dof, **given)
     found = est.problem(data.n_dof).solve(data)
     found.model.visited = visited_regions(data, found.problem.layout)

@@ -51,9 +51,13 @@ def doubted(data: SegmentSet, X: Any) -> SegmentSet:
     return data
 
 
-def one_by_one(X: Any) -> dict[str, Any]:
-    """Options by which the DOFs of Records are fused one by one; none where motions were given."""
-    return {"smooth": KinematicSmoother(band="auto", joint=False)} if holds_records(X) else {}
+def both_ways(X: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Options by which the DOFs of Records are fused together, and one by one by what that found, if it was done."""
+    records = ([X] if isinstance(X, Record) else X) if holds_records(X) else []
+    both = [[KinematicSmoother(band="auto", joint=joint) for _ in records] for joint in (True, False)]
+    for first, second in zip(*both):
+        first._kept = second._kept = []
+    return ({"smooth": both[0]}, {"smooth": both[1]}) if records else ({}, {})
 
 
 def from_arrays(
@@ -145,11 +149,11 @@ def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int |
     if beside:
         raise ChannelError(f"{beside[0]} was given beside records, which hold their own", f"Leave {beside[0]} out.")
     segments, at = [], 0
-    for rec in records:
+    for rec, own in zip(records, smooth if isinstance(smooth, list) else [smooth] * len(records), strict=True):
         if rec.n_dof != (n_dof or records[0].n_dof):
             what = f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed"
             raise ChannelError(what, "Give records of one chain.")
-        x, force = rec.to_features(smooth=smooth)
+        x, force = rec.to_features(smooth=own)
         n, values = rec.n_dof, x.to_numpy()
         ag = base_acceleration_if_any(rec)
         segment = Segment(

@@ -113,6 +113,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     feature_names_in_: np.ndarray
     _names_in: list[str]
     _names_out: list[str]
+    _kept: list[Any] | None = None  # motions of the DOFs of one record, fused one by one
 
     def __init__(
         self, fs: float | None = None, noise: Any = "estimate", band: Band | str = None, joint: bool = True,
@@ -314,7 +315,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
-        for j, best in zip(dofs, fuse_all(every, levels, corner, self.joint), strict=True):
+        for j, best in zip(dofs, fuse_all(every, levels, corner, self.joint, self._kept), strict=True):
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
             spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
             for kind, order in _ORDERS.items():

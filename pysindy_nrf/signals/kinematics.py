@@ -31,12 +31,13 @@ def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
                 f"Measure a{j}, v{j} or x{j}, or fit the records themselves (NRFRegressor.fit): the free run is then "
-                "fitted to the other channels."
+                "fitted to the other channels.",
             )
     if not isinstance(smooth, (bool, KinematicSmoother)):
         raise ChannelError(f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother.")
     smoother = KinematicSmoother(band="auto") if smooth is True else smooth or None
-    if messages := data_warnings(record) if check else []:
+    again = smoother is not None and bool(smoother._kept)
+    if messages := data_warnings(record) if check and not again else []:
         warnings.warn(
             f"Record {record.name!r}: {'; '.join(text.rstrip('.') for text in messages)}. See "
             "pysindy_nrf.signals.alignment and pysindy_nrf.signals.channel_checks.",

@@ -439,17 +439,29 @@ LEVEL_BLOCKS = 6  # blocks from which the noise levels of all blocks are estimat
 
 @threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads slow each other down
 def fuse_all(
-    views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True
+    views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True, kept: list | None = None
 ) -> list[FusedMotion]:
-    """Motions of all degrees of freedom from their channels, in units of samples."""
-    n = len(next(y for y in views[0] if y is not None))
+    """Motions of all degrees of freedom from their channels, in units of samples.
+
+    An empty list in ``kept`` is filled with the motions fused one by one; a full one spares these to a second call.
+    """
+    known = list(kept or ())
+
+    def one_by_one(part: list[Views], ladder: BasisLadder, *given: Any) -> list[FusedMotion]:
+        single = known.pop(0) if known else [fuse(y, ladder, *own) for y, *own in zip(part, *given, strict=True)]
+        if kept is not None:
+            kept.append(single)
+        return single
+
+    finish = fuse_jointly if joint else refine
+    n, each = len(next(y for y in views[0] if y is not None)), [corner] * len(views)
     if n <= 3 * BLOCK // 2:
-        return _fuse_block(views, levels, [corner] * len(views), ladder_of(n), joint, [None] * len(views))
+        return finish(views, one_by_one(views, ladder_of(n), levels, each), ladder_of(n))
     starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
     ladder = ladder_of(BLOCK)
     size = BLOCK // 4 if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
     sampled = [_part(views, start, size) for start in starts[:: -(-len(starts) // LEVEL_BLOCKS)]]
-    first = [[fuse(y, ladder_of(size), s, corner) for y, s in zip(part, levels, strict=True)] for part in sampled]
+    first = [one_by_one(part, ladder_of(size), levels, each) for part in sampled]
     levels = np.median([[m.noise for m in motions] for motions in first], axis=0)
     corners = np.median([[m.high_pass for m in motions] for motions in first], axis=0)
     # The finest that any of these blocks supports serves all; channels without noise are looked at block by block.
@@ -457,7 +469,8 @@ def fuse_all(
     motion = np.zeros((len(views), 3, n))
     spacing, total = np.zeros(len(views)), np.zeros(n)
     for i, start in enumerate(starts):
-        block = _fuse_block(_part(views, start), levels, corners, ladder, joint, knots)
+        part = _part(views, start)
+        block = finish(part, one_by_one(part, ladder, levels, corners, knots), ladder)
         weight = np.ones(BLOCK)
         if i:
             rise = starts[i - 1] + BLOCK - start
@@ -471,13 +484,6 @@ def fuse_all(
             spacing[j] = max(spacing[j], m.spacing)
     motion /= total  # three blocks may overlap
     return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
-
-
-def _fuse_block(
-    views: list[Views], levels: Any, corners: Any, ladder: BasisLadder, joint: bool, knots: Any
-) -> list[FusedMotion]:  # fmt: skip
-    single = [fuse(y, ladder, *own) for y, *own in zip(views, levels, corners, knots, strict=True)]
-    return fuse_jointly(views, single, ladder) if joint else refine(views, single, ladder)
 
 
 def _part(views: list[Views], start: int, size: int = BLOCK) -> list[Views]:

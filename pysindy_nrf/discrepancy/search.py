@@ -18,7 +18,7 @@ from .judge import admissible
 from .prepare import Prepared
 from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
-from .sensors import Freed, calibrated, findings_of_faults
+from .sensors import Errors, findings_of_faults
 from .state import Axes, Effect, Finding, Proposal, State
 
 
@@ -177,8 +177,8 @@ class Forward:
         tolerances: Mapping[str, float],
     ) -> None:  # fmt: skip
         self.search, self.faults, self.rng, self.tolerances = search, faults, rng, tolerances
-        self._freed: dict[Trial, Freed] = {}  # of the errors of channels
-        self._changes: dict[Trial, Any] = {}
+        self._errors: Errors | None = None  # of channels
+        self._freed: dict[Trial, tuple[Trial, np.ndarray]] = {}  # and the errors
         self.state = replace(state, ready=ready)
         self.whole: Prepared | None = None  # all samples of long records
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
@@ -244,19 +244,19 @@ class Forward:
     def beyond_errors(self, after: Trial, before: Trial, law: ForceLaw) -> Gain:
         """Gain of a law where both models are freed of the errors that channels may have."""
         assert self.state.ready is not None
-        given = self.state.ready, self.tolerances
+        if self._errors is None or self._errors.ruler is not before.ruler:
+            self._errors = Errors(before.ruler, self.state.ready, self.tolerances)
         if before not in self._freed:
-            self._freed = {before: calibrated(before, *given, None, self._changes.get(before))}
-        one = self._freed[before]
-        two = calibrated(after, *given, one.errors)
-        self._changes = {after: two.changes}  # the next to stand before, if it is taken
-        gain = two.trial.gain_over(one.trial)
+            self._freed = {before: self._errors.freed(before)}
+        one, errors = self._freed[before]
+        two, errors = self._errors.freed(after, errors)
+        gain = two.gain_over(one)
         if not judge.is_there(gain, law):
             return gain
-        again = calibrated(before, *given, two.errors, one.changes)  # these errors may lie nearer to the least
-        if again.trial.gain_over(one.trial).value > 0:
+        again = self._errors.freed(before, errors)  # these errors may lie nearer to the least
+        if again[0].gain_over(one).value > 0:
             self._freed[before] = again
-        return two.trial.gain_over(self._freed[before].trial)
+        return two.gain_over(self._freed[before][0])
 
     def _by_chance(self, state: State, faults: bool) -> float:
         """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""

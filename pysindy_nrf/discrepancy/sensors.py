@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -149,60 +149,71 @@ class _Error:
 
 # Columns of the spectra by which errors are estimated: some for each of a hundred errors in each of 24 bands.
 _COLUMNS = 8_000
+_Line = tuple[np.ndarray, int, int]
 
 
-class Freed(NamedTuple):
-    """A trial on records freed of errors of channels, these errors in standard deviations, and what each changes."""
+class Errors:
+    """Errors that the channels of a search may have, and what each changes in the trials on one ruler.
 
-    trial: Trial
-    errors: np.ndarray
-    changes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # spectra, their rows and the number of the error
-
-
-def calibrated(
-    trial: Trial, ready: Prepared, tolerances: Mapping[str, float], start: np.ndarray | None = None,
-    changes: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-) -> Freed:  # fmt: skip
-    """The trial on records freed of the likeliest errors of all channels that are credible together.
-
-    Least squares in the errors; masses, coefficients and weights follow them (variable projection, Golub and
-    Pereyra 1973). An effect that these errors explain as well is none.
-    """
-    work, windows = trial.ruler.work, trial.ruler.windows
-    thin = np.arange(0, windows.size, -(-windows.size // _COLUMNS))
-    readings = {i: _Readings(work, ready, i) for i in work.searched}
-    errors = list(_errors(work, readings, tolerances))
-    if not errors:
-        return Freed(trial, np.zeros(0))
-    parts, rows, numbers = [], [], []
-    for number, error in enumerate(errors if changes is None else ()):
-        data = _erroneous(work, readings, [(error, 0.1 * error.deviation)])
-        touched, spectra = _changed(trial, work.with_data(data), error)
-        parts.append(10.0 * (spectra - trial.spectra[touched])[:, thin])
-        rows += touched
-        numbers += [number] * len(touched)
-    changes = changes or (np.vstack(parts), np.array(rows), np.array(numbers))
-    start = np.zeros(len(errors)) if start is None else start
-    channels = len({(e.kind, e.dof) for e in errors})
-    shares = _Errors(trial, thin, *changes, channels).fitted(start)
-    try:
-        freed = on(trial, _erroneous(work, readings, [(e, x * e.deviation) for e, x in zip(errors, shares)]))
-    except NRFError:
-        return Freed(trial, shares, changes)
-    return Freed(freed if freed.gain_over(trial).value > 0 else trial, shares, changes)
-
-
-class _Errors:
-    """Errors of channels, in standard deviations, in some columns of the spectra of a trial.
-
-    Row ``rows[i]`` of the spectra changes by ``changes[i]`` for each unit of error ``numbers[i]``.
+    What an error changes at a site does not depend on the laws of other sites: it is kept for the next trial.
     """
 
-    def __init__(
-        self, trial: Trial, thin: np.ndarray, changes: np.ndarray, rows: np.ndarray, numbers: np.ndarray, channels: int
-    ) -> None:
-        self.channels = channels
-        self.fit, self.changes, self.rows, self.numbers = trial.fit, changes, rows, numbers
+    def __init__(self, ruler: Ruler, ready: Prepared, tolerances: Mapping[str, float]) -> None:
+        self.ruler, self.work, windows = ruler, ruler.work, ruler.windows
+        self.thin = np.arange(0, windows.size, -(-windows.size // _COLUMNS))
+        self.readings = {i: _Readings(self.work, ready, i) for i in self.work.searched}
+        self.errors = list(_errors(self.work, self.readings, tolerances))
+        self._changes: tuple[dict[Any, np.ndarray], ...] = {}, {}  # of the last trial, and of the one before
+
+    def freed(self, trial: Trial, start: np.ndarray | None = None) -> tuple[Trial, np.ndarray]:
+        """The trial on records freed of the likeliest errors of all channels that are credible together, and these.
+
+        Least squares in the errors; masses, coefficients and weights follow them (variable projection, Golub and
+        Pereyra 1973). An effect that these errors explain as well is none.
+        """
+        if not self.errors:
+            return trial, np.zeros(0)
+        new: dict[Any, np.ndarray] = {}
+        lines = [line for number, e in enumerate(self.errors) for line in self._lines(trial, number, e, new)]
+        self._changes = new, self._changes[0]
+        shares = _Fit(trial, self, lines).fitted(np.zeros(len(self.errors)) if start is None else start)
+        errors = [(e, x * e.deviation) for e, x in zip(self.errors, shares)]
+        try:
+            freed = on(trial, _erroneous(self.work, self.readings, errors))
+        except NRFError:
+            return trial, shares
+        return freed if freed.gain_over(trial).value > 0 else trial, shares
+
+    def _lines(self, trial: Trial, number: int, error: _Error, new: dict[Any, np.ndarray]) -> Iterator[_Line]:
+        """What an error of unit size changes in the spectra, the rows that it changes, and its number."""
+        own = error.dof - 1 + self.work.n_dof * (error.kind == "F")
+        touched: list[tuple[Any, int]] = [((error, None, None), trial.at + own)]
+        for site in trial.layout.sites if error.kind != "F" else ():
+            at = trial.layout.slices[site].start
+            for law in trial.laws.get(site, ()) if site.incidence(error.dof) else ():
+                touched.append(((error, site, law), at))
+                at += len(law.terms())
+        new |= {key: held[key] for held in self._changes for key, _ in touched if key in held}
+        if missing := [(key, at) for key, at in touched if key not in new]:
+            moved = self.work.with_data(_erroneous(self.work, self.readings, [(error, 0.1 * error.deviation)]))
+            rows: dict[int, list[np.ndarray]] = {
+                i: [moved.columns(s, [law], i) if law else moved.fixed(i)[[own]] for (_, s, law), _ in missing]
+                for i in self.ruler.segments
+            }
+            ends = np.cumsum([len(each) for each in rows[self.ruler.segments[0]]])
+            spectra = self.ruler.windows.spectra({i: np.vstack(each) for i, each in rows.items()})
+            for (key, at), after in zip(missing, np.split(spectra, ends[:-1])):
+                new[key] = 10.0 * (after - trial.spectra[at : at + len(after)])[:, self.thin]
+        yield from ((change, at + k, number) for key, at in touched for k, change in enumerate(new[key]))
+
+
+class _Fit:
+    """Row ``rows[i]`` of spectra changes by ``changes[i]`` for each standard deviation of error ``numbers[i]``."""
+
+    def __init__(self, trial: Trial, errors: Errors, lines: Sequence[_Line]) -> None:
+        self.fit, thin, self.channels = trial.fit, errors.thin, len({(e.kind, e.dof) for e in errors.errors})
+        self.changes, rows, numbers = zip(*lines)
+        self.rows, self.numbers = np.array(rows), np.array(numbers)
         self.spectra, self.weights, self.samples = trial.spectra[:, thin], trial.weights, trial.ruler.windows.size
         self.lowest = [g.dofs[0] - 1 for g in self.fit.groups]
         self.used, self.band = np.empty((len(self.lowest), len(thin))), np.empty(len(thin), dtype=int)
@@ -210,6 +221,11 @@ class _Errors:
             for k, columns in enumerate(spans):
                 here = slice(*np.searchsorted(thin, [columns.start, columns.stop]))
                 self.used[:, here], self.band[here] = each[:, None], k
+        # Rows that stand in each group of balances, and the changes of these.
+        fixed = [[trial.at + k + j - 1 for k in (0, self.fit.n) for j in g.dofs] for g in self.fit.groups]
+        terms = ([c for s in g.sites for c in self.fit.where[s]] for g in self.fit.groups)
+        self.own = [np.array(more + held) for more, held in zip(fixed, terms)]
+        self.inside = [np.flatnonzero(np.isin(rows, own)) for own in self.own]
 
     def fitted(self, start: np.ndarray) -> np.ndarray:
         """The errors that leave the least residual, by Gauss-Newton steps; the best of all that were passed."""
@@ -234,13 +250,19 @@ class _Errors:
                 at[row] += shares[number] * change
         return at
 
+    def _grams(self, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Weighted products of the rows that stand in each group of balances; those of others are zero."""
+        out = np.zeros((len(self.own), len(at), len(at)))
+        for gram, own, j, used in zip(out, self.own, self.lowest, self.used):
+            gram[own[:, None], own] = (at[own] * (weights[j, self.band] * used)) @ at[own].T
+        return out
+
     def _weights(self, at: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
         """One over the power of the residual by balance and band, and its mean level, dB."""
-        gram = np.array([(at * (weights[j, self.band] * u)) @ at.T for j, u in zip(self.lowest, self.used)])
         known = self.used[self.fit.judged]
         power, whole = (
             np.array([np.bincount(self.band, y, weights.shape[1]) for y in (x[0] @ at) ** 2 * known])
-            for x in self.fit.rows(*self.fit.solve(gram[None]))
+            for x in self.fit.rows(*self.fit.solve(self._grams(at, weights)[None]))
         )
         level = share(power, whole)
         inside = (weights > 0) & np.isfinite(level)
@@ -253,22 +275,28 @@ class _Errors:
     def _step(self, shares: np.ndarray, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The step to the likeliest errors, to first order: the least residual by errors that are credible together."""
         part = 0.1
-        grams = np.empty((len(shares) + 1, len(self.used), len(at), len(at)))
-        for u, (j, used) in enumerate(zip(self.lowest, self.used)):
-            heavy = at * (weights[j, self.band] * used)
-            grams[:, u] = heavy @ at.T
-            cross = part * heavy @ self.changes.T
-            for column, row, number in zip(cross.T, self.rows, self.numbers):
-                grams[number + 1, u, :, row] += column
-                grams[number + 1, u, row] += column
+        grams = np.repeat(self._grams(at, weights)[None], len(shares) + 1, axis=0)
+        for u, (own, some) in enumerate(zip(self.own, self.inside)):
+            heavy = at[own] * (weights[self.lowest[u], self.band] * self.used[u])
+            cross = part * np.array([self.changes[i] for i in some]).reshape(-1, at.shape[1]) @ heavy.T
+            number, row = self.numbers[some, None] + 1, self.rows[some, None]
+            grams[number, u, own, row] += cross
+            grams[number, u, row, own] += cross
         rows = self.fit.rows(*self.fit.solve(grams))[0]
-        table = np.tensordot(np.concatenate([(rows[1:] - rows[0]) / part, rows[:1]]), at, 1)
-        for change, row, number in zip(self.changes, self.rows, self.numbers):
-            table[number] += rows[number + 1, :, row, None] * change
-        table *= np.sqrt(weights[:, self.band] * self.used[self.fit.judged])
-        table[~np.isfinite(table[..., 0]).all(axis=1)] = 0.0
-        table = table.reshape(len(table), -1)
-        normal = table @ table.T
+        follow = (rows[1:] - rows[0]) / part  # of masses and coefficients
+        lost = ~np.isfinite(rows).all(axis=(1, 2))
+        follow[lost[1:] | lost[0]] = rows[lost] = 0.0
+        normal = np.zeros((len(rows), len(rows)))  # of the changes of the residual by each error, and of the residual
+        for j, u in enumerate(self.fit.judged):
+            own, some = self.own[u], self.inside[u]
+            errors, first = np.unique(self.numbers[some], return_index=True)
+            each = [rows[self.numbers[i] + 1, j, self.rows[i]] * self.changes[i] for i in some]
+            alone = np.add.reduceat(np.array(each).reshape(-1, at.shape[1]), first)  # with the model as it is
+            lines = np.vstack([at[own], alone, rows[0, j] @ at]) * np.sqrt(weights[j, self.band] * self.used[u])
+            mix = np.zeros((len(rows), len(lines)))
+            mix[:-1, : len(own)] = follow[:, j, own]
+            mix[errors, len(own) + np.arange(len(errors))] = mix[-1, -1] = 1.0
+            normal += mix @ (lines @ lines.T) @ mix.T
         size, turn = np.linalg.eigh(normal[:-1, :-1])
         pull = turn.T @ (normal[:-1, :-1] @ shares - normal[:-1, -1])
 
@@ -300,11 +328,15 @@ def _erroneous(
 ) -> SegmentSet:  # fmt: skip
     """Records whose channels have further errors of some sizes."""
     segments = list(work.data.segments)
-    for error, size in errors:
-        for i, seen in readings.items():
+    for i, seen in readings.items():
+        changes: dict[int, dict[str, Any]] = {}
+        for error, size in errors:
             if f"{error.kind}{error.dof}" in seen.measured:
-                changes = {key: size * y for key, y in seen.unit(error).items()}
-                segments[i] = segments[i].moved(error.dof, **changes)
+                own = changes.setdefault(error.dof, {})
+                for key, y in seen.unit(error).items():
+                    own[key] = own.get(key, 0.0) + size * y
+        for dof, own in changes.items():
+            segments[i] = segments[i].moved(dof, **own)
     return SegmentSet(segments, work.data.n_samples)
 
 
@@ -341,11 +373,10 @@ class _Readings:
         """Spectra of the motion of a DOF, or of its rates, in each run."""
         if (dof, late) not in self._spectra:
             motion = _motion(self.seg, dof)
-            rates = [
-                {key: np.gradient(y[run], self.step) if late else y[run] for key, y in motion.items()}
+            self._spectra[dof, late] = [
+                {key: np.fft.rfft(np.gradient(y[run], self.step) if late else y[run]) for key, y in motion.items()}
                 for run in self.runs
             ]
-            self._spectra[dof, late] = [{key: np.fft.rfft(y) for key, y in each.items()} for each in rates]
         return self._spectra[dof, late]
 
     def _share(self, error: _Error, samples: int) -> np.ndarray:
@@ -356,21 +387,6 @@ class _Readings:
         total = sum(weight.values(), np.zeros(len(omega)))
         own = weight.get(error.kind, np.zeros(len(omega)))
         return np.where(total > 0, own / np.where(total > 0, total, 1.0), 0.0)
-
-
-def _changed(trial: Trial, work: Workspace, error: _Error) -> tuple[list[int], np.ndarray]:
-    """Spectra of the columns that an error changes, and their numbers."""
-    touched, rows = [], []
-    windows = trial.ruler.windows
-    fixed = {"a": error.dof - 1, "F": work.n_dof + error.dof - 1}
-    sites = [s for s in trial.layout.sites if trial.laws.get(s) and s.incidence(error.dof) and error.kind != "F"]
-    for site in sites:
-        touched += list(range(trial.layout.slices[site].start, trial.layout.slices[site].stop))
-        rows.append({i: work.columns(site, trial.laws[site], i) for i in trial.ruler.segments})
-    number = fixed["F" if error.kind == "F" else "a"]
-    touched.append(trial.at + number)
-    rows.append({i: work.fixed(i)[[number]] for i in trial.ruler.segments})
-    return touched, windows.spectra({i: np.vstack([part[i] for part in rows]) for i in trial.ruler.segments})
 
 
 def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared, Trial] | None:

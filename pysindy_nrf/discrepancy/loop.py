@@ -26,7 +26,7 @@ from ..mechanics.sites import Site
 from ..regression.segments import SegmentSet
 from ..signals.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
-from .conclude import by_channels, concluded
+from .conclude import RUN, by_channels, concluded
 from .constants import TOLERANCES
 from .prepare import MOST, Prepared, Workspace, as_records, excerpts, prepare
 from .report import LoopReport
@@ -137,7 +137,8 @@ def close_loop(
                 break  # else again: a fault changes all samples
         first = first if seen is ready else forward.on_all(first, ready)
         report = concluded(forward, first, settings | {"catalogue": tried, "calibration": tolerances}, rng)
-        report.free_runs = free_runs(report.model, ready.data)
+        begun = [replace(s, valid=slice(s.valid.start, min(s.valid.stop, s.valid.start + RUN))) for s in segments]
+        report.free_runs = free_runs(report.model, SegmentSet(begun, ready.data.n_samples))
         report.faults = suspect_channels((*mine, *kept))
         last = max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)
         left = report.table.filter(like="held-out dof").iloc[last].max()

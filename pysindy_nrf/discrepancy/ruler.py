@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -202,12 +203,8 @@ class Ruler:
         w, work = self.windows, self.work.whole
         windows = Windows(work.data, work.search, w.length, w.edges, w.centred)
         out = Ruler(work, windows, self.informative, self.clear)
-        out.part = self
+        out.part, self._cache, self._held = self, {}, 0  # the scans are over
         return out
-
-    def on(self, windows: Windows) -> Ruler:
-        """The same bands on other samples."""
-        return Ruler(self.work, windows, self.informative, self.clear)
 
     def band(self) -> tuple[float | None, float | None]:
         """Lowest and highest frequency of all clear bands, Hz; None where no end was found."""
@@ -334,8 +331,6 @@ class Trial:
         self.laws = {s: tuple(held) for s, held in laws.items() if held}
         self.chain = chain.with_links(self.laws)
         self.layout = LawLayout(self.chain, self.laws)
-        columns = [ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
-        self.spectra = np.vstack([*columns, ruler.fixed])
         self.grams = ruler.windows.grams(self.spectra)
         self.summed = self.grams.sum(axis=0)
         self.at = self.layout.n_terms
@@ -357,6 +352,14 @@ class Trial:
         # A scan reads all folds, also those in which a force is unknown: both sides of a comparison hold them alike.
         rows = (x[0] for x in self.fit.rows(self.masses[:1], self.theta[:1]))
         self.shares = share(*(np.einsum("ip,kpq,iq->ik", x, self.summed, x, optimize=True) for x in rows))
+        if ruler.part is not None:
+            del self.spectra  # those of all samples of long records are large, and hardly read again
+
+    @cached_property
+    def spectra(self) -> np.ndarray:
+        """Spectra of the columns of the laws, then of accelerations and forces."""
+        columns = [self.ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
+        return np.vstack([*columns, self.ruler.fixed])
 
     def on_part(self) -> Trial:
         """The same laws on the excerpts of long records."""
@@ -428,8 +431,8 @@ class Trial:
         """Powers of the fitted model on other samples."""
         other = Trial.__new__(Trial)
         other.ruler, other.base, other.laws = ruler, self.base, self.laws
-        columns = [ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
-        grams = ruler.windows.grams(np.vstack([*columns, ruler.fixed]))
+        other.layout = self.layout
+        grams = ruler.windows.grams(other.spectra)
         residual, reference = (rows[0] for rows in self.fit.rows(self.masses[:1], self.theta[:1]))
         known = other.used(self.fit)[:, self.fit.judged, None]
         part, whole = (np.einsum("ip,fkpq,iq->fik", x, grams, x, optimize=True) for x in (residual, reference))

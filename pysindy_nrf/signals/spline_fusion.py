@@ -441,10 +441,7 @@ LEVEL_BLOCKS = 6  # blocks from which the noise levels of all blocks are estimat
 def fuse_all(
     views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True, kept: list | None = None
 ) -> list[FusedMotion]:
-    """Motions of all degrees of freedom from their channels, in units of samples.
-
-    An empty list in ``kept`` is filled with the motions fused one by one; a full one spares these to a second call.
-    """
+    """Motions of all DOFs from their channels, in units of samples; those of each alone are ``kept``."""
     known = list(kept or ())
 
     def one_by_one(part: list[Views], ladder: BasisLadder, *given: Any) -> list[FusedMotion]:

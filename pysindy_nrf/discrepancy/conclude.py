@@ -40,8 +40,7 @@ from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
-# Samples of free runs, in all held-out windows or from the start of a record: a model that is unstable crawls.
-RUN = 30_000
+RUN = 30_000  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
 
 
 @dataclass
@@ -161,10 +160,9 @@ def _stand(name: str, trial: Trial) -> Stand:
 def _as_measured(stand: Stand) -> Stand:
     """The same model with the means left in."""
     trial = stand.trial
-    if not trial.ruler.windows.centred:
-        return stand
-    with suppress(NRFError):
-        return _stand(stand.name, Trial(trial.ruler.as_measured(), trial.base, trial.laws))
+    if trial.ruler.windows.centred:
+        with suppress(NRFError):
+            return _stand(stand.name, Trial(trial.ruler.as_measured(), trial.base, trial.laws))
     return stand
 
 

@@ -1,8 +1,9 @@
 """Close the loop: prepare, search, judge, conclude, report."""
 
+import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -177,19 +178,16 @@ def _baseline_laws(problem: Problem, work: Workspace) -> Mapping[Site, tuple[For
     return dict(problem.laws)
 
 
-def _bar(progress: Any, total: int) -> Any:
+@contextmanager
+def _bar(progress: Any, total: int) -> Iterator[Any]:
     """A context that gives a function to be called once for each candidate."""
-    import sys
-
     if callable(progress) or not (progress and sys.stderr.isatty()):
-        return nullcontext(progress if callable(progress) else lambda: None)
+        yield progress if callable(progress) else lambda: None
+        return
     from tqdm import tqdm
 
-    class Bar(tqdm):
-        def __enter__(self) -> Any:
-            return self.update
-
-    return Bar(total=total, desc="candidates", file=sys.stderr, leave=False)
+    with tqdm(total=total, desc="candidates", file=sys.stderr, leave=False) as bar:
+        yield bar.update
 
 
 def _require_covariates(laws: Mapping[Site, Sequence[ForceLaw]], ready: Prepared) -> None:

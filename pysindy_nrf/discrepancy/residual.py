@@ -226,10 +226,7 @@ def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> tuple[
 def _produced(
     ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator
 ) -> tuple[Prepared, Ruler] | None:
-    """Records of a free run of a model with the noise of the channels; None where there is none.
-
-    An element without mass has no free run: its records are the measured motion and the force of the model.
-    """
+    """Records of a free run with noise, of an element without mass the measured motion and its force; None if none."""
     work = trial.ruler.work
     if model.masses.any() and (model.masses <= 0).any():
         return None

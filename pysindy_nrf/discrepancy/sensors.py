@@ -58,27 +58,23 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         seen = suspect.witness is not None
         effects = (*(e for e in state.effects if e is not before), Effect(fault, suspect.site, template, seen))
         gain = Gain(state.trial.powers, trial.powers, trial.ruler.informative)
-        proposal = Proposal(template, (suspect.site,))
-        found.append(Finding(proposal, (fault,), state, gain.value, gain, State(trial, effects, fresh), witnessed=seen))
+        given = Proposal(template, (suspect.site,)), (fault,), state, gain.value, gain, State(trial, effects, fresh)
+        found.append(Finding(*given, witnessed=seen))
     return found
 
 
 def _alone(ready: Prepared, work: Workspace, laws: Sequence[SensorFault]) -> Iterator[Suspect]:
     """Channels that no other channel of their DOF can contradict, with faults that the balances can show."""
-    chosen, _ = _runs(work)
-    record = ready.records[chosen]
+    record = ready.records[_runs(work)[0]]
     kinds = {j: [k for k in "avx" if f"{k}{j}" in record.measured] for j in range(1, record.n_dof + 1)}
-    n = work.n_dof
     single = [f"{held[0]}{j}" for j, held in kinds.items() if len(held) == 1]
     forces = [f"F{j}" for j in work.forced]
     for law in laws:
-        channels = single + forces
         if not law.acts_on_derivatives:
             continue  # the mean of every column over a fold is taken out
-        if law.changes_scale:
-            channels = single if n > 1 and work.forced else []
-            channels = channels + (forces if len(work.forced) + len(work.known_masses) > 1 else [])
-        yield from (Suspect(law, Site(f"sensor {c}")) for c in channels)
+        scaled = work.n_dof > 1 and bool(work.forced), len(work.forced) + len(work.known_masses) > 1
+        motions, loads = scaled if law.changes_scale else (True, True)
+        yield from (Suspect(law, Site(f"sensor {c}")) for c in single * motions + forces * loads)
 
 
 def on(trial: Trial, data: SegmentSet) -> Trial:
@@ -120,8 +116,7 @@ def _scanned(trial: Trial, suspect: Suspect) -> tuple[float, Suspect] | None:
 def _shifted(seg: Segment, kind: str, dof: int, law: SensorFault) -> Segment:
     """A record in which a force, or the whole motion of a DOF, is freed of a fault."""
     dt = seg.dt or 1.0
-    j = dof - 1
-    channels = {"F": seg.F[:, j]} if kind == "F" else _motion(seg, dof)
+    channels = {"F": seg.F[:, dof - 1]} if kind == "F" else _motion(seg, dof)
     seen = {key: np.asarray(y, dtype=float) for key, y in channels.items() if np.nan_to_num(y).any()}
     changed = seg.moved(dof, **{key: law.corrected(y, dt) - y for key, y in seen.items()})
     known = np.isfinite(seg.F[seg.valid]).all(axis=0)
@@ -153,10 +148,7 @@ _Line = tuple[np.ndarray, int, int]
 
 
 class Errors:
-    """Errors that the channels of a search may have, and what each changes in the trials on one ruler.
-
-    What an error changes at a site does not depend on the laws of other sites: it is kept for the next trial.
-    """
+    """Errors of the channels of a search; what they change at a site is kept for the next trial on the same ruler."""
 
     def __init__(self, ruler: Ruler, ready: Prepared, tolerances: Mapping[str, float]) -> None:
         self.ruler, self.work, windows = ruler, ruler.work, ruler.windows
@@ -168,8 +160,7 @@ class Errors:
     def freed(self, trial: Trial, start: np.ndarray | None = None) -> tuple[Trial, np.ndarray]:
         """The trial on records freed of the likeliest errors of all channels that are credible together, and these.
 
-        Least squares in the errors; masses, coefficients and weights follow them (variable projection, Golub and
-        Pereyra 1973). An effect that these errors explain as well is none.
+        Least squares; masses, coefficients and weights follow them (variable projection, Golub and Pereyra 1973).
         """
         if not self.errors:
             return trial, np.zeros(0)
@@ -333,8 +324,7 @@ def _erroneous(
         for error, size in errors:
             if f"{error.kind}{error.dof}" in seen.measured:
                 own = changes.setdefault(error.dof, {})
-                for key, y in seen.unit(error).items():
-                    own[key] = own.get(key, 0.0) + size * y
+                own |= {key: own.get(key, 0.0) + size * y for key, y in seen.unit(error).items()}
         for dof, own in changes.items():
             segments[i] = segments[i].moved(dof, **own)
     return SegmentSet(segments, work.data.n_samples)

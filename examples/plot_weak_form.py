@@ -65,10 +65,10 @@ for name, masses in found.items():
     print(f"{name:24s}{''.join(f'{m:9.3f}' for m in masses)}   worst {worst:5.2f} %")
 
 # %%
-figure, axes = plt.subplots(figsize=(7, 3.5))
+figure, axes = plt.subplots(figsize=(7, 3.9), layout="constrained")
 for k, (name, masses) in enumerate(found.items()):
     axes.bar(np.arange(3) + 0.2 * k - 0.3, masses, 0.18, label=name)
 axes.set_xticks(range(3), ["DOF 1", "DOF 2", "DOF 3"])
 axes.set_ylabel("mass (kg)")
-axes.legend(loc="lower right")
+axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 figure.savefig(folder / "weak_form.png", dpi=150)

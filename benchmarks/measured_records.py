@@ -48,10 +48,11 @@ class Tested:
     masses: dict[int, float] | None = None
     old_band: tuple[float | None, float | None] | None = None
     others: dict[str, dict[str, Any]] = field(default_factory=dict)  # further declared models, by name
+    declared: dict[str, Any] = field(default_factory=lambda: {"degree": 1})
 
     def run(self, records: Any, model: dict[str, Any] | None = None, **options: Any) -> Any:
         """The loop on records of this test."""
-        declared = NRFRegressor(**(model or {"degree": 1}), known_masses=self.masses)
+        declared = NRFRegressor(**(model or self.declared), known_masses=self.masses)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return close_loop(records, declared, **options)
@@ -249,8 +250,9 @@ SETS: dict[str, Tested] = {
         None,
         (None, 150.0),
     ),
-    "timber": Tested(  # without a clock: a rate of 1 Hz stands for the number of the sample
-        measured.load_timber_connection, "46 -> one state 27 -> pinched and degrading 15", at_most(20), ELEMENT
+    "timber": Tested(  # without a clock
+        measured.load_timber_connection, "46 -> one state 27 -> pinched and degrading 15", at_most(20), ELEMENT,
+        declared={"laws": {1: [laws.LinearElastic()]}},
     ),
     "hotel": Tested(measured.hotel, "21, nothing", nothing, {1: 1.0, 2: 1.0}),
     "tower": Tested(measured.load_tower_with_mass_driver, "nothing: the driver's calibration is not certain", nothing),

@@ -311,11 +311,12 @@ def load_friction_damper(run: str = "2Hz30lbtension0.5amplitude", folder: Any = 
 def load_timber_connection(folder: Any = None) -> Record:
     """``x1`` (m) and ``F1`` (N) of a connection under quasi-static cycles, without inertia; 33 028 samples.
 
-    The file has no clock: a rate of 1 Hz stands for the number of the sample.
+    The test has no clock.
     """
     mapping = {"x1": "displacement_mm @ mm", "F1": "force_kN @ kN"}
     path = data_file("timber_connection_cyclic", folder=folder)
-    return read_record(path, mapping=mapping, fs=1.0, name="timber connection")
+    read = read_record(path, mapping=mapping, fs=1.0, name="timber connection")
+    return Record(force=read.force, displacement=read.displacement, name=read.name)
 
 
 def load_tower_with_mass_driver(folder: Any = None) -> Record:

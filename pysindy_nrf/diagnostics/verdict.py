@@ -13,7 +13,7 @@ import pandas as pd
 from ..data.record import MATRICES, Record
 from ..exceptions import NRFError, NRFWarning
 from ..regression.chain_model import ChainModel
-from ..regression.errors import balance_errors, free_run_of, squares_of
+from ..regression.errors import balance_errors, free_run_by_either, squares_of
 from ..regression.segments import Segment, SegmentSet
 from ..signals.alignment import channel_alignment
 from .test_planning import creates_energy
@@ -74,6 +74,7 @@ class FreeRuns:
     table: pd.DataFrame
     runs: list[tuple[Segment, Record]] = field(default_factory=list)
     why_not: str = ""
+    failed: bool = False  # a run was tried and came to no end
 
     @property
     def error(self) -> float:
@@ -88,7 +89,7 @@ def free_runs(
     """Run a model alone, from the first measured state, under the measured force of every record."""
     out, rows = FreeRuns(pd.DataFrame()), {}
     if (model.masses <= 0).any():
-        out.why_not = "a mass is not positive"
+        out.why_not = "a mass is not positive, as that of an element by itself"
         return out
     names = names or [seg.name for seg in data.segments]
     for seg, filter, name in zip(data.segments, filters or [None] * len(names), names):
@@ -96,9 +97,9 @@ def free_runs(
             out.why_not = f"a force of {name} is unknown" if seg.dt or dt else "the sampling step is not known"
             continue
         try:
-            run = free_run_of(model, seg, seg.valid, dt)
+            run = free_run_by_either(model, seg, seg.valid, dt)
         except NRFError as error:
-            out.why_not = str(error)
+            out.why_not, out.failed = str(error), True
             continue
         out.runs.append((seg, run))
         missed, moved = squares_of(run, seg, seg.valid, filter)
@@ -244,7 +245,7 @@ def verdict_on(
         red.append(f"The data do not determine {', '.join(wide)}: the interval holds zero.")
     if free is not None and not wrong:
         diverged = [name for name, row in free.table.iterrows() if not np.isfinite(row.to_numpy()).all()]
-        if diverged or (free.why_not and "unknown" not in free.why_not and "not known" not in free.why_not):
+        if diverged or free.failed:
             red.append("The free run diverges" + (f": {free.why_not}" if free.why_not else "."))
         elif error > 100.0 and not _floats(model, free) and not follows < ASTRAY:
             red.append("The free run diverges" + (f": it misses the motion by {error:.3g} %." if error < 1e3 else "."))

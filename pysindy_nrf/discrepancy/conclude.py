@@ -22,7 +22,7 @@ from ..exceptions import NRFError
 from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
-from ..regression.errors import free_run_of
+from ..regression.errors import free_run_by_either
 from ..regression.layout import LawLayout
 from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
@@ -360,8 +360,9 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
         size = _window(seg, block.rows)
         for start in range(block.rows.start, block.rows.stop - size + 1, every * size):
             rows = slice(seg.valid.start + start, seg.valid.start + start + size)
-            run = _run(model, seg, rows)
-            if run is None:
+            try:
+                run = free_run_by_either(model, seg, rows, seg.dt)
+            except NRFError:
                 return float("nan")
             x = np.cumsum(seg.s[rows], axis=1)
             x = x - x.mean(axis=0)
@@ -377,16 +378,6 @@ def _window(seg: Any, rows: slice) -> int:
     crossings = np.count_nonzero(np.diff(np.signbit(s - s.mean())))
     length = rows.stop - rows.start
     return max(8, min(length, int(PERIODS * 2 * length / max(crossings, 1))))
-
-
-def _run(model: ChainModel, seg: Any, rows: slice) -> Any:
-    """A free run, tried again by the other integrator; None where both fail."""
-    for method in ("default", "newmark"):
-        with suppress(NRFError):
-            run: Any = free_run_of(model, seg, rows, seg.dt, method=method)
-            if np.isfinite(run.displacement).all():
-                return run
-    return None
 
 
 # -- fewer sensors than floors: the channels are judged, by the free run ---------------------------------

@@ -6,6 +6,7 @@ the summed squares, each balance first divided by the rms of its storey force.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -172,6 +173,15 @@ def free_run_of(
         base_acceleration=None if segment.ag is None else segment.ag[rows],
         covariates={k: c[rows] for k, c in segment.covariates.items()} or None, **options,
     )  # fmt: skip
+
+
+def free_run_by_either(model: ChainModel, segment: Segment, rows: slice, dt: float | None = None) -> Record:
+    """The free run, tried again by Newmark's method where that of variable steps fails."""
+    with suppress(NRFError):
+        run = free_run_of(model, segment, rows, dt)
+        if np.isfinite(np.asarray(run.displacement, dtype=float)).all():
+            return run
+    return free_run_of(model, segment, rows, dt, method="newmark")
 
 
 def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -> tuple[np.ndarray, np.ndarray]:

@@ -30,7 +30,7 @@ from . import judge, words
 from .catalogue import as_laws, balances_of, candidates
 from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
 from .evidence import Evidence, look
-from .prepare import Prepared, Workspace, measured_of
+from .prepare import MOST, Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
 from .residual import floor_of, loops_of, searched, simulated
 from .ruler import ChannelRuler, ChannelWork, Gain, Laws, Powers, Ruler, Slot, Trial
@@ -40,7 +40,7 @@ from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
-RUN = 30_000  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
+RUN = 3 * MOST  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
 
 
 @dataclass
@@ -365,10 +365,8 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
             except NRFError:
                 return float("nan")
             x = np.cumsum(seg.s[rows], axis=1)
-            x = x - x.mean(axis=0)
-            error = run.displacement - np.cumsum(seg.s[rows], axis=1)
-            top += (error**2).sum(axis=0)
-            bottom += (x**2).sum(axis=0)
+            top += ((run.displacement - x) ** 2).sum(axis=0)
+            bottom += ((x - x.mean(axis=0)) ** 2).sum(axis=0)
     return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")
 
 
@@ -376,8 +374,7 @@ def _window(seg: Any, rows: slice) -> int:
     """Samples of about ten periods of the first drift, at most the block."""
     s = np.asarray(seg.s[seg.valid][rows], dtype=float)[:, 0]
     crossings = np.count_nonzero(np.diff(np.signbit(s - s.mean())))
-    length = rows.stop - rows.start
-    return max(8, min(length, int(PERIODS * 2 * length / max(crossings, 1))))
+    return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(int(crossings), 1))))
 
 
 # -- fewer sensors than floors: the channels are judged, by the free run ---------------------------------

@@ -5,6 +5,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.fft import next_fast_len
+from scipy.signal import resample
 
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
@@ -15,7 +17,7 @@ from . import judge
 from .catalogue import Candidate
 from .constants import FINALISTS, LEAST_GAIN, LEAST_SHARE, TENTH
 from .judge import admissible
-from .prepare import Prepared
+from .prepare import MOST, Prepared
 from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
 from .sensors import Errors, findings_of_faults
@@ -32,15 +34,17 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
         return []
     held = [work.columns(s, trial.laws[s], record) for s in trial.layout.sites if trial.laws.get(s)]
     whole = slice(work.runs(record)[0].start, work.runs(record)[-1].stop)
-    inside = np.zeros(segment.n_valid)
+    inside, size = np.zeros(segment.n_valid), whole.stop - whole.start
     for part in work.runs(record):
         inside[part] = 1.0  # a line is as sharp as the record is long: what is held out is zero, not cut away
-    rows = (np.vstack([*held, work.fixed(record)]) * inside)[:, whole]
-    weighed = j in work.known_masses
-    driven = driven_at(segment, run)
-    return balance_lines(
-        rows, trial.layout, trial.solution(), j, segment.dt, weighed or j in work.forced, weighed, driven
-    )
+    few = next_fast_len(int(2.2 * size * segment.dt * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
+    few = few if 3 * MOST < size > few else size
+    seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
+    lines = (row[whole] * seen for part in (*held, work.fixed(record)) for row in part)
+    rows = np.array([line if few == size else resample(line, few) * left for line in lines])
+    weighed, dt = j in work.known_masses, segment.dt * size / few
+    given = weighed or j in work.forced, weighed, driven_at(segment, run)
+    return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
 
 
 def proposals_of(candidates: Iterable[Candidate], storeys: Sequence[Site]) -> list[Proposal]:

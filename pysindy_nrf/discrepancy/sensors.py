@@ -48,8 +48,7 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         rebuilt = _rebuilt(ready, state.trial, suspect)
         if rebuilt is None:
             continue
-        fresh, trial = rebuilt
-        fault = suspect.law
+        (fresh, trial), fault = rebuilt, suspect.law
         before = next((e for e in state.effects if (e.law.name, e.site) == (fault.name, suspect.site)), None)
         if before is not None:
             assert isinstance(before.law, SensorFault)
@@ -121,9 +120,8 @@ def _shifted(seg: Segment, kind: str, dof: int, law: SensorFault) -> Segment:
     changed = seg.moved(dof, **{key: law.corrected(y, dt) - y for key, y in seen.items()})
     known = np.isfinite(seg.F[seg.valid]).all(axis=0)
     finite = np.isfinite(np.hstack([changed.a, changed.v, changed.s, changed.F[:, known]])).all(axis=1)
-    inside = np.flatnonzero(finite[seg.valid])
-    start = seg.valid.start
-    return replace(changed, valid=slice(start + int(inside[0]), start + int(inside[-1]) + 1))
+    inside = seg.valid.start + np.flatnonzero(finite[seg.valid])
+    return replace(changed, valid=slice(int(inside[0]), int(inside[-1]) + 1))
 
 
 def _motion(seg: Segment, dof: int) -> dict[str, np.ndarray]:

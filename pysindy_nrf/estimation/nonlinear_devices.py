@@ -21,7 +21,7 @@ def linear_part(model: Any) -> ChainModel:
     --------
     >>> from pysindy_nrf import ChainModel, estimation, laws
     >>> print(estimation.linear_part(ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})))
-    m1 = 10 kg
+    m1 = 10 kg  (R in N, s in m, v in m/s)
     R1 = 0 v1 + 4e+04 s1
     """
     model = as_model(model)

@@ -178,8 +178,10 @@ def mapping_that_closes(
     if not unreal and given.max() <= LARGE and not suspect_channels(records):
         return ""
     rows, tried = [], list(rearranged(records[0], np.flatnonzero(given > OPEN) + 1))
-    if np.isfinite(left(solve=quick)[1]):  # else motions are missing that only fusion fills in
-        tried = sorted(tried, key=lambda one: left(one[1], quick)[:2])[:_TRIED]
+    roughly = left(solve=quick)[:2]
+    if np.isfinite(roughly[1]):  # else motions are missing that only fusion fills in
+        rated = sorted(((left(one[1], quick)[:2], one) for one in tried), key=lambda pair: pair[0])
+        tried = [one for size, one in rated[:_TRIED] if size < roughly]
     for words, change in tried:
         wrong, size, error = left(change)
         closes = error <= np.minimum(OPEN, np.inf if unreal else given / FALL)

@@ -101,9 +101,9 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
         stopped += f". {words.not_in_catalogue(there)}"
     made = simulated(forward.state.ready, confirmed.trial.on_part(), rng) if forward.state.ready is not None else None
     noise = None if made is None else made[1]
-    _say_how_sure(steps, confirmed, noise, [Site(site) for site, _ in there.index])
+    beyond = _say_how_sure(steps, confirmed, noise, [Site(site) for site, _ in there.index])
     report = _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
-    report.lack_of_fit = general.drop(columns="there")
+    report.lack_of_fit, report.beyond_noise = general.drop(columns="there"), beyond
     report.bounds = _bounds(confirmed.trial)
     return report
 
@@ -142,17 +142,16 @@ def _pair(forward: Forward, confirmed: Stand, effect: Effect) -> tuple[Stand, St
 
 def _stand(name: str, trial: Trial) -> Stand:
     """A trial judged on the search and on the held-out data."""
-    ruler, work = trial.ruler, trial.ruler.work
-    windows = ruler.windows
+    ruler, work, windows = trial.ruler, trial.ruler.work, trial.ruler.windows
     rows = Windows(work.data, work.held, windows.length, windows.edges, windows.centred)
     held = Ruler(work, rows, ruler.informative, ruler.clear)
     powers = trial.powers_on(held)
-    errors = held.errors(powers)
     within = Powers(trial.within[None], trial.powers.reference)
     row = {
         "search": ruler.error(within), "validation": ruler.error(trial.powers),
-        "held-out": held.error(powers, ruler.scale(trial.powers)), "free run": free_run_error(trial.model(), work),
-        **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
+        "held-out": held.error(powers, ruler.clear_power(trial.powers.reference)),
+        "free run": free_run_error(trial.model(), work),
+        **{f"held-out dof {j}": float(e) for j, e in enumerate(held.errors(powers), 1)},
     }  # fmt: skip
     return Stand(name, trial, powers, row)
 
@@ -267,8 +266,8 @@ def _why_stopped(forward: Forward, most: int) -> str:
     return words.best_refused(forward.last[0] if forward.last else None)
 
 
-def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> None:
-    """Say of each effect how much of it stays unexplained, and whether its name is sure.
+def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> np.ndarray:
+    """Say of each effect how much of it stays unexplained, and whether its name is sure; what balances keep, percent.
 
     A claim is no better than its worst balance: what stays there beyond noise stays of the effect. No name is sure at a
     site that is still ``lacking``: where a general law explains more.
@@ -276,7 +275,7 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
     trial = final.trial
     left = trial.ruler.errors(trial.powers)
     floor = np.full(len(left), np.nan)
-    if steps and noise is not None:
+    if noise is not None:
         with suppress(NRFError):
             floor = noise.errors(Trial(noise, trial.base, trial.laws).powers)
     beyond = np.sqrt(np.maximum(left**2 - np.nan_to_num(BY_NOISE * floor) ** 2, 0.0))
@@ -293,6 +292,7 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
         here = balances_of(Site(step.site))
         step.company = [s.law for s in steps if s is not step and balances_of(Site(s.site)) == here]
         step.sure = step.sure and not (step.company or here in map(balances_of, lacking))
+    return beyond
 
 
 def _report(
@@ -412,7 +412,7 @@ class _Course:
         judged.masses, judged.theta = np.vstack([model.masses, trial.masses[1:]]), np.vstack([own, trial.theta[1:]])
         judged.powers = ruler.missed(ruler.windows)
         there = ruler.missed(ChannelWindows(len(channels), work.data, work.held, self.length, ruler.windows.edges))
-        error = ruler.error(there, ruler.scale(judged.powers))
+        error = ruler.error(there, ruler.clear_power(judged.powers.reference))
         held = [(x * ruler.clear).reshape(len(channels), -1).sum(axis=1) for x in (there.residual, there.reference)]
         row = dict.fromkeys(("search", "validation"), ruler.error(judged.powers))
         row |= {"held-out": error, "free run": error}

@@ -141,9 +141,7 @@ def close_loop(
         begun = [replace(s, valid=slice(s.valid.start, min(s.valid.stop, s.valid.start + RUN))) for s in segments]
         report.free_runs = free_runs(report.model, SegmentSet(begun, ready.data.n_samples))
         report.faults = suspect_channels((*mine, *kept))
-        last = max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)
-        left = report.table.filter(like="held-out dof").iloc[last].max()
-        if report.faults or left > DOUBTFUL or (report.model.masses <= 0).any():
+        if report.faults or (report.beyond_noise > DOUBTFUL).any() or (report.model.masses <= 0).any():
             report.wiring = wiring_of(baseline, problem, report.model, mine)
         return report
 

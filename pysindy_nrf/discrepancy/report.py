@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from ..common.audit import constants_of, settings_of
@@ -178,6 +179,8 @@ class LoopReport:
         95 % intervals of masses and coefficients, from fold to fold, by the names of ``confidence_intervals``.
     free_runs : FreeRuns or None
         The model alone under the measured forces of all records.
+    beyond_noise : ndarray of shape (n_dof,)
+        Error of each balance of the final model beyond what noise leaves of it, percent.
     wiring, faults : str, dict of str to bool
         The mapping of channels with which the balances close, where they do not; channels that seem to be reversed or
         in the wrong column, and whether that is sure.
@@ -209,6 +212,7 @@ class LoopReport:
     lack_of_fit: pd.DataFrame = field(default_factory=pd.DataFrame)
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     free_runs: FreeRuns | None = None
+    beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
 

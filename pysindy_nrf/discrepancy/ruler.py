@@ -224,20 +224,17 @@ class Ruler:
     def errors(self, powers: Powers) -> np.ndarray:
         """Error of each balance in its clear bands, percent."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 100.0 * np.sqrt(self._clear(powers.residual) / self._clear(powers.reference))
+            return 100.0 * np.sqrt(self.clear_power(powers.residual) / self.clear_power(powers.reference))
 
     def error(self, powers: Powers, scale: np.ndarray | None = None) -> float:
         """Pooled error, percent: every balance is first divided by its scale, the reference if None."""
-        top, bottom = self._clear(powers.residual), self._clear(powers.reference)
+        top, bottom = self.clear_power(powers.residual), self.clear_power(powers.reference)
         weight = 1.0 / np.where((s := bottom if scale is None else scale) > 0, s, np.inf)
         return float(100.0 * np.sqrt((weight * top).sum() / (weight * bottom).sum()))
 
-    def _clear(self, power: np.ndarray) -> np.ndarray:
+    def clear_power(self, power: np.ndarray) -> np.ndarray:
+        """Power of each balance in its clear bands."""
         return (power * self.clear).sum(axis=1)
-
-    def scale(self, powers: Powers) -> np.ndarray:
-        """Power of the reference of each balance in its clear bands."""
-        return self._clear(powers.reference)
 
 
 def _strongest(power: np.ndarray) -> np.ndarray:
@@ -337,18 +334,19 @@ class Trial:
         self.slots: dict[Any, ChainFit] = {}  # solves with further columns, by their sites and numbers
         where = {s: list(range(rows.start, rows.stop)) for s, rows in self.layout.slices.items()}
         self.fit = ruler.fit_of(self.layout, where, self.at)
-        informative = ruler.informative
-        self.weights = informative.astype(float)
+        weights = ruler.informative.astype(float)
+        known = np.tensordot(self.used(self.fit).T, self.grams, 1)  # what serves each group of balances
         for _ in range(ROUNDS):
-            self.powers, self.masses, self.theta, self.within = self._judged()
-            if not np.isfinite(self.powers.residual).all():
-                raise NRFError("The columns of the balances depend on each other", "Leave a law out.")
-            floored = self.within + FLOOR**2 * self.powers.reference
-            new = np.where(informative & (floored > 0), 1.0 / np.maximum(floored, 1e-300), 0.0)
-            settled = np.allclose(new, self.weights, rtol=0.05)
-            self.weights = new
-            if settled:
+            self.weights = weights
+            left, whole = self._fitted(known)
+            floored = left + FLOOR**2 * whole
+            weights = np.where(ruler.informative & (floored > 0), 1.0 / np.maximum(floored, 1e-300), 0.0)
+            if not np.isfinite(left).all() or np.allclose(weights, self.weights, rtol=0.05):
                 break
+        self.powers, self.within = Powers(self._judged(), whole), left
+        if not np.isfinite(self.powers.residual).all():
+            raise NRFError("The columns of the balances depend on each other", "Leave a law out.")
+        self.weights = weights
         # A scan reads all folds, also those in which a force is unknown: both sides of a comparison hold them alike.
         rows = (x[0] for x in self.fit.rows(self.masses[:1], self.theta[:1]))
         self.shares = share(*(np.einsum("ip,kpq,iq->ik", x, self.summed, x, optimize=True) for x in rows))
@@ -365,20 +363,22 @@ class Trial:
         """The same laws on the excerpts of long records."""
         return self if self.ruler.part is None else Trial(self.ruler.part, self.base, self.laws)
 
-    def _judged(self) -> tuple[Powers, np.ndarray, np.ndarray, np.ndarray]:
-        """Cross-validated powers, masses, coefficients, and the power that the fit to all folds leaves."""
-        fit, grams = self.fit, self.grams
-        used = self.used(fit)
+    def _fitted(self, grams: np.ndarray) -> np.ndarray:
+        """Power of the residual and of the reference where all folds are fitted, (2, n_dof, n_bands)."""
+        sums = np.einsum("uk,ukpq->upq", self.weights_of(self.fit), grams, optimize=True)
+        rows = np.concatenate(self.fit.rows(*self.fit.solve(sums[None])))[:, :, None, None]
+        power = ((rows @ grams[self.fit.judged]) * rows).sum(axis=(-2, -1))
+        return np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
+
+    def _judged(self) -> np.ndarray:
+        """Power of the residual on each fold, which the fit did not see, (n_folds, n_dof, n_bands)."""
+        fit, grams, used = self.fit, self.grams, self.used(self.fit)
         sums = np.einsum("uk,fkpq->fupq", self.weights_of(fit), grams, optimize=True) * used[:, :, None, None]
-        masses, theta = fit.solve(np.concatenate([sums.sum(axis=0, keepdims=True), leave_one_out(sums)]))
-        residual, reference = fit.rows(masses, theta)
-        n, known = len(fit.judged), used[:, fit.judged, None]
-        whole, within = (np.broadcast_to(x[0], residual[1:].shape) for x in (reference, residual))
-        rows = np.concatenate([residual[1:], whole, within], axis=1)[:, None]
+        self.masses, self.theta = fit.solve(np.concatenate([sums.sum(axis=0, keepdims=True), leave_one_out(sums)]))
+        rows = fit.rows(self.masses[1:], self.theta[1:])[0][:, None]
         part = ((rows @ grams) * rows).sum(axis=-1).swapaxes(1, 2)
         part = np.where(np.isfinite(part), np.maximum(part, 0.0), np.inf)
-        left, whole, within = (np.where(known, part[:, i : i + n], 0.0) for i in (0, n, 2 * n))
-        return Powers(left, whole.sum(axis=0)), masses, theta, within.sum(axis=0)
+        return np.where(used[:, fit.judged, None], part, 0.0)
 
     def used(self, fit: ChainFit) -> np.ndarray:
         """Which folds serve which group of balances: those in which all its forces are known, (n_folds, n_groups)."""
@@ -449,8 +449,8 @@ class Slot:
         laws = dict(trial.laws)
         for site, law in placed:
             laws[site] = (*laws.get(site, ()), law)
-        chain = trial.base.with_links(laws)
-        sites = LawLayout(chain, laws).sites  # or an error where terms stand twice
+        chain = trial.chain.with_links(self.sites)
+        LawLayout(chain, {site: laws[site] for site in self.sites})  # an error where terms stand twice
         kind = tuple(zip(self.sites, self.widths))
         if kind not in trial.slots:
             where = {s: list(range(rows.start, rows.stop)) for s, rows in trial.layout.slices.items()}
@@ -458,7 +458,7 @@ class Slot:
             for site, width in kind:
                 where[site] = [*where.get(site, ()), *range(at, at + width)]
                 at += width
-            layout = Layout(chain, {s: len(where.get(s, ())) for s in sites})
+            layout = Layout(chain, {s: len(where.get(s, ())) for s in laws})
             trial.slots[kind] = trial.ruler.fit_of(layout, {s: where.get(s, []) for s in layout.sites}, trial.at)
         self.fit = trial.slots[kind]
 
@@ -475,18 +475,21 @@ class Slot:
         trial, windows = self.trial, self.trial.ruler.windows
         count, width, _ = columns.shape
         size, bands = len(trial.spectra), len(windows.bands)
-        sums = np.empty((count, bands, size + width, size + width))
-        sums[..., :size, :size] = trial.summed
         cross = windows.band_grams(trial.spectra, columns.reshape(count * width, -1))
-        cross = cross.reshape(bands, size, count, width).transpose(2, 0, 1, 3)
-        sums[..., :size, size:], sums[..., size:, :size] = cross, cross.swapaxes(-1, -2)
-        sums[..., size:, size:] = windows.products(columns)
+        cross, inside = cross.reshape(bands, size, count, width), windows.products(columns)
         weights = trial.weights_of(self.fit)
-        total = (weights @ sums.reshape(count, bands, -1)).reshape(count, len(weights), *sums.shape[2:])
+        total = np.empty((count, len(weights), size + width, size + width))
+        total[..., :size, :size] = np.tensordot(weights, trial.summed, 1)
+        total[..., :size, size:] = np.tensordot(weights, cross, 1).transpose(2, 0, 1, 3)
+        total[..., size:, :size] = total[..., :size, size:].swapaxes(-1, -2)
+        total[..., size:, size:] = (weights @ inside.reshape(count, bands, -1)).reshape(count, -1, width, width)
         masses, theta = self.fit.solve(total)
         rows = np.concatenate(self.fit.rows(masses, theta), axis=1)[:, None]
-        power = ((rows @ sums) * rows).sum(axis=-1).swapaxes(1, 2)
+        held, new = rows[..., :size], rows[..., size:]
+        flat = held.reshape(-1, size)
+        power = ((flat @ trial.summed) * flat).sum(axis=-1).reshape(bands, count, -1).transpose(1, 2, 0)
+        power = power + ((2.0 * held @ cross.transpose(2, 0, 1, 3) + new @ inside) * new).sum(axis=-1).swapaxes(1, 2)
         power, whole = np.split(power, 2, axis=1)
         shares = share(np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf), whole)
-        sizes = np.sqrt(sums.diagonal(0, 2, 3)[..., size:].sum(axis=1))
+        sizes = np.sqrt(inside.diagonal(0, 2, 3).sum(axis=1))
         return fall(trial.shares, shares, trial.ruler.informative), theta[:, size:], sizes

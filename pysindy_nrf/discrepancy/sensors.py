@@ -42,7 +42,8 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
     work = state.trial.ruler.work
     kinds = tuple(type(law) for law in laws)
     known = [s for size, s in contradictory(ready, work) if isinstance(s.law, kinds) and size >= LEAST_SHARE]
-    alone = sorted(filter(None, (_scanned(state.trial, s) for s in _alone(ready, work, laws))), key=lambda p: -p[0])
+    promising = sorted((_Scan(state.trial, s) for s in _alone(ready, work, laws)), key=lambda scan: -scan.promise)
+    alone = sorted(filter(None, (scan.best() for scan in promising[: 2 * _SUSPECTS])), key=lambda p: -p[0])
     found = []
     for suspect in [*known[:_SUSPECTS], *(s for _, s in alone[:_SUSPECTS])]:
         rebuilt = _rebuilt(ready, state.trial, suspect)
@@ -86,42 +87,48 @@ def on(trial: Trial, data: SegmentSet) -> Trial:
     return Trial(Ruler(work, moved, ruler.informative, ruler.clear), trial.base, trial.laws)
 
 
-def _scanned(trial: Trial, suspect: Suspect) -> tuple[float, Suspect] | None:
-    """The best value of a fault and its gain; None if two trials promise too little."""
-    work = trial.ruler.work
-    kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
-    step, reach = suspect.law.scan
-    unit = 1.0 / pace(work, j) if suspect.law.terms()[0].unit == "s" else 1.0
+class _Scan:
+    """Values of a fault of one channel; its promise is the larger gain of two trials, up and down."""
 
-    def gain(value: float) -> float:
-        law = suspect.law.with_values([value])
+    def __init__(self, trial: Trial, suspect: Suspect) -> None:
+        self.trial, self.suspect = trial, suspect
+        of_time = suspect.law.terms()[0].unit == "s"
+        unit = 1.0 / pace(trial.ruler.work, int(suspect.site.channel[1:])) if of_time else 1.0
+        self.least, (h, self.reach) = LEAST_SHARE * unit, (x * unit for x in suspect.law.scan)
+        up, down = self.gain(h), self.gain(-h)
+        self.promise, self.sign = max(up, down), 1 if up > down else -1
+
+    def gain(self, value: float) -> float:
+        """Gain of the records that are freed of the fault, dB."""
+        law, data = self.suspect.law.with_values([value]), self.trial.ruler.work.data
         try:
-            data = SegmentSet([_shifted(s, kind, j, law) for s in work.data.segments], work.data.n_samples)
-            return on(trial, data).gain_over(trial).value
+            return on(self.trial, _shifted(data, self.suspect.site, law)).gain_over(self.trial).value
         except NRFError:
             return -np.inf
 
-    h, most = step * unit, reach * unit
-    ends = {value: gain(value) for value in (-h, h)}
-    if max(ends.values()) < LEAST_GAIN / 4:
-        return None
-    bounds = (0.0, most) if ends[h] > ends[-h] else (-most, 0.0)
-    best = minimize_scalar(lambda x: -max(gain(x), -1e6), bounds=bounds, method="bounded", options={"maxiter": 16})
-    if -best.fun < LEAST_GAIN or abs(best.x) < LEAST_SHARE * unit:
-        return None
-    return -float(best.fun), replace(suspect, law=suspect.law.with_values([float(best.x)]))
+    def best(self) -> tuple[float, Suspect] | None:
+        """The best value and its gain; None if they promise too little."""
+        if self.promise < LEAST_GAIN / 4:
+            return None
+        bounds = sorted((0.0, self.sign * self.reach))
+        found = minimize_scalar(lambda x: -max(self.gain(x), -1e6), bounds=bounds, options={"maxiter": 16})
+        value, gain = float(found.x), -float(found.fun)
+        there = gain >= LEAST_GAIN and abs(value) >= self.least
+        return (gain, replace(self.suspect, law=self.suspect.law.with_values([value]))) if there else None
 
 
-def _shifted(seg: Segment, kind: str, dof: int, law: SensorFault) -> Segment:
-    """A record in which a force, or the whole motion of a DOF, is freed of a fault."""
-    dt = seg.dt or 1.0
-    channels = {"F": seg.F[:, dof - 1]} if kind == "F" else _motion(seg, dof)
-    seen = {key: np.asarray(y, dtype=float) for key, y in channels.items() if np.nan_to_num(y).any()}
-    changed = seg.moved(dof, **{key: law.corrected(y, dt) - y for key, y in seen.items()})
-    known = np.isfinite(seg.F[seg.valid]).all(axis=0)
-    finite = np.isfinite(np.hstack([changed.a, changed.v, changed.s, changed.F[:, known]])).all(axis=1)
-    inside = seg.valid.start + np.flatnonzero(finite[seg.valid])
-    return replace(changed, valid=slice(int(inside[0]), int(inside[-1]) + 1))
+def _shifted(data: SegmentSet, site: Site, law: SensorFault) -> SegmentSet:
+    """Records in which a force, or the whole motion of a DOF, is freed of a fault."""
+    segments, kind, dof = [], site.channel[0], int(site.channel[1:])
+    for seg in data.segments:
+        channels = {"F": seg.F[:, dof - 1]} if kind == "F" else _motion(seg, dof)
+        seen = {key: np.asarray(y, dtype=float) for key, y in channels.items() if np.nan_to_num(y).any()}
+        changed = seg.moved(dof, **{key: law.corrected(y, seg.dt or 1.0) - y for key, y in seen.items()})
+        known = np.isfinite(seg.F[seg.valid]).all(axis=0)
+        finite = np.isfinite(np.hstack([changed.a, changed.v, changed.s, changed.F[:, known]])).all(axis=1)
+        inside = seg.valid.start + np.flatnonzero(finite[seg.valid])
+        segments.append(replace(changed, valid=slice(int(inside[0]), int(inside[-1]) + 1)))
+    return SegmentSet(segments, data.n_samples)
 
 
 def _motion(seg: Segment, dof: int) -> dict[str, np.ndarray]:
@@ -381,12 +388,10 @@ def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared,
     """Everything again from the corrected records: fusion (which forces take no part in), columns, powers."""
     held = ready.heldout or []
     work = trial.ruler.work
-    kind, j = suspect.site.channel[0], int(suspect.site.channel[1:])
     try:
         records = [as_true(r, suspect.site, suspect.law) for r in ready.records]
-        if kind == "F":
-            data = SegmentSet([_shifted(s, kind, j, suspect.law) for s in work.data.segments], work.data.n_samples)
-            fresh: Any = replace(ready, records=records, data=data)
+        if suspect.site.channel[0] == "F":
+            fresh: Any = replace(ready, records=records, data=_shifted(work.data, suspect.site, suspect.law))
         else:
             mine = [i for i in range(len(records)) if i not in held]
             bands = [ready.bands[i] for i in [*mine, *held]] if ready.bands else None

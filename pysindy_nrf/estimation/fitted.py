@@ -443,13 +443,13 @@ def wiring_of(estimator: Any, problem: Problem, model: ChainModel, records: list
     )  # fmt: skip
 
     asked = again.problem(problem.chain.n_dof)
-    options = {"n_dof": problem.chain.n_dof, "has_memory": asked.layout.has_memory}
+    options = {"n_dof": problem.chain.n_dof, "has_memory": asked.layout.has_memory, "check": False}
 
     def coarse(some: list[Record]) -> Estimate:
         """An estimate from channels as they are; rates that were not measured are differences."""
         pairs = ((one, {} if one.velocity is not None or one.displacement is None else
                   {"velocity": np.gradient(one.displacement, 1.0 / one.fs, axis=0)}) for one in some)  # fmt: skip
-        return asked.solve(from_arrays([one.replace(**rates) for one, rates in pairs], smooth=False))
+        return asked.solve(from_arrays([one.replace(**rates) for one, rates in pairs], smooth=False, check=False))
 
     def solved(some: list[Record]) -> Estimate:
         return asked.solve(again._data(some, None, **options))

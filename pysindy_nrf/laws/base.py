@@ -488,7 +488,7 @@ class ForceLaw:
         return type(other) is type(self) and other.to_dict() == self.to_dict()
 
     def __hash__(self) -> int:
-        return hash((self.name, repr(self.to_dict())))
+        return hash((type(self), *self.shape.values(), *(() if self.coefficients is None else self.coefficients)))
 
     def __repr__(self) -> str:
         inside = [f"{k}={v!r}" for k, v in self.options().items()]

@@ -135,7 +135,7 @@ class Chain:
             Sites; the links among them that the chain does not have are added.
         """
         new = [s for s in dict.fromkeys(map(self.site, links)) if s.kind == "link" and s not in self.sites]
-        return Chain(self.n_dof, (*self.links, *new), self.ground)
+        return Chain(self.n_dof, (*self.links, *new), self.ground) if new else self
 
     def identifiability(
         self, excited: int | Iterable[int] = (), *, unknown: int | Iterable[int] = (),

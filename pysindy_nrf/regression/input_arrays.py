@@ -13,7 +13,7 @@ from ..data.record import Record, row_times
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from ..signals import KinematicSmoother
 from ..signals.channel_checks import motion_doubts
-from ..signals.kinematics import base_acceleration_if_any
+from ..signals.kinematics import base_acceleration_if_any, to_features
 from ..signals.zero_phase_filter import FairFilter
 from .segments import Extent, Segment, SegmentSet, feature_names
 
@@ -63,7 +63,7 @@ def both_ways(X: Any) -> tuple[dict[str, Any], dict[str, Any]]:
 def from_arrays(
     X: Any, F: Any = None, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
     covariates: Mapping[str, Any] | None = None, coordinates: str = "relative", dt: float | None = None,
-    n_dof: int | None = None, has_memory: bool = False, smooth: Any = True, every_row: bool = False,
+    n_dof: int | None = None, has_memory: bool = False, smooth: Any = True, every_row: bool = False, check: bool = True,
 ) -> SegmentSet:  # fmt: skip
     """Check what the user passed and cut it into contiguous records."""
     if isinstance(X, SegmentSet):
@@ -73,7 +73,7 @@ def from_arrays(
         if not all(isinstance(rec, Record) for rec in X):
             raise ChannelError("X is a list of records with something else in it", "Give Record objects only.")
         beside = dict(F=F, record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
-        return _from_records(X, [name for name, value in beside.items() if value is not None], n_dof, smooth)
+        return _from_records(X, [k for k, value in beside.items() if value is not None], n_dof, smooth, check)
     base_v = base_s = None
     if hasattr(X, "columns"):
         x, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
@@ -145,15 +145,15 @@ def from_arrays(
     return SegmentSet(segments, size)
 
 
-def _from_records(records: Sequence[Record], beside: Sequence[str], n_dof: int | None, smooth: Any) -> SegmentSet:
+def _from_records(X: Sequence[Record], beside: list[str], n_dof: int | None, smooth: Any, check: bool) -> SegmentSet:
     if beside:
         raise ChannelError(f"{beside[0]} was given beside records, which hold their own", f"Leave {beside[0]} out.")
     segments, at = [], 0
-    for rec, own in zip(records, smooth if isinstance(smooth, list) else [smooth] * len(records), strict=True):
-        if rec.n_dof != (n_dof or records[0].n_dof):
-            what = f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or records[0].n_dof} are needed"
+    for rec, own in zip(X, smooth if isinstance(smooth, list) else [smooth] * len(X), strict=True):
+        if rec.n_dof != (n_dof or X[0].n_dof):
+            what = f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or X[0].n_dof} are needed"
             raise ChannelError(what, "Give records of one chain.")
-        x, force = rec.to_features(smooth=own)
+        x, force = to_features(rec, own, check)
         n, values = rec.n_dof, x.to_numpy()
         ag = base_acceleration_if_any(rec)
         segment = Segment(

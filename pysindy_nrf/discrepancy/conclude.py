@@ -290,7 +290,7 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
         )
     for step in steps:
         here = balances_of(Site(step.site))
-        step.company = [s.law for s in steps if s is not step and balances_of(Site(s.site)) == here]
+        step.company = [s.law for s in steps if s is not step and s.confirmed and balances_of(Site(s.site)) == here]
         step.sure = step.sure and not (step.company or here in map(balances_of, lacking))
     return beyond
 

@@ -152,6 +152,21 @@ def test_a_name_beside_which_a_general_law_explains_more_is_not_sure():
     assert "a function of drift and rate at storey 2 would gain" in report.stopped_because
 
 
+def test_a_name_is_no_surer_than_the_worst_balance():
+    """Friction in storey 3 closes its own balances; storey 1, whose stiffness falls with time, lies in another one."""
+
+    def top(t, x, v):
+        return 15.0 * np.tanh((v[2] - v[1]) / 1e-4) * np.array([0.0, 1.0, -1.0])
+
+    def top_and_softening(t, x, v):
+        return top(t, x, v) + np.array([0.3 * K[0] * t / 3.5 * x[0], 0.0, 0.0])
+
+    alone, beside = (close_loop(record(effect, seed=5), catalogue=[laws.RegularizedFriction()]).steps[0]
+                     for effect in (top, top_and_softening))  # fmt: skip
+    assert alone.site == beside.site == "storey 3" and alone.confirmed and beside.confirmed
+    assert alone.sure and not beside.sure and alone.remainder < 0.05 < beside.remainder
+
+
 def test_the_loop_leaves_the_record_and_the_baseline_as_they_were():
     rec, baseline = record(cubic, seed=1), NRFRegressor(degree=1)
     before = {k: c.copy() for k, c in rec.channels().items()}

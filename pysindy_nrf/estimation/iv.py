@@ -33,10 +33,12 @@ from .noise_spectra import (
     Whitener,
     common_band,
     corrected,
+    linearised,
     lines_of,
     noise_model,
     smoothed,
     spectrum,
+    unbalanced,
     velocities,
 )
 from .problem import Problem
@@ -358,12 +360,15 @@ class _Instruments:
         """Free runs under the corrected forces, their correlation, and weights of the balances; None without noise."""
         runner = steady(model)
         plain = [run_of(runner, seg) for seg in self.segments]
-        noise = noise_model(runner, self.layout, self.segments, plain)
+        matrices = linearised(runner, self.layout, plain)
+        gaps = [unbalanced(runner, matrices, seg) for seg in self.segments]
+        noise = noise_model(runner, self.layout, self.segments, plain, gaps)
         resolved = [seg.resolved for seg in self.segments if seg.resolved is not None]
         if noise is None or min(resolved, default=np.inf) < noise.signal_band[1]:
             return None
         # the forces of the balances stay as measured; only the motion comes from the corrected forces
-        runs = self._placed([run_of(runner, corrected(seg, run, noise)) for seg, run in zip(self.segments, plain)])
+        better = [corrected(seg, run, noise, gap) for seg, run, gap in zip(self.segments, plain, gaps)]
+        runs = self._placed([run_of(runner, seg) for seg in better])
         return *runs, self._weights(model, noise)
 
     def _weights(self, model: ChainModel, noise: NoiseModel) -> dict[tuple[int, ...], Whitener]:

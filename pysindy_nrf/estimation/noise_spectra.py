@@ -14,7 +14,7 @@ from scipy.fft import dct, idct
 
 from ..regression.chain_model import ChainModel
 from ..regression.layout import LawLayout
-from ..regression.segments import Segment
+from ..regression.segments import Segment, SegmentSet
 from ..signals.spline_fusion import white_level
 from ..signals.zero_phase_filter import Band
 
@@ -150,6 +150,21 @@ def smoothed(f: Sequence[np.ndarray], density: Sequence[np.ndarray], typical: bo
     if typical:
         return Smooth(middle, np.array([np.median(values[lo:hi], axis=0) for lo, hi in pairs]) / _LN2)
     return Smooth(middle, np.array([values[lo:hi].mean(axis=0) for lo, hi in pairs]))
+
+
+def unbalanced(model: ChainModel, matrices: Sequence[np.ndarray], segment: Segment) -> np.ndarray:
+    """Relative velocities by which a run would miss the motion for what the balances leave, (n_valid_rows, n_dof).
+
+    Of a linear model these are the gaps of its free run. That of a nonlinear one may lose the motion without any noise.
+    """
+    left = segment.F[segment.valid] - model.balance_forces(SegmentSet([segment], segment.n_samples))[0]
+    f, lines = lines_of(segment), np.fft.rfft(left, axis=0)
+    lines[0] = 0.0
+    for start in range(0, len(f), LINES):
+        rows = slice(start, start + LINES)
+        G = transfer(matrices, f[rows])[:, :, : segment.n_dof]
+        lines[1:][rows] = -(G @ lines[1:][rows][:, :, None])[:, :, 0]
+    return np.fft.irfft(lines, len(left), axis=0)
 
 
 def noise_model(

@@ -204,7 +204,7 @@ class FreeRunFit:
             return False
         self.noise = noise
         self.low, self.high = max(self.limits[0], noise.signal_band[0]), min(self.limits[1], noise.signal_band[1])
-        self.better = [corrected(s.segment, run, noise, gap) for s, run, gap in zip(self.shots, runs, gaps)]
+        self.better = [corrected(s.segment, gap, noise) for s, gap in zip(self.shots, gaps)]
         return True
 
     def choose_hold(self, model: ChainModel) -> None:

@@ -27,22 +27,10 @@ from ..regression.segments import Segment, SegmentSet
 from ..regression.shape_search import ShapeSearch
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
-from .noise_spectra import (
-    NoiseModel,
-    Smooth,
-    Whitener,
-    common_band,
-    corrected,
-    linearised,
-    lines_of,
-    noise_model,
-    smoothed,
-    spectrum,
-    unbalanced,
-    velocities,
-)
+from . import noise_spectra as spectra
 from .problem import Problem
 
+_Weights = dict[tuple[int, ...], spectra.Whitener]  # by the DOFs of a balance
 STEADY = 1e-3  # least damping ratio of every mode of an instrument
 COARSE = 0.25  # radians of the fastest mode in a sample, above which one Runge-Kutta step is not enough
 
@@ -138,8 +126,7 @@ class IVResult:
     notes: list[str] = field(default_factory=list)  # remarks for the user, e.g. on records left out
     runs: list[Segment | None] = field(default_factory=list)  # the motion that gave the last instruments
     settled: bool = True  # false if the rounds diverged and an earlier one was kept
-    # (n_dof,); relative change of each mass in the last round, if the rounds had not converged
-    moved: np.ndarray | None = None
+    moved: np.ndarray | None = None  # (n_dof,); relative change of each mass in a last round that did not converge
 
     def judged(self, data: SegmentSet) -> SegmentSet:
         """Motions of the free runs, with forces that leave the residuals of the measured motion."""
@@ -168,7 +155,7 @@ def instrumental_variables(
     model, best = start, None
     first, kept = -1.0, None  # correlation of the first run; the best of the models found
     why, cure = "", LAW
-    weights: dict[tuple[int, ...], Whitener] | None = None
+    weights: _Weights | None = None
     for round_ in range(1, ROUNDS + 1):
         try:
             weighted = source.weighted(model) if best is not None and round_ > PLAIN else None
@@ -307,14 +294,12 @@ class _Instruments:
         self.groups = groups_of(self.layout, order)
         self.usable = [i for i, seg in enumerate(data.segments) if not np.isnan(seg.F[seg.valid.start]).any()]
         self.segments = [data.segments[i] for i in self.usable]
-        self.band = common_band(self.segments, problem.band)
+        self.band = spectra.common_band(self.segments, problem.band)
 
     def _placed(self, runs: Sequence[Segment]) -> tuple[list[Segment | None], float]:
         """Runs by record (None for one with an unknown force) and their correlation with the measured motion."""
-        out: list[Segment | None] = [None] * len(self.data.segments)
-        for i, run in zip(self.usable, runs):
-            out[i] = run
-        return out, correlation_of(self.segments, runs)
+        found = dict(zip(self.usable, runs))
+        return [found.get(i) for i in range(len(self.data.segments))], correlation_of(self.segments, runs)
 
     def delayed(self, model: ChainModel) -> tuple[list[Segment | None], float]:
         """Free runs under the measured forces, delayed to keep the noise of the force out of them."""
@@ -331,14 +316,10 @@ class _Instruments:
         if any(s.kind != "link" for s in self.layout.acting):
             linear = self.layout
 
-        def in_signal_band() -> ChainModel | None:
-            filters = self._signal_band_filters()
-            return None if filters is None else self._least_squares(linear, filters)
-
         makes: tuple[Callable[[], ChainModel | None], ...] = (
             lambda: start,
             lambda: None if linear is self.layout else self._least_squares(linear, self.filters),
-            in_signal_band,
+            lambda: None if (held := self._signal_band_filters()) is None else self._least_squares(linear, held),
         )
         for make in makes:
             try:
@@ -356,22 +337,21 @@ class _Instruments:
             raise SimulationError(what, cure or "Excite the chain better.")
         return max(found, key=lambda pair: pair[1])
 
-    def weighted(self, model: ChainModel) -> tuple[list[Segment | None], float, dict[tuple[int, ...], Whitener]] | None:
+    def weighted(self, model: ChainModel) -> tuple[list[Segment | None], float, _Weights] | None:
         """Free runs under the corrected forces, their correlation, and weights of the balances; None without noise."""
         runner = steady(model)
         plain = [run_of(runner, seg) for seg in self.segments]
-        matrices = linearised(runner, self.layout, plain)
-        gaps = [unbalanced(runner, matrices, seg) for seg in self.segments]
-        noise = noise_model(runner, self.layout, self.segments, plain, gaps)
+        matrices = spectra.linearised(runner, self.layout, plain)
+        gaps = [spectra.unbalanced(runner, matrices, seg) for seg in self.segments]
+        noise = spectra.noise_model(runner, self.layout, self.segments, plain, gaps)
         resolved = [seg.resolved for seg in self.segments if seg.resolved is not None]
         if noise is None or min(resolved, default=np.inf) < noise.signal_band[1]:
             return None
         # the forces of the balances stay as measured; only the motion comes from the corrected forces
-        better = [corrected(seg, run, noise, gap) for seg, run, gap in zip(self.segments, plain, gaps)]
-        runs = self._placed([run_of(runner, seg) for seg in better])
-        return *runs, self._weights(model, noise)
+        better = [spectra.corrected(seg, gap, noise) for seg, gap in zip(self.segments, gaps)]
+        return *self._placed([run_of(runner, seg) for seg in better]), self._weights(model, noise)
 
-    def _weights(self, model: ChainModel, noise: NoiseModel) -> dict[tuple[int, ...], Whitener]:
+    def _weights(self, model: ChainModel, noise: spectra.NoiseModel) -> _Weights:
         """By balance: the share of the instruments that is signal, over the density of the residual."""
         residuals: dict[tuple[int, ...], list] = {g.dofs: [] for g in self.groups}
         theta, (low, high) = model.coefficients, noise.signal_band
@@ -382,23 +362,24 @@ class _Instruments:
                 own = [sign * theta[site] for site, sign in zip(group.sites, group.signs)]
                 mass = [model.masses[[group.dofs[0] - 1]]] if len(group.dofs) == 1 else []
                 gap = rows[-1] - np.concatenate([*own, *mass]) @ rows[:-1]
-                f = lines_of(seg)
+                f = spectra.lines_of(seg)
                 use = (f >= low) & (f <= high)
-                residuals[group.dofs].append((f[use], np.abs(spectrum(gap[:, None], seg.step, taper=True)[use]) ** 2))
+                power = np.abs(spectra.spectrum(gap[:, None], seg.step, taper=True)) ** 2
+                residuals[group.dofs].append((f[use], power[use]))
         out = {}
         band = max(self.band[0], low), min(self.band[1], high)
         for dofs, held in residuals.items():
-            left = smoothed([f for f, _ in held], [p for _, p in held])
+            left = spectra.smoothed([f for f, _ in held], [p for _, p in held])
             top = left.values.max()
             if top > 0:
                 share = noise.share(left.f).mean(axis=1, keepdims=True)
-                out[dofs] = Whitener(Smooth(left.f, share / np.maximum(left.values, 1e-9 * top)), band)
+                out[dofs] = spectra.Whitener(spectra.Smooth(left.f, share / np.maximum(left.values, 1e-9 * top)), band)
         return out
 
     def _signal_band_filters(self) -> list[FairFilter | None] | None:
         """Filters of one band for all records, in which the velocities exceed their noise; None if there is none."""
-        power = [np.abs(spectrum(velocities(seg), seg.step, taper=True)) ** 2 for seg in self.segments]
-        density = smoothed([lines_of(seg) for seg in self.segments], power)
+        power = [np.abs(spectra.spectrum(spectra.velocities(seg), seg.step, taper=True)) ** 2 for seg in self.segments]
+        density = spectra.smoothed([spectra.lines_of(seg) for seg in self.segments], power)
         share = (density.values / np.maximum(density.values.max(axis=0), 1e-300)).max(axis=1)
         inside = density.f[share >= np.clip(np.sqrt(share.min()), LOWEST, HIGHEST)]
         resolved = [seg.resolved for seg in self.segments if seg.resolved]

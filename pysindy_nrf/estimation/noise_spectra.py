@@ -1,9 +1,9 @@
 r"""Noise spectra of motions, noise levels of forces, the corrected force, and weights of the balances by frequency.
 
-The free run under the measured force u misses the motion by :math:`R(f) = E_x(f) - G(f) E_u(f)`, G the model
-linearised along its run, of covariance :math:`S = \Sigma_x + G \Sigma_u G^*`. The best estimate of the force,
-:math:`\hat u = u + \Sigma_u G^* S^{-1} R`, has an error uncorrelated with R (Soederstrom, Errors-in-variables methods
-in system identification, 2007), so runs under it can be instruments. Spectra are densities, unit^2/Hz.
+A model misses the motion by :math:`R(f) = E_x(f) - G(f) E_u(f)` under the measured force u, G the model linearised
+along its run, of covariance :math:`S = \Sigma_x + G \Sigma_u G^*`; its balances leave :math:`e = -G^{-1} R`. The best
+estimate of the force, :math:`\hat u = u + \Sigma_u G^* S^{-1} R`, has an error uncorrelated with R (Soederstrom,
+Errors-in-variables methods in system identification, 2007), so runs under it can be instruments. Densities: unit^2/Hz.
 """
 
 from collections.abc import Iterator, Sequence
@@ -169,13 +169,12 @@ def unbalanced(model: ChainModel, matrices: Sequence[np.ndarray], segment: Segme
 
 def noise_model(
     model: ChainModel, layout: LawLayout, data: Sequence[Segment], runs: Sequence[Segment],
-    gaps: Sequence[np.ndarray] = (), channels: tuple[str, ...] = (),
+    gaps: Sequence[np.ndarray], channels: tuple[str, ...] = (),
 ) -> NoiseModel | None:  # fmt: skip
-    """Noise of motions (or channels) and forces from the gaps of free runs under measured forces; None without gaps."""
+    """Noise of motions (or channels) and forces from what a model misses under measured forces; None without gaps."""
     n = model.n_dof
     matrices = linearised(model, layout, runs)
     every = [lines_of(seg) for seg in data]
-    gaps = gaps or [velocities(seg) - velocities(run) for seg, run in zip(data, runs)]
     R = [spectrum(gap, seg.step, taper=True) for seg, gap in zip(data, gaps)]
     V = [spectrum(velocities(run), run.step, taper=True) for run in runs]
     missed, whole = (np.sqrt(sum((np.abs(y) ** 2).sum(axis=0) for y in part)) for part in (R, V))
@@ -267,12 +266,12 @@ def _force_noise_bound(
     return bound
 
 
-def corrected(segment: Segment, run: Segment, noise: NoiseModel, gap: np.ndarray | None = None) -> Segment:
-    """The record with the force (and base acceleration) corrected by the measured motion, from the gap of its run."""
+def corrected(segment: Segment, gap: np.ndarray, noise: NoiseModel) -> Segment:
+    """The record with the force (and base acceleration) corrected by what a model misses of the measured motion."""
     rows, n = segment.valid, segment.n_dof
     f = lines_of(segment)
     first, last = np.searchsorted(f, noise.signal_band, side="left")
-    R = spectrum(velocities(segment) - velocities(run) if gap is None else gap, segment.step)[first:last]
+    R = spectrum(gap, segment.step)[first:last]
     more = np.zeros((len(f) + 1, n + 1), dtype=complex)
     for part, G, S in noise.blocks(f[first:last]):
         found = G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[part][:, :, None])

@@ -8,7 +8,7 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
 from pysindy_nrf.estimation.iv import run_of
-from pysindy_nrf.estimation.noise_spectra import corrected, noise_model, transfer
+from pysindy_nrf.estimation.noise_spectra import corrected, linearised, noise_model, transfer, unbalanced
 from pysindy_nrf.regression.input_arrays import from_arrays
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.simulation.noise import add_noise
@@ -22,8 +22,9 @@ def noisy():
     F = excitation.band_limited_random(3, 16.0, FS, excited=[3], rms=100.0, band=(0.5, 60.0), random_state=0)
     rec = add_noise(simulate(TRUTH, F, 1 / FS, hold="cubic"), LEVEL, random_state=np.random.default_rng(1))
     segment = from_arrays(rec, smooth=KinematicSmoother(joint=False)).segments[0]
-    run = run_of(TRUTH, segment)
-    return F, segment, run, noise_model(TRUTH, LawLayout(TRUTH.chain, TRUTH.laws), [segment], [run])
+    run, layout = run_of(TRUTH, segment), LawLayout(TRUTH.chain, TRUTH.laws)
+    gap = unbalanced(TRUTH, linearised(TRUTH, layout, [run]), segment)
+    return F, segment, gap, noise_model(TRUTH, layout, [segment], [run], [gap])
 
 
 def test_the_level_of_the_force_noise_is_found(noisy):
@@ -45,14 +46,14 @@ def test_the_motions_noise_is_that_of_three_channels_together(noisy):
 
 
 def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run_misses(noisy):
-    F, segment, run, noise = noisy
-    better = corrected(segment, run, noise)
+    F, segment, gap, noise = noisy
+    better = corrected(segment, gap, noise)
     errors = [np.fft.rfft(s.F[:, 2] - F[:, 2]) for s in (segment, better)]
     f = np.fft.rfftfreq(len(F), 1 / FS)
     band = (f > 2) & (f < 40)
     before, after = (np.sum(np.abs(e[band]) ** 2) for e in errors)
     assert after < 0.7 * before
-    missed = np.fft.rfft((np.cumsum(segment.v - run.v, axis=1))[:, 2])
+    missed = np.fft.rfft(np.cumsum(segment.v - run_of(TRUTH, segment).v, axis=1)[:, 2])
     G = transfer(noise.matrices, f[band])[:, 2, 2]
     alike = [
         abs(np.sum(np.conj(e[band]) * missed[band] / G)) / np.linalg.norm(e[band]) / np.linalg.norm(missed[band] / G)
@@ -64,8 +65,9 @@ def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run
 def test_exact_motion_needs_no_noise_model():
     rec = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
     segment = from_arrays(rec, smooth=False).segments[0]
-    run = replace(segment)
-    assert noise_model(TRUTH, LawLayout(TRUTH.chain, TRUTH.laws), [segment], [run]) is None
+    run, layout = replace(segment), LawLayout(TRUTH.chain, TRUTH.laws)
+    gap = unbalanced(TRUTH, linearised(TRUTH, layout, [run]), segment)
+    assert noise_model(TRUTH, layout, [segment], [run], [gap]) is None
 
 
 def test_transfer_is_what_a_steady_sine_shows():

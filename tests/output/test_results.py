@@ -1,8 +1,10 @@
 """A run is a transaction: nothing is written over that no run made, and results of two runs are never mixed."""
 
+import contextlib
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -29,6 +31,16 @@ def there(here):
     (here / "d" / "masses.csv").write_bytes((here / "test.csv").read_bytes())
     TWO_STOREYS.to_json("model.json")
     return here
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """The folder of results, with figures, of a run on the measured file."""
+    folder = tmp_path_factory.mktemp("found")
+    two_storeys().to_frame().to_csv(folder / "test.csv")
+    with contextlib.chdir(folder):
+        assert run([*IDENTIFY, "--figures"]) == 0
+    return folder / "nrf_output"
 
 
 def contents(folder):
@@ -65,9 +77,8 @@ def test_force_writes_over_them_and_keeps_a_link(there):
     assert run(["simulate", "model.json", "hard.csv", "-o", "link.csv"]) == 0  # now it is a result
 
 
-def test_a_run_replaces_the_results_of_earlier_ones_and_nothing_else(there, capsys):
-    out = there / "nrf_output"
-    assert run([*IDENTIFY, "--figures"]) == 0
+def test_a_run_replaces_the_results_of_earlier_ones_and_nothing_else(there, found, capsys):
+    out = shutil.copytree(found, there / "nrf_output")
     (out / "notes.txt").write_text("mine")
     assert run(["select-order", "test.csv", "--degrees", "1-2", "--no-figures"]) == 0
     assert {"restoring_forces.png", "masses.csv", "orders.csv"} <= contents(out).keys()
@@ -120,9 +131,8 @@ run(sys.argv[2:])
 
 
 @pytest.mark.parametrize("moves", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 8))])
-def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(there, capsys, moves):
-    assert run([*IDENTIFY, "--figures"]) == 0
-    before = contents("nrf_output")
+def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(there, found, capsys, moves):
+    before = contents(shutil.copytree(found, "nrf_output"))
     done = subprocess.run([sys.executable, "-c", KILLED, str(moves), *IDENTIFY[:2], "--degree", "2", "--no-figures"])
     assert done.returncode == 9 and list(Path("nrf_output").glob(".*.part"))
     assert run(["identify", "test.csv", "--known-mass", "7=1"]) == 3  # the next run, whatever comes of it

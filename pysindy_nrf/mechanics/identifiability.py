@@ -136,7 +136,8 @@ def _sequential(
             mass = () if j in masses else (j,)
             if not (fresh or mass) or not (j in forced or j in masses or known):
                 continue
-            rank = (j not in forced, len(fresh) + len(mass))
+            weak = j not in masses and not any(s.is_storey for s in known)  # a tie carries a small part of the shear
+            rank = (j not in forced, weak, len(fresh) + len(mass))
             if best is None or rank < best[0]:
                 best = (rank, Step((j,), mass, fresh, known, j in forced))
         return best[1] if best else None

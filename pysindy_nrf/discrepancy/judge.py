@@ -97,14 +97,14 @@ def ranked(found: Sequence[Finding], state: State) -> list[tuple[Finding, Gain]]
 
 
 def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
-    """Number of the finding to take: the simplest within a standard error of the best (a tenth of its gain at most)."""
+    """The simplest finding within a standard error of the best (a tenth of its gain at most), linear first."""
     best = pairs[0][1]
     near = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(best, gain)
         if gap <= min(max(error, LEAST_GAIN), TENTH * best.value):
-            near.append((f.size, -gain.value, k))
-    return min(near)[2]
+            near.append((f.size, len(f.proposal.law.free_shape), -gain.value, k))
+    return min(near)[-1]
 
 
 def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:

@@ -117,9 +117,8 @@ class Search:
         points = ruler.grids.get(proposal, [])
         if not points:
             axes = Axes(proposal.law, ruler.work, proposal.sites)
-            of_force = any(p.is_frequency for p in axes.shapes)
-            points = [axes.at(u) for u in axes.grid(lines_at(base.trial, proposal) if of_force else ())]
-            ruler.grids |= {} if of_force else {proposal: points}  # the lines of a residual change with the model
+            points = [axes.at(u) for u in axes.grid(lines_at(base.trial, proposal) if axes.of_frequency else ())]
+            ruler.grids |= {} if axes.of_frequency else {proposal: points}  # lines of a residual change with the model
         if not points:
             return None
         try:

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from ..laws.base import ForceLaw
 from ..laws.shape import Shape, ShapeScale
 from ..mechanics.sites import Site
-from .constants import GRID
+from .constants import GRID, WINDOWS
 from .prepare import Prepared, Workspace
 from .ruler import Gain, Trial
 
@@ -99,6 +99,10 @@ class Axes:
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
         self.scales = [ShapeScale(self.shapes, [work.scales(s)] * len(self.shapes), work.fastest) for s in sites]
         self.low, self.high = self.scales[0].low, self.scales[0].high
+        first = self.shapes[0] if len(self.shapes) == 1 else None
+        self.of_frequency = first is not None and first.is_frequency
+        # points along each axis; an instant is told to within a window
+        self.count = WINDOWS if first is not None and first.instant else GRID[min(len(self.shapes) or 1, 3)]
 
     def at(self, u: np.ndarray) -> tuple[ForceLaw, ...]:
         """The laws at a point of the search, one for each site."""
@@ -120,22 +124,17 @@ class Axes:
         """
         if not self.shapes:
             return [np.zeros(0)]
-        if self._frequency:
+        if self.of_frequency:
             points = self.scales[0].point(np.array(lines, dtype=float), 0)
             return [np.array([u]) for u in points if self.low[0] <= u <= self.high[0]]
-        count = GRID[min(len(self.shapes), 3)]
-        shares = [(np.arange(count) + 0.5) / count if i < 2 else [0.0] for i in range(len(self.shapes))]
+        shares = [(np.arange(self.count) + 0.5) / self.count if i < 2 else [0.0] for i in range(len(self.shapes))]
         return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]
-
-    @property
-    def _frequency(self) -> bool:
-        return len(self.shapes) == 1 and self.shapes[0].is_frequency
 
     def refined(self, gain: Callable[[tuple[ForceLaw, ...]], float], start: np.ndarray, reach: float) -> np.ndarray:
         """The point of the largest gain near a start; ``reach`` is a share of the spacing of the scan."""
         if not self.shapes:
             return start
-        spacing = 0.002 if self._frequency else (self.high - self.low) / GRID[min(len(start), 3)]
+        spacing = 0.002 if self.of_frequency else (self.high - self.low) / self.count
         step = reach * spacing * np.ones(len(start))
         away = np.where(start + step > self.high, -step, step)
 

@@ -103,7 +103,7 @@ def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(best, gain)
         if gap <= min(max(error, LEAST_GAIN), TENTH * best.value):
-            near.append((f.size, len(f.proposal.law.free_shape), -gain.value, k))
+            near.append((f.size, -gain.value, k))
     return min(near)[-1]
 
 

@@ -73,9 +73,10 @@ class Finding:
     witnessed: bool = False  # a fault of a sensor that another channel of its DOF contradicts
 
     @property
-    def size(self) -> int:
-        """Number of coefficients and shape parameters."""
-        return len(self.laws) * (len(self.laws[0].terms()) + len(self.laws[0].shapes))
+    def size(self) -> tuple[int, int]:
+        """Number of all parameters, and of those that are no coefficients."""
+        coefficients, shapes = len(self.laws[0].terms()), len(self.laws[0].shapes)
+        return len(self.laws) * (coefficients + shapes), len(self.laws) * shapes
 
     @property
     def is_fault(self) -> bool:
@@ -100,18 +101,15 @@ class Axes:
         self.scales = [ShapeScale(self.shapes, [work.scales(s)] * len(self.shapes), work.fastest) for s in sites]
         self.low, self.high = self.scales[0].low, self.scales[0].high
         first = self.shapes[0] if len(self.shapes) == 1 else None
-        self.of_frequency = first is not None and first.is_frequency
+        self.of_frequency, self.instant = first is not None and first.is_frequency, first is not None and first.instant
         # points along each axis; an instant is told to within a window
-        self.count = WINDOWS if first is not None and first.instant else GRID[min(len(self.shapes) or 1, 3)]
+        self.count = WINDOWS if self.instant else GRID[min(len(self.shapes) or 1, 3)]
 
     def at(self, u: np.ndarray) -> tuple[ForceLaw, ...]:
         """The laws at a point of the search, one for each site."""
         u = np.clip(u, self.low, self.high)
-        out = []
-        for scale in self.scales:
-            values = scale.values(u - self.low + scale.low)
-            out.append(self.law.with_values(shape={p.name: float(x) for p, x in zip(self.shapes, values)}))
-        return tuple(out)
+        each = (scale.values(u - self.low + scale.low) for scale in self.scales)
+        return tuple(self.law.with_values(shape={p.name: float(x) for p, x in zip(self.shapes, v)}) for v in each)
 
     def point(self, law: ForceLaw) -> np.ndarray:
         """The point of the search at which the law stands at the first site."""
@@ -135,6 +133,9 @@ class Axes:
         if not self.shapes:
             return start
         spacing = 0.002 if self.of_frequency else (self.high - self.low) / self.count
+        if self.instant:  # the gain is narrow about an instant, and flat where it is held out
+            near = np.clip(start + spacing * np.linspace(-1.5, 1.5, 31)[:, None], self.low, self.high)
+            start, spacing = max(near, key=lambda u: gain(self.at(u))), 0.1 * spacing
         step = reach * spacing * np.ones(len(start))
         away = np.where(start + step > self.high, -step, step)
 

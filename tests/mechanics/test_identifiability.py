@@ -100,3 +100,9 @@ def test_dofs_that_do_not_exist():
 def test_a_plan_without_a_floor_to_hit_asks_for_a_mass():
     plan = Chain(3).plan(can_hit=[])
     assert not len(plan.table) and "No floor can be hit with a known force" in str(plan)
+
+
+def test_what_only_a_brace_scales_comes_after_what_a_storey_scales():
+    """Both balances have two unknowns left; a brace carries a small part of the shear, and its errors would rule."""
+    order = Chain(3, ["link 3-1"]).identifiability(1)
+    assert [step.dofs for step in order.steps] == [(1,), (2,), (3,)]

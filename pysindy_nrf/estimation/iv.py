@@ -342,7 +342,7 @@ class _Instruments:
         runner = steady(model)
         plain = [run_of(runner, seg) for seg in self.segments]
         matrices = spectra.linearised(runner, self.layout, plain)
-        gaps = [spectra.unbalanced(runner, matrices, seg) for seg in self.segments]
+        gaps = [spectra.unbalanced(model, matrices, seg) for seg in self.segments]
         noise = spectra.noise_model(runner, self.layout, self.segments, plain, gaps)
         resolved = [seg.resolved for seg in self.segments if seg.resolved is not None]
         if noise is None or min(resolved, default=np.inf) < noise.signal_band[1]:

@@ -118,6 +118,12 @@ def candidates(
             yield Candidate(law, site)
 
 
+def general_laws(work: Any, site: Site) -> tuple[ForceLaw, ForceLaw]:
+    """The general law without memory and the general hysteresis, by the size of the motion at a site."""
+    drift, rate, *_ = work.scales(site)
+    return laws.SmoothSurface(S=drift, V=0.2 * rate), laws.PrandtlIshlinskii(uy=2.0 * drift)
+
+
 def flexible(problem: Problem, work: Any) -> dict[Site, list[ForceLaw]]:
     """The laws of a problem with friction, damping, springs and sliders in every storey."""
     out = flexible_laws(problem, {site: work.scales(site)[0] for site in problem.chain.sites})

@@ -19,7 +19,6 @@ from ..estimation.free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_
 from ..estimation.intervals import parameters_of
 from ..estimation.problem import Problem
 from ..exceptions import NRFError
-from ..laws.general import PrandtlIshlinskii, SmoothSurface
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.errors import free_run_by_either
@@ -27,7 +26,7 @@ from ..regression.layout import LawLayout
 from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
 from . import judge, words
-from .catalogue import as_laws, balances_of, candidates
+from .catalogue import as_laws, balances_of, candidates, general_laws
 from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
 from .evidence import Evidence, look
 from .prepare import MOST, Prepared, Workspace, measured_of
@@ -113,8 +112,7 @@ def _general(final: Stand, forward: Forward) -> pd.DataFrame:
     trial = final.trial.on_part()
     rows = {}
     for site in trial.chain.sites:
-        drift, rate, *_ = trial.ruler.work.scales(site)
-        for law in (SmoothSurface(S=drift, V=0.2 * rate), PrandtlIshlinskii(uy=2.0 * drift)):
+        for law in general_laws(trial.ruler.work, site):
             try:
                 after = trial.with_laws([(site, law)])
             except NRFError:  # its columns depend on those of the model

@@ -14,7 +14,7 @@ from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
-from .catalogue import Candidate
+from .catalogue import Candidate, general_laws
 from .constants import FINALISTS, LEAST_GAIN, LEAST_SHARE, TENTH
 from .judge import admissible
 from .prepare import MOST, Prepared
@@ -83,13 +83,28 @@ class Search:
     def candidates(self, state: State, most: int | None = None, finalists: int = FINALISTS) -> list[Finding]:
         """Findings on top of a state, each at so many sites at most, the best first, cross-validated."""
         found: list[Finding] = []
+        promised = self._promised(state)
         for proposal in sorted(self.proposals, key=lambda p: len(p.law.free_shape)):
             self.progress()
-            if (most is None or len(proposal.sites) <= most) and _worth_a_scan(proposal, found):
+            if (most is None or len(proposal.sites) <= most) and _worth_a_scan(proposal, found, promised):
                 scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
                 found += [scan for scan in scans if scan is not None]
         found.sort(key=lambda f: -f.screen)
         return sorted(filter(None, map(self.judged, _varied(found, finalists))), key=lambda f: -_value(f))
+
+    def _promised(self, state: State) -> dict[Site, float]:
+        """What the general laws gain at each site beside a state, dB: hardly less than any law of the motion there."""
+        out: dict[Site, float] = {}
+        for site in dict.fromkeys(s for p in self.proposals if _of_motion(p.law) for s in p.sites):
+            gains = []
+            for law in general_laws(state.trial.ruler.work, site):
+                try:
+                    slot = Slot(state.trial, [(site, law)])
+                    gains.append(float(slot.gains(state.trial.ruler.columns(site, [law])[None])[0][0]))
+                except NRFError:  # its columns depend on those of the model
+                    gains.append(np.inf)
+            out[site] = max(gains)
+        return out
 
     def _bases(self, state: State, proposal: Proposal) -> list[State]:
         """The state without the effects whose place a proposal takes, and with those beside which it can stand."""
@@ -358,14 +373,20 @@ class Forward:
                     self.state = before
 
 
-def _worth_a_scan(proposal: Proposal, found: Sequence[Finding]) -> bool:
-    """Whether a law of three shape parameters or more refines one that promises something at the same sites."""
-    law = proposal.law
-    if len(law.free_shape) < 3:
-        return True
-    simple = [f.screen for f in found if f.proposal.sites == proposal.sites and law.contains(f.proposal.law)]
+def _of_motion(law: ForceLaw) -> bool:
+    """Whether a law with shape parameters follows drift and rate alone, as the general laws do."""
+    other = law.covariates or law.uses_time or law.uses_acceleration or law.mimics_inertia or law.permanent_change
+    return bool(law.free_shape) and not other
+
+
+def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mapping[Site, float]) -> bool:
+    """Whether general laws, and what a law of three shape parameters refines, promise something at the same sites."""
+    law, sites = proposal.law, proposal.sites
+    simple = [f.screen for f in found if f.proposal.sites == sites and law.contains(f.proposal.law)]
+    hopes = [sum(max(promised[s], 0.0) for s in sites)] if _of_motion(law) else []
+    hopes += [max(simple)] if simple and len(law.free_shape) > 2 else []
     least = max(LEAST_GAIN / 4, TENTH * max((f.screen for f in found), default=0.0))
-    return not simple or max(simple) >= least
+    return all(hope >= least for hope in hopes)
 
 
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
@@ -391,11 +412,11 @@ def _value(finding: Finding) -> float:
 
 
 def _varied(found: Sequence[Finding], count: int) -> list[Finding]:
-    """The best findings, at most two of a family at the same sites."""
+    """The best findings that promise something, at most two of a family at the same sites."""
     out: list[Finding] = []
     for f in found:
         alike = [g for g in out if (g.family, g.proposal.sites) == (f.family, f.proposal.sites)]
-        if len(alike) < 2 and f.screen > 0:
+        if len(alike) < 2 and f.screen > (LEAST_GAIN / 4 if out else 0.0):
             out.append(f)
         if len(out) == count:
             break

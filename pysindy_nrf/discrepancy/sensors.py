@@ -438,7 +438,7 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
         chosen, runs = _runs(work)
         record = ready.records[chosen]
         table = channel_alignment(record, runs=runs)
-        halves = [channel_alignment(record, runs=half) for half in _halves(runs)]
+        halves = [] if table["aligned"].all() else [channel_alignment(record, runs=half) for half in _halves(runs)]
     except NRFError:
         ready.contradictions = []
         return []

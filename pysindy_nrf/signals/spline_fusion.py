@@ -67,12 +67,15 @@ class SplineBasis:
         rows = [np.full(max(self.size - k, 0), float((-1) ** i * comb(k, i))) for i in range(k + 1)]
         return _banded(rows, np.arange(len(rows[0])), self.size)
 
+    @cached_property
+    def _inner(self) -> np.ndarray:
+        """The three normal matrices inside the record, the mean over columns: samples sit differently between knots."""
+        return self.grams[:, :, self.size // 4 : max(self.size // 4 + 1, 3 * self.size // 4)].mean(axis=2)
+
     def symbols(self, w: np.ndarray) -> np.ndarray:
         """Fourier symbols of the three normal matrices inside the record."""
-        # averaged over the inner columns: the samples sit differently between the knots
-        inner = self.grams[:, :, self.size // 4 : max(self.size // 4 + 1, 3 * self.size // 4)].mean(axis=2)
         k = np.arange(DEGREE + 1, 0, -1)
-        return inner[:, -1:] + 2 * inner[:, :-1] @ np.cos(k[:, None] * w)
+        return self._inner[:, -1:] + 2 * self._inner[:, :-1] @ np.cos(k[:, None] * w)
 
     def project(self, order: int, values: np.ndarray) -> np.ndarray:
         """Right-hand side of the normal equations of one channel, shape (size, ...)."""
@@ -156,9 +159,12 @@ def ladder_of(n: int) -> BasisLadder:
 
 def fuse(
     channels: list[np.ndarray | None], ladder: BasisLadder, noise: np.ndarray | None = None,
-    high_pass: float | None = None, knots: float | None = None,
+    high_pass: float | None = None, knots: float | None = None, near: float = 1.0,
 ) -> FusedMotion:  # fmt: skip
-    """One motion from the measured channels of one degree of freedom; the distance of the knots is found if None."""
+    """One motion from the measured channels of one degree of freedom.
+
+    The distance of the knots is found if ``knots`` is None, beginning at that which is ``near``.
+    """
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
     scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
@@ -175,22 +181,28 @@ def fuse(
     if knots is not None:
         c = _solve(channels, measured, ladder[knots], start, corner)
         return FusedMotion(np.stack([ladder[knots].evaluate(o, c) for o in range(3)]), start, knots, corner)
-    best = None
     spacings = [h for h in ladder.spacings if len(measured) > 1 or h > 1.0] or [1.0]
-    worse = 0
-    for spacing in spacings:
-        fit = _fit(channels, measured, ladder[spacing], start, given, floor, corner)
-        if spacing == spacings[0] and _clean(channels, measured, given, ladder[spacing], fit[1], scale):
-            return _as_measured(channels, measured, ladder, given, floor, fit[2], corner)
-        if best is None or fit[0] < best[0]:
-            best, worse = (*fit, spacing), 0
-        else:
-            worse += 1
-            if worse == 2:
-                break
-    assert best is not None  # there is always a ladder of at least one step
-    _, coefficients, levels, spacing = best
-    if len(measured) == 1 and spacing == spacings[0] and np.isnan(given[measured[0]]):
+    fits: dict[int, tuple[float, np.ndarray, np.ndarray]] = {}
+
+    def criterion(k: int, levels: np.ndarray) -> float:
+        fits[k] = _fit(channels, measured, ladder[spacings[k]], levels, given, floor, corner)
+        return fits[k][0]
+
+    if _quiet(channels, measured, given, scale):
+        criterion(0, start)
+        if _clean(channels, measured, ladder[spacings[0]], fits[0][1], scale):
+            return _as_measured(channels, measured, ladder, given, floor, fits[0][2], corner)
+    best = first = min(range(len(spacings)), key=lambda k: abs(spacings[k] - near))
+    if first not in fits:
+        criterion(first, start)
+    for way, patience in ((1, 2), (-1, 1)):  # coarser knots, then finer ones, which cost more
+        k, worse = first + way, 0
+        while 0 <= k < len(spacings) and worse < patience:
+            value = criterion(k, fits[k - way][2]) if k not in fits else fits[k][0]
+            best, worse = (k, 0) if value < fits[best][0] else (best, worse + 1)
+            k += way
+    (_, coefficients, levels), spacing = fits[best], spacings[best]
+    if len(measured) == 1 and best == 0 and np.isnan(given[measured[0]]):
         # one channel and no sign of noise beyond its band: follow it sample by sample
         spacing = 1.0
         coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
@@ -208,12 +220,16 @@ def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladd
     return out
 
 
-def _clean(channels: Any, measured: list[int], given: Any, basis: SplineBasis, c: Any, scale: np.ndarray) -> bool:
-    """Whether the channels are free of noise, and agree with the spline of all of them."""
+def _quiet(channels: Any, measured: list[int], given: Any, scale: np.ndarray) -> bool:
+    """Whether the channels may be free of noise."""
     white = [_quiet_level(channels[o]) if np.isnan(given[o]) else given[o] for o in measured]
+    return bool(np.all(white < (CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED) * scale[measured]))
+
+
+def _clean(channels: Any, measured: list[int], basis: SplineBasis, c: Any, scale: np.ndarray) -> bool:
+    """Whether quiet channels agree with the spline of all of them."""
     left = [_quietest(basis.evaluate(o, c) - channels[o]) for o in measured]
-    size, limit = scale[measured], CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED
-    return bool(np.all((white < limit * size) & (left < CLEAN_CONTRADICTION * size)))
+    return bool(np.all(left < CLEAN_CONTRADICTION * scale[measured]))
 
 
 def _as_measured(
@@ -445,7 +461,9 @@ def fuse_all(
     known = list(kept or ())
 
     def one_by_one(part: list[Views], ladder: BasisLadder, *given: Any) -> list[FusedMotion]:
-        single = known.pop(0) if known else [fuse(y, ladder, *own) for y, *own in zip(part, *given, strict=True)]
+        single: list[FusedMotion] = known.pop(0) if known else []
+        for y, *own in zip(part, *given, strict=True) if not single else ():
+            single.append(fuse(y, ladder, *own, near=single[-1].spacing if single else 1.0))
         if kept is not None:
             kept.append(single)
         return single

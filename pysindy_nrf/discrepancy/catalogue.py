@@ -18,8 +18,7 @@ class Candidate:
 
     Attributes
     ----------
-    law : ForceLaw
-    site : Site
+    law : ForceLaw site : Site
     """
 
     law: ForceLaw

@@ -28,7 +28,7 @@ from ..signals.channel_checks import measured
 from . import judge, words
 from .catalogue import as_laws, balances_of, candidates, general_laws
 from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
-from .evidence import Evidence, look
+from .evidence import look
 from .prepare import MOST, Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
 from .residual import floor_of, loops_of, searched, simulated
@@ -179,9 +179,9 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
     step = Step(
         effect.law.name, effect.law.family, str(site), shape=dict(effect.law.shape), alternatives=list(families)[:2],
         error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
-        free_run_after=after.row["free run"], validation_before=before.row["validation"],
-        validation_after=after.row["validation"], gain=gain.value, gain_error=gain.error, gain_least=gain.least,
-        gain_heldout=held.value, confirmed=bool(after.error < before.error and judge.is_there(gain, effect.law)),
+        free_run_after=after.row["free run"], validation_before=before.row["validation"], gain=gain.value,
+        gain_error=gain.error, gain_least=gain.least, gain_heldout=held.value,
+        confirmed=bool(after.error < before.error and judge.is_there(gain, effect.law)),
         tied=[
             (f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), f.gain.value if f.gain else np.nan)
             for f in rivals
@@ -252,9 +252,7 @@ def _no_claim(after: Stand) -> str:
         return words.negative_masses(model.masses)
     total = model.total_masses
     cancelled = [j for j, m in known.items() if m > 0 and total[j - 1] <= TENTH * m]
-    if cancelled:
-        return words.cancelled_masses(cancelled)
-    return ""
+    return words.cancelled_masses(cancelled) if cancelled else ""
 
 
 def _why_stopped(forward: Forward, most: int) -> str:
@@ -280,8 +278,8 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
     for step in steps:
         site = Site(step.site)
         own = [j for j in range(len(left)) if site.kind != "sensor" and site.incidence(j + 1)] or np.arange(len(left))
-        step.noise_floor, left_at = (float(np.sqrt(np.mean(x[own] ** 2))) for x in (floor, left))
-        step.remainder = float(np.nanmax(beyond) / max(step.validation_before, left_at, 1e-300))
+        whole = max(step.validation_before, float(np.sqrt(np.mean(left[own] ** 2))), 1e-300)
+        step.remainder = float(np.nanmax(beyond)) / whole
         ratio = step.gain / max(step.gain_error, 1e-12)
         step.sure = bool(
             step.sure and step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= FAR
@@ -319,7 +317,8 @@ def _report(
         "stopped_because": stopped,
     }
     floor = floor_of(model, None if noise is None else noise.work)
-    evidence = _evidence(stands, steps, floor)
+    sites = [step.site for step in steps] + [""]
+    evidence = [look(s.trial.ruler.work, s.trial.model(), s.name, at, floor) for s, at in zip(stands, sites)]
     data, filters = searched(work)
     return LoopReport(
         steps, table, stopped, model, band, _listed(forward.last), [s.trial.model() for s in stands], evidence,
@@ -333,16 +332,6 @@ def _listed(last: Sequence[tuple[Finding, Gain]]) -> pd.DataFrame:
     names = [[f.proposal.law.name, f.family, ", ".join(map(str, f.proposal.sites))] for f, _ in last]
     return pd.DataFrame([[*name, g.value, g.error, g.least] for name, (_, g) in zip(names, last)], columns=columns)
 
-
-def _evidence(stands: list[Stand], steps: list[Step], floor: Any) -> list[Evidence]:
-    """What was left of the search data after the baseline and after each step."""
-    sites = [step.site for step in steps] + [""]
-    found = [look(s.trial.ruler.work, s.trial.model(), s.name, site, floor) for s, site in zip(stands, sites)]
-    for step, evidence in zip(steps, found):
-        step.detection = evidence.detection_sentence
-        step.localisation = evidence.localisation_sentence
-        step.characterisation = evidence.characterisation_sentence
-    return found
 
 
 def free_run_error(model: ChainModel, work: Workspace) -> float:

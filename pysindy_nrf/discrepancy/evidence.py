@@ -4,9 +4,8 @@ The loop gathers this for the baseline and after every accepted effect, on the s
 and decides nothing. One residual, one regression: what the motion explains of it tells noise from what is missing;
 what a free force with the signs of a site explains tells where it acts.
 
-A force f at a site with incidence b leaves ``e = b f`` in the balances (Newton's third law), and what the
-baseline's masses and coefficients do wrong to make up for it leaves columns of the baseline. So a
-site is judged by
+A force f at a site with incidence b leaves ``e = b f`` in the balances (Newton's third law), and what the baseline's
+masses and coefficients do wrong to make up for it leaves columns of the baseline. So a site is judged by
 
     E_site = min over d and f(t) of  sum_t | e(t) - A(t) d - b f(t) |_W^2
 

@@ -42,7 +42,7 @@ class Step:
         Pooled balance error on the held-out data, percent NRMSE.
     free_run_before, free_run_after : float
         Free-run error on the held-out data, percent NRMSE; NaN where the model could not run.
-    validation_before, validation_after : float
+    validation_before : float
         Pooled balance error on the search data, each fold judged after fitting to the others, percent NRMSE.
     gain, gain_error, gain_least : float
         Fall of the cross-validated residual, dB; its standard error over folds; the gain without the fold that speaks
@@ -53,17 +53,12 @@ class Step:
         What the effect changes of the force at its site, as a share of the storey force; NaN for a sensor.
     confirmed : bool
         Whether the held-out error falls; the model holds confirmed effects only.
-    noise_floor : float
-        Error that noise alone leaves of the balances of the site, percent; NaN if the model has no free run.
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
         Whether the remainder is small enough for the name to be sure.
     evidence : str
         Why the gate accepted it.
-    detection, localisation, characterisation : str
-        What the residual before this step looked like, gathered without any law: whether it was noise,
-        where it acted (and whether that agrees with ``site``), what it depended on.
     tied : list of (law, site, gain in dB)
         Candidates that the data could not tell from this one when it was accepted.
     sensors : list of str
@@ -94,20 +89,15 @@ class Step:
     free_run_before: float = float("nan")
     free_run_after: float = float("nan")
     validation_before: float = float("nan")
-    validation_after: float = float("nan")
     gain: float = 0.0
     gain_error: float = 0.0
     gain_least: float = 0.0
     gain_heldout: float = float("nan")
     share: float = float("nan")
     confirmed: bool = True
-    noise_floor: float = float("nan")
     remainder: float = 0.0
     sure: bool = True
     evidence: str = ""
-    detection: str = ""
-    localisation: str = ""
-    characterisation: str = ""
     tied: list[tuple[str, str, float]] = field(default_factory=list)
     sensors: list[str] = field(default_factory=list)
     company: list[str] = field(default_factory=list)

@@ -198,9 +198,7 @@ class NoiseFloor:
 
 def floor_of(model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
     """What noise alone leaves of the forces, from records of noise; None where the model has no free run."""
-    if noise is None:
-        return None
-    return NoiseFloor.from_draws([residual_of(model, *searched(noise))])
+    return None if noise is None else NoiseFloor.from_draws([residual_of(model, *searched(noise))])
 
 
 # -- records as a model would have produced them (parametric bootstrap) ------------------------------

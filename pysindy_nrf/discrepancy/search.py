@@ -94,16 +94,13 @@ class Search:
 
     def _promised(self, state: State) -> dict[Site, float]:
         """What the general laws gain at each site beside a state, dB: hardly less than any law of the motion there."""
-        out: dict[Site, float] = {}
+        ruler, out = state.trial.ruler, {}
         for site in dict.fromkeys(s for p in self.proposals if _of_motion(p.law) for s in p.sites):
-            gains = []
-            for law in general_laws(state.trial.ruler.work, site):
-                try:
-                    slot = Slot(state.trial, [(site, law)])
-                    gains.append(float(slot.gains(state.trial.ruler.columns(site, [law])[None])[0][0]))
-                except NRFError:  # its columns depend on those of the model
-                    gains.append(np.inf)
-            out[site] = max(gains)
+            try:
+                slots = [(law, Slot(state.trial, [(site, law)])) for law in general_laws(ruler.work, site)]
+                out[site] = max(float(slot.gains(ruler.columns(site, [law])[None])[0][0]) for law, slot in slots)
+            except NRFError:  # their columns depend on those of the model
+                out[site] = np.inf
         return out
 
     def _bases(self, state: State, proposal: Proposal) -> list[State]:

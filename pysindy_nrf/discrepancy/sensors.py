@@ -452,9 +452,11 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
         late = [float(half.loc[name, "delay"]) for half in halves]
         large = [float(half.loc[name, "sign"] * half.loc[name, "gain"]) - 1.0 for half in halves]
         turn = abs(row["delay"]) * pace(work, int(channel[1:]))
+        # noise in either channel alone makes a gain seem off by the root of the coherence
+        off = abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > -0.5 * np.log(row["coherence"]) else 0.0
         pairs = [
             (turn, late, ChannelDelay(row["delay"]), ChannelDelay(-row["delay"])),
-            (_beyond_noise(gain, row["coherence"]), large, GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),
+            (off, large, GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),
         ]
         for size, seen, own, other in pairs:
             # what one half of the record denies is chance
@@ -483,11 +485,6 @@ def _halves(runs: Sequence[slice]) -> list[Sequence[slice]]:
                 half.append(part)
         at += run.stop - run.start
     return [out[0], out[1]]
-
-
-def _beyond_noise(gain: float, coherence: float) -> float:
-    """Deviation of a gain from 1; zero where noise in either channel alone could make it seem so."""
-    return abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > -0.5 * np.log(coherence) else 0.0
 
 
 def pace(work: Workspace, dof: int) -> float:

@@ -29,7 +29,6 @@ from numba.extending import intrinsic
 from ..exceptions import LawError
 
 _NAMING = "names with fingerprints, references not counted"  # code cached under another rule of naming is ignored
-_COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
 _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
@@ -46,22 +45,35 @@ class _PartLibrary(JITCodeLibrary):
         self._ensure_finalized()
         return 0
 
-    def _optimize_final_module(self) -> None:
+    def _optimize_functions(self, *_: Any) -> None:
         pass
+
+    _optimize_final_module = _optimize_functions
 
     def _finalize_final_module(self) -> None:
         self._finalized = True
 
 
-class _PartCompiler(Compiler):
-    """Compiler of what only compiled code calls."""
+class _WholeLibrary(JITCodeLibrary):
+    """Code that is optimised once: there are no references to be counted, for which numba does it twice."""
+
+    def _optimize_final_module(self) -> None:
+        manager, builder = self._codegen._module_pass_manager()
+        manager.run(self._final_module, builder)
+
+
+class _Compiler(Compiler):
+    """Compiler of what Python calls, and of what only compiled code calls."""
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
-        self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
+        library = _PartLibrary if self.state.flags.no_cpython_wrapper else _WholeLibrary
+        self.state.library = library(self.state.targetctx.codegen(), "compiled")
+        self.state.library.enable_object_caching()
 
 
-_INSIDE: Any = _COMPILED | {"no_cpython_wrapper": True, "pipeline_class": _PartCompiler}
+_COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True, "pipeline_class": _Compiler}
+_INSIDE: Any = _COMPILED | {"no_cpython_wrapper": True}
 
 
 def fingerprint(*functions: Any) -> str:

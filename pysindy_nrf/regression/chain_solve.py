@@ -295,9 +295,7 @@ def _least_squares_together(
 
 def _back(upper: np.ndarray, target: np.ndarray, transposed: bool = False) -> np.ndarray:
     """Solution of an upper triangular system of full rank, or of its transpose."""
-    if not len(upper):
-        return target
-    return lapack.dtrtrs(upper.T, target, lower=1, trans=int(not transposed))[0]
+    return lapack.dtrtrs(upper.T, target, lower=1, trans=int(not transposed))[0] if len(upper) else target
 
 
 def _mass_noise(upper: np.ndarray, scaled: np.ndarray, share: float, n_masses: int) -> tuple[float, ...]:

@@ -36,13 +36,8 @@ class Part:
     def part(self, rows: slice) -> Part:
         return Part(self.a[rows], self.v[rows], self.s[rows], self.F[rows], self.dt)
 
-    @property
-    def x(self) -> np.ndarray:
-        return self.s.cumsum(axis=1)
-
-    @property
-    def xdot(self) -> np.ndarray:
-        return self.v.cumsum(axis=1)
+    def __post_init__(self) -> None:
+        self.x, self.xdot = self.s.cumsum(axis=1), self.v.cumsum(axis=1)
 
     @property
     def X(self) -> np.ndarray:

@@ -314,7 +314,7 @@ def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lin
 def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs: Sequence[slice]) -> _Lines:
     """Lines of several runs together."""
     longest = min(max(run.stop - run.start for run in runs), LONGEST)
-    dense = DENSE * longest
+    dense = longest * (DENSE if len(runs) > 1 else 1)
     f = np.fft.rfftfreq(dense, 1 / fs)
     angle = np.minimum(2 * np.pi * f / fs, 0.9 * np.pi)
     true = {1: np.where(f > 0, np.sin(angle) / np.where(f > 0, angle, 1.0), 1.0)}

@@ -158,8 +158,8 @@ def ladder_of(n: int) -> BasisLadder:
 
 
 def fuse(
-    channels: list[np.ndarray | None], ladder: BasisLadder, noise: np.ndarray | None = None,
-    high_pass: float | None = None, knots: float | None = None, near: float = 1.0,
+    channels: list[Any], ladder: BasisLadder, near: float = 1.0, noise: np.ndarray | None = None,
+    high_pass: float | None = None, knots: float | None = None,
 ) -> FusedMotion:  # fmt: skip
     """One motion from the measured channels of one degree of freedom.
 
@@ -184,22 +184,23 @@ def fuse(
     spacings = [h for h in ladder.spacings if len(measured) > 1 or h > 1.0] or [1.0]
     fits: dict[int, tuple[float, np.ndarray, np.ndarray]] = {}
 
-    def criterion(k: int, levels: np.ndarray) -> float:
-        fits[k] = _fit(channels, measured, ladder[spacings[k]], levels, given, floor, corner)
-        return fits[k][0]
+    def fitted(k: int, levels: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        if k not in fits:
+            fits[k] = _fit(channels, measured, ladder[spacings[k]], levels, given, floor, corner)
+        return fits[k]
 
-    if _quiet(channels, measured, given, scale):
-        criterion(0, start)
-        if _clean(channels, measured, ladder[spacings[0]], fits[0][1], scale):
+    quiet = [_quiet_level(channels[o]) if np.isnan(given[o]) else given[o] for o in measured]
+    if np.all(quiet < (CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED) * scale[measured]):
+        left = [_quietest(ladder[spacings[0]].evaluate(o, fitted(0, start)[1]) - channels[o]) for o in measured]
+        if np.all(left < CLEAN_CONTRADICTION * scale[measured]):
             return _as_measured(channels, measured, ladder, given, floor, fits[0][2], corner)
-    best = first = min(range(len(spacings)), key=lambda k: abs(spacings[k] - near))
-    if first not in fits:
-        criterion(first, start)
+    best = min(range(len(spacings)), key=lambda k: abs(spacings[k] - near))
+    lowest, first = fitted(best, start)[0], best
     for way, patience in ((1, 2), (-1, 1)):  # coarser knots, then finer ones, which cost more
         k, worse = first + way, 0
         while 0 <= k < len(spacings) and worse < patience:
-            value = criterion(k, fits[k - way][2]) if k not in fits else fits[k][0]
-            best, worse = (k, 0) if value < fits[best][0] else (best, worse + 1)
+            value = fitted(k, fits[k - way][2])[0]
+            best, lowest, worse = (k, value, 0) if value < lowest else (best, lowest, worse + 1)
             k += way
     (_, coefficients, levels), spacing = fits[best], spacings[best]
     if len(measured) == 1 and best == 0 and np.isnan(given[measured[0]]):
@@ -216,20 +217,8 @@ def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladd
     for j, (channels, m) in enumerate(zip(views, single, strict=True)):
         if not (m.clean or channels[2] is None or m.spacing == 1.0) and np.ptp(m.motion[0]):
             knots = max(1.0, m.spacing / 2)
-            out[j] = replace(fuse(channels, ladder, m.noise, m.high_pass, knots), spacing=ladder[knots].h)
+            out[j] = replace(fuse(channels, ladder, 1.0, m.noise, m.high_pass, knots), spacing=ladder[knots].h)
     return out
-
-
-def _quiet(channels: Any, measured: list[int], given: Any, scale: np.ndarray) -> bool:
-    """Whether the channels may be free of noise."""
-    white = [_quiet_level(channels[o]) if np.isnan(given[o]) else given[o] for o in measured]
-    return bool(np.all(white < (CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED) * scale[measured]))
-
-
-def _clean(channels: Any, measured: list[int], basis: SplineBasis, c: Any, scale: np.ndarray) -> bool:
-    """Whether quiet channels agree with the spline of all of them."""
-    left = [_quietest(basis.evaluate(o, c) - channels[o]) for o in measured]
-    return bool(np.all(left < CLEAN_CONTRADICTION * scale[measured]))
 
 
 def _as_measured(
@@ -463,7 +452,7 @@ def fuse_all(
     def one_by_one(part: list[Views], ladder: BasisLadder, *given: Any) -> list[FusedMotion]:
         single: list[FusedMotion] = known.pop(0) if known else []
         for y, *own in zip(part, *given, strict=True) if not single else ():
-            single.append(fuse(y, ladder, *own, near=single[-1].spacing if single else 1.0))
+            single.append(fuse(y, ladder, single[-1].spacing if single else 1.0, *own))
         if kept is not None:
             kept.append(single)
         return single

@@ -35,9 +35,8 @@ def test_evidence_names_place_and_kind_before_the_law_does(effect, dependence, m
     assert first.detection.verdicts.loc["storey 2", "verdict"] != ResidualKind.NOISE
     assert first.site == "storey 2" == report.steps[0].site
     assert first.characterisation.dependence == dependence and mark in first.characterisation.features
-    step = report.steps[0]
-    assert "not noise" in step.detection and "The loop chose storey 2" in step.localisation
-    assert dependence.value in step.characterisation
+    assert "not noise" in first.detection_sentence and "The loop chose storey 2" in first.localisation_sentence
+    assert dependence.value in first.characterisation_sentence
 
 
 def test_only_rows_of_the_search_are_looked_at():

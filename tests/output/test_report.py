@@ -133,7 +133,7 @@ def test_page_can_be_read_without_eyes_or_mouse(pages, kind):
 def test_page_tells_the_story_with_its_evidence(pages):
     report, text = loop_report(), re.sub(r"\s+", " ", pages["loop"].text())
     step = report.steps[0]
-    for said in (step.detection, step.localisation, step.characterisation, report.stopped_because):
+    for said in (*str(report.evidence[0]).splitlines(), report.stopped_because):
         assert re.sub(r"\s+", " ", said) in text
     assert f"{step.error_before:.3g} → {step.error_after:.3g} %" in text
     assert "shaker <b>1</b>" in text  # as text, not as markup

@@ -240,7 +240,9 @@ def _model_part(model: ChainModel, loops: Sequence[SiteLoop], bounds: Bounds) ->
         surface = force_figure(model, site, loop)
         shown = [*([] if surface is None else [surface]), *loop_figures(model, [] if loop is None else [loop])]
         sections.append(SiteSection(str(site), law_equation(force, bounds), shape_values(force), shown))
-    tables, figures = [_masses(model, bounds), _coefficients(model, bounds)], []
+    rows = [[f"m{j}", *_with_ends(m, bounds.get(f"m{j}"))] for j, m in enumerate(model.masses, 1)]
+    masses = _bounded("Masses", ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"], rows, 2)
+    tables, figures = [masses, _coefficients(model, bounds)], []
     if (model.masses > 0).all():
         try:
             modes = model.modes()
@@ -261,11 +263,6 @@ def _run(info: Mapping[str, Any]) -> Table:
     rows.append(["written", datetime.now().astimezone().isoformat(" ", "seconds")])
     rows += [[one["file"], f"{one['bytes']} bytes, SHA-256 {one['sha256']}"] for one in info.get("inputs", ())]
     return Table("This run", ["what", "value"], rows)
-
-
-def _masses(model: ChainModel, bounds: Bounds) -> Table:
-    rows = [[f"m{j}", *_with_ends(m, bounds.get(f"m{j}"))] for j, m in enumerate(model.masses, 1)]
-    return _bounded("Masses", ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"], rows, 2)
 
 
 def _coefficients(model: ChainModel, bounds: Bounds) -> Table:

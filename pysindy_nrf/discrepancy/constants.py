@@ -61,7 +61,7 @@ LARGE_GAIN: Final = 2.0
 # effect if their squares are at most the median for one error a channel. Without that limit chains with imperfect
 # sensors alone use 0.6 to 1.5 times it (seed 401), a tie to the ground that changes a balance by 2 % uses 2.6 times.
 TOLERANCES: Final = {"gain": 0.02, "cross_axis": 0.02, "delay": 0.4}
-# Families are tied if their gains differ by less than two standard errors (95 %).
+# Standard errors beyond which a gain is sure (95 %); families are tied within one.
 FAR: Final = 2.0
 
 # -- the conclusion ---------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
-from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
+from .constants import LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .ruler import Gain, Trial
 from .state import Finding, State
 
@@ -108,12 +108,12 @@ def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
 
 
 def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
-    """Findings that the data cannot tell from the one that is taken."""
+    """Findings that the data cannot tell from the one that is taken: within a standard error of it."""
     own = pairs[number][1]
     out = []
     for k, (f, gain) in enumerate(pairs):
         gap, error = difference(own, gain)
-        if k != number and gap <= max(FAR * error, LEAST_GAIN):
+        if k != number and gap <= max(error, LEAST_GAIN):
             out.append(f)
     return out
 

@@ -27,7 +27,7 @@ from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
 from . import judge, words
 from .catalogue import as_laws, balances_of, candidates, general_laws
-from .constants import BY_NOISE, COMPLETE, FAR, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
+from .constants import BY_NOISE, COMPLETE, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
 from .evidence import look
 from .prepare import MOST, Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
@@ -118,8 +118,7 @@ def _general(final: Stand, forward: Forward) -> pd.DataFrame:
             except NRFError:  # its columns depend on those of the model
                 continue
             gain = after.gain_over(trial)
-            there = judge.is_there(gain) and gain.value > FAR * gain.error
-            there = there and judge.is_there(forward.beyond_errors(after, trial, law))
+            there = judge.is_there(gain) and gain.is_sure and judge.is_there(forward.beyond_errors(after, trial, law))
             words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
             rows[str(site), words_of] = gain.value, gain.error, there
     index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None
@@ -188,14 +187,14 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
         ],
     )  # fmt: skip
     if effect.is_fault:
-        step.sure, fitted = effect.witnessed, effect.law
+        step.sure, fitted = effect.witnessed and gain.is_sure, effect.law
         step.sensors = [
             str(f.proposal.sites[0]) for f in rivals if f.is_fault and f.proposal.law.name == effect.law.name
         ]
     else:
         laws = after.trial.model().laws[site]
         fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
-        step.sure = all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
+        step.sure = gain.is_sure and all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
         step.intervals = _intervals(after.trial, effect)
         step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
     step.parameters, step.units = dict(fitted.parameters), fitted.units
@@ -280,10 +279,7 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
         own = [j for j in range(len(left)) if site.kind != "sensor" and site.incidence(j + 1)] or np.arange(len(left))
         whole = max(step.validation_before, float(np.sqrt(np.mean(left[own] ** 2))), 1e-300)
         step.remainder = float(np.nanmax(beyond)) / whole
-        ratio = step.gain / max(step.gain_error, 1e-12)
-        step.sure = bool(
-            step.sure and step.confirmed and not step.alternatives and step.remainder <= COMPLETE and ratio >= FAR
-        )
+        step.sure &= step.confirmed and not step.alternatives and step.remainder <= COMPLETE
     for step in steps:
         here = balances_of(Site(step.site))
         step.company = [s.law for s in steps if s is not step and s.confirmed and balances_of(Site(s.site)) == here]
@@ -482,7 +478,7 @@ def by_channels(
         new, refined = course.refined(new, finding.after)
         step = _step(rivals, refined.effects[-1], stand, new)
         step.remainder = new.error / stand.error
-        step.sure &= step.confirmed and not step.alternatives and gain.value >= FAR * gain.error
+        step.sure &= step.confirmed and not step.alternatives
         step.evidence += "".join(f"; the channels cannot tell it from {f.proposal.name}" for f in rivals)
         steps.append(step)
         stands.append(new)

@@ -26,7 +26,7 @@ from ..regression.grams import leave_one_out
 from ..regression.layout import LawLayout, Layout
 from ..regression.many_fits import ChainFit, ChannelFit
 from ..regression.segments import SegmentSet
-from .constants import ENERGY, EXPLAINED, FLOOR, TENTH
+from .constants import ENERGY, EXPLAINED, FAR, FLOOR, TENTH
 from .prepare import Workspace
 from .windows import Windows
 
@@ -113,6 +113,11 @@ class Gain:
         away = self.parts - self.value
         away = np.minimum(away, max(-away.min(), 0.0))
         return self.value - float(np.sqrt((len(away) - 1) / len(away) * (away @ away)))
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the gain exceeds two of these standard errors."""
+        return self.value > 0 and self.value >= FAR * (self.value - self.lower)
 
 
 class Ruler:

@@ -372,8 +372,7 @@ class Forward:
 
 def _of_motion(law: ForceLaw) -> bool:
     """Whether a law with shape parameters follows drift and rate alone, as the general laws do."""
-    other = law.covariates or law.uses_time or law.uses_acceleration or law.mimics_inertia or law.permanent_change
-    return bool(law.free_shape) and not other
+    return bool(law.free_shape) and not (law.covariates or law.uses_time or law.uses_acceleration or law.mimics_inertia)
 
 
 def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mapping[Site, float]) -> bool:

@@ -176,9 +176,10 @@ def free_run_of(
 
 
 def free_run_by_either(model: ChainModel, segment: Segment, rows: slice, dt: float | None = None) -> Record:
-    """The free run, tried again by Newmark's method where that of variable steps fails."""
+    """The free run, by Newmark's method where that of variable steps fails or exceeds a hundred times what was seen."""
     with suppress(NRFError):
-        run = free_run_of(model, segment, rows, dt)
+        largest = float(np.abs(np.cumsum(segment.s[rows], axis=1)).max())
+        run = free_run_of(model, segment, rows, dt, limit=100.0 * largest or np.inf)
         if np.isfinite(np.asarray(run.displacement, dtype=float)).all():
             return run
     return free_run_of(model, segment, rows, dt, method="newmark")

@@ -161,10 +161,7 @@ def fuse(
     channels: list[Any], ladder: BasisLadder, near: float = 1.0, noise: np.ndarray | None = None,
     high_pass: float | None = None, knots: float | None = None,
 ) -> FusedMotion:  # fmt: skip
-    """One motion from the measured channels of one degree of freedom.
-
-    The distance of the knots is found if ``knots`` is None, beginning at that which is ``near``.
-    """
+    """One motion from the measured channels of one degree of freedom, with knots from ``near`` on if they are None."""
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
     scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])

@@ -43,7 +43,7 @@ class FreeRun:
 def simulate(
     model: Any, F: Any, dt: float, *, method: str = "default", x0: Any = None, v0: Any = None,
     base_acceleration: Any = None, covariates: Mapping[str, Any] | None = None, hold: str = "linear",
-    rtol: float = 1e-10, t0: float = 0.0, name: str = "simulation",
+    rtol: float = 1e-10, t0: float = 0.0, name: str = "simulation", limit: float = 1e100,
 ) -> Record:  # fmt: skip
     r"""Free run of a chain model under sampled forces.
 
@@ -77,6 +77,8 @@ def simulate(
         Time of the first sample, s, on the clock of the data that the model was fitted to, for laws that know the time.
     name : str
         Name of the record.
+    limit : float
+        Displacement, m, beyond which the default method calls the run divergent.
 
     Returns
     -------
@@ -108,7 +110,7 @@ def simulate(
     >>> bool(np.allclose(rec.displacement[:, 0], 1e-3 * np.cos(10 * rec.time), atol=1e-11))
     True
     """
-    run = _run(model, F, dt, _known(method), x0, v0, base_acceleration, covariates, hold, rtol, t0)
+    run = _run(model, F, dt, _known(method), x0, v0, base_acceleration, covariates, hold, rtol, t0, limit)
     return as_read(run.record(name), model.laws)
 
 
@@ -186,7 +188,7 @@ class _Run:
 
 def _run(
     model: Any, F: Any, dt: Any, method: str, x0: Any = None, v0: Any = None, base_acceleration: Any = None,
-    covariates: Any = None, hold: str = "linear", rtol: Any = 1e-10, t0: Any = 0.0,
+    covariates: Any = None, hold: str = "linear", rtol: Any = 1e-10, t0: Any = 0.0, limit: float = 1e100,
 ) -> _Run:  # fmt: skip
     """Check the arguments, flatten the model and march."""
     dt = _positive("dt", dt, "Give the sampling step in s.")
@@ -214,7 +216,7 @@ def _run(
         courses = polynomials(samples, hold)
         drive = flat.Drive(courses, samples, len(courses) - 1, rows - 1, n_inputs, dt)
         tables = rule_of(method)
-        rule = Rule._make([*tables, len(tables[1]), rtol, max(rtol, 1e-8)])
+        rule = Rule._make([*tables, len(tables[1]), rtol, max(rtol, 1e-8), float(limit)])
         jump = flat.jumps(model, layout, np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0))
         k = flat.stages(rule.stages, system, n_inputs, jump)
         ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", dt / 1024, out)

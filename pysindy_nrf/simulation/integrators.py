@@ -294,7 +294,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
             if steps + rejected > PATIENCE * (interval + FIRST):
                 return CRAWLS, interval, 0, steps, rejected, forced
             for j in range(n):
-                if not (abs(x1[j]) < 1e100 and abs(v1[j]) < 1e100):
+                if not (abs(x1[j]) < rule.limit and abs(v1[j]) < 1e100):
                     return DIVERGED, interval, j, steps, rejected, forced
             inputs_at(drive, interval, (done + h) / dt, k.row)
             t = interval * dt + done + h
@@ -456,7 +456,7 @@ def newmark(system, drive, k, w, x, v, z, out):
     return DONE, last, 0, last, iterations, forced
 
 
-Rule = namedtuple("Rule", "a b c e3 e5 stages rtol ztol")  # see rule_of; tolerances, the last of the states of laws
+Rule = namedtuple("Rule", "a b c e3 e5 stages rtol ztol limit")  # see rule_of; tolerances, of laws the last; of drifts
 
 
 @cache

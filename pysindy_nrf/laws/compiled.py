@@ -36,30 +36,29 @@ _ROWS = [_VECTOR, types.int64, types.int64]  # the first row, how far the next o
 _WALK_SIGNATURE = types.void(*[_VECTOR] * 4, types.int64, *_ROWS, _VECTOR, types.int64, *_ROWS)
 
 
-class _PartLibrary(JITCodeLibrary):
+class _WholeLibrary(JITCodeLibrary):
+    """Code that is optimised once, where it is whole: it counts no references, for which numba does it three times."""
+
+    def _optimize_functions(self, *_: Any) -> None:
+        pass
+
+    def _optimize_final_module(self) -> None:
+        manager, builder = self._codegen._module_pass_manager(opt=2)
+        manager.run(self._final_module, builder)
+
+
+class _PartLibrary(_WholeLibrary):
     """Code that is optimised and becomes machine code where it is linked into what calls it, not before."""
 
     codegen: Any = SimpleNamespace(set_env=lambda *_: None)  # there is no machine code yet that could have one
+    _optimize_final_module = _WholeLibrary._optimize_functions
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
         return 0
 
-    def _optimize_functions(self, *_: Any) -> None:
-        pass
-
-    _optimize_final_module = _optimize_functions
-
     def _finalize_final_module(self) -> None:
         self._finalized = True
-
-
-class _WholeLibrary(JITCodeLibrary):
-    """Code that is optimised once: there are no references to be counted, for which numba does it twice."""
-
-    def _optimize_final_module(self) -> None:
-        manager, builder = self._codegen._module_pass_manager()
-        manager.run(self._final_module, builder)
 
 
 class _Compiler(Compiler):

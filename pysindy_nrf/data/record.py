@@ -316,7 +316,7 @@ class Record:
             cure = "Take two or more consecutive rows."
             raise ChannelError(f"Record {self.name!r}: {rows} is not a part of its {self.n_samples} samples", cure)
         new = copy.copy(self)
-        new.n_samples, new.t0 = len(start), self.t0 + start[0] / self.fs
+        new.n_samples, new.t0 = len(start), self.t0 + (start[0] / self.fs if self.has_clock else 0.0)
         for key in (*MATRICES, *BASES):
             array = getattr(self, key)
             setattr(new, key, None if array is None else array[rows])

@@ -119,7 +119,8 @@ def _is_clean(record: Record, noise: dict[str, float]) -> bool:
     """Whether every motion is measured, and the channels of each DOF contradict each other by next to nothing."""
     channels = record.channels()
     wanted = [f"{kind}{j}" for kind in "avx" for j in range(1, record.n_dof + 1)]
-    if any(name not in channels for name in wanted):
+    based = ["vg", "xg"] * (record.coordinates == "absolute" and record.base_moves)
+    if any(name not in channels for name in (*wanted, *based)):
         return False
     return all(noise.get(name, np.inf) <= CLEAN * np.nanstd(channels[name]) for name in wanted)
 

@@ -219,3 +219,17 @@ def test_held_out_data_change_the_last_column_alone(found, records):
     assert other.table[["search", "validation"]].equals(found.table[["search", "validation"]])
     assert other.steps[0].error_after > 10 * found.steps[0].error_after
     assert [s.confirmed for s in found.steps] == [True]
+
+
+def test_channels_without_noise_are_used_where_the_rate_of_the_base_is_not_measured():
+    w, t = 2 * np.pi * 1.3, np.arange(6000) / 200.0
+    xg, vg, ag = 1e-3 * np.sin(w * t), 1e-3 * w * np.cos(w * t), -1e-3 * w**2 * np.sin(w * t)
+    storey = [laws.LinearElastic(4e3), laws.LinearViscous(8.0)]
+    run = simulate(ChainModel([10.0, 8.0], {1: storey, 2: storey}), None, 0.005, base_acceleration=ag, hold="cubic")
+    record = Record(
+        acceleration=run.acceleration, velocity=run.velocity + vg[:, None], displacement=run.displacement + xg[:, None],
+        base_acceleration=ag, base_displacement=xg, coordinates="absolute", fs=200.0,
+    )  # fmt: skip
+    (segment,) = prepare([record]).data.segments
+    drift = np.diff(run.displacement, axis=1, prepend=0.0)[segment.valid]
+    np.testing.assert_allclose(segment.s[segment.valid], drift, atol=1e-3 * np.abs(drift).max())

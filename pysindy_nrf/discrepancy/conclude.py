@@ -118,7 +118,7 @@ def _general(final: Stand, forward: Forward) -> pd.DataFrame:
             except NRFError:  # its columns depend on those of the model
                 continue
             gain = after.gain_over(trial)
-            there = judge.is_there(gain) and gain.is_sure and judge.is_there(forward.beyond_errors(after, trial, law))
+            there = judge.is_there(gain) and gain.bound > 0 and judge.is_there(forward.beyond_errors(after, trial, law))
             words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
             rows[str(site), words_of] = gain.value, gain.error, there
     index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None
@@ -187,14 +187,14 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
         ],
     )  # fmt: skip
     if effect.is_fault:
-        step.sure, fitted = effect.witnessed and gain.is_sure, effect.law
+        step.sure, fitted = effect.witnessed and gain.bound > 0, effect.law
         step.sensors = [
             str(f.proposal.sites[0]) for f in rivals if f.is_fault and f.proposal.law.name == effect.law.name
         ]
     else:
         laws = after.trial.model().laws[site]
         fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
-        step.sure = gain.is_sure and all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
+        step.sure = gain.bound > 0 and all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
         step.intervals = _intervals(after.trial, effect)
         step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
     step.parameters, step.units = dict(fitted.parameters), fitted.units

@@ -115,9 +115,9 @@ class Gain:
         return self.value - float(np.sqrt((len(away) - 1) / len(away) * (away @ away)))
 
     @property
-    def is_sure(self) -> bool:
-        """Whether the gain exceeds two of these standard errors."""
-        return self.value > 0 and self.value >= FAR * (self.value - self.lower)
+    def bound(self) -> float:
+        """Gain less two of these standard errors (95 %)."""
+        return self.value - FAR * (self.value - self.lower)
 
 
 class Ruler:

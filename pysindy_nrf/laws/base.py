@@ -215,7 +215,8 @@ class ForceLaw:
             Drift (m) and rate (m/s) at both ends of the step.
         dt : float
             s.
-        u : ndarray of shape (n_covariates,) theta : ndarray of shape (n_shapes,)
+        u : ndarray of shape (n_covariates,)
+        theta : ndarray of shape (n_shapes,)
         """
 
     def options(self) -> dict:

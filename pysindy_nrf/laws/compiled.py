@@ -29,6 +29,7 @@ from numba.extending import intrinsic
 from ..exceptions import LawError
 
 _NAMING = "names with fingerprints, references not counted"  # code cached under another rule of naming is ignored
+_COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
 _ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
@@ -36,43 +37,31 @@ _ROWS = [_VECTOR, types.int64, types.int64]  # the first row, how far the next o
 _WALK_SIGNATURE = types.void(*[_VECTOR] * 4, types.int64, *_ROWS, _VECTOR, types.int64, *_ROWS)
 
 
-class _WholeLibrary(JITCodeLibrary):
-    """Code that is optimised once, where it is whole: it counts no references, for which numba does it three times."""
-
-    def _optimize_functions(self, *_: Any) -> None:
-        pass
-
-    def _optimize_final_module(self) -> None:
-        manager, builder = self._codegen._module_pass_manager(opt=2)
-        manager.run(self._final_module, builder)
-
-
-class _PartLibrary(_WholeLibrary):
+class _PartLibrary(JITCodeLibrary):
     """Code that is optimised and becomes machine code where it is linked into what calls it, not before."""
 
     codegen: Any = SimpleNamespace(set_env=lambda *_: None)  # there is no machine code yet that could have one
-    _optimize_final_module = _WholeLibrary._optimize_functions
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
         return 0
 
+    def _optimize_final_module(self) -> None:
+        pass
+
     def _finalize_final_module(self) -> None:
         self._finalized = True
 
 
-class _Compiler(Compiler):
-    """Compiler of what Python calls, and of what only compiled code calls."""
+class _PartCompiler(Compiler):
+    """Compiler of what only compiled code calls."""
 
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
-        library = _PartLibrary if self.state.flags.no_cpython_wrapper else _WholeLibrary
-        self.state.library = library(self.state.targetctx.codegen(), "compiled")
-        self.state.library.enable_object_caching()
+        self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
 
 
-_COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True, "pipeline_class": _Compiler}
-_INSIDE: Any = _COMPILED | {"no_cpython_wrapper": True}
+_INSIDE: Any = _COMPILED | {"no_cpython_wrapper": True, "pipeline_class": _PartCompiler}
 
 
 def fingerprint(*functions: Any) -> str:

@@ -48,7 +48,8 @@ class Chain:
     ('storey 1', 'storey 2', 'storey 3', 'link 3-1')
     >>> chain.incidence().astype(int)
     array([[ 1, -1,  0, -1],
-           [ 0,  1, -1,  0], [ 0,  0,  1,  1]])
+           [ 0,  1, -1,  0],
+           [ 0,  0,  1,  1]])
     >>> print(chain.identifiability(excited=3))
     Balance of DOF 3 (forced): m3, storey 3, link 3-1.
     Balance of DOF 2: m2, storey 2.

@@ -92,7 +92,8 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
         Parameters
         ----------
-        x : array-like of shape (n_samples, n_columns), or list of them y : ignored
+        x : array-like of shape (n_samples, n_columns), or list of them
+        y : ignored
 
         Returns
         -------

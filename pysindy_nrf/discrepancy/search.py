@@ -242,8 +242,8 @@ class Forward:
             if not self._by_errors(finding, state):
                 kind = finding.is_fault
                 if not judge.is_clear(finding, state) and kind not in chance:
-                    chance[kind] = max(self._by_chance(state, faults=kind) for _ in range(2))  # one draw scatters
-                if judge.is_clear(finding, state) or gain.bound >= max(chance[kind], 0.0):
+                    chance[kind] = self._by_chance(state, faults=kind)
+                if judge.is_clear(finding, state) or gain.lower >= max(chance[kind], 0.0):
                     return finding, judge.rivals(good, number)
                 finding.chance = chance[kind]
             good.pop(number)

@@ -18,7 +18,8 @@ class Candidate:
 
     Attributes
     ----------
-    law : ForceLaw site : Site
+    law : ForceLaw
+    site : Site
     """
 
     law: ForceLaw

@@ -179,7 +179,7 @@ def free_run_by_either(model: ChainModel, segment: Segment, rows: slice, dt: flo
     """The free run, by Newmark's method where that of variable steps fails or exceeds a hundred times what was seen."""
     with suppress(NRFError):
         largest = float(np.abs(np.cumsum(segment.s[rows], axis=1)).max())
-        run = free_run_of(model, segment, rows, dt, limit=100.0 * largest or np.inf)
+        run = free_run_of(model, segment, rows, dt, limit=100.0 * largest or 1e100)
         if np.isfinite(np.asarray(run.displacement, dtype=float)).all():
             return run
     return free_run_of(model, segment, rows, dt, method="newmark")

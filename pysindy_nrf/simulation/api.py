@@ -193,6 +193,7 @@ def _run(
     """Check the arguments, flatten the model and march."""
     dt = _positive("dt", dt, "Give the sampling step in s.")
     rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
+    limit = _positive("limit", limit, "Give a displacement in m.")
     start = number_of(t0)
     if not np.isfinite(start):
         raise SimulationError(f"t0={t0!r} is not a number", "Give the time of the first sample in s.")
@@ -216,7 +217,7 @@ def _run(
         courses = polynomials(samples, hold)
         drive = flat.Drive(courses, samples, len(courses) - 1, rows - 1, n_inputs, dt)
         tables = rule_of(method)
-        rule = Rule._make([*tables, len(tables[1]), rtol, max(rtol, 1e-8), float(limit)])
+        rule = Rule._make([*tables, len(tables[1]), rtol, max(rtol, 1e-8), limit])
         jump = flat.jumps(model, layout, np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0))
         k = flat.stages(rule.stages, system, n_inputs, jump)
         ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", dt / 1024, out)

@@ -456,7 +456,7 @@ def newmark(system, drive, k, w, x, v, z, out):
     return DONE, last, 0, last, iterations, forced
 
 
-Rule = namedtuple("Rule", "a b c e3 e5 stages rtol ztol limit")  # see rule_of; tolerances, of laws the last; of drifts
+Rule = namedtuple("Rule", "a b c e3 e5 stages rtol ztol limit")  # see rule_of; ztol: of states; limit: of motion
 
 
 @cache

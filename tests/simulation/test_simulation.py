@@ -239,6 +239,16 @@ def test_divergence_names_time_and_dof():
         simulate(case, np.full((1000, 1), 50.0), DT)
 
 
+def test_a_run_ends_where_it_exceeds_its_limit():
+    """x = x0 exp(2 t) of a negative spring is ten times as large after ln(10) / 2 = 1.151 s."""
+    model, rest = ChainModel([1.0], {1: laws.LinearElastic(-4.0)}), np.zeros((300, 1))
+    with pytest.raises(SimulationError, match=r"diverges at 1\.15 s, at DOF 1"):
+        simulate(model, rest, 0.01, x0=[1e-3], v0=[2e-3], limit=1e-2)
+    assert simulate(model, rest, 0.01, x0=[1e-3], v0=[2e-3]).displacement.max() > 0.1
+    with pytest.raises(SimulationError, match="limit=-1 is not a positive number"):
+        simulate(model, rest, 0.01, limit=-1)
+
+
 @pytest.mark.parametrize(
     "change, word",
     [

@@ -72,7 +72,8 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
         raise NRFError(f"{type(residual).__name__} is not a residual", "Make one with residual_of(model, data).")
     segments = residual.data.segments
     every = min(thinning([seg.s[seg.valid, i] for seg in segments]) for i in range(residual.n_dof))
-    sides = [_Motion(r, every) for r in (residual, *([] if floor is None else floor.draws))]
+    draws = [] if floor is None else floor.draws  # their model may be one of fewer sites
+    sides = [_Motion(r, residual.model.chain, every) for r in (residual, *draws)]
     rows: dict[str, dict[str, Any]] = {}
     for where, size in residual.sizes.iterrows():
         if not np.isfinite(size["rms"]):
@@ -110,8 +111,8 @@ def _verdict(sides: list[_Motion], where: str, ratio: float) -> dict[str, Any]:
 class _Motion:
     """Drifts, rates, inputs and laws of the own motion that go with a residual, and the regression on them."""
 
-    def __init__(self, residual: Residual, every: int) -> None:
-        self.residual, self.chain, self.every = residual, residual.model.chain, every
+    def __init__(self, residual: Residual, chain: Chain, every: int) -> None:
+        self.residual, self.chain, self.every = residual, chain, every
         self._fits: dict[tuple[int, ...], Regression] = {}
 
     def laws(self, where: str) -> list[str]:

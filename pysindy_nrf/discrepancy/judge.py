@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..common.jackknife import variance
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
-from .constants import LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
+from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .ruler import Gain, Trial
-from .state import Finding, State
+from .state import Effect, Finding, State
 
 
 def share_of(trial: Trial, without: Trial, site: Site) -> float:
@@ -53,6 +54,13 @@ def is_there(gain: Gain, law: ForceLaw | None = None) -> bool:
     return value >= LEAST_GAIN and least >= 0.5 * LEAST_GAIN
 
 
+def differs_from_zero(trial: Trial, effect: Effect) -> bool:
+    """Whether a coefficient of the last law at a site is known to two standard errors (95 %), from fold to fold."""
+    stop = trial.layout.slices[effect.site].stop
+    parts = trial.theta[:, stop - len(effect.law.terms()) : stop]
+    return bool((np.abs(parts[0]) > FAR * np.sqrt(variance(parts[1:]))).any())
+
+
 def accepts(finding: Finding, state: State) -> bool:
     """Whether an effect is there and matters."""
     gain, after = over(finding, state), finding.after
@@ -60,6 +68,8 @@ def accepts(finding: Finding, state: State) -> bool:
         return False
     if finding.is_fault:
         return True
+    if not all(differs_from_zero(after.trial, e) for e in after.effects if e not in state.effects):
+        return False
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
     shares = _shares(finding, state)
     cancels = any(share > 1 and not finding.state.trial.laws.get(site) for site, share in shares.items())

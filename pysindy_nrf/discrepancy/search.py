@@ -15,13 +15,16 @@ from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .catalogue import Candidate, general_laws
-from .constants import FINALISTS, LEAST_GAIN, LEAST_SHARE, TENTH
+from .constants import FINALISTS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .judge import admissible
 from .prepare import MOST, Prepared
 from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
 from .sensors import Errors, findings_of_faults
 from .state import Axes, Effect, Finding, Proposal, State
+
+# Draws of chance: its gain exceeds four of its own in one case of five, and a draw costs a search.
+DRAWS = 4
 
 
 def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
@@ -232,20 +235,23 @@ class Forward:
         """What could be added to a state, at most so many effects at once, the best first."""
         return judge.ranked(self.search.candidates(state, most) + findings_of_faults(state, faults), state)
 
-    def _choice(self, state: State, pairs: Sequence[tuple[Finding, Gain]]) -> tuple[Finding, list[Finding]] | None:
-        """The finding to add, and what the data cannot tell from it; None if none is there and matters."""
+    def _choice(
+        self, state: State, pairs: Sequence[tuple[Finding, Gain]], sure: bool = False
+    ) -> tuple[Finding, list[Finding]] | None:
+        """The finding to add, and what the data cannot tell from it; None if none is there and matters.
+
+        Where it is ``sure`` that something is there, none has to exceed chance.
+        """
         good = [pair for pair in pairs if judge.accepts(pair[0], state)]
-        chance: dict[bool, float] = {}
+        chance: dict[bool, list[float]] = {True: [], False: []}  # gains of faults, and of laws
         while good:
             number = judge.chosen(good)
             finding, gain = good[number]
             if not self._by_errors(finding, state):
-                kind = finding.is_fault
-                if not judge.is_clear(finding, state) and kind not in chance:
-                    chance[kind] = self._by_chance(state, faults=kind)
-                if judge.is_clear(finding, state) or gain.lower >= max(chance[kind], 0.0):
+                draws = chance[finding.is_fault]
+                if sure or judge.is_clear(finding, state) or self._exceeds(draws, gain, state, finding.is_fault):
                     return finding, judge.rivals(good, number)
-                finding.chance = chance[kind]
+                finding.chance = max(draws, default=None)
             good.pop(number)
         return None
 
@@ -272,6 +278,14 @@ class Forward:
         if again[0].gain_over(one).value > 0:
             self._freed[before] = again
         return two.gain_over(self._freed[before][0])
+
+    def _exceeds(self, draws: list[float], gain: Gain, state: State, faults: bool) -> bool:
+        """Whether a gain exceeds what chance gains: in one draw if by far, else in all."""
+        while len(draws) < DRAWS and gain.lower >= max(draws, default=0.0):
+            draws.append(self._by_chance(state, faults))
+            if gain.lower >= max(draws) + LARGE_GAIN:
+                break
+        return gain.lower >= max([0.0, *draws])
 
     def _by_chance(self, state: State, faults: bool) -> float:
         """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""
@@ -357,7 +371,7 @@ class Forward:
             own = self.state.trial.gain_over(base.trial)
             pairs = self._ranked(base, 1)
             better = [f for f, gain in pairs if np.greater(*judge.difference(gain, own))]
-            found = self._choice(base, pairs) if better else None
+            found = self._choice(base, pairs, sure=True) if better else None
             if found is not None and found[0] in better:
                 before, self.state = self.state, base
                 self._take(found)

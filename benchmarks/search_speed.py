@@ -113,7 +113,7 @@ def main(arguments: list[str] | None = None) -> dict:
     n, samples = (3, 2048) if o.quick else (4, 16384)
     rec = record(n, samples)
     chain = state_of(rec).trial.chain
-    every = [c for c in candidates(default_catalogue(), chain, {}, (), range(1, n + 1))]
+    every = list(candidates(default_catalogue(), chain, {}, (), range(1, n + 1)))
     proposals = [p for p in proposals_of(every, chain.sites) if len(p.sites) == 1]  # one law at one site
     scan(state_of(rec), proposals)  # compiled once
     state = state_of(rec)
@@ -125,7 +125,7 @@ def main(arguments: list[str] | None = None) -> dict:
     slow, winner = refit(state, tried)
     ratio = slow / fast
     names, size = (
-        len({c.law.name for c in every}),
+        len({law.name for law, _ in every}),
         sum(b.rows.stop - b.rows.start for b in state.trial.ruler.work.search),
     )
     best = found[0].proposal

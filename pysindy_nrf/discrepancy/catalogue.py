@@ -1,7 +1,6 @@
 """Which laws are tried, and where."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from .. import laws
@@ -10,25 +9,6 @@ from ..exceptions import LawError
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A law at a site, its shape parameters still free.
-
-    Attributes
-    ----------
-    law : ForceLaw
-    site : Site
-    """
-
-    law: ForceLaw
-    site: Site
-
-    @property
-    def name(self) -> str:
-        """Law and site in words."""
-        return f"{self.law.name} at {self.site}"
 
 
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
@@ -83,7 +63,7 @@ def balances_of(site: Site) -> Site:
 def candidates(
     catalogue: Iterable[ForceLaw], chain: Chain, known_masses: Iterable[int], covariates: Sequence[str],
     forced: Iterable[int], n_records: int = 1,
-) -> Iterator[Candidate]:  # fmt: skip
+) -> Iterator[tuple[ForceLaw, Site]]:  # fmt: skip
     """Every force law at every site where it makes sense."""
     n = chain.n_dof
     grounds = [Site(f"ground {j}") for j in range(1, n + 1)]  # of DOF 1 it is storey 1, which a free chain has not
@@ -115,7 +95,7 @@ def candidates(
         if "two storeys" in law.acts_at:
             places += [s for s in new_links if s.p - s.q == 2]
         for site in places:
-            yield Candidate(law, site)
+            yield law, site
 
 
 def general_laws(work: Any, site: Site) -> tuple[ForceLaw, ForceLaw]:

@@ -329,7 +329,6 @@ def _listed(last: Sequence[tuple[Finding, Gain]]) -> pd.DataFrame:
     return pd.DataFrame([[*name, g.value, g.error, g.least] for name, (_, g) in zip(names, last)], columns=columns)
 
 
-
 def free_run_error(model: ChainModel, work: Workspace) -> float:
     """Free-run error of the displacements over held-out windows, percent NRMSE; NaN where the model cannot run."""
     if (model.masses <= 0).any():
@@ -452,7 +451,8 @@ def by_channels(
     tried = [law for law in as_laws(KINDS if catalogue is None else catalogue, names)
              if not any(p.is_frequency for p in law.shapes)]  # fmt: skip
     forced = sorted({j for rec in mine for j in rec.forced})
-    proposals = [Proposal(c.law, (c.site,)) for c in candidates(tried, problem.chain, known, names, forced, len(mine))]
+    placed = candidates(tried, problem.chain, known, names, forced, len(mine))
+    proposals = [Proposal(law, (site,)) for law, site in placed]
     course = _Course(problem, shots, Search(proposals), heldout, [shot.run(found.model) for shot in shots])
     first = course.stand("baseline", found.model, found.model.laws)
     model = course.fitted(found.model, first[1], REFINED)[0].model

@@ -14,7 +14,7 @@ from ..laws.sensor import SensorFault
 from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
-from .catalogue import Candidate, general_laws
+from .catalogue import general_laws
 from .constants import FINALISTS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .judge import admissible
 from .prepare import MOST, Prepared
@@ -50,9 +50,9 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
 
 
-def proposals_of(candidates: Iterable[Candidate], storeys: Sequence[Site]) -> list[Proposal]:
+def proposals_of(candidates: Iterable[tuple[ForceLaw, Site]], storeys: Sequence[Site]) -> list[Proposal]:
     """Every candidate at its site, and every law of the storeys at all of them at once."""
-    alone = [Proposal(c.law, (c.site,)) for c in candidates]
+    alone = [Proposal(law, (site,)) for law, site in candidates]
     together = []
     if len(storeys) > 1:
         for law in dict.fromkeys(p.law for p in alone if p.law.variable != "1"):
@@ -235,13 +235,8 @@ class Forward:
         """What could be added to a state, at most so many effects at once, the best first."""
         return judge.ranked(self.search.candidates(state, most) + findings_of_faults(state, faults), state)
 
-    def _choice(
-        self, state: State, pairs: Sequence[tuple[Finding, Gain]], sure: bool = False
-    ) -> tuple[Finding, list[Finding]] | None:
-        """The finding to add, and what the data cannot tell from it; None if none is there and matters.
-
-        Where it is ``sure`` that something is there, none has to exceed chance.
-        """
+    def _choice(self, state: State, pairs: Any, sure: bool = False) -> tuple[Finding, list[Finding]] | None:
+        """The finding to add (it exceeds chance unless ``sure``), and what the data cannot tell from it; or None."""
         good = [pair for pair in pairs if judge.accepts(pair[0], state)]
         chance: dict[bool, list[float]] = {True: [], False: []}  # gains of faults, and of laws
         while good:

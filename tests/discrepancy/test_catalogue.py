@@ -56,7 +56,7 @@ def test_laws_that_read_a_channel_are_tried_where_there_is_one():
 
 def _places(name, n=3, known=(), forced=(1,), n_records=1):
     every = candidates(default_catalogue(), Chain(n), known, (), forced, n_records)
-    return {str(c.site) for c in every if c.law.name == name}
+    return {str(site) for law, site in every if law.name == name}
 
 
 def test_each_law_is_tried_where_it_can_be_told():

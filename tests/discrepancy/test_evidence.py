@@ -9,9 +9,9 @@ from report_cases import cubic, friction, loop_report, record
 from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.discrepancy import sensors
 from pysindy_nrf.discrepancy.characterisation import characterise
-from pysindy_nrf.discrepancy.evidence import Evidence, look
+from pysindy_nrf.discrepancy.evidence import Evidence, detect, look
 from pysindy_nrf.discrepancy.prepare import Workspace, prepare
-from pysindy_nrf.discrepancy.residual import searched
+from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of, searched
 from pysindy_nrf.discrepancy.windows import split, window_length
 from pysindy_nrf.discrepancy.words import Dependence, Feature, ResidualKind
 from pysindy_nrf.signals.noise_levels import levels_of
@@ -86,3 +86,11 @@ def test_a_force_linear_in_the_motion_is_no_spectral_line():
     v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
     found = characterise([3.0 * s + 0.5 * v], [laws.Motion(s, v, t=t)])
     assert found.dependence == Dependence.LINEAR and "wrong stiffness, damping or mass" in found.sentence
+
+
+def test_a_residual_with_a_new_tie_is_compared_with_the_noise_of_a_model_without():
+    rec, noise = record(friction, seed=2, noise=0.02), record(None, seed=3, noise=0.02)
+    plain = loop_report(friction).models[0]
+    tied = ChainModel(plain.masses, {**plain.laws, "link 3-1": [laws.CubicStiffness(1e3)]})
+    floor = NoiseFloor.from_draws([residual_of(plain, noise)])
+    assert not detect(residual_of(tied, rec), floor).is_noise

@@ -96,7 +96,7 @@ def test_the_search_tries_the_laws_of_the_catalogue_where_they_make_sense(record
     """The best of the last round are listed."""
     others = [laws.QuinticStiffness(), laws.AbsoluteQuadraticStiffness(), laws.CoulombFriction()]
     report = close_loop(records[0], catalogue=others, max_steps=1)
-    possible = {(c.law.name, c.site) for c in candidates(as_laws(others, ()), report.model.chain, (), (), (1, 2, 3))}
+    possible = {(law.name, site) for law, site in candidates(as_laws(others, ()), report.model.chain, (), (), (1, 2, 3))}
     listed = report.candidates[["law", "site"]].itertuples(index=False)
     tried = {(law, Site(site)) for law, sites in listed for site in sites.split(", ")}
     assert tried and tried <= possible

@@ -11,11 +11,11 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, excitation, laws, simulate
 from pysindy_nrf.discrepancy import constants, judge
-from pysindy_nrf.discrepancy.catalogue import candidates
+from pysindy_nrf.discrepancy.catalogue import candidates, general_laws
 from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import simulated as bootstrap
-from pysindy_nrf.discrepancy.ruler import Gain, Powers, Trial
+from pysindy_nrf.discrepancy.ruler import Gain, Powers, Slot, Trial
 from pysindy_nrf.discrepancy.search import Search, proposals_of
 from pysindy_nrf.discrepancy.state import Finding, State
 from pysindy_nrf.discrepancy.windows import Windows, split, window_length
@@ -211,6 +211,17 @@ def test_one_fold_that_speaks_for_an_effect_alone_is_not_enough():
     assert always.value == pytest.approx(3.0, abs=0.1) and judge.is_there(always)
 
 
+def test_a_fold_without_which_an_effect_gains_more_is_nothing_against_it():
+    """Nine tenths of the residual go in seven of eight folds, nothing in one: a change that is dated in it."""
+    after = np.full((8, 1, 1), 0.1)
+    after[3] = 1.0
+    reference = np.full((1, 1), 1e3)
+    gain = Gain(Powers(np.ones((8, 1, 1)), reference), Powers(after, reference), np.ones((1, 1), bool))
+    assert gain.value - 2 * gain.error < 0.5 and gain.bound > 0.7 * gain.value
+    same = Gain(Powers(np.ones((8, 1, 1)), reference), Powers(after[::-1], reference), np.ones((1, 1), bool))
+    assert same.bound == pytest.approx(gain.bound)
+
+
 def test_a_force_in_one_band_is_judged_where_it_acts():
     """3 dB in one of twelve bands: there, if the force has one frequency by its nature."""
     after = np.ones((8, 1, 12))
@@ -262,6 +273,27 @@ def test_what_is_missing_gains_most_where_it_is(kind, family):
     assert (best.family, best.proposal.sites) == (family, (Site("storey 2"),))
     assert judge.accepts(best, state)
     assert all(f.gain.value < 0.5 * best.gain.value for f in found if Site("storey 2") not in f.proposal.sites)
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "cubic", "bouc_wen", "two_sided_gap"])
+def test_general_laws_show_where_a_law_of_the_motion_gains(kind):
+    """What they do not promise is not scanned: they gain most where the law is, and at least half of what it does."""
+    plan = Plan(3, (1, 2, 3), noise=0.02, effects=((kind, 2, 1, 0.12),), seed=72)
+    state, found = searched(plan, [*SMALL, laws.BoucWen(), laws.TwoSidedGap()])
+    promised = {}
+    for site in map(Site, ("storey 1", "storey 2", "storey 3")):
+        slots = [(law, Slot(state.trial, [(site, law)])) for law in general_laws(state.trial.ruler.work, site)]
+        promised[site] = max(slot.gains(state.trial.ruler.columns(site, [law])[None])[0][0] for law, slot in slots)
+    own = promised.pop(Site("storey 2"))
+    assert own > 0.5 * found[0].gain.value and max(promised.values()) < 0.1 * own
+
+
+def test_a_law_at_every_storey_is_no_effect_where_its_coefficients_may_be_zero():
+    state, found = searched(Plan(3, (1, 2, 3), noise=0.02, effects=(("cubic", 2, 1, 0.12),), seed=72), SMALL[2:3])
+    everywhere = next(f for f in found if len(f.proposal.sites) == 3)
+    there = [judge.differs_from_zero(everywhere.after.trial, effect) for effect in everywhere.after.effects]
+    assert there == [False, True, False] and everywhere.gain.value > 5
+    assert not judge.accepts(everywhere, state)
 
 
 def test_records_of_the_bootstrap_are_those_of_the_model_with_the_noise_of_the_channels():

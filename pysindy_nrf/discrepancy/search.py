@@ -35,7 +35,6 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     segment = work.data.segments[record]
     if segment.dt is None:
         return []
-    held = [work.columns(s, trial.laws[s], record) for s in trial.layout.sites if trial.laws.get(s)]
     whole = slice(work.runs(record)[0].start, work.runs(record)[-1].stop)
     inside, size = np.zeros(segment.n_valid), whole.stop - whole.start
     for part in work.runs(record):
@@ -43,8 +42,13 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     few = next_fast_len(int(2.2 * size * segment.dt * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
     few = few if 3 * MOST < size > few else size
     seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
-    lines = (row[whole] * seen for part in (*held, work.fixed(record)) for row in part)
-    rows = np.array([line if few == size else resample(line, few) * left for line in lines])
+    rows = np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
+    sites = (s for s in trial.layout.group((j,)).sites if trial.laws.get(s))
+    own = [(trial.layout.slices[s], work.columns(s, trial.laws[s], record)) for s in sites]
+    own.append((slice(trial.at + j - 1, None, work.n_dof), work.fixed(record)[j - 1 :: work.n_dof]))
+    for at, lines in own:
+        lines = lines[:, whole] * seen
+        rows[at] = lines if few == size else resample(lines, few, axis=1) * left
     weighed, dt = j in work.known_masses, segment.dt * size / few
     given = weighed or j in work.forced, weighed, driven_at(segment, run)
     return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
@@ -258,7 +262,10 @@ class Forward:
         return not judge.is_there(finding.beyond_errors, finding.proposal.law)
 
     def beyond_errors(self, after: Trial, before: Trial, law: ForceLaw) -> Gain:
-        """Gain of a law where both models are freed of the errors that channels may have."""
+        """Gain of a law where both models are freed of errors of the channels; its own if it leaves them nothing to do.
+
+        A law of few parameters that alone explains what a hundred errors would explain together needs none of them.
+        """
         assert self.state.ready is not None
         if self._errors is None or self._errors.ruler is not before.ruler:
             self._errors = Errors(before.ruler, self.state.ready, self.tolerances)
@@ -266,6 +273,8 @@ class Forward:
             self._freed = {before: self._errors.freed(before)}
         one, errors = self._freed[before]
         two, errors = self._errors.freed(after, errors)
+        if two.gain_over(after).value <= TENTH * one.gain_over(before).value:
+            return after.gain_over(before)
         gain = two.gain_over(one)
         if not judge.is_there(gain, law):
             return gain

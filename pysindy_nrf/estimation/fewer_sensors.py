@@ -29,7 +29,7 @@ from .intervals import InfluenceResolver
 from .noise_spectra import common_band, linearised, lines_of, transfer
 from .problem import Problem
 
-MOST_STEPS, FEW_STEPS, LAST_STEPS = 40, 6, 3  # iterations at most; of a trial; once the noise is known
+MOST_STEPS, FEW_STEPS = 40, 6  # iterations at most; of a trial
 ROUNDS = 2  # of noise and estimate
 WINDOW, WINDOWS = 150, 8  # samples at least, and number at most, of windows in which nonlinear laws are fitted first
 TRIALS = (0.3, 0.5, 0.7)  # first values of shape parameters, as shares of the way between their bounds
@@ -145,7 +145,7 @@ def estimate(
     if any(site not in links or not isinstance(law, PowerSeries) or law.degree != 1 for site, law in declared):
         fit, best = _with_laws(problem, fit, best.model, known)
     for _ in range(ROUNDS):
-        if not fit.learn_noise(best.model, fit.shots[0].channels) or not (got := _solved(fit, best.u, LAST_STEPS)):
+        if not fit.learn_noise(best.model, fit.shots[0].channels) or not (got := _solved(fit, best.u, MOST_STEPS)):
             break
         best = got
     return fit, best, notes

@@ -30,6 +30,7 @@ from .problem import Estimate, Problem
 
 SHOT = 32768  # largest number of samples of a shot
 STEPS, FEW = 6, 2  # largest number of iterations: on all data, on each half
+UP, DOWN = 3.0, 10.0  # damping after a step that fails, and over that after one that holds (Transtrum and Sethna 2012)
 SETTLED = 0.05  # standard errors: the estimate has converged when a step is shorter
 LARGEST_RATIO = 0.85  # of errors on unseen parts after and before; a smaller reduction may be chance
 PIECES = 64
@@ -229,6 +230,7 @@ class FreeRunFit:
         for _ in range(steps):
             J, r, size = now.jacobian, now.residuals, lengths(now.jacobian)
             starts, spread = [shot.start for shot in self.shots], np.sqrt(max(r @ r / self.lines, 1e-300))
+            whole = np.linalg.lstsq(J / size, r, rcond=None)[0] / size  # a damped step may be short far from the end
             while damping < MOST_DAMPING:
                 wide = np.vstack([J / size, np.sqrt(damping) * np.eye(len(u))])
                 step = np.linalg.lstsq(wide, np.concatenate([r, np.zeros(len(u))]), rcond=None)[0] / size
@@ -244,11 +246,11 @@ class FreeRunFit:
                     break
                 for shot, start in zip(self.shots, starts):
                     shot.start = start
-                damping = max(10 * damping, 1e-6)
+                damping = max(UP * damping, 1e-6)
             else:
                 break
-            u, now, damping = u + step, new, damping / 10
-            if np.linalg.norm(J @ step) < settled * min(spread, 1.0 if self.noise else np.inf):
+            u, now, damping = u + step, new, damping / DOWN
+            if np.linalg.norm(J @ whole) < settled * min(spread, 1.0 if self.noise else np.inf):
                 break
         size = lengths(now.jacobian)
         half = np.linalg.pinv(now.jacobian / size, rcond=1e-12) / size[:, None]

@@ -175,7 +175,7 @@ class Errors:
         shares = _Fit(trial, self, lines).fitted(np.zeros(len(self.errors)) if start is None else start)
         errors = [(e, x * e.deviation) for e, x in zip(self.errors, shares)]
         try:
-            freed = on(trial, _erroneous(self.work, self.readings, errors))
+            freed = on(trial, _faulty(self.work, self.readings, errors))
         except NRFError:
             return trial, shares
         return freed if freed.gain_over(trial).value > 0 else trial, shares
@@ -191,7 +191,7 @@ class Errors:
                 at += len(law.terms())
         new |= {key: held[key] for held in self._changes for key, _ in touched if key in held}
         if missing := [(key, at) for key, at in touched if key not in new]:
-            moved = self.work.with_data(_erroneous(self.work, self.readings, [(error, 0.1 * error.deviation)]))
+            moved = self.work.with_data(_faulty(self.work, self.readings, [(error, 0.1 * error.deviation)]))
             rows: dict[int, list[np.ndarray]] = {
                 i: [moved.columns(s, [law], i) if law else moved.fixed(i)[[own]] for (_, s, law), _ in missing]
                 for i in self.ruler.segments
@@ -307,9 +307,7 @@ class _Fit:
         return found(weight) - shares
 
 
-def _errors(
-    work: Workspace, readings: Mapping[int, _Readings], tolerances: Mapping[str, float]
-) -> Iterator[_Error]:  # fmt: skip
+def _errors(work: Workspace, readings: Mapping[int, _Readings], tolerances: Mapping[str, float]) -> Iterator[_Error]:
     """Every error that a channel of the search may have."""
     measured = set().union(*(r.measured for r in readings.values()))
     dofs = range(1, work.n_dof + 1)
@@ -319,9 +317,7 @@ def _errors(
             yield from (_Error(kind, j, name, k, most / np.sqrt(3.0)) for k in others)
 
 
-def _erroneous(
-    work: Workspace, readings: Mapping[int, _Readings], errors: Sequence[tuple[_Error, float]]
-) -> SegmentSet:  # fmt: skip
+def _faulty(work: Workspace, readings: Mapping[int, _Readings], errors: Sequence[tuple[_Error, float]]) -> SegmentSet:
     """Records whose channels have further errors of some sizes."""
     segments = list(work.data.segments)
     for i, seen in readings.items():

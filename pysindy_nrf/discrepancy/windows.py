@@ -23,10 +23,7 @@ from .constants import BANDS, FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
 
 # Samples of windows that are transformed at once: they stay in the processor's cache.
 _AT_ONCE = 100_000
-_TOO_SHORT = (
-    "The records are too short to be split into search, validation and held-out parts",
-    "Give longer records.",
-)
+_TOO_SHORT = "The records are too short to be split into search and held-out parts", "Give longer records."
 
 
 def window_length(segments: Sequence[Segment]) -> float:

@@ -53,8 +53,9 @@ def chain_starts(
 ) -> list[Linear]:  # fmt: skip
     """Starting values of the masses and of the springs and dampers in some links, the best first."""
     rng = np.random.default_rng(random_state)
-    every = (one for found in modes_of(shots, chain.n_dof, band) for one in _matched(found, chain, links, known, rng))
-    starts = sorted(every, key=lambda one: one.misfit)
+    every = [one for found in modes_of(shots, chain.n_dof, band) for one in _matched(found, chain, links, known, rng)]
+    every.sort(key=lambda one: one.misfit)  # below one the modes tell no chain from another: the most even come first
+    starts = every[:1] + sorted(every, key=lambda one: (max(one.misfit, 1.0), np.ptp(np.log(one.masses))))
     kept: list[Linear] = []
     for one in starts:
         new = np.log(np.concatenate([one.masses, one.stiffness]))

@@ -29,7 +29,7 @@ from .intervals import InfluenceResolver
 from .noise_spectra import common_band, linearised, lines_of, transfer
 from .problem import Problem
 
-MOST_STEPS, FEW_STEPS = 40, 6  # iterations at most; of a trial
+MOST_STEPS, FEW_STEPS = 100, 6  # iterations at most; of a trial
 ROUNDS = 2  # of noise and estimate
 WINDOW, WINDOWS = 150, 8  # samples at least, and number at most, of windows in which nonlinear laws are fitted first
 TRIALS = (0.3, 0.5, 0.7)  # first values of shape parameters, as shares of the way between their bounds

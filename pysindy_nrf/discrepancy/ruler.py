@@ -213,7 +213,7 @@ class Ruler:
 
     def band(self) -> tuple[float | None, float | None]:
         """Lowest and highest frequency of all clear bands, Hz; None where no end was found."""
-        inside = np.flatnonzero(self.clear.any(axis=0))
+        inside = np.flatnonzero(self.clear.reshape(-1, len(self.windows.edges) - 1).any(axis=0))
         low, high = self.windows.edges[[inside[0], inside[-1] + 1]]
         return float(low) or None, None if high >= self.work.fastest else float(high)
 

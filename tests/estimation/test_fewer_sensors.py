@@ -139,6 +139,20 @@ def test_the_loop_finds_friction_between_floors_without_a_sensor(tmp_path):
     assert "coulomb" in report.to_markdown()
 
 
+def test_the_loop_finds_a_cubic_spring_under_base_motion_from_two_of_three_floors():
+    ground = excitation.band_limited_random(1, 6.0, 150.0, excited=[1], rms=3.0, band=(0.5, 35), random_state=2)[:, 0]
+    held = {i: [laws.PowerSeries(1, [30.0, 1.5e5])] for i in (1, 2, 3)}
+    held[2].append(laws.CubicStiffness(3e9))
+    masses = [12.0, 11.0, 10.0]
+    truth = ChainModel(masses, held)
+    full = add_noise(simulate(truth, np.zeros((len(ground), 3)), 1 / 150, base_acceleration=ground), 0.005, random_state=1)
+    report = close_loop(seen(full, [1, 3]), NRFRegressor(degree=1, known_masses=dict(enumerate(masses, 1))), catalogue=TRIED)
+    (step,) = report.steps
+    assert (step.law, step.site, step.confirmed) == ("cubic_stiffness", "storey 2", True)
+    assert step.parameters["k3"] == pytest.approx(3e9, rel=0.05)
+    assert report.table["held-out"].iloc[-1] < 1.0 < 20.0 < report.table["held-out"].iloc[0]
+
+
 def test_the_loop_adds_nothing_where_the_chain_is_linear():
     report = close_loop(of_two(), catalogue=TRIED)
     assert not report.steps and report.table["held-out"].iloc[0] < 1.5

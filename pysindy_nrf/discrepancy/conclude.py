@@ -39,6 +39,7 @@ from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
+CLAIMED = -20 * np.log10(1 - TENTH)  # dB: an effect that lowers what is left by less than a tenth is not claimed
 RUN = 3 * MOST  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
 
 
@@ -180,7 +181,7 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
         error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
         free_run_after=after.row["free run"], validation_before=before.row["validation"], gain=gain.value,
         gain_error=gain.error, gain_least=gain.least, gain_heldout=held.value,
-        confirmed=bool(after.error < before.error and judge.is_there(gain, effect.law)),
+        confirmed=bool(after.error < before.error and judge.is_there(gain, effect.law, CLAIMED)),
         tied=[
             (f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), f.gain.value if f.gain else np.nan)
             for f in rivals
@@ -494,8 +495,7 @@ def by_channels(
         stopped = f"{error.what}. Nothing is claimed"
         steps, stands, stand = [], stands[:1], stands[0]
     model, ruler = stand.trial.model(), stand.trial.ruler
-    inside = np.flatnonzero(ruler.informative.reshape(len(shots[0].channels), -1).any(axis=0))[[0, -1]] + [0, 1]
-    band = tuple(ruler.windows.edges[inside].tolist())
+    band = ruler.band()
     model.info = {"band": list(band), "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed]}
     model.info["stopped_because"] = stopped = ". ".join([stopped, *(note.rstrip(".") for note in notes)])
     table = pd.DataFrame.from_dict({s.name: s.row for s in stands}, orient="index").assign(band=words.band(band))

@@ -47,11 +47,11 @@ def difference(one: Gain, other: Gain) -> tuple[float, float]:
     return one.value - other.value, float(error)
 
 
-def is_there(gain: Gain, law: ForceLaw | None = None) -> bool:
-    """Whether a gain stands whichever fold is left out; that of a force in one band, where it acts."""
+def is_there(gain: Gain, law: ForceLaw | None = None, size: float = LEAST_GAIN) -> bool:
+    """Whether a gain of some size stands whichever fold is left out; that of a force in one band, where it acts."""
     narrow = law is not None and law.narrow_band and gain.value > 0
     value, least = (gain.there, gain.there_least) if narrow else (gain.value, gain.least)
-    return value >= LEAST_GAIN and least >= 0.5 * LEAST_GAIN
+    return value >= size and least >= 0.5 * LEAST_GAIN
 
 
 def differs_from_zero(trial: Trial, effect: Effect) -> bool:

@@ -242,7 +242,8 @@ def acceptance(step: Any) -> str:
 def confirmation(step: Any) -> str:
     """What the held-out data say of an effect."""
     change = f"held-out balance error {step.error_before:.3g} to {step.error_after:.3g} %"
-    return change if step.confirmed else f"{change}: NOT CONFIRMED, and the model does not hold it"
+    small = ", but the gain is too small" if step.error_after < step.error_before else ""
+    return change if step.confirmed else f"{change}{small}: NOT CONFIRMED, and the model does not hold it"
 
 
 def best_refused(last: Any) -> str:

@@ -126,6 +126,11 @@ def test_the_battery_says_what_sure_names_are_worth():
     assert set(case.seen[0]) == {"fs", "acceleration", "force"} and len(case.forced) == 1 and case.noise == 0.005
 
 
+def test_a_filter_that_is_told_first_values_finds_the_masses():
+    (line,) = [line for line in run("filter_comparison", "--quick").splitlines() if line.startswith("| cubic")]
+    assert all(float(part.split(",")[0]) < 1 for part in line.split("|")[3:5])
+
+
 def test_masses_and_terms_beside_pysindy_are_printed():
     assert run("pysindy_table", "--quick").count("| roof | 2 % |") == 7
 

@@ -100,10 +100,8 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
                     cure = "Give it, or motion relative to the base, or accelerations alone."
                     raise ChannelError(f"Channel {c} of record {record.name!r} is absolute, and {kind}g lacks", cure)
                 channels[c] = channels[c] - base
-    ag = base_acceleration_if_any(record)
-    beside = {} if ag is None else {"ag": ag}
-    forces = {f"F{j + 1}": line for j, line in enumerate(record.force.T)}
-    every = channels | forces | beside | record.covariates
+    ag, forces = base_acceleration_if_any(record), {f"F{j + 1}": line for j, line in enumerate(record.force.T)}
+    every = channels | forces | ({} if ag is None else {"ag": ag}) | record.covariates
     rows = finite_span(list(every.values()), list(every), f"record {record.name!r}")
     blank = np.full((record.n_samples, n), np.nan)
     segment = Segment(
@@ -129,21 +127,21 @@ def estimate(
         if got := _solved(fit, rebuild.start, FEW_STEPS):
             tried.append((fit, got))
     if not tried:
-        what = "No linear chain follows the measured channels"
-        raise IdentifiabilityError(what, "Check units and DOFs, or add a sensor.")
+        raise IdentifiabilityError("No linear chain follows the channels", "Check units and DOFs, or add a sensor.")
     even = [pair for pair in tried if np.ptp(np.log(pair[1].model.masses)) < np.log(UNEVEN)]
     tried = sorted(even or tried, key=lambda pair: pair[1].cost)
     if min(_shares(got, fit.rebuild)[: chain.n_dof - len(known)].max(initial=0.0) for fit, got in tried) > HOPELESS:
         told(tried[0][1], tried[0][0].rebuild)  # no chain nearby is told, either
     near = [(fit, got) for fit, got in tried[:2] if got.cost <= NEAR * tried[0][1].cost]
-    tried = sorted(((fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near), key=lambda pair: pair[1].cost)
-    notes, (fit, best) = _rivals([got for _, got in tried]), tried[0]
+    declared = [(site, law) for site, held in problem.laws.items() for law in held]
+    if any(site not in links or not isinstance(law, PowerSeries) or law.degree != 1 for site, law in declared):
+        notes, (fit, best) = [], _with_laws(problem, near, known)
+    else:
+        ends = sorted(((fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near), key=lambda end: end[1].cost)
+        notes, (fit, best) = _rivals([got for _, got in ends]), ends[0]
     fit.choose_hold(best.model)
     if fit.shots[0].hold != "linear":
         best = _solved(fit, best.u, MOST_STEPS) or best
-    declared = [(site, law) for site, held in problem.laws.items() for law in held]
-    if any(site not in links or not isinstance(law, PowerSeries) or law.degree != 1 for site, law in declared):
-        fit, best = _with_laws(problem, fit, best.model, known)
     for _ in range(ROUNDS):
         if not fit.learn_noise(best.model, fit.shots[0].channels) or not (got := _solved(fit, best.u, MOST_STEPS)):
             break
@@ -160,32 +158,33 @@ def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
 
 
 def _with_laws(
-    problem: Problem, first: FreeRunFit, model: ChainModel, known: Mapping[int, float]
+    problem: Problem, starts: Sequence[tuple[FreeRunFit, Solution]], known: Mapping[int, float]
 ) -> tuple[FreeRunFit, Solution]:
-    """The declared laws, from the linear chain that fits best: in windows at first, from several shape parameters."""
-    runs = SegmentSet([shot.run(model) for shot in first.shots], 0)
-    scales = scales_of(runs, problem.layout)
+    """The declared laws, first in windows, from linear chains on their way: what these lack drives them off later."""
     free = [(site, i, p) for site, held in problem.laws.items() for i, law in enumerate(held) for p in law.shapes
             if law.shape[p.name] is None]  # fmt: skip
-    scale = ShapeScale([p for *_, p in free], [scales[site] for site, *_ in free])
-    memory = problem.layout.has_memory
-    tried = []
-    for share in TRIALS if free else (0.5,):
-        laws = {site: list(held) for site, held in problem.laws.items()}
-        for (site, i, p), value in zip(free, scale.values(scale.low + share * (scale.high - scale.low))):
-            laws[site][i] = laws[site][i].with_values(shape={p.name: float(value)})
-        values, sizes = _coefficients(LawLayout(problem.chain, laws), runs, model)
-        start = ChainModel(model.masses, with_coefficients(laws, values), problem.chain)
-        rebuild = free_parameters(start, known, sizes, free)
-        windows = [part for shot, run in zip(first.shots, runs.segments) for part in _windows(shot, run, memory)]
-        fit = FreeRunFit(rebuild, windows, problem.layout, problem.band)
-        if got := _solved(fit, rebuild.start, FEW_STEPS):
-            tried.append((got, rebuild))
-    if tried:
-        got, rebuild = min(tried, key=lambda one: one[0].cost)
-        fit = FreeRunFit(rebuild, list(map(replace, first.shots)), problem.layout, problem.band)
-        if got := _solved(fit, got.u, MOST_STEPS // 2):
-            return fit, got
+    tried: list[tuple[Solution, FreeRunFit]] = []
+    for first, linear in starts:
+        shots, model = first.shots, linear.model
+        if any(np.abs(np.log(model.masses / fit.rebuild.model.masses)).max() < APART for _, fit in tried):
+            continue
+        runs = SegmentSet([shot.run(model) for shot in shots], 0)
+        scale = ShapeScale([p for *_, p in free], [scales_of(runs, problem.layout)[site] for site, *_ in free])
+        for share in TRIALS if free else (0.5,):
+            laws = {site: list(held) for site, held in problem.laws.items()}
+            for (site, i, p), value in zip(free, scale.values(scale.low + share * (scale.high - scale.low))):
+                laws[site][i] = laws[site][i].with_values(shape={p.name: float(value)})
+            values, sizes = _coefficients(LawLayout(problem.chain, laws), runs, model)
+            start = ChainModel(model.masses, with_coefficients(laws, values), problem.chain)
+            rebuild = free_parameters(start, known, sizes, free)
+            parts = [_windows(shot, run, problem.layout.has_memory) for shot, run in zip(shots, runs.segments)]
+            fit = FreeRunFit(rebuild, sum(parts, []), problem.layout, problem.band)
+            if got := _solved(fit, rebuild.start, FEW_STEPS):
+                whole = [replace(shot, start=each[0].start) for shot, each in zip(shots, parts)]
+                tried.append((got, FreeRunFit(rebuild, whole, problem.layout, problem.band)))
+    for got, fit in sorted(tried, key=lambda pair: pair[0].cost):
+        if best := _solved(fit, got.u, MOST_STEPS // 2):
+            return fit, best
     raise IdentifiabilityError("The free run of the declared laws diverges", "Start from a simpler law.")
 
 

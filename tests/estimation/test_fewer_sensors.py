@@ -127,19 +127,7 @@ def test_a_free_run_is_not_fitted_to_samples_of_weight_zero():
     assert (found[0] == found[1]).all() and worst(found[0], [10.0, 8.0]) < 0.01
 
 
-def test_the_loop_finds_friction_between_floors_without_a_sensor(tmp_path):
-    report = close_loop(of_two(laws.CoulombFriction(15.0)), catalogue=TRIED)
-    (step,) = report.steps
-    assert (step.law, step.site, step.confirmed) == ("coulomb_friction", "storey 1", True)
-    assert step.parameters["Fc"] == pytest.approx(15.0, rel=0.05)
-    assert worst(parameters(report.model), [10.0, 8.0, 1e5, 1e5]) < 0.02
-    held = report.table["held-out"]
-    assert held.iloc[-1] < 1.5 < 5.0 < held.iloc[0]  # to the noise
-    report.to_html(tmp_path / "page.html")
-    assert "coulomb" in report.to_markdown()
-
-
-def test_the_loop_finds_a_cubic_spring_under_base_motion_from_two_of_three_floors():
+def test_the_loop_finds_a_cubic_spring_under_base_motion_from_two_of_three_floors(tmp_path):
     ground = excitation.band_limited_random(1, 6.0, 150.0, excited=[1], rms=3.0, band=(0.5, 35), random_state=2)[:, 0]
     held = {i: [laws.PowerSeries(1, [30.0, 1.5e5])] for i in (1, 2, 3)}
     held[2].append(laws.CubicStiffness(3e9))
@@ -150,7 +138,9 @@ def test_the_loop_finds_a_cubic_spring_under_base_motion_from_two_of_three_floor
     (step,) = report.steps
     assert (step.law, step.site, step.confirmed) == ("cubic_stiffness", "storey 2", True)
     assert step.parameters["k3"] == pytest.approx(3e9, rel=0.05)
-    assert report.table["held-out"].iloc[-1] < 1.0 < 20.0 < report.table["held-out"].iloc[0]
+    assert report.table["held-out"].iloc[-1] < 1.0 < 20.0 < report.table["held-out"].iloc[0]  # to the noise
+    report.to_html(tmp_path / "page.html")
+    assert "cubic" in report.to_markdown()
 
 
 def test_the_loop_adds_nothing_where_the_chain_is_linear():

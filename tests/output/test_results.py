@@ -130,7 +130,7 @@ run(sys.argv[2:])
 """
 
 
-@pytest.mark.parametrize("moves", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (0, 8))])
+@pytest.mark.parametrize("moves", [3, pytest.param(8, marks=pytest.mark.slow)])
 def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(there, found, capsys, moves):
     before = contents(shutil.copytree(found, "nrf_output"))
     done = subprocess.run([sys.executable, "-c", KILLED, str(moves), *IDENTIFY[:2], "--degree", "2", "--no-figures"])

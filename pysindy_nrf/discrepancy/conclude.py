@@ -225,9 +225,7 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
     if not np.isfinite(parts).all():
         return {}
     half = student.ppf(0.5 + LEVEL / 2, len(parts) - 1) * np.sqrt(variance(parts))
-    out = {}
-    for k, term in enumerate(law.terms()):
-        out[term.symbol] = (float(values[k] - half[k]), float(values[k] + half[k]))
+    out = {t.symbol: (float(x - half[k]), float(x + half[k])) for k, (t, x) in enumerate(zip(law.terms(), values))}
     for k, shape in enumerate(axes.shapes):
         ends = axes.scales[0].values(centre[k] + np.array([-1, 1]) * half[width + k], k)
         out[shape.name] = (float(ends[0]), float(ends[1]))
@@ -263,11 +261,7 @@ def _why_stopped(forward: Forward, most: int) -> str:
 
 
 def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> np.ndarray:
-    """Say of each effect how much of it stays unexplained, and whether its name is sure; what balances keep, percent.
-
-    A claim is no better than its worst balance: what stays there beyond noise stays of the effect. No name is sure at a
-    site that is still ``lacking``: where a general law explains more.
-    """
+    """Say how much of an effect its worst balance keeps, and if its name is sure (not where a law is lacking)."""
     trial = final.trial
     left = trial.ruler.errors(trial.powers)
     floor = np.full(len(left), np.nan)

@@ -42,7 +42,7 @@ def _sums(k, weights, count, j, n):
 
 
 @part
-def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w):
+def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, events):
     """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two)."""
     n, stages, n_states, n_sites = system.n_dof, rule.stages, system.n_states, system.n_sites
     x1, v1, z1, dt = k.x1, k.v1, k.z1, drive.dt
@@ -62,11 +62,11 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w):
                 x1[j], v1[j] = x0[j] + h * dx, v0[j] + h * dv
                 rate[j] = v1[j]
             inputs_at(drive, interval, (done + share * h) / dt, k.row)
-            if n_states:
+            if events is not None:
                 put(z1, z0, n_states)
                 inputs_at(drive, interval, (done + 0.5 * share * h) / dt, k.middle)
                 advance_states(system, x0, v0, x1, v1, z1, share * h, k.middle, w.u)
-            accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w)
+            accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, events)
         power[0] = 0.0
         for j in range(n):
             power[0] += (k.row[j] - system.masses[j] * k.row[n]) * v1[j]
@@ -90,7 +90,7 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w):
     error = 0.0
     if norm5 != 0.0 or norm3 != 0.0:
         error = h * norm5 / (np.sqrt((norm5 + 0.01 * norm3) * 2.0 * n) * rule.rtol)
-    if n_states:
+    if events is not None:
         # states by one step and by two: zero for laws that do not care how fast the path is run
         for j in range(n):
             k.x_half[j] = 0.5 * (x0[j] + x1[j]) + 0.125 * h * (v0[j] - v1[j])
@@ -151,7 +151,7 @@ def _settle(system, jump, v_tol, t, row, x, v, z, a, force, w):
             elif regime[i] == FREE:
                 regime[i] = 1 if relative(v, site) > 0.0 else -1
     for _ in range(system.n_sites + 1):
-        accelerate(system, t, row, x, v, z, a, force, w)
+        accelerate(system, t, row, x, v, z, a, force, w, True)
         changed = False
         worst, most = -1, 1.0 + 1e-9  # one at a time: a site that slips relieves the others
         for i in range(system.n_sites):
@@ -194,7 +194,8 @@ def _overload_inside(system, drive, interval, done, h, x0, v0, k, w):
             k.v_half[j] = 6.0 * q * (1.0 - q) * gap / h
             k.v_half[j] += (1.0 - q) * (1.0 - 3.0 * q) * v0[j] + q * (3.0 * q - 2.0) * v1
         inputs_at(drive, interval, (done + q * h) / drive.dt, k.middle)
-        accelerate(system, interval * drive.dt + done + q * h, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w)
+        t = interval * drive.dt + done + q * h
+        accelerate(system, t, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w, True)
         most = max(most, _overload(system, k.jump, w)[1])
     return most
 
@@ -212,14 +213,13 @@ def _record(system, out, i, x, v, a, z, work, base):
 
 
 @jit
-def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
-    """March a system over its samples."""
+def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, events):
+    """March a system over its samples; without ``events`` no site has memory or sticks, and less is compiled."""
     system, drive, rule, k, w, x, v, z, out = addresses((system, drive, rule, k, w, x, v, z, out))
     regime, jump = w.regime, k.jump
     n, n_sites, n_states, n_inputs, stages = system.n_dof, system.n_sites, system.n_states, drive.n_inputs, rule.stages
     a, x1, v1, z1, a1, force1, dt, last = k.a0, k.x1, k.v1, k.z1, k.a1, k.force1, drive.dt, drive.last
     steps, rejected, forced, proposal = 0, 0, 0, dt
-    bent = drive.order > 1  # a force that bends may pass between two samples what friction can hold
     # motion too small to matter: below it errors are absolute, or round-off would rule the first steps
     strongest = 0.0
     for interval in range(last + 1):
@@ -234,11 +234,14 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
     for interval in range(last + 1):
         v_tol = 1e-11 * k.top[1]
         put(k.row, address_of(drive.samples, interval * n_inputs), n_inputs)
-        _settle(system, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
+        if events is not None:
+            _settle(system, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
+        else:
+            accelerate(system, interval * dt, k.row, x, v, z, a, k.force0, w, events)
         _record(system, out, interval, x, v, a, z, k.work, k.row[n])
         if interval == last:
             break
-        done, events, crawled, shortest = 0.0, 0, 0, smallest
+        done, located, crawled, shortest = 0.0, 0, 0, smallest
         while done < dt:
             h = min(proposal, dt - done)
             if dt - done - h < 1e-9 * dt:
@@ -248,8 +251,8 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
             tries = 0  # left to find the instant of a standstill
             low, high, v_low, v_high = 0.0, 0.0, 0.0, 0.0
             while True:
-                error = _attempt(system, drive, rule, interval, done, h, x, v, z, k, w)
-                if tries > 0:  # on the way to the standstill of a site: regula falsi (Illinois) on its rate
+                error = _attempt(system, drive, rule, interval, done, h, x, v, z, k, w, events)
+                if events is not None and tries > 0:  # towards the standstill of a site: regula falsi (Illinois)
                     rate = relative(v1, address_of(system.sites, arrived * SITE))
                     tries -= 1
                     if tries > 0 and abs(rate) > v_tol and high - low >= 1e-14 * dt:
@@ -262,7 +265,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
                         h = (low * v_high - high * v_low) / (v_high - v_low)
                         continue
                     tries = 0
-                if events < 100 and error == error:
+                if events is not None and located < 100 and error == error:
                     site, kind = _reversal(system, regime, v, v1, k, stages, v_tol)
                     if kind == 2 and h > shortest:
                         h = max(0.5 * h, shortest)
@@ -276,7 +279,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
                         if v_low * v_high < 0.0:
                             tries, h = 60, (low * v_high - high * v_low) / (v_high - v_low)
                         arrived = site
-                        events += 1
+                        located += 1
                         continue
                 if not adaptive or error <= 1.0:
                     break
@@ -298,32 +301,35 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out):
                     return DIVERGED, interval, j, steps, rejected, forced
             inputs_at(drive, interval, (done + h) / dt, k.row)
             t = interval * dt + done + h
-            if arrived >= 0 and jump[arrived]:
-                regime[arrived] = 0
-            for i in range(n_sites):
-                if regime[i] == 0:  # a sticking site stands still exactly, not to within round-off
-                    where = address_of(system.sites, i * SITE)
-                    p, q = where[UPPER], where[LOWER]
-                    if i != arrived:
-                        x1[p] = x[p] + (x1[q] - x[q] if q >= 0 else 0.0)
-                    v1[p] = v1[q] if q >= 0 else 0.0
-            if arrived >= 0:
-                _settle(system, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
+            if events is None:
+                accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, events)
             else:
-                inside = 0.0
-                if bent and h > shortest:
-                    inside = _overload_inside(system, drive, interval, done, h, x, v, k, w)
-                accelerate(system, t, k.row, x1, v1, z1, a1, force1, w)
-                site, most = _overload(system, jump, w)
-                if max(most, inside) > 1e-6 and h > shortest and events < 100:
-                    # it starts to slip inside this step: come closer to that instant
-                    events += 1
-                    rejected += 1
-                    steps -= 1
-                    proposal = max(0.5 * h, shortest)
-                    continue
-                if site >= 0:
+                if arrived >= 0 and jump[arrived]:
+                    regime[arrived] = 0
+                for i in range(n_sites):
+                    if regime[i] == 0:  # a sticking site stands still exactly, not to within round-off
+                        where = address_of(system.sites, i * SITE)
+                        p, q = where[UPPER], where[LOWER]
+                        if i != arrived:
+                            x1[p] = x[p] + (x1[q] - x[q] if q >= 0 else 0.0)
+                        v1[p] = v1[q] if q >= 0 else 0.0
+                if arrived >= 0:
                     _settle(system, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
+                else:
+                    inside = 0.0
+                    if drive.order > 1 and h > shortest:  # a force that bends may exceed what friction holds
+                        inside = _overload_inside(system, drive, interval, done, h, x, v, k, w)
+                    accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, events)
+                    site, most = _overload(system, jump, w)
+                    if max(most, inside) > 1e-6 and h > shortest and located < 100:
+                        # it starts to slip inside this step: come closer to that instant
+                        located += 1
+                        rejected += 1
+                        steps -= 1
+                        proposal = max(0.5 * h, shortest)
+                        continue
+                    if site >= 0:
+                        _settle(system, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
             for m in range(n_sites + 1):
                 gain = 0.0
                 for stage in range(stages):
@@ -387,7 +393,7 @@ def newmark(system, drive, k, w, x, v, z, out):
     a, x1, v1, z1, a1, force, force1 = k.a0, k.x1, k.v1, k.z1, k.a1, k.force0, k.force1
     found, step, slope = k.a, k.v, k.force
     iterations, forced, top = 0, 0, 1e-12
-    accelerate(system, 0.0, drive.samples, x, v, z, a, force, w)
+    accelerate(system, 0.0, drive.samples, x, v, z, a, force, w, None)
     for i in range(last + 1):
         for j in range(n):
             top = max(top, abs(a[j]))
@@ -411,7 +417,7 @@ def newmark(system, drive, k, w, x, v, z, out):
                 slope[m] = (nudged - now) / nudge
             put(z1, z, n_states)
             _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
-            accelerate(system, t, row, x1, v1, z1, found, force1, w)
+            accelerate(system, t, row, x1, v1, z1, found, force1, w, None)
             for j in range(n):
                 for m in range(n):
                     matrix[j * n + m] = w.mass[j] if j == m else 0.0
@@ -443,7 +449,7 @@ def newmark(system, drive, k, w, x, v, z, out):
             x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
             v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
         _move_all(system, x, v, x1, v1, z, dt, middle, w.u)
-        accelerate(system, t, row, x1, v1, z, a1, force1, w)
+        accelerate(system, t, row, x1, v1, z, a1, force1, w, None)
         for j in range(n):
             before, after = was[j] - system.masses[j] * was[base], row[j] - system.masses[j] * row[base]
             work[0] += 0.5 * dt * (before * v[j] + after * v1[j])

@@ -293,8 +293,8 @@ def _hold_stuck(system, w, n_stuck, a, force):
 
 
 @part
-def accelerate(system, t, row, x, v, z, a, force, w):
-    """Relative accelerations of the DOFs and forces of the sites at one instant."""
+def accelerate(system, t, row, x, v, z, a, force, w, events):
+    """Relative accelerations of the DOFs and forces of the sites at one instant; without ``events`` none sticks."""
     n, n_stuck = system.n_dof, np.int64(0)  # not a literal, for which more would be compiled
     base = row[n]
     for j in range(n):
@@ -303,7 +303,7 @@ def accelerate(system, t, row, x, v, z, a, force, w):
     for i in range(system.n_sites):
         site = address_of(system.sites, i * SITE)
         s, rate = relative(x, site), relative(v, site)
-        if w.regime[i] == 0:
+        if events is not None and w.regime[i] == 0:
             upper, _ = site_force(system, site, s, _CREEP, t, row, z, w.u, w.out)
             lower, inertia = site_force(system, site, s, -_CREEP, t, row, z, w.u, w.out)
             force[i] = 0.5 * (upper + lower)
@@ -313,7 +313,7 @@ def accelerate(system, t, row, x, v, z, a, force, w):
                 w.stuck[n_stuck] = i
                 n_stuck += 1
         else:
-            if w.regime[i] != FREE and rate * w.regime[i] < _CREEP:
+            if events is not None and w.regime[i] != FREE and rate * w.regime[i] < _CREEP:
                 rate = w.regime[i] * _CREEP
             force[i], inertia = site_force(system, site, s, rate, t, row, z, w.u, w.out)
         p, q = site[UPPER], site[LOWER]
@@ -325,7 +325,7 @@ def accelerate(system, t, row, x, v, z, a, force, w):
             w.mass[p] += inertia
             a[p] -= inertia * base
     _mass_solve(system, w, a)
-    if n_stuck:
+    if events is not None and n_stuck:
         _hold_stuck(system, w, n_stuck, a, force)
     for i in range(system.n_sites):
         if w.inertia[i] != 0.0:

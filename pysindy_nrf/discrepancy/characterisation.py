@@ -21,7 +21,7 @@ from ..laws.shape import Motion
 from ..signals.noise_levels import RARE
 from . import words
 from .constants import EXPLAINED, LEAST, NEARLY
-from .residual import period_of
+from .windows import period_of
 from .words import Dependence, Feature
 
 # How many neighbouring lines of a Hann window count as one: 1 + 2 ((2/3)^2 + (1/6)^2).

@@ -32,7 +32,7 @@ from ..signals.kinematics import base_acceleration_if_any
 from ..signals.noise_levels import levels_of, noisy_base, quiet_drive
 from .prepare import Prepared, Workspace, prepare
 from .ruler import Ruler, Trial
-from .windows import Windows
+from .windows import Windows, period_of
 
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
@@ -93,13 +93,6 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
     squares = sum(np.nansum(p**2, axis=0) for p in parts)
     count = sum(np.isfinite(p).sum(axis=0) for p in parts)
     return np.sqrt(np.divide(squares, count, out=np.full(np.shape(squares), np.nan), where=count > 0))
-
-
-def period_of(parts: Sequence[np.ndarray]) -> float:
-    """Samples of a period at the rms frequency of a signal; 16 if it does not move."""
-    pace = sum(float(np.sum(np.diff(p) ** 2)) for p in parts)
-    size = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts)
-    return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
 
 
 def searched(work: Workspace, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]]:

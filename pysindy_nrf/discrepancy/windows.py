@@ -1,8 +1,8 @@
 """Folds of the search, held-out pieces, and windowed spectra of the measured motion.
 
-A record is counted in cells of half a window. Pieces hold equal shares of energy and time, last several windows, and
-the held-out ones are placed so that they hold their share of the energy of every channel: a piece at one phase of a
-sine does not.
+A record is counted in cells of half a window. Pieces hold equal shares of energy and time and last several windows.
+The held-out ones last a period of the motion at least, so that a sine shows them all its phases, and are placed so that
+they hold their share of the energy of every channel.
 
 The balance of forces is algebraic in time: it holds for windowed columns as it holds for the columns themselves, so a
 window costs no leakage. Every decision of the loop is taken on Gram matrices of windowed spectra. The mean of every
@@ -32,6 +32,13 @@ def window_length(segments: Sequence[Segment]) -> float:
     return min(sum(lengths) / WINDOWS, min(lengths) / (2 * SHORTEST_PIECE))
 
 
+def period_of(parts: Sequence[np.ndarray]) -> float:
+    """Samples of a period at the rms frequency of a signal; 16 if it does not move."""
+    pace = sum(float(np.sum(np.diff(p) ** 2)) for p in parts)
+    size = sum(float(np.sum((p - p.mean()) ** 2)) for p in parts)
+    return 2 * np.pi / max(np.sqrt(pace / size), 1e-6) if size > 0 else 16.0
+
+
 def split(
     segments: Sequence[Segment], length: float, heldout: Sequence[int] | None = None
 ) -> tuple[list[BlockRows], list[BlockRows]]:
@@ -47,16 +54,17 @@ def split(
         cure = "Dead sensors or wrong columns; check them."
         raise ChannelError("Nothing moves in the records that are searched: drifts and velocities are zero", cure)
     energy = {i: e / np.where(total > 0, total, 1.0) for i, e in energy.items()}
+    period = [int(np.ceil(period_of(np.nan_to_num(s.s[s.valid]).T) / h)) for s, h in zip(segments, hop)]  # cells
     apart = [BlockRows(i, slice(0, segments[i].n_valid)) for i in whole]
     if heldout is not None:
-        search, _ = _cut(energy, hop, segments, 0.0, 1, 0)
+        search, _ = _cut(energy, hop, period, 0.0, 1, 0)
         if not _enough(search, hop):
             raise ChannelError(*_TOO_SHORT)
         return search, apart
     best, chosen_cut = np.inf, None
     for pieces, handicap in PIECES.items():
         for shift in range(FOLDS):
-            search, held, unevenness = _scored(energy, hop, segments, pieces, shift)
+            search, held, unevenness = _scored(energy, hop, period, pieces, shift)
             if held and _enough(search, hop) and unevenness + handicap < best - 1e-9:
                 best, chosen_cut = unevenness + handicap, (search, held)
     if chosen_cut is None:
@@ -76,9 +84,8 @@ def _energy(segment: Segment, hop: int) -> np.ndarray:
 
 
 def _cut(
-    energy: dict[int, np.ndarray], hop: Sequence[int], segments: Sequence[Segment], share: float, pieces: int,
-    shift: int,
-) -> tuple[list[BlockRows], list[BlockRows]]:  # fmt: skip
+    energy: dict[int, np.ndarray], hop: Sequence[int], period: Sequence[int], share: float, pieces: int, shift: int
+) -> tuple[list[BlockRows], list[BlockRows]]:
     """Folds and held-out pieces of every record."""
     cells = sum(len(e) for e in energy.values())
     search: list[BlockRows] = []
@@ -86,9 +93,12 @@ def _cut(
     for i, own in energy.items():
         size = 0.5 * own.mean(axis=1) + 0.5 / cells
         count = max(1, round(FOLDS * size.sum()))
-        widths, out = _pattern(count, share, pieces, shift)
+        room = len(size) // (3 * period[i])  # pieces of a period that leave two thirds to the search
+        slow = period[i] > SHORTEST_PIECE and room > 0
+        widths, out = _pattern(count, share, min(pieces, room) if slow else pieces, shift)
         marks = np.searchsorted(np.cumsum(size) / size.sum(), np.cumsum(widths)[:-1]) + 1
-        edges = _spaced(np.concatenate([[0], marks, [len(size)]]), SHORTEST_PIECE)
+        least = np.where(np.array(out) & slow, period[i], SHORTEST_PIECE)
+        edges = _spaced(np.concatenate([[0], marks, [len(size)]]), least)
         for lo, hi, kept in zip(edges[:-1], edges[1:], out):
             rows = slice((int(lo) + 1) * hop[i], (int(hi) + 1) * hop[i])
             (held if kept else search).append(BlockRows(i, rows))
@@ -109,21 +119,22 @@ def _pattern(count: int, share: float, pieces: int, shift: int) -> tuple[list[fl
     return widths, out
 
 
-def _spaced(edges: np.ndarray, least: int) -> np.ndarray:
+def _spaced(edges: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Edges at least so many cells apart, as far as there is room."""
-    least = min(least, int(edges[-1]) // (len(edges) - 1))
-    if least < 1:
+    if least.sum() > edges[-1]:
+        least = np.full(len(least), min(SHORTEST_PIECE, int(edges[-1]) // len(least)))
+    if least[0] < 1:
         return np.arange(edges[-1] + 1)
-    steps = least * np.arange(len(edges))
+    steps = np.concatenate([[0], np.cumsum(least)])
     out = np.maximum.accumulate(edges - steps) + steps
-    return np.minimum(out, edges[-1] - steps[::-1])
+    return np.minimum(out, edges[-1] - steps[-1] + steps)
 
 
 def _scored(
-    energy: dict[int, np.ndarray], hop: Sequence[int], segments: Sequence[Segment], pieces: int, shift: int
+    energy: dict[int, np.ndarray], hop: Sequence[int], period: Sequence[int], pieces: int, shift: int
 ) -> tuple[list[BlockRows], list[BlockRows], float]:
     """One way to cut the records, and how far the energy that is held out is from its share."""
-    search, held = _cut(energy, hop, segments, HELD_OUT, pieces, shift)
+    search, held = _cut(energy, hop, period, HELD_OUT, pieces, shift)
     shares = np.zeros(next(iter(energy.values())).shape[1])
     for b in held:
         shares += energy[b.segment][b.rows.start // hop[b.segment] - 1 : b.rows.stop // hop[b.segment] - 1].sum(axis=0)

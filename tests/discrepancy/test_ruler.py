@@ -42,6 +42,7 @@ T = np.arange(8000) * 0.01
 BLOW = np.exp(-0.5 * ((T - 20) / 4) ** 2) * np.cos(12 * T)
 SHAPES = {
     "a sine": (np.sin(2 * np.pi * 0.9 * T), np.cos(2 * np.pi * 0.9 * T)),
+    "seven cycles of a sine": (np.cos(0.55 * T), np.sin(0.55 * T)),
     "a transient": (BLOW, np.roll(BLOW, 3)),
     "a slow test of growing cycles": (T * np.cos(0.8 * T), T * np.sin(0.8 * T)),
     "noise": tuple(np.random.default_rng(0).standard_normal((2, len(T)))),
@@ -58,6 +59,8 @@ def test_what_is_held_out_has_its_share_of_the_energy_and_overlaps_nothing(name)
     for channel in (one.v[:, 0], one.F[:, 0]):
         share = np.sum(channel[kept] ** 2) / np.sum(channel[np.sort([*seen, *kept])] ** 2)
         assert 0.15 < share < 0.4, share
+        for half in (np.maximum(channel, 0.0) ** 2, np.minimum(channel, 0.0) ** 2):  # at all phases of a sine
+            assert 0.1 < half[kept].sum() / half.sum() < 0.5
     assert len(search) >= 3 and all(b.rows.stop - b.rows.start >= 2 * length / one.dt for b in held)
 
 

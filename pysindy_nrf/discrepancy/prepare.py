@@ -23,6 +23,7 @@ from ..signals.channel_checks import Measured, measured
 from ..signals.kinematic_smoother import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
 from .constants import CLEAN, LEAST_SHARE, WINDOWS
+from .windows import period_of
 
 # Samples on which a search decides. A gain is a ratio of powers: more samples make it no larger.
 MOST = 10_000
@@ -200,8 +201,7 @@ class Workspace:
             return self.whole.scales(site)
         if site not in self._scales:
             parts = [(self.motion(site, b.segment), b.rows) for b in self.search]
-            s = np.sqrt(np.mean(np.concatenate([m.s[rows] for m, rows in parts]) ** 2))
-            v = np.sqrt(np.mean(np.concatenate([m.v[rows] for m, rows in parts]) ** 2))
+            s, v = (np.sqrt(np.mean(np.concatenate([getattr(m, k)[rows] for m, rows in parts]) ** 2)) for k in "sv")
             self._scales[site] = float(s), float(v), *clock_of([self.motion(site, i) for i in self.searched])
         return self._scales[site]
 
@@ -251,8 +251,7 @@ def excerpts(ready: Prepared, work: Workspace, most: float = MOST) -> tuple[Prep
     """The records of a search; of long ones the strongest stretch of every fold, as a record of its own."""
     x = np.concatenate([work.motion(Site(1), b.segment).s[b.rows] for b in work.search])
     # Two periods in a window, as records of ten thousand samples have.
-    period = 2 * np.pi * np.std(x) / max(float(np.std(np.diff(x))), 1e-300)
-    size = int(max(most, 2 * WINDOWS * period) / len(work.search)) if most < len(x) else len(x)
+    size = int(max(most, 2 * WINDOWS * period_of([x])) / len(work.search)) if most < len(x) else len(x)
     if 2 * size * len(work.search) > len(x) or not ready.records[0].has_clock:
         return ready, work
     blocks: list[BlockRows] = []

@@ -88,8 +88,7 @@ def _cut(
 ) -> tuple[list[BlockRows], list[BlockRows]]:
     """Folds and held-out pieces of every record."""
     cells = sum(len(e) for e in energy.values())
-    search: list[BlockRows] = []
-    held: list[BlockRows] = []
+    cut: tuple[list[BlockRows], list[BlockRows]] = [], []
     for i, own in energy.items():
         size = 0.5 * own.mean(axis=1) + 0.5 / cells
         count = max(1, round(FOLDS * size.sum()))
@@ -100,9 +99,8 @@ def _cut(
         least = np.where(np.array(out) & slow, period[i], SHORTEST_PIECE)
         edges = _spaced(np.concatenate([[0], marks, [len(size)]]), least)
         for lo, hi, kept in zip(edges[:-1], edges[1:], out):
-            rows = slice((int(lo) + 1) * hop[i], (int(hi) + 1) * hop[i])
-            (held if kept else search).append(BlockRows(i, rows))
-    return search, held
+            cut[kept].append(BlockRows(i, slice((int(lo) + 1) * hop[i], (int(hi) + 1) * hop[i])))
+    return cut
 
 
 def _pattern(count: int, share: float, pieces: int, shift: int) -> tuple[list[float], list[bool]]:

@@ -116,15 +116,10 @@ def _kernel() -> Callable[..., None]:
             s20 += a2 * b0
             s21 += a2 * b1
             s22 += a2 * b2
-        out[0] += s00
-        out[1] += s01
-        out[2] += s02
-        out[step] += s10
-        out[step + 1] += s11
-        out[step + 2] += s12
-        out[2 * step] += s20
-        out[2 * step + 1] += s21
-        out[2 * step + 2] += s22
+        out[0], out[1], out[2] = out[0] + s00, out[1] + s01, out[2] + s02
+        out[step], out[step + 1], out[step + 2] = out[step] + s10, out[step + 1] + s11, out[step + 2] + s12
+        step *= 2
+        out[step], out[step + 1], out[step + 2] = out[step] + s20, out[step + 1] + s21, out[step + 2] + s22
 
     def dot32(x, y, b, out):
         s00 = s01 = s10 = s11 = s20 = s21 = 0.0
@@ -136,12 +131,8 @@ def _kernel() -> Callable[..., None]:
             s11 += a1 * b1
             s20 += a2 * b0
             s21 += a2 * b1
-        out[0] += s00
-        out[1] += s01
-        out[2] += s10
-        out[3] += s11
-        out[4] += s20
-        out[5] += s21
+        out[0], out[1], out[2] = out[0] + s00, out[1] + s01, out[2] + s10
+        out[3], out[4], out[5] = out[3] + s11, out[4] + s20, out[5] + s21
 
     fast = {"reassoc", "contract", "nsz"}
     threes, twos = inline(dot33, fastmath=fast), inline(dot32, fastmath=fast)

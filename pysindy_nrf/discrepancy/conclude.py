@@ -119,7 +119,7 @@ def _general(final: Stand, forward: Forward) -> pd.DataFrame:
             except NRFError:  # its columns depend on those of the model
                 continue
             gain = after.gain_over(trial)
-            there = judge.is_there(gain) and gain.bound > 0 and judge.is_there(forward.beyond_errors(after, trial, law))
+            there = judge.is_there(gain) and gain.bound > 0 and forward.beyond_errors(after, trial, law)[1]
             words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
             rows[str(site), words_of] = gain.value, gain.error, there
     index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None

@@ -258,13 +258,15 @@ class Forward:
         """Whether errors of the channels within tolerances explain an effect as well."""
         if finding.is_fault or finding.after is None:
             return False
-        finding.beyond_errors = self.beyond_errors(finding.after.trial, state.trial, finding.proposal.law)
-        return not judge.is_there(finding.beyond_errors, finding.proposal.law)
+        finding.beyond_errors, there = self.beyond_errors(finding.after.trial, state.trial, finding.proposal.law)
+        return not there
 
-    def beyond_errors(self, after: Trial, before: Trial, law: ForceLaw) -> Gain:
-        """Gain of a law where both models are freed of errors of the channels; its own if it leaves them nothing to do.
+    def beyond_errors(self, after: Trial, before: Trial, law: ForceLaw) -> tuple[Gain, bool]:
+        """Gain of a law where both models are freed of errors of the channels, and whether it needs more than these.
 
-        A law of few parameters that alone explains what a hundred errors would explain together needs none of them.
+        A law of few parameters that alone explains what a hundred errors would explain together needs none of them: its
+        own gain counts. Where they explain more than the law does, it must keep half of its gain beyond them, or a
+        large one.
         """
         assert self.state.ready is not None
         if self._errors is None or self._errors.ruler is not before.ruler:
@@ -273,15 +275,17 @@ class Forward:
             self._freed = {before: self._errors.freed(before)}
         one, errors = self._freed[before]
         two, errors = self._errors.freed(after, errors)
-        if two.gain_over(after).value <= TENTH * one.gain_over(before).value:
-            return after.gain_over(before)
-        gain = two.gain_over(one)
+        alone, own = one.gain_over(before).value, after.gain_over(before)
+        if two.gain_over(after).value <= TENTH * alone:
+            return own, judge.is_there(own, law)
+        gain, least = two.gain_over(one), min(0.5 * own.value, LARGE_GAIN) if alone > own.value else 0.0
         if not judge.is_there(gain, law):
-            return gain
+            return gain, False
         again = self._errors.freed(before, errors)  # these errors may lie nearer to the least
         if again[0].gain_over(one).value > 0:
             self._freed[before] = again
-        return two.gain_over(self._freed[before][0])
+            gain = two.gain_over(again[0])
+        return gain, judge.is_there(gain, law) and gain.value >= least
 
     def _exceeds(self, draws: list[float], gain: Gain, state: State, faults: bool) -> bool:
         """Whether a gain exceeds what chance gains: in one draw if by far, else in all."""

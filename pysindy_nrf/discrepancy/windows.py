@@ -1,8 +1,8 @@
 """Folds of the search, held-out pieces, and windowed spectra of the measured motion.
 
 A record is counted in cells of half a window. Pieces hold equal shares of energy and time and last several windows.
-The held-out ones last a period of the motion at least, so that a sine shows them all its phases, and are placed so that
-they hold their share of the energy of every channel.
+The held-out ones last a period of the motion at least where six or more were measured, so that a sine shows them all its
+phases, and are placed so that they hold their share of the energy of every channel.
 
 The balance of forces is algebraic in time: it holds for windowed columns as it holds for the columns themselves, so a
 window costs no leakage. Every decision of the loop is taken on Gram matrices of windowed spectra. The mean of every
@@ -93,7 +93,7 @@ def _cut(
         size = 0.5 * own.mean(axis=1) + 0.5 / cells
         count = max(1, round(FOLDS * size.sum()))
         room = len(size) // (3 * period[i])  # pieces of a period that leave two thirds to the search
-        slow = period[i] > SHORTEST_PIECE and room > 0
+        slow = period[i] > SHORTEST_PIECE and room >= min(PIECES)
         widths, out = _pattern(count, share, min(pieces, room) if slow else pieces, shift)
         marks = np.searchsorted(np.cumsum(size) / size.sum(), np.cumsum(widths)[:-1]) + 1
         least = np.where(np.array(out) & slow, period[i], SHORTEST_PIECE)

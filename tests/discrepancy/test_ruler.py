@@ -40,9 +40,10 @@ def segment(v, force, dt=0.01):
 
 T = np.arange(8000) * 0.01
 BLOW = np.exp(-0.5 * ((T - 20) / 4) ** 2) * np.cos(12 * T)
+SWELL = np.minimum(1.0, np.minimum(T, 80 - T) / 28)
 SHAPES = {
     "a sine": (np.sin(2 * np.pi * 0.9 * T), np.cos(2 * np.pi * 0.9 * T)),
-    "seven cycles of a sine": (np.cos(0.55 * T), np.sin(0.55 * T)),
+    "seven cycles of a sine that swells and fades": (SWELL * np.cos(0.55 * T), SWELL * np.sin(0.55 * T)),
     "a transient": (BLOW, np.roll(BLOW, 3)),
     "a slow test of growing cycles": (T * np.cos(0.8 * T), T * np.sin(0.8 * T)),
     "noise": tuple(np.random.default_rng(0).standard_normal((2, len(T)))),

@@ -1,8 +1,8 @@
 """Folds of the search, held-out pieces, and windowed spectra of the measured motion.
 
 A record is counted in cells of half a window. Pieces hold equal shares of energy and time and last several windows.
-The held-out ones last a period of the motion at least where six or more were measured, so that a sine shows them all its
-phases, and are placed so that they hold their share of the energy of every channel.
+The held-out ones last a period of the motion at least where six or more were measured, so that they see all phases of a
+sine, and are placed so that they hold their share of the energy of every channel.
 
 The balance of forces is algebraic in time: it holds for windowed columns as it holds for the columns themselves, so a
 window costs no leakage. Every decision of the loop is taken on Gram matrices of windowed spectra. The mean of every

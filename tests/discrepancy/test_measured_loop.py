@@ -11,21 +11,23 @@ import numpy as np
 import pytest
 from measured import folder
 
-from pysindy_nrf import NRFRegressor, close_loop, laws
+from pysindy_nrf import NRFRegressor, Record, close_loop, laws
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from battery.generators import make_case  # noqa: E402
 from battery.measured import dry_friction  # noqa: E402
+from discrepancy_battery import SIZES, specifications  # noqa: E402
 
 pytestmark = pytest.mark.slow
 EQUAL = {1: 1.0, 2: 1.0, 3: 1.0}
 
 
-def loop(record, **options):
+def loop(record, catalogue=None, **options):
     """No band, no trim: channels, units and known masses are all that the loop is told."""
     baseline = NRFRegressor(degree=1, **options) if "laws" not in options else NRFRegressor(**options)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return close_loop(record, baseline)
+        return close_loop(record, baseline, catalogue)
 
 
 def confirmed(report):
@@ -80,3 +82,9 @@ def test_a_strongly_shaken_frame_yields_in_every_storey(monkeypatch):
     assert yielding == {"storey 1", "storey 2", "storey 3"}
     errors = [s.error_after for s in confirmed(report)]
     assert errors == sorted(errors, reverse=True)
+
+
+def test_what_errors_of_channels_explain_better_is_no_inerter():
+    """A chain with imperfect sensors alone: errors of all channels explain 10 dB, an inerter 4, 1 dB of it beyond them."""
+    case = make_case(**specifications("sensors", SIZES["sensors"], 1501)[113])
+    assert loop([Record(**channels) for channels in case.seen], catalogue=[laws.Inerter()]).steps == []

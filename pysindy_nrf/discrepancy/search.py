@@ -276,9 +276,10 @@ class Forward:
         one, errors = self._freed[before]
         two, errors = self._errors.freed(after, errors)
         alone, own = one.gain_over(before).value, after.gain_over(before)
-        if two.gain_over(after).value <= TENTH * alone:
+        more = alone > own.value + 0.1 * LEAST_GAIN  # to which errors are fitted
+        if not more and two.gain_over(after).value <= TENTH * alone:
             return own, judge.is_there(own, law)
-        gain, least = two.gain_over(one), min(0.5 * own.value, LARGE_GAIN) if alone > own.value else 0.0
+        gain, least = two.gain_over(one), min(0.5 * own.value, LARGE_GAIN) if more else 0.0
         if not judge.is_there(gain, law):
             return gain, False
         again = self._errors.freed(before, errors)  # these errors may lie nearer to the least

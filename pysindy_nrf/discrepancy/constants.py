@@ -52,7 +52,8 @@ FINALISTS: Final = 8
 # Least gain of an effect, dB, also without the fold that speaks most for it (half of it then). Where nothing is missing
 # the best of all candidates gains at most 0.1 dB; effects of the battery gain 1.1 dB and more at 5 % noise.
 LEAST_GAIN: Final = 0.5
-# An effect matters if it changes the force at its site by 3 %, or lowers the residual by 2 dB (a fifth). One that does
+# An effect matters if it changes the force at its site by 3 %, or lowers the residual by 2 dB (a fifth); a force of one
+# frequency by 2 dB there (seeds 1501, 1701: forces 5.3 dB and more, pink noise of sensors 1.1 and 1.4). One that does
 # both beyond a standard error is not compared with chance.
 LEAST_SHARE: Final = 0.03
 LARGE_GAIN: Final = 2.0

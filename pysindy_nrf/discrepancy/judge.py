@@ -73,8 +73,8 @@ def accepts(finding: Finding, state: State) -> bool:
     positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
     shares = _shares(finding, state)
     cancels = any(share > 1 and not finding.state.trial.laws.get(site) for site, share in shares.items())
-    fall = gain.there if finding.proposal.law.narrow_band else gain.value
-    large = max(shares.values()) >= LEAST_SHARE or fall >= LARGE_GAIN
+    wide = not finding.proposal.law.narrow_band
+    large = gain.value >= LARGE_GAIN or max(shares.values()) >= LEAST_SHARE if wide else gain.there >= LARGE_GAIN
     return large and not cancels and bool(positive.all())
 
 

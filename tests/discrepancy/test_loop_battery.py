@@ -33,12 +33,10 @@ HIDDEN = {
     "sudden loss of stiffness": Plan(2, (1, 2), noise=0.01, effects=(("stiffness_step", 1, 0, 0.2),), seed=8),
     "dead load": Plan(2, (1, 2), noise=0.005, effects=(("constant", 2, 0, 0.2),), seed=9),
     "friction, one force": Plan(3, (3,), noise=0.01, effects=(("coulomb", 2, 1, 0.2),), seed=10),
-    "friction against the ground": Plan(2, (1, 2), noise=0.005, effects=(("ground_friction", 2, 0, 0.2),), seed=13),
     "viscoelastic branch": Plan(3, (1, 2, 3), noise=0.0, effects=(("maxwell", 2, 1, 0.25),), seed=15),
     "shaken base": Plan(2, (), "earthquake", 0.005, (("cubic", 2, 1, 0.25),), seed=16),
     "friction at 5 %": Plan(2, (1, 2), noise=0.05, effects=(("coulomb", 2, 1, 0.25),), seed=17),
     "hysteresis, one force": Plan(4, (4,), noise=0.0, effects=(("dahl", 1, 0, 0.25),), seed=19),
-    "quadratic spring under blows": Plan(4, (1, 2, 3, 4), "hammer", 0.005, (("quadratic", 4, 3, 0.2),), seed=20),
     "two effects": Plan(2, (1, 2), noise=0.005, effects=(("quadratic", 1, 0, 0.2), ("cubic", 2, 1, 0.25)), seed=21),
 }  # fmt: skip
 
@@ -52,8 +50,8 @@ NOTHING = {
 }  # fmt: skip
 
 COSTLY = {
-    "friction, one force", "friction against the ground", "viscoelastic branch", "friction at 5 %", "hysteresis, one force",
-    "two effects", "gap under a sweep", "shaken base", "quadratic spring under blows", "four masses, one force, 5 %",
+    "friction, one force", "viscoelastic branch", "friction at 5 %", "hysteresis, one force",
+    "two effects", "gap under a sweep", "shaken base", "four masses, one force, 5 %",
 }  # fmt: skip
 
 

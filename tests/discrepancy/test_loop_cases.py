@@ -60,7 +60,6 @@ def steps(report):
     [
         (3, 0, lambda s, v: 100.0 * v * abs(v), "quadratic_damping", {"c2": 100.0}),
         (3, 1, lambda s, v: 2e4 * max(s - 1.0e-3, 0.0), "one_sided_gap", {"k": 2e4, "gap": 1.0e-3}),
-        (2, 0, lambda s, v: 4e9 * s**3, "cubic_stiffness", {"k3": 4e9}),
         (3, 0, lambda s, v: 9e3 * s + 6.0 * v, "link_spring_dashpot", {"k": 9e3}),
         (3, 1, lambda s, v: -2e3 * s, "bending_coupling", {"kb": 2e3}),  # the frame bends
     ],
@@ -86,15 +85,12 @@ def test_a_motor_and_a_bumper_are_both_found():
     assert report.model.masses == pytest.approx(M, rel=0.02)
 
 
-@pytest.mark.parametrize("channel", ["x2", "a3"])
-def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain(channel):
+def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain():
     record = shaken(beside(2, 1, lambda s, v: 4e9 * s**3))
-    name = {"a": "acceleration", "x": "displacement"}[channel[0]]
-    values = getattr(record, name).copy()
-    values[:, int(channel[1]) - 1] *= 1.15
-    found = steps(loop(record.replace(velocity=None, **{name: values})))
-    assert {("gain_error", f"sensor {channel}"), ("cubic_stiffness", "storey 2")} == set(found)
-    assert found["gain_error", f"sensor {channel}"].parameters["e"] == pytest.approx(0.15, abs=0.02)
+    record = record.replace(velocity=None, acceleration=record.acceleration * [1.0, 1.0, 1.15])
+    found = steps(loop(record))
+    assert {("gain_error", "sensor a3"), ("cubic_stiffness", "storey 2")} == set(found)
+    assert found["gain_error", "sensor a3"].parameters["e"] == pytest.approx(0.15, abs=0.02)
 
 
 def scattered(effects=()):

@@ -222,11 +222,10 @@ class Localiser:
         keys = {site: _key(b) for site, b in patterns.items()}
         told = {keys[site]: b for site, b in patterns.items() if b is not None}
         before = self.left(None)
-        shares = {key: share_of(before, self.left(b)) for key, b in told.items()}
+        shares = {key: 100 * np.array(share_of(before, self.left(b))) for key, b in told.items()}
         table = pd.DataFrame(
             [shares.get(keys[site], (np.nan, np.nan)) for site in patterns], list(patterns), ["share", "error"]
         )
-        table = 100 * table
         best = table["share"].max()
         table["own"] = np.nan
         near = [] if nothing else [Site(s) for s in table.index[table["share"] >= best - 100 * NEARLY]]

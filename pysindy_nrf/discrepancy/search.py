@@ -270,13 +270,13 @@ class Forward:
         """
         assert self.state.ready is not None
         if self._errors is None or self._errors.ruler is not before.ruler:
-            self._errors = Errors(before.ruler, self.state.ready, self.tolerances)
+            self._errors = Errors(before.ruler, self.state.ready, self.tolerances, self.state.effects)
         if before not in self._freed:
             self._freed = {before: self._errors.freed(before)}
         one, errors = self._freed[before]
         two, errors = self._errors.freed(after, errors)
         alone, own = one.gain_over(before).value, after.gain_over(before)
-        more = alone > own.value + 0.1 * LEAST_GAIN  # to which errors are fitted
+        more = alone > own.value + TENTH * LEAST_GAIN  # to which errors are fitted
         if not more and two.gain_over(after).value <= TENTH * alone:
             return own, judge.is_there(own, law)
         gain, least = two.gain_over(one), min(0.5 * own.value, LARGE_GAIN) if more else 0.0

@@ -153,13 +153,20 @@ _Line = tuple[np.ndarray, int, int]
 
 
 class Errors:
-    """Errors of the channels of a search; what they change at a site is kept for the next trial on the same ruler."""
+    """Errors of the channels of a search; what they change at a site is kept for the next trial on the same ruler.
 
-    def __init__(self, ruler: Ruler, ready: Prepared, tolerances: Mapping[str, float]) -> None:
+    The size of a fault that was found is uncertain by itself: it was fitted where other errors were taken for none.
+    """
+
+    def __init__(self, ruler: Ruler, ready: Prepared, tolerances: Mapping[str, float], known: Sequence[Effect]) -> None:
         self.ruler, self.work, windows = ruler, ruler.work, ruler.windows
         self.thin = np.arange(0, windows.size, -(-windows.size // _COLUMNS))
         self.readings = {i: _Readings(self.work, ready, i) for i in self.work.searched}
-        self.errors = list(_errors(self.work, self.readings, tolerances))
+        kinds: dict[type, str] = {GainError: "gain", ChannelDelay: "delay"}
+        found = {(e.site.channel, kinds.get(type(e.law))): abs(e.law.values[0]) for e in known if e.is_fault}
+        errors = _errors(self.work, self.readings, tolerances)
+        sizes = ((e, found.get((f"{e.kind}{e.dof}", e.name), 0.0)) for e in errors)
+        self.errors = [replace(e, deviation=max(e.deviation, size)) for e, size in sizes]
         self._changes: tuple[dict[Any, np.ndarray], ...] = {}, {}  # of the last trial, and of the one before
 
     def freed(self, trial: Trial, start: np.ndarray | None = None) -> tuple[Trial, np.ndarray]:
@@ -460,27 +467,19 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
                 continue
             for law, of in ((own, channel), (other, reference)):
                 sized.append((size, Suspect(law, Site(f"sensor {of}"), witness)))
-    once: dict[tuple[str, str], tuple[float, Suspect]] = {}
-    for size, s in sorted(sized, key=lambda p: -p[0]):
-        once.setdefault((s.law.name, str(s.site)), (size, s))
-    ready.contradictions = list(once.values())
+    once = {(s.law.name, s.site): (size, s) for size, s in sorted(sized, key=lambda p: p[0])}  # the largest stays
+    ready.contradictions = sorted(once.values(), key=lambda p: -p[0])
     return ready.contradictions
 
 
 def _halves(runs: Sequence[slice]) -> list[Sequence[slice]]:
     """The first and the second half of the rows, each as runs; the whole where that is too short to be halved."""
-    total = sum(run.stop - run.start for run in runs)
-    if total < 2 * _HALF:
+    ends = np.cumsum([run.stop - run.start for run in runs])
+    if ends[-1] < 2 * _HALF:
         return [runs]
-    out: list[list[slice]] = [[], []]
-    at = 0
-    for run in runs:
-        cut = min(max(run.start + total // 2 - at, run.start), run.stop)
-        for half, part in zip(out, (slice(run.start, cut), slice(cut, run.stop))):
-            if part.stop > part.start:
-                half.append(part)
-        at += run.stop - run.start
-    return [out[0], out[1]]
+    cuts = [int(np.clip(run.stop - end + ends[-1] // 2, run.start, run.stop)) for run, end in zip(runs, ends)]
+    halves = [(slice(r.start, c), slice(c, r.stop)) for r, c in zip(runs, cuts)]
+    return [[part for part in half if part.stop > part.start] for half in zip(*halves)]
 
 
 def pace(work: Workspace, dof: int) -> float:

@@ -17,7 +17,8 @@ from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import simulated as bootstrap
 from pysindy_nrf.discrepancy.ruler import Gain, Powers, Slot, Trial
 from pysindy_nrf.discrepancy.search import Search, proposals_of
-from pysindy_nrf.discrepancy.state import Finding, State
+from pysindy_nrf.discrepancy.sensors import Errors, _shifted, on
+from pysindy_nrf.discrepancy.state import Effect, Finding, State
 from pysindy_nrf.discrepancy.windows import Windows, split, window_length
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
@@ -290,6 +291,20 @@ def test_general_laws_show_where_a_law_of_the_motion_gains(kind):
         promised[site] = max(slot.gains(state.trial.ruler.columns(site, [law])[None])[0][0] for law, slot in slots)
     own = promised.pop(Site("storey 2"))
     assert own > 0.5 * found[0].gain.value and max(promised.values()) < 0.1 * own
+
+
+def test_errors_of_the_channels_can_undo_a_fault_that_was_found_at_a_wrong_size():
+    """A force wrongly divided by 1.1, and gains that scatter: what the errors leave is what they leave without it."""
+    state, _ = searched(Plan(3, (1, 2, 3), noise=0.002, seed=75, n_samples=4000), [])
+    fault, site = laws.GainError(0.1), Site("sensor F1")
+    wrong = on(state.trial, _shifted(state.trial.ruler.work.data, site, fault))
+    tolerances = {"gain": 0.02}
+    effects = (Effect(fault, site, laws.GainError()),)
+    freed, _ = Errors(wrong.ruler, state.ready, tolerances, effects).freed(wrong)
+    assert wrong.gain_over(state.trial).value < -10
+    assert freed.gain_over(state.trial).value > -constants.LEAST_GAIN
+    stuck, _ = Errors(wrong.ruler, state.ready, tolerances, ()).freed(wrong)
+    assert stuck.gain_over(state.trial).value < -constants.LEAST_GAIN
 
 
 def test_a_law_at_every_storey_is_no_effect_where_its_coefficients_may_be_zero():

@@ -220,8 +220,8 @@ def _run(
         rule = Rule._make([*tables, len(tables[1]), rtol, max(rtol, 1e-8), limit])
         jump = flat.jumps(model, layout, np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0))
         k = flat.stages(rule.stages, system, n_inputs, jump)
-        smallest, events = dt / 1024, bool(k.watch.any()) or None
-        ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", smallest, out, events)
+        smallest, general = dt / 1024, bool(k.watch.any() or system.laws[:, flat.INERTIA].any()) or None
+        ended = runge_kutta(system, drive, rule, k, w, x, v, z, method == "default", smallest, out, general)
     why, interval, dof, steps, rejected, forced = ended
     if why == CRAWLS:
         what = f"Up to {interval * dt:.6g} s the free run took more than {PATIENCE} steps a sample: a law is far "

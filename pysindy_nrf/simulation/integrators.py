@@ -42,7 +42,7 @@ def _sums(k, weights, count, j, n):
 
 
 @part
-def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, events):
+def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
     """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two)."""
     n, stages, n_states, n_sites = system.n_dof, rule.stages, system.n_states, system.n_sites
     x1, v1, z1, dt = k.x1, k.v1, k.z1, drive.dt
@@ -62,11 +62,11 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, events):
                 x1[j], v1[j] = x0[j] + h * dx, v0[j] + h * dv
                 rate[j] = v1[j]
             inputs_at(drive, interval, (done + share * h) / dt, k.row)
-            if events is not None:
+            if general is not None:
                 put(z1, z0, n_states)
                 inputs_at(drive, interval, (done + 0.5 * share * h) / dt, k.middle)
                 advance_states(system, x0, v0, x1, v1, z1, share * h, k.middle, w.u)
-            accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, events)
+            accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, general)
         power[0] = 0.0
         for j in range(n):
             power[0] += (k.row[j] - system.masses[j] * k.row[n]) * v1[j]
@@ -90,7 +90,7 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, events):
     error = 0.0
     if norm5 != 0.0 or norm3 != 0.0:
         error = h * norm5 / (np.sqrt((norm5 + 0.01 * norm3) * 2.0 * n) * rule.rtol)
-    if events is not None:
+    if general is not None:
         # states by one step and by two: zero for laws that do not care how fast the path is run
         for j in range(n):
             k.x_half[j] = 0.5 * (x0[j] + x1[j]) + 0.125 * h * (v0[j] - v1[j])
@@ -213,8 +213,8 @@ def _record(system, out, i, x, v, a, z, work, base):
 
 
 @jit
-def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, events):
-    """March a system over its samples; without ``events`` no site has memory or sticks, and less is compiled."""
+def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, general):
+    """March a system over its samples; without ``general`` no site has memory, sticks or has inertia."""
     system, drive, rule, k, w, x, v, z, out = addresses((system, drive, rule, k, w, x, v, z, out))
     regime, jump = w.regime, k.jump
     n, n_sites, n_states, n_inputs, stages = system.n_dof, system.n_sites, system.n_states, drive.n_inputs, rule.stages
@@ -234,10 +234,10 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, eve
     for interval in range(last + 1):
         v_tol = 1e-11 * k.top[1]
         put(k.row, address_of(drive.samples, interval * n_inputs), n_inputs)
-        if events is not None:
+        if general is not None:
             _settle(system, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
         else:
-            accelerate(system, interval * dt, k.row, x, v, z, a, k.force0, w, events)
+            accelerate(system, interval * dt, k.row, x, v, z, a, k.force0, w, general)
         _record(system, out, interval, x, v, a, z, k.work, k.row[n])
         if interval == last:
             break
@@ -251,8 +251,8 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, eve
             tries = 0  # left to find the instant of a standstill
             low, high, v_low, v_high = 0.0, 0.0, 0.0, 0.0
             while True:
-                error = _attempt(system, drive, rule, interval, done, h, x, v, z, k, w, events)
-                if events is not None and tries > 0:  # towards the standstill of a site: regula falsi (Illinois)
+                error = _attempt(system, drive, rule, interval, done, h, x, v, z, k, w, general)
+                if general is not None and tries > 0:  # towards the standstill of a site: regula falsi (Illinois)
                     rate = relative(v1, address_of(system.sites, arrived * SITE))
                     tries -= 1
                     if tries > 0 and abs(rate) > v_tol and high - low >= 1e-14 * dt:
@@ -265,7 +265,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, eve
                         h = (low * v_high - high * v_low) / (v_high - v_low)
                         continue
                     tries = 0
-                if events is not None and located < 100 and error == error:
+                if general is not None and located < 100 and error == error:
                     site, kind = _reversal(system, regime, v, v1, k, stages, v_tol)
                     if kind == 2 and h > shortest:
                         h = max(0.5 * h, shortest)
@@ -301,8 +301,8 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, eve
                     return DIVERGED, interval, j, steps, rejected, forced
             inputs_at(drive, interval, (done + h) / dt, k.row)
             t = interval * dt + done + h
-            if events is None:
-                accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, events)
+            if general is None:
+                accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
             else:
                 if arrived >= 0 and jump[arrived]:
                     regime[arrived] = 0
@@ -319,7 +319,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, eve
                     inside = 0.0
                     if drive.order > 1 and h > shortest:  # a force that bends may exceed what friction holds
                         inside = _overload_inside(system, drive, interval, done, h, x, v, k, w)
-                    accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, events)
+                    accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
                     site, most = _overload(system, jump, w)
                     if max(most, inside) > 1e-6 and h > shortest and located < 100:
                         # it starts to slip inside this step: come closer to that instant
@@ -380,7 +380,7 @@ def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudg
     if site[MEMORY]:
         put(z1, z0, system.n_states)
         _move(system, site, relative(x0, site), relative(v0, site), s1, r1, z1, dt, middle, w.u)
-    force, _ = site_force(system, site, s1, r1, t, row, z1, w.u, w.out)
+    force, _ = site_force(system, site, s1, r1, t, row, z1, w.u, w.out, True)
     return force
 
 
@@ -393,7 +393,7 @@ def newmark(system, drive, k, w, x, v, z, out):
     a, x1, v1, z1, a1, force, force1 = k.a0, k.x1, k.v1, k.z1, k.a1, k.force0, k.force1
     found, step, slope = k.a, k.v, k.force
     iterations, forced, top = 0, 0, 1e-12
-    accelerate(system, 0.0, drive.samples, x, v, z, a, force, w, None)
+    accelerate(system, 0.0, drive.samples, x, v, z, a, force, w, True)
     for i in range(last + 1):
         for j in range(n):
             top = max(top, abs(a[j]))
@@ -417,7 +417,7 @@ def newmark(system, drive, k, w, x, v, z, out):
                 slope[m] = (nudged - now) / nudge
             put(z1, z, n_states)
             _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
-            accelerate(system, t, row, x1, v1, z1, found, force1, w, None)
+            accelerate(system, t, row, x1, v1, z1, found, force1, w, True)
             for j in range(n):
                 for m in range(n):
                     matrix[j * n + m] = w.mass[j] if j == m else 0.0
@@ -449,7 +449,7 @@ def newmark(system, drive, k, w, x, v, z, out):
             x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
             v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
         _move_all(system, x, v, x1, v1, z, dt, middle, w.u)
-        accelerate(system, t, row, x1, v1, z, a1, force1, w, None)
+        accelerate(system, t, row, x1, v1, z, a1, force1, w, True)
         for j in range(n):
             before, after = was[j] - system.masses[j] * was[base], row[j] - system.masses[j] * row[base]
             work[0] += 0.5 * dt * (before * v[j] + after * v1[j])

@@ -168,14 +168,14 @@ def law_force(system, law, s, v, a, t, row, z, u, out):
 
 
 @part
-def site_force(system, site, s, v, t, row, z, u, out):
+def site_force(system, site, s, v, t, row, z, u, out, general):
     """Force of all laws of a site: the part without acceleration, and the factor of acceleration."""
     force, inertia = 0.0, 0.0
     for k in range(site[FIRST], site[LAST]):
         law = address_of(system.laws, k * LAW)
         now = law_force(system, law, s, v, 0.0, t, row, z, u, out)
         force += now
-        if law[INERTIA]:
+        if general is not None and law[INERTIA]:
             inertia += law_force(system, law, s, v, 1.0, t, row, z, u, out) - now
     return force, inertia
 
@@ -293,8 +293,8 @@ def _hold_stuck(system, w, n_stuck, a, force):
 
 
 @part
-def accelerate(system, t, row, x, v, z, a, force, w, events):
-    """Relative accelerations of the DOFs and forces of the sites at one instant; without ``events`` none sticks."""
+def accelerate(system, t, row, x, v, z, a, force, w, general):
+    """Relative accelerations of the DOFs and forces of the sites; without ``general`` no site sticks or has inertia."""
     n, n_stuck = system.n_dof, np.int64(0)  # not a literal, for which more would be compiled
     base = row[n]
     for j in range(n):
@@ -303,9 +303,9 @@ def accelerate(system, t, row, x, v, z, a, force, w, events):
     for i in range(system.n_sites):
         site = address_of(system.sites, i * SITE)
         s, rate = relative(x, site), relative(v, site)
-        if events is not None and w.regime[i] == 0:
-            upper, _ = site_force(system, site, s, _CREEP, t, row, z, w.u, w.out)
-            lower, inertia = site_force(system, site, s, -_CREEP, t, row, z, w.u, w.out)
+        if general is not None and w.regime[i] == 0:
+            upper, _ = site_force(system, site, s, _CREEP, t, row, z, w.u, w.out, general)
+            lower, inertia = site_force(system, site, s, -_CREEP, t, row, z, w.u, w.out, general)
             force[i] = 0.5 * (upper + lower)
             w.jump[i] = 0.5 * (upper - lower)
             w.share[i] = 0.0
@@ -313,19 +313,23 @@ def accelerate(system, t, row, x, v, z, a, force, w, events):
                 w.stuck[n_stuck] = i
                 n_stuck += 1
         else:
-            if events is not None and w.regime[i] != FREE and rate * w.regime[i] < _CREEP:
+            if general is not None and w.regime[i] != FREE and rate * w.regime[i] < _CREEP:
                 rate = w.regime[i] * _CREEP
-            force[i], inertia = site_force(system, site, s, rate, t, row, z, w.u, w.out)
+            force[i], inertia = site_force(system, site, s, rate, t, row, z, w.u, w.out, general)
         p, q = site[UPPER], site[LOWER]
         a[p] -= force[i]
         if q >= 0:
             a[q] += force[i]
         w.inertia[i] = inertia
-        if site[ON_DOF] and inertia != 0.0:
+        if general is not None and site[ON_DOF] and inertia != 0.0:
             w.mass[p] += inertia
             a[p] -= inertia * base
+    if general is None:
+        for j in range(n):
+            a[j] /= system.masses[j]
+        return
     _mass_solve(system, w, a)
-    if events is not None and n_stuck:
+    if n_stuck:
         _hold_stuck(system, w, n_stuck, a, force)
     for i in range(system.n_sites):
         if w.inertia[i] != 0.0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -16,12 +15,10 @@ from ...data.record import Record
 from ...diagnostics.verdict import OPEN, Bounds, Verdict, effect_words, nonlinear_parts, shares_of, verdict_on
 from ...discrepancy.prepare import prepare
 from ...discrepancy.residual import SiteLoop, loops_of, residual_of
-from ...exceptions import NRFError, NRFWarning
+from ...exceptions import NRFError
 from ...laws.base import registry
 from ...regression.chain_model import ChainModel
 from ...signals.channel_checks import Measured, measured
-from ...signals.kinematic_smoother import KinematicSmoother
-from ...signals.kinematics import to_features
 from ...signals.zero_phase_filter import filters_of
 from ..displays._figure import Figure, Table, dof_words, table
 from ..displays._matplotlib import Drawing
@@ -178,7 +175,8 @@ def of_model(
     content = _model_part(model, loops, bounds)
     figure = None if sizes is None else residual_figure(sizes)
     content.picture = [] if figure is None else [figure]
-    seen, opened = as_measured(records), []
+    given = [records] if isinstance(records, Record) else list(records or ())
+    seen, opened = [measured(record, seg.noise) for record, seg in zip(given, data.segments if given else ())], []
     if hasattr(subject, "errors_"):
         content.verdict = subject.verdict()
         balances = subject.errors_
@@ -318,21 +316,6 @@ def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
         return kept, filters_of(band, kept)  # they need not be fused again
     data = prepare(given).data
     return data, filters_of(band, data)
-
-
-def as_measured(records: Record | Sequence[Record] | None) -> list[Measured]:
-    """Summaries of records, with the noise levels estimated by the fusion."""
-    out = []
-    for record in [] if records is None else [records] if isinstance(records, Record) else records:
-        smoother = KinematicSmoother()
-        try:
-            with warnings.catch_warnings(action="ignore", category=NRFWarning):  # the fit has warned of faulty channels
-                to_features(record, smoother)
-            noise = {str(k): float(v) for k, v in smoother.noise_.items()}
-        except NRFError:  # the page shows the record, whatever fusion makes of it
-            noise = {}
-        out.append(measured(record, noise))
-    return out
 
 
 @dataclass

@@ -426,7 +426,7 @@ def make_case(
         3
         if "brace" in kinds
         else 2
-        if {"ground_link", "ground_friction"} & set(kinds) and not base
+        if not all(possible(kind, 1, base) for kind in kinds)
         else len(kinds)
         if len(kinds) > 1
         else 1

@@ -22,7 +22,7 @@ from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
 from ..signals.channel_checks import Measured, measured
 from ..signals.kinematic_smoother import KinematicSmoother
 from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
-from .constants import CLEAN, LEAST_SHARE, WINDOWS
+from .constants import CLEAN, LEAST_SHARE, TENTH, WINDOWS
 from .windows import period_of
 
 # Samples on which a search decides. A gain is a ratio of powers: more samples make it no larger.
@@ -58,6 +58,7 @@ def prepare(
             cure = "Give records of one chain."
             raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", cure)
         smoother = KinematicSmoother(noise=known or "estimate", band=band)
+        smoother._share = TENTH  # its square biases; the least squares of a fit take less, and would lose first modes
         X, F = to_features(rec, smoother, check=bands is None)  # else they are records made from checked ones
         told.append(smoother.band_)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}

@@ -455,8 +455,9 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
         late = [float(half.loc[name, "delay"]) for half in halves]
         large = [float(half.loc[name, "sign"] * half.loc[name, "gain"]) - 1.0 for half in halves]
         turn = abs(row["delay"]) * pace(work, int(channel[1:]))
-        # noise in either channel alone makes a gain seem off by the root of the coherence
-        off = abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > -0.5 * np.log(row["coherence"]) else 0.0
+        # noise in either channel alone makes a gain seem off by the root of the coherence; and a gain is one number
+        chance = max(-0.5 * np.log(row["coherence"]), row["scatter"] if np.isfinite(row["scatter"]) else 0.0)
+        off = abs(gain - 1.0) if gain <= 0 or abs(np.log(gain)) > chance else 0.0
         pairs = [
             (turn, late, ChannelDelay(row["delay"]), ChannelDelay(-row["delay"])),
             (off, large, GainError(gain - 1.0), GainError(1.0 / gain - 1.0)),

@@ -16,7 +16,7 @@ from ..data.channels import as_matrix, checked, contiguous, finite_span
 from ..data.record import BASES, MATRICES, Record
 from ..exceptions import ChannelError, DataQualityWarning
 from .spline_fusion import fuse_all
-from .zero_phase_filter import Band, FairFilter, check_band, clock_of, lowest_frequency
+from .zero_phase_filter import SHARE, Band, FairFilter, check_band, clock_of, lowest_frequency
 
 _FEWEST = 8
 _ORDERS = {"x": 0, "v": 1, "a": 2}
@@ -114,6 +114,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     _names_in: list[str]
     _names_out: list[str]
     _kept: list[Any] | None = None  # motions of the DOFs of one record, fused one by one
+    _share: float = SHARE  # of the displacement that noise may be where accelerations alone are measured
 
     def __init__(
         self, fs: float | None = None, noise: Any = "estimate", band: Band | str = None, joint: bool = True,
@@ -349,7 +350,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             if not dofs:
                 continue
             base = 0.0 if piece.absolute else derived_base(piece.live, piece.fs)
-            lo = lowest_frequency(np.column_stack([piece.live[f"a{j}"] - base for j in sorted(dofs)]), piece.fs)
+            alone = np.column_stack([piece.live[f"a{j}"] - base for j in sorted(dofs)])
+            lo = lowest_frequency(alone, piece.fs, self._share)
             if lo is not None:
                 blind, edges = blind | dofs, [*edges, lo]
         if not edges:

@@ -190,8 +190,8 @@ _SPOILT = 0.2  # share of the record that a filter may spoil at each end
 _KEPT = 0.8  # share of the displacement's power that a short record, which asks for a higher edge, must keep
 
 
-def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
-    """Frequency above which displacements integrated from noisy accelerations can be trusted."""
+def lowest_frequency(accelerations: np.ndarray, fs: float, most: float = SHARE) -> float | None:
+    """Frequency above which noise is at most such a share of displacements integrated from accelerations."""
     channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
     channels = channels[:, channels.any(axis=0)]
     if channels.shape[1] == 0:
@@ -205,7 +205,7 @@ def lowest_frequency(accelerations: np.ndarray, fs: float) -> float | None:
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.sqrt(noise_part / signal_part)
     worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
-    good = np.flatnonzero(worst <= SHARE)
+    good = np.flatnonzero(worst <= most)
     at = int(good[0]) if good.size else int(np.argmin(worst))
     if not np.isfinite(worst[at]):
         return None

@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 import pytest
 from chains import integrate
+from scipy.signal import chirp
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, Site, close_loop, excitation, laws, simulate
 from pysindy_nrf.simulation.noise import add_noise
@@ -132,6 +133,25 @@ def test_friction_in_every_storey_is_found_though_none_stands_out():
 def test_accelerations_alone_of_a_linear_chain_give_its_masses_and_no_effect():
     report = loop(shaken(seed=1).replace(velocity=None, displacement=None), noise=0.01)
     assert report.steps == [] and report.model.masses == pytest.approx(M, rel=0.02)
+
+
+def test_accelerations_alone_tell_a_gap_through_which_the_first_modes_are_swept():
+    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
+    storeys[2].append(laws.TwoSidedGap(1e-3, 4e4))
+    F = np.zeros((5000, 3))
+    F[:, 2] = 30.0 * chirp(np.arange(5000) / FS, 4.0, 20.0, 30.0, "logarithmic")
+    record = simulate(ChainModel(M, storeys), F, 1 / FS).replace(velocity=None, displacement=None)
+    found = steps(loop(record, [laws.TwoSidedGap(), laws.CubicStiffness(), laws.GainError()], 0.01))
+    assert set(found) == {("two_sided_gap", "storey 2")}
+    assert found["two_sided_gap", "storey 2"].parameters == pytest.approx({"gap": 1e-3, "k": 4e4}, rel=0.03)
+
+
+def test_a_gain_that_differs_with_frequency_is_no_wrong_gain():
+    """Under blows of three samples, straight between them, velocities are less than samples of accelerations tell."""
+    F = excitation.impact_hammer(3, 16.0, FS, excited=[2], level=100.0, n_hits=8, width=0.012, random_state=1)
+    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
+    record = simulate(ChainModel(M, storeys), F, 1 / FS, hold="linear")
+    assert loop(record, [laws.GainError(), laws.CubicStiffness()], 0.003).steps == []
 
 
 def test_a_wrong_known_mass_of_a_floor_that_no_force_acts_on_is_named():

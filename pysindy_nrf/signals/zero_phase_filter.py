@@ -187,11 +187,15 @@ def check_rate(fs: Any) -> float:
 SHARE = 0.02  # noise of the displacement that integration may bring along, as a share of the displacement
 _TOP = 0.2  # part of the spectrum, from the top, that holds noise alone
 _SPOILT = 0.2  # share of the record that a filter may spoil at each end
+_MOST = 0.99  # share of the displacement's power that is most of it: a tenth of its rms is lost
 _KEPT = 0.8  # share of the displacement's power that a short record, which asks for a higher edge, must keep
 
 
 def lowest_frequency(accelerations: np.ndarray, fs: float, most: float = SHARE) -> float | None:
-    """Frequency above which noise is at most such a share of displacements integrated from accelerations."""
+    """Frequency above which displacements integrated from noisy accelerations can be trusted.
+
+    Where little of a displacement is left there, noise may be a larger share of it, ``most``.
+    """
     channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
     channels = channels[:, channels.any(axis=0)]
     if channels.shape[1] == 0:
@@ -205,10 +209,10 @@ def lowest_frequency(accelerations: np.ndarray, fs: float, most: float = SHARE) 
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.sqrt(noise_part / signal_part)
     worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
-    good = np.flatnonzero(worst <= most)
-    at = int(good[0]) if good.size else int(np.argmin(worst))
+    at, low = (int(np.argmax(worst <= limit) if worst.min() <= limit else np.argmin(worst)) for limit in (SHARE, most))
     if not np.isfinite(worst[at]):
         return None
+    at = max(low, min(at, int(np.flatnonzero((signal_part >= _MOST * signal_part[low]).all(axis=1))[-1])))
     for i in range(at, int(np.searchsorted(f, 0.1 * fs))):
         if (signal_part[i] < _KEPT * signal_part[at]).any():
             break

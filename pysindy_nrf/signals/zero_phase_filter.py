@@ -187,14 +187,24 @@ def check_rate(fs: Any) -> float:
 SHARE = 0.02  # noise of the displacement that integration may bring along, as a share of the displacement
 _TOP = 0.2  # part of the spectrum, from the top, that holds noise alone
 _SPOILT = 0.2  # share of the record that a filter may spoil at each end
-_MOST = 0.99  # share of the displacement's power that is most of it: a tenth of its rms is lost
+_ENERGY = 0.9  # share of the kinetic energy that is most of it: slow drifts have little, first modes much
 _KEPT = 0.8  # share of the displacement's power that a short record, which asks for a higher edge, must keep
+
+
+def _lowest(noise: np.ndarray, signal: np.ndarray, most: float) -> tuple[int, bool]:
+    """First line from which on noise is at most such a share of every channel, else the best; whether any tells."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.sqrt(noise / signal)
+    worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
+    at = int(np.argmax(worst <= most)) if worst.min() <= most else int(np.argmin(worst))
+    return at, bool(np.isfinite(worst[at]))
 
 
 def lowest_frequency(accelerations: np.ndarray, fs: float, most: float = SHARE) -> float | None:
     """Frequency above which displacements integrated from noisy accelerations can be trusted.
 
-    Where little of a displacement is left there, noise may be a larger share of it, ``most``.
+    Where that is less than an octave below most of the kinetic energy, noise may be a larger share, ``most``, of the
+    displacement from that octave on.
     """
     channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
     channels = channels[:, channels.any(axis=0)]
@@ -206,13 +216,15 @@ def lowest_frequency(accelerations: np.ndarray, fs: float, most: float = SHARE) 
     weight = f[:, None] ** -4.0
     above = lambda y: np.cumsum(y[::-1], axis=0)[::-1]  # noqa: E731
     signal_part, noise_part = above(np.maximum(density - noise, 0.0) * weight), above(noise * weight)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sqrt(noise_part / signal_part)
-    worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
-    at, low = (int(np.argmax(worst <= limit) if worst.min() <= limit else np.argmin(worst)) for limit in (SHARE, most))
-    if not np.isfinite(worst[at]):
+    at, clear = _lowest(noise_part, signal_part, SHARE)
+    if not clear:
         return None
-    at = max(low, min(at, int(np.flatnonzero((signal_part >= _MOST * signal_part[low]).all(axis=1))[-1])))
+    if most > SHARE:
+        low = _lowest(noise_part, signal_part, most)[0]
+        rate = above(np.maximum(density - noise, 0.0) * f[:, None] ** -2.0)
+        first = f[np.flatnonzero((rate >= _ENERGY * rate[low]).all(axis=1))[-1]]  # about the first mode
+        octave = int(np.searchsorted(f, 0.5 * first))
+        at = max(_lowest(noise_part, signal_part[octave], most)[0], min(at, octave))
     for i in range(at, int(np.searchsorted(f, 0.1 * fs))):
         if (signal_part[i] < _KEPT * signal_part[at]).any():
             break

@@ -128,12 +128,6 @@ def share_of(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
 # -- its columns ------------------------------------------------------------------------------------
 
 
-def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Piecewise linear functions that are 1 at one knot and 0 at the others, constant beyond the ends."""
-    x = np.clip(x, knots[0], knots[-1])
-    return np.column_stack([np.interp(x, knots, one) for one in np.eye(len(knots))])
-
-
 def knots_of(x: np.ndarray, count: int) -> np.ndarray:
     """Knots at quantiles and at even distances, so that rare large values have some too; 0 is one."""
     least = 0.02 * np.ptp(x)
@@ -202,7 +196,9 @@ class Basis:
         return np.asarray(getattr(m, name) if name in ("s", "v", "t") else m.covariates[name], dtype=float)
 
     def _hats(self, m: Motion, name: str, count: int) -> np.ndarray:
-        return hats(self._line(m, name), self._knots[name, count])
+        """Piecewise linear functions that are 1 at one knot and 0 at the others, constant beyond the ends."""
+        x, knots = self._line(m, name), self._knots[name, count]
+        return np.column_stack([np.interp(x, knots, one) for one in np.eye(len(knots))])
 
     def of(self, m: Motion) -> dict[str, np.ndarray]:
         """All groups by name; together with those named in ``ROWS`` they make a row of the table of shares."""

@@ -241,7 +241,8 @@ class Localiser:
         for name, sign in (("low", -2), ("high", 2)):
             table[name] = (table["share"] + sign * table["error"]).clip(0.0, 100.0)
         table["share"] = table["share"].clip(0.0, 100.0)
-        table["balances"] = [_signs(self.chain, Site(site)) for site in table.index]
+        rows = (_incidence(self.chain, Site(site)) for site in table.index)
+        table["balances"] = [", ".join(f"{'+' if x > 0 else '-'}{j}" for j, x in enumerate(b, 1) if x) for b in rows]
         order = [keys[Site(site)] for site in table.index]
         table["pattern"] = [order.index(key) for key in order]
         first = table.iloc[0]
@@ -385,11 +386,6 @@ def _incidence(chain: Chain, site: Site) -> np.ndarray:
 
 def _key(b: np.ndarray | None) -> bytes:
     return b"" if b is None else (b if b[np.flatnonzero(b)[0]] > 0 else 0.0 - b).tobytes()
-
-
-def _signs(chain: Chain, site: Site) -> str:
-    b = _incidence(chain, site)
-    return ", ".join(f"{'+' if x > 0 else '-'}{j + 1}" for j, x in enumerate(b) if x)
 
 
 # -- all of it --------------------------------------------------------------------------------------

@@ -480,7 +480,8 @@ class Slot:
         trial, windows = self.trial, self.trial.ruler.windows
         count, width, _ = columns.shape
         size, bands = len(trial.spectra), len(windows.bands)
-        cross = windows.band_grams(trial.spectra, columns.reshape(count * width, -1))
+        wide = columns.reshape(count * width, -1)
+        cross = np.array([trial.spectra[:, band] @ wide[:, band].T for band in windows.bands])
         cross, inside = cross.reshape(bands, size, count, width), windows.products(columns)
         weights = trial.weights_of(self.fit)
         total = np.empty((count, len(weights), size + width, size + width))

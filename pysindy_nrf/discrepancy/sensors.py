@@ -138,7 +138,7 @@ def _motion(seg: Segment, dof: int) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class _Error:
-    """Part of another DOF's channel, of its own rate or of itself that a channel reads, and its standard deviation."""
+    """Part of another DOF's channel, of itself or its derivatives that a channel reads, and its standard deviation."""
 
     kind: str
     dof: int
@@ -318,7 +318,9 @@ def _errors(work: Workspace, readings: Mapping[int, _Readings], tolerances: Mapp
     """Every error that a channel of the search may have."""
     measured = set().union(*(r.measured for r in readings.values()))
     dofs = range(1, work.n_dof + 1)
-    for kind, j, (name, most) in product("avxF", dofs, tolerances.items()):
+    # what delays a channel also weakens its high frequencies: a lag of t by (w t)^2 / 2
+    every = {**tolerances, "lag": tolerances["delay"] ** 2 / 2}
+    for kind, j, (name, most) in product("avxF", dofs, every.items()):
         if f"{kind}{j}" in measured and most:
             others = [k for k in dofs if k != j and kind != "F"] if name == "cross_axis" else [j]
             yield from (_Error(kind, j, name, k, most / np.sqrt(3.0)) for k in others)
@@ -338,6 +340,14 @@ def _faulty(work: Workspace, readings: Mapping[int, _Readings], errors: Sequence
     return SegmentSet(segments, work.data.n_samples)
 
 
+_ORDERS = {"delay": 1, "lag": 2}  # of the derivative that such an error adds to a channel
+
+
+def _derived(y: np.ndarray, step: float, order: int) -> np.ndarray:
+    """Derivative of some order by differences."""
+    return _derived(np.gradient(y, step), step, order - 1) if order else y
+
+
 class _Readings:
     """What errors of the channels of one record change of its fused motion and its forces, run by run of the search."""
 
@@ -349,33 +359,32 @@ class _Readings:
         unknown = np.isnan(seg.F[seg.valid]).any(axis=0)
         forced = {f"F{j}" for j in range(1, seg.n_dof + 1) if not unknown[j - 1] and seg.F[seg.valid, j - 1].any()}
         self.measured = {c for c in ready.records[record].measured if c[0] != "F"} | forced
-        self._spectra: dict[tuple[int, bool], list[dict[str, np.ndarray]]] = {}
+        self._spectra: dict[tuple[int, int], list[dict[str, np.ndarray]]] = {}
 
     def unit(self, error: _Error) -> dict[str, np.ndarray]:
         """Changes by an error of unit size, (n_samples,)."""
-        late = error.name == "delay"
+        order = _ORDERS.get(error.name, 0)
         if error.kind == "F":
             source = {"F": np.asarray(self.seg.F[:, error.dof - 1], dtype=float)}
         elif self.clean:
             source = {error.kind: _motion(self.seg, error.source)[error.kind]}
         else:
             source = {key: np.zeros(self.seg.n_samples) for key in "xva"}
-            for run, spectra in zip(self.runs, self._transformed(error.source, late)):
+            for run, spectra in zip(self.runs, self._transformed(error.source, order)):
                 share = self._share(error, run.stop - run.start)
                 for key, y in spectra.items():
                     source[key][run] = np.fft.irfft(share * y, run.stop - run.start)
             return source
-        return {key: np.gradient(y, self.step) if late else y for key, y in source.items()}
+        return {key: _derived(y, self.step, order) for key, y in source.items()}
 
-    def _transformed(self, dof: int, late: bool) -> list[dict[str, np.ndarray]]:
-        """Spectra of the motion of a DOF, or of its rates, in each run."""
-        if (dof, late) not in self._spectra:
+    def _transformed(self, dof: int, order: int) -> list[dict[str, np.ndarray]]:
+        """Spectra of derivatives of the motion of a DOF in each run."""
+        if (dof, order) not in self._spectra:
             motion = _motion(self.seg, dof)
-            self._spectra[dof, late] = [
-                {key: np.fft.rfft(np.gradient(y[run], self.step) if late else y[run]) for key, y in motion.items()}
-                for run in self.runs
+            self._spectra[dof, order] = [
+                {key: np.fft.rfft(_derived(y[run], self.step, order)) for key, y in motion.items()} for run in self.runs
             ]
-        return self._spectra[dof, late]
+        return self._spectra[dof, order]
 
     def _share(self, error: _Error, samples: int) -> np.ndarray:
         """Part that a channel has in the fused motion, by frequency: what fusion gives it by the noise of all."""

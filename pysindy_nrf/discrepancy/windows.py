@@ -251,10 +251,6 @@ class Windows:
         """Products of spectra by fold and band, (n_folds, n_bands, n_rows, n_rows)."""
         return np.array([[(part := rows[:, columns]) @ part.T for columns in spans] for spans in self.spans])
 
-    def band_grams(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """Products of spectra by band, all folds together, (n_bands, n_left, n_right)."""
-        return np.array([left[:, columns] @ right[:, columns].T for columns in self.bands])
-
     def products(self, columns: np.ndarray) -> np.ndarray:
         """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""
         return np.stack([(part := columns[..., band]) @ part.swapaxes(1, 2) for band in self.bands], axis=1)

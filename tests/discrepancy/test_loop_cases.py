@@ -94,9 +94,14 @@ def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain():
     assert found["gain_error", "sensor a3"].parameters["e"] == pytest.approx(0.15, abs=0.02)
 
 
+def plain(n):
+    """Linear storeys."""
+    return {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K[:n], C[:n]), 1)}
+
+
 def scattered(effects=()):
     """Three floors, the top one forced; gains of the motion channels scatter by 1 %, as calibrations do."""
-    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
+    storeys = plain(3)
     storeys[2] += effects
     F = excitation.band_limited_random(3, 12.0, FS, excited=[3], rms=40.0, band=(1, 35), random_state=0)
     record = simulate(ChainModel(M, storeys), F, 1 / FS)
@@ -136,7 +141,7 @@ def test_accelerations_alone_of_a_linear_chain_give_its_masses_and_no_effect():
 
 
 def test_accelerations_alone_tell_a_gap_through_which_the_first_modes_are_swept():
-    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
+    storeys = plain(3)
     storeys[2].append(laws.TwoSidedGap(1e-3, 4e4))
     F = np.zeros((5000, 3))
     F[:, 2] = 30.0 * chirp(np.arange(5000) / FS, 4.0, 20.0, 30.0, "logarithmic")
@@ -149,9 +154,15 @@ def test_accelerations_alone_tell_a_gap_through_which_the_first_modes_are_swept(
 def test_a_gain_that_differs_with_frequency_is_no_wrong_gain():
     """Under blows of three samples, straight between them, velocities are less than samples of accelerations tell."""
     F = excitation.impact_hammer(3, 16.0, FS, excited=[2], level=100.0, n_hits=8, width=0.012, random_state=1)
-    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(c)] for i, (k, c) in enumerate(zip(K, C), 1)}
-    record = simulate(ChainModel(M, storeys), F, 1 / FS, hold="linear")
+    record = simulate(ChainModel(M, plain(3)), F, 1 / FS, hold="linear")
     assert loop(record, [laws.GainError(), laws.CubicStiffness()], 0.003).steps == []
+
+
+def test_a_force_that_is_straight_between_samples_hides_no_oscillator():
+    """Fused motions then lose some of their highest frequencies, as behind a filter that lags by part of a sample."""
+    F = excitation.band_limited_random(2, 50.0, 80.0, excited=[2], rms=40.0, band=(1.5, 25), random_state=3)
+    record = simulate(ChainModel(M[:2], plain(2)), F, 1 / 80, hold="linear")
+    assert loop(record, [laws.HiddenOscillator(), laws.CubicStiffness(), laws.Inerter()], 0.003).steps == []
 
 
 def test_a_wrong_known_mass_of_a_floor_that_no_force_acts_on_is_named():

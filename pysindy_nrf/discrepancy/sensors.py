@@ -319,7 +319,7 @@ def _errors(work: Workspace, readings: Mapping[int, _Readings], tolerances: Mapp
     measured = set().union(*(r.measured for r in readings.values()))
     dofs = range(1, work.n_dof + 1)
     # what delays a channel also weakens its high frequencies: a lag of t by (w t)^2 / 2
-    every = {**tolerances, "lag": tolerances["delay"] ** 2 / 2}
+    every = {**tolerances, "lag": tolerances.get("delay", 0.0) ** 2 / 2}
     for kind, j, (name, most) in product("avxF", dofs, every.items()):
         if f"{kind}{j}" in measured and most:
             others = [k for k in dofs if k != j and kind != "F"] if name == "cross_axis" else [j]

@@ -58,7 +58,7 @@ def prepare(
             cure = "Give records of one chain."
             raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", cure)
         smoother = KinematicSmoother(noise=known or "estimate", band=band)
-        smoother._share = TENTH  # its square biases; the least squares of a fit take less, and would lose first modes
+        smoother._share = TENTH  # its square biases; a smaller share, as of a fit, would cost first modes
         X, F = to_features(rec, smoother, check=bands is None)  # else they are records made from checked ones
         told.append(smoother.band_)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}

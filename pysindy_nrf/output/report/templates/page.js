@@ -39,6 +39,10 @@
     const figure = coloured(figures[name], color);
     const layout = figure.layout;
     const narrow = window.innerWidth < 600;
+    if ("paper" in document.documentElement.dataset) {
+      layout.width = document.getElementById(name).clientWidth;
+      layout.height = Math.min(layout.height, Math.max(170, 0.6 * layout.width), 240);
+    }
     layout.paper_bgcolor = "rgba(0,0,0,0)";
     layout.plot_bgcolor = "rgba(0,0,0,0)";
     layout.font = { color: color("--ink"), size: narrow ? 11 : 12, family: "system-ui, Segoe UI, Roboto, Arial, sans-serif" };
@@ -153,11 +157,14 @@
   const scheme = window.matchMedia("(prefers-color-scheme: dark)");
   if (scheme.addEventListener) { scheme.addEventListener("change", redraw); }
   window.addEventListener("beforeprint", () => {
-    document.documentElement.dataset.theme = "light";
+    Object.assign(document.documentElement.dataset, { theme: "light", paper: "" }); // as wide as paper, to be measured
     places.forEach((place) => { if (!figures[place.id] || !figures[place.id].layout.scene || scenes.length < MOST_SCENES) { draw(place.id); } });
     redraw();
   });
-  window.addEventListener("afterprint", () => { delete document.documentElement.dataset.theme; redraw(); });
+  window.addEventListener("afterprint", () => {
+    for (const name of ["theme", "paper"]) { delete document.documentElement.dataset[name]; }
+    redraw();
+  });
 
   // -- turning a surface with keys and buttons
 

@@ -106,7 +106,7 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
         for m in range(n_states):
             size = max(abs(z1[m]), k.z_top[m])
             if size > 0.0:
-                gap = abs(z1[m] - k.z_once[m]) / (size * rule.ztol)
+                gap = abs(z1[m] - k.z_once[m]) / size / rule.ztol  # a product of tiny sizes would be zero
                 # a second-order rule: put its error on the scale of an eighth-order one
                 error = max(error, gap ** (8.0 / 3.0)) if gap == gap else np.nan
     return error
@@ -255,7 +255,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                 if general is not None and tries > 0:  # towards the standstill of a site: regula falsi (Illinois)
                     rate = relative(v1, address_of(system.sites, arrived * SITE))
                     tries -= 1
-                    if tries > 0 and abs(rate) > v_tol and high - low >= 1e-14 * dt:
+                    if tries > 0 and error == error and abs(rate) > v_tol and high - low >= 1e-14 * dt:
                         if (rate > 0.0) == (v_high > 0.0):
                             high, v_high = h, rate
                             v_low *= 0.5
@@ -297,7 +297,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
             if steps + rejected > PATIENCE * (interval + FIRST):
                 return CRAWLS, interval, 0, steps, rejected, forced
             for j in range(n):
-                if not (abs(x1[j]) < rule.limit and abs(v1[j]) < 1e100):
+                if error != error or not (abs(x1[j]) < rule.limit and abs(v1[j]) < 1e100):
                     return DIVERGED, interval, j, steps, rejected, forced
             inputs_at(drive, interval, (done + h) / dt, k.row)
             t = interval * dt + done + h

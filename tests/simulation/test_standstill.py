@@ -93,3 +93,12 @@ def test_a_run_that_chatters_without_end_is_given_up_aloud():
     stepwise = simulate(model, F, 1 / 500, method="newmark")  # as the error says
     runs = free_runs(model, model.segments(stepwise))  # a verdict runs by either method before it calls a model divergent
     assert runs.error < 1.0 and not runs.failed
+
+
+def test_a_memory_waits_for_a_blow_however_small_the_ripples_before_it():
+    """A spline through a force that is zero for long ripples down to the smallest numbers there are."""
+    storey = [laws.LinearElastic(1.4e5), laws.LinearViscous(20.0), laws.PinchedBoucWen(alpha=1e6, beta=5e4, slip=0.0, width=0.1)]
+    model, blow = ChainModel([12.0], {1: storey}), np.zeros((900, 1))
+    blow[700:720, 0] = 900.0 * np.hanning(20)
+    run, late = (free_run(model, F, 1 / 1024, hold="cubic").record.displacement for F in (blow, blow[650:]))
+    np.testing.assert_allclose(run[650:], late, atol=1e-6 * np.abs(late).max())

@@ -178,4 +178,4 @@ class PlanarityDisplay(Drawing):
         ]
         x = Axis("off the plane", "% of the storey's force", (0, 1.35 * max(index.max(), reference.max())))
         y = Axis(ticks=[str(n) for n in self.table.index])
-        return [Figure("Planarity", marks, x, y, lying=True)]
+        return [Figure("Planarity", marks, x, y, lying=True, legend="above")]

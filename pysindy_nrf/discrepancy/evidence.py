@@ -29,18 +29,10 @@ from ..exceptions import ChannelError, NRFError
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
+from ..regression.grams import Regression, in_blocks, share_of
 from ..regression.layout import LawLayout
 from . import words
-from .characterisation import (
-    Characterisation,
-    Regression,
-    characterise,
-    filtered,
-    in_blocks,
-    own_columns,
-    share_of,
-    thinning,
-)
+from .characterisation import Characterisation, characterise, filtered, own_columns, thinning
 from .constants import AT_FLOOR, FAR, FLOOR, NEARLY
 from .prepare import Workspace
 from .residual import NoiseFloor, Residual, searched_residual
@@ -415,22 +407,12 @@ class Evidence:
         return "" if self.localisation is None else self.localisation.site
 
     @property
-    def detection_sentence(self) -> str:
-        """Whether the residual is noise, in words."""
-        return words.detection(self)
-
-    @property
-    def localisation_sentence(self) -> str:
-        """Where the missing force acts, in words."""
-        return words.localisation(self)
-
-    @property
-    def characterisation_sentence(self) -> str:
-        """What the missing force depends on, in words."""
-        return words.characterisation(self)
+    def sentences(self) -> dict[str, str]:
+        """The answer to each question, in words."""
+        return {question: getattr(words, question)(self) for question in words.QUESTIONS}
 
     def __str__(self) -> str:
-        return "\n".join([self.detection_sentence, self.localisation_sentence, self.characterisation_sentence])
+        return "\n".join(self.sentences.values())
 
 
 def look(
@@ -472,11 +454,10 @@ def _characterised(where: Localiser, site: Site, floor: NoiseFloor | None) -> Ch
     )  # fmt: skip
 
 
-def _tried(out: Evidence, room: str, enter: Callable[[], Any]) -> Any:
+def _tried(out: Evidence, question: str, answer: Callable[[], Any]) -> Any:
     try:
-        return enter()
-    except NRFError as error:
-        out.not_possible[room] = Obstacle(error.what.rstrip("."))
-    except (ValueError, ArithmeticError, LookupError) as error:  # numerics on data nobody has seen: say it and go on
-        out.not_possible[room] = Obstacle(f"{type(error).__name__}: {error}".rstrip("."))
+        return answer()
+    except (NRFError, ValueError, ArithmeticError, LookupError) as error:  # numerics on data nobody has seen, too
+        what = error.what if isinstance(error, NRFError) else f"{type(error).__name__}: {error}"
+        out.not_possible[question] = Obstacle(what.rstrip("."))
     return None

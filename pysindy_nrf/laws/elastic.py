@@ -228,7 +228,13 @@ class QuinticStiffness(_Spring):
         out[0] = square * square * s
 
 
-class StiffnessStep(ForceLaw):
+class _Changing(ForceLaw):
+    """A property that changes with time, for good."""
+
+    family, uses_time, permanent_change = "degradation", True, True
+
+
+class StiffnessStep(_Changing):
     """Stiffness that changes suddenly, ``R = dk s`` after time t0.
 
     Parameters
@@ -246,18 +252,15 @@ class StiffnessStep(ForceLaw):
     """
 
     name = "stiffness_step"
-    family = "degradation"
     shapes = (Shape("t0", "s", 0.05, 0.95, "t", log=False, instant=True),)
     columns = (Term("dk", "s [t > t0]", "N/m"),)
-    uses_time = True
-    permanent_change = True
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s * np.maximum(np.sign(t - theta[0]), 0.0)
 
 
-class StiffnessDrift(ForceLaw):
+class StiffnessDrift(_Changing):
     """Stiffness that changes steadily, ``R = kt s t``.
 
     Parameters
@@ -273,25 +276,19 @@ class StiffnessDrift(ForceLaw):
     """
 
     name = "stiffness_drift"
-    family = "degradation"
     columns = (Term("kt", "s t", "N/(m s)"),)
-    uses_time = True
-    permanent_change = True
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s * t
 
 
-class DampingDrift(ForceLaw):
+class DampingDrift(_Changing):
     """Damping that changes steadily, ``R = ct v t``: a damper that warms up or leaks."""
 
     name = "damping_drift"
-    family = "degradation"
     columns = (Term("ct", "v t", "N/m"),)
-    uses_time = True
     passive = True
-    permanent_change = True
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):

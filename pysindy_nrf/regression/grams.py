@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from ..common.jackknife import variance
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from .layout import Group, Layout
@@ -269,3 +270,96 @@ def _projected(gram: np.ndarray, n: int) -> np.ndarray:
     out = np.zeros((n, n))
     out[: good.sum()] = (vectors[:, good] / np.sqrt(values[good])).T @ (cross / scale[:, None])
     return out
+
+
+# -- a regression judged on blocks that it was not fitted to ------------------------------------------
+
+# Ridges that are tried, shares of the squares of the columns.
+_RIDGE = (1e-9, 1e-5, 1e-3, 3e-2)
+
+
+class Regression:
+    """Least squares on some blocks, judged on the others; all on Gram matrices of blocks.
+
+    ``at`` holds the columns of the Gram matrices by the name of their group.
+    """
+
+    def __init__(self, grams: np.ndarray, at: Mapping[str, np.ndarray], n_folds: int = 5) -> None:
+        self.at = at
+        self.size = np.sqrt(np.maximum(np.einsum("bii->i", grams), 0.0))
+        self.size[self.size == 0] = 1.0
+        self.grams = grams / np.outer(self.size, self.size)
+        self.folds = np.arange(len(grams)) % min(n_folds, len(grams))
+        self._fits: dict[tuple[str, tuple[str, ...]], tuple[np.ndarray, float]] = {}
+
+    @classmethod
+    def of(cls, groups: Mapping[str, Sequence[np.ndarray]], n_blocks: int = 25, n_folds: int = 5) -> Regression:
+        """The regression on groups of columns, each with one array for every record."""
+        widths = [1 if parts[0].ndim == 1 else parts[0].shape[1] for parts in groups.values()]
+        ends = np.cumsum([0, *widths])
+        at = {name: np.arange(a, b) for name, a, b in zip(groups, ends, ends[1:])}
+        blocks = in_blocks([np.column_stack(parts) for parts in zip(*groups.values())], n_blocks)
+        return cls(np.array([b.T @ b for b in blocks]), at, n_folds)
+
+    def left(self, target: str, names: Sequence[str] = ()) -> np.ndarray:
+        """Squares of a target left in every block by columns fitted to the other folds; the best ridge counts."""
+        return self._fit(target, tuple(names))[0]
+
+    def share(self, target: str, names: Sequence[str], beside: Sequence[str] = ()) -> tuple[float, float]:
+        """Held-out share of the squares left by ``beside`` that further columns explain, and its standard error."""
+        return share_of(self.left(target, beside), self.left(target, [*beside, *names]))
+
+    def coefficients(self, target: str, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Coefficients on all data, by name, in the columns' own units."""
+        index = self._index(target, names)
+        w = _solved(self.grams.sum(axis=0)[None, index[:, None], index], self._fit(target, tuple(names))[1])[0]
+        w = w * self.size[index[-1]] / self.size[index[:-1]]
+        ends = np.cumsum([0, *(len(self.at[name]) for name in names)])
+        return {name: w[a:b] for name, a, b in zip(names, ends, ends[1:])}
+
+    def _index(self, target: str, names: Sequence[str]) -> np.ndarray:
+        return np.concatenate([self.at[name] for name in (*names, target)])
+
+    def _fit(self, target: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
+        """Squares left in every block, and the ridge that leaves least."""
+        if (target, names) not in self._fits:
+            index = self._index(target, names)
+            grams = self.grams[:, index[:, None], index]
+            scale = float(self.size[index[-1]]) ** 2
+            count = int(self.folds.max()) + 1
+            parts = np.array([grams[self.folds == k].sum(axis=0) for k in range(count)])
+            train = parts.sum(axis=0) - parts if count > 1 else parts
+            tried = []
+            for ridge in _RIDGE if len(index) > 1 else _RIDGE[:1]:
+                full = np.column_stack([-_solved(train, ridge), np.ones(count)])[self.folds]
+                left = np.einsum("bi,bi->b", full, (grams @ full[:, :, None])[:, :, 0])
+                tried.append((scale * np.maximum(left, 0.0), ridge))
+            self._fits[target, names] = min(tried, key=lambda one: one[0].sum())
+        return self._fits[target, names]
+
+
+def in_blocks(records: Sequence[np.ndarray], n_blocks: int = 25) -> list[np.ndarray]:
+    """Rows of all records, cut into contiguous blocks of about equal length."""
+    total = sum(map(len, records))
+    counts = [max(1, int(round(n_blocks * len(part) / total))) for part in records]
+    return [block for part, count in zip(records, counts) for block in np.array_split(part, count)]
+
+
+def _solved(grams: np.ndarray, ridge: float) -> np.ndarray:
+    """Ridge regression of the last column on the others, one for each Gram matrix."""
+    A, h = grams[:, :-1, :-1], grams[:, :-1, -1:]
+    eye = np.eye(A.shape[1])
+    sizes = np.maximum(np.einsum("kii->ki", A), 1e-12)[:, None, :] * eye
+    return np.linalg.solve(A + ridge * sizes + 1e-12 * eye, h)[:, :, 0]
+
+
+def share_of(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """``1 - sum(after) / sum(before)`` over blocks, and its standard error (jackknife)."""
+    if before.sum() <= 0:
+        return 0.0, 0.0
+    share = 1.0 - float(after.sum() / before.sum())
+    if len(before) < 3:
+        return share, float("nan")
+    top, bottom = after.sum() - after, before.sum() - before
+    ratio = np.divide(top, bottom, out=np.ones(len(before)), where=bottom > 0)
+    return share, float(np.sqrt(variance(ratio)))

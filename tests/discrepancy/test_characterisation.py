@@ -5,10 +5,11 @@ import pytest
 from scipy import stats
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf.discrepancy.characterisation import Regression, characterise, conditional_mean, share_of, spectral_line
+from pysindy_nrf.discrepancy.characterisation import characterise, conditional_mean, spectral_line
 from pysindy_nrf.discrepancy.words import Dependence, Feature
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
+from pysindy_nrf.regression.grams import Regression, share_of
 from pysindy_nrf.signals.zero_phase_filter import FairFilter
 
 pytestmark = pytest.mark.slow

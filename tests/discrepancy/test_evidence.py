@@ -35,8 +35,8 @@ def test_evidence_names_place_and_kind_before_the_law_does(effect, dependence, m
     assert first.detection.verdicts.loc["storey 2", "verdict"] != ResidualKind.NOISE
     assert first.site == "storey 2" == report.steps[0].site
     assert first.characterisation.dependence == dependence and mark in first.characterisation.features
-    assert "not noise" in first.detection_sentence and "The loop chose storey 2" in first.localisation_sentence
-    assert dependence.value in first.characterisation_sentence
+    assert "not noise" in first.sentences["detection"] and "The loop chose storey 2" in first.sentences["localisation"]
+    assert dependence.value in first.sentences["characterisation"]
 
 
 def test_only_rows_of_the_search_are_looked_at():
@@ -75,9 +75,9 @@ def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
 
 def test_the_chosen_site_is_said_beside_what_the_signs_say():
     first = loop_report(cubic).evidence[0]
-    assert first.localisation_sentence.endswith("The loop chose storey 2, whose signs explain 100 %.")
-    assert dataclasses.replace(first, chosen="sensor x1").localisation_sentence.endswith("The loop chose sensor x1.")
-    assert Evidence("baseline").detection_sentence.startswith("Detection is not possible because")
+    assert first.sentences["localisation"].endswith("The loop chose storey 2, whose signs explain 100 %.")
+    assert dataclasses.replace(first, chosen="sensor x1").sentences["localisation"].endswith("The loop chose sensor x1.")
+    assert Evidence("baseline").sentences["detection"].startswith("Detection is not possible because")
 
 
 def test_a_force_linear_in_the_motion_is_no_spectral_line():

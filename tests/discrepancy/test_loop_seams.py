@@ -61,7 +61,7 @@ def silent():
 
 
 def sentences(evidence):
-    return [evidence.detection_sentence, evidence.localisation_sentence, evidence.characterisation_sentence]
+    return list(evidence.sentences.values())
 
 
 # -- excerpts to all samples ----------------------------------------------------------------------
@@ -119,7 +119,7 @@ def test_where_there_is_nothing_to_locate_no_site_is_named(silent, found):
         assert last.localisation.verdict == Location.NOTHING and last.site == ""
         assert last.characterisation is None and last.not_possible["characterisation"].expected
         for one in (last, replace(last, chosen="storey 1")):
-            said = one.localisation_sentence
+            said = one.sentences["localisation"]
             assert said.endswith("nothing to locate.")
             assert not any(word in said for word in ("storey", "dof", "ground", "link", "sensor"))
         assert not any("Localisation" in figure.title for figure in evidence_figures(last))

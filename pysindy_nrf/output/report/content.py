@@ -515,7 +515,7 @@ def _end(evidence: Any, report: Any) -> Chapter:
 def _seen(evidence: Any) -> list[tuple[str, str]]:
     """Answers to the three questions asked before any law is tried."""
     asked = {"Is it noise?": "detection", "Where?": "localisation", "What kind?": "characterisation"}
-    return [] if evidence is None else [(words, getattr(evidence, f"{x}_sentence")) for words, x in asked.items()]
+    return [] if evidence is None else [(words, evidence.sentences[x]) for words, x in asked.items()]
 
 
 def _parameters(step: Any) -> Table:

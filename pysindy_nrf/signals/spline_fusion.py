@@ -12,9 +12,11 @@ from math import comb
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polyder
 from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import LinAlgError, solveh_banded
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import csd, welch
 from scipy.sparse import csr_array
 from scipy.special import erfinv
@@ -375,33 +377,31 @@ def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] 
         rhs[:, j] = sum(w * basis.project(o, y) for o, (w, y) in enumerate(zip(weights[j], centred)) if y is not None)
         c[:, j] = basis.solve(weights[j] / weights[j].max(), rhs[:, j] / weights[j].max())
     scale = c.std(axis=0)
-    prediction = _prediction(c / scale, np.array(weights) * scale[:, None] ** 2, basis, order)
-    if prediction is None:
+    found = _prediction(c / scale, np.array(weights) * scale[:, None] ** 2, basis, order)
+    if found is None:
         return None
+    prediction, noise = found
     width = max(order * n + n - 1, (DEGREE + 1) * n)
     band = np.zeros((size, n, width + 1))  # as LAPACK wants it
     for j in range(n):
         own = basis.normal_matrix(weights[j]) * scale[j] ** 2
         band[:, j, width - n * np.arange(DEGREE + 2)] = own[::-1].T
-    # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1; it repeats between the ends
-    prior = np.zeros((2 * order + 1, n, width + 1))
+    # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1, each over its variance
+    weight = np.zeros(size + order)
+    weight[order:size] = 1.0 / _innovations((c - c.mean(axis=0)) / scale, prediction, noise)
     for lag in range(order + 1):
-        for i in range(order + 1 - lag):
-            block = prediction[i + lag].T @ prediction[i]
-            for row in range(n):
-                for column in range(n):
-                    if (off := lag * n + column - row) >= 0:
-                        prior[order - i : len(prior) - i, column, width - off] += block[row, column]
-    band[:order] += prior[:order]
-    band[order : size - order] += prior[order]
-    band[size - order :] += prior[order + 1 :]
+        blocks = np.einsum("iab,iac->ibc", prediction[lag:], prediction[: order + 1 - lag]).reshape(-1, n * n)
+        own = (sliding_window_view(weight, order + 1 - lag)[:size] @ blocks).reshape(size, n, n)
+        for row in range(n):
+            for column in range(max(0, row - lag * n), n):
+                band[:, column, width - (lag * n + column - row)] += own[:, row, column]
     flat = band.reshape(size * n, width + 1).T, (rhs * scale).ravel()
     c = solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(size, n) * scale + mean
     return [np.stack([basis.evaluate(o, c[:, j]) for o in range(3)]) for j in range(n)]
 
 
-def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> np.ndarray | None:
-    """Whitened one-step prediction errors as filters G_0 .. G_order, (order + 1, n, n)."""
+def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> tuple[np.ndarray, float] | None:
+    """Whitened one-step prediction errors as filters G_0 .. G_order, (order + 1, n, n), and the noise in them."""
     n = c.shape[1]
     length = min(512, max(32, len(c) // max(8, 2 * n)), len(c))
     f, spectra = csd(c.T[:, None], c.T[None], nperseg=length, detrend="constant")
@@ -429,7 +429,23 @@ def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> n
     left = r[0] - steps @ cross
     values, vectors = np.linalg.eigh((left + left.T) / 2)
     white = (vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))).T
-    return np.stack([white, *(-white @ steps[:, k * n : (k + 1) * n] for k in range(order))])
+    filters = np.stack([white, *(-white @ steps[:, k * n : (k + 1) * n] for k in range(order))])
+    response = np.tensordot(np.exp(-2j * np.pi * np.outer(f, np.arange(order + 1))), filters, 1)
+    return filters, float((np.abs(response) ** 2 * noise[:, None]).sum(axis=(1, 2)).mean() / n)
+
+
+def _innovations(c: np.ndarray, filters: np.ndarray, noise: float) -> np.ndarray:
+    """Variance of the prediction errors from step to step: in a sweep or after a blow it is not that of the record.
+
+    Meaned over 200 values, which tell a variance to a tenth; three standard errors tell it from that of the record,
+    which is one and the noise. Without it the prior takes the frequencies that a sweep passes last for noise.
+    """
+    order, (size, n) = len(filters) - 1, c.shape
+    errors = sum(c[order - i : size - i] @ g.T for i, g in enumerate(filters))
+    width = -(-200 // n)
+    local = uniform_filter1d((errors**2).mean(axis=1), width, mode="nearest")
+    clear = local > (1.0 + noise) * (1.0 + 3.0 * np.sqrt(2.0 / 200))
+    return np.where(clear, local - noise, 1.0)
 
 
 Views = list[np.ndarray | None]

@@ -169,17 +169,21 @@ class Errors:
         self.errors = [replace(e, deviation=max(e.deviation, size)) for e, size in sizes]
         self._changes: tuple[dict[Any, np.ndarray], ...] = {}, {}  # of the last trial, and of the one before
 
-    def freed(self, trial: Trial, start: np.ndarray | None = None) -> tuple[Trial, np.ndarray]:
+    def freed(
+        self, trial: Trial, start: np.ndarray | None = None, most: float | None = None
+    ) -> tuple[Trial, np.ndarray]:
         """The trial on records freed of the likeliest errors of all channels that are credible together, and these.
 
-        Least squares; masses, coefficients and weights follow them (variable projection, Golub and Pereyra 1973).
+        Least squares; masses, coefficients and weights follow them (variable projection, Golub and Pereyra 1973). The
+        squares of the errors in standard deviations sum up to ``most``, or to the median for one error a channel.
         """
         if not self.errors:
             return trial, np.zeros(0)
         new: dict[Any, np.ndarray] = {}
         lines = [line for number, e in enumerate(self.errors) for line in self._lines(trial, number, e, new)]
         self._changes = new, self._changes[0]
-        shares = _Fit(trial, self, lines).fitted(np.zeros(len(self.errors)) if start is None else start)
+        most = chi2.median(len({(e.kind, e.dof) for e in self.errors})) if most is None else most
+        shares = _Fit(trial, self, lines, most).fitted(np.zeros(len(self.errors)) if start is None else start)
         errors = [(e, x * e.deviation) for e, x in zip(self.errors, shares)]
         try:
             freed = on(trial, _faulty(self.work, self.readings, errors))
@@ -213,8 +217,8 @@ class Errors:
 class _Fit:
     """Row ``rows[i]`` of spectra changes by ``changes[i]`` for each standard deviation of error ``numbers[i]``."""
 
-    def __init__(self, trial: Trial, errors: Errors, lines: Sequence[_Line]) -> None:
-        self.fit, thin, self.channels = trial.fit, errors.thin, len({(e.kind, e.dof) for e in errors.errors})
+    def __init__(self, trial: Trial, errors: Errors, lines: Sequence[_Line], most: float) -> None:
+        self.fit, thin, self.most = trial.fit, errors.thin, most
         self.changes, rows, numbers = zip(*lines)
         self.rows, self.numbers = np.array(rows), np.array(numbers)
         self.spectra, self.weights, self.samples = trial.spectra[:, thin], trial.weights, trial.ruler.windows.size
@@ -224,6 +228,7 @@ class _Fit:
             for k, columns in enumerate(spans):
                 here = slice(*np.searchsorted(thin, [columns.start, columns.stop]))
                 self.used[:, here], self.band[here] = each[:, None], k
+        self.bands = np.eye(trial.weights.shape[1])[self.band].T
         # Rows that stand in each group of balances, and the changes of these.
         fixed = [[trial.at + k + j - 1 for k in (0, self.fit.n) for j in g.dofs] for g in self.fit.groups]
         terms = ([c for s in g.sites for c in self.fit.where[s]] for g in self.fit.groups)
@@ -285,20 +290,16 @@ class _Fit:
             number, row = self.numbers[some, None] + 1, self.rows[some, None]
             grams[number, u, own, row] += cross
             grams[number, u, row, own] += cross
-        rows = self.fit.rows(*self.fit.solve(grams))[0]
-        follow = (rows[1:] - rows[0]) / part  # of masses and coefficients
-        lost = ~np.isfinite(rows).all(axis=(1, 2))
-        follow[lost[1:] | lost[0]] = rows[lost] = 0.0
-        normal = np.zeros((len(rows), len(rows)))  # of the changes of the residual by each error, and of the residual
-        for j, u in enumerate(self.fit.judged):
-            own, some = self.own[u], self.inside[u]
-            errors, first = np.unique(self.numbers[some], return_index=True)
-            each = [rows[self.numbers[i] + 1, j, self.rows[i]] * self.changes[i] for i in some]
-            alone = np.add.reduceat(np.array(each).reshape(-1, at.shape[1]), first)  # with the model as it is
-            lines = np.vstack([at[own], alone, rows[0, j] @ at]) * np.sqrt(weights[j, self.band] * self.used[u])
-            mix = np.zeros((len(rows), len(lines)))
-            mix[:-1, : len(own)] = follow[:, j, own]
-            mix[errors, len(own) + np.arange(len(errors))] = mix[-1, -1] = 1.0
+        both = self.fit.rows(*self.fit.solve(grams))  # residuals and references
+        lost = ~np.isfinite(both[0]).all(axis=(1, 2))
+        kept = (np.nan_to_num(np.where((lost | lost[0])[:, None, None], rows[:1], rows)) for rows in both)
+        normal = np.zeros((len(grams), len(grams)))  # of the changes of the residual by each error, and of the residual
+        for j, own, below in zip(range(self.fit.n), *(self._moved(rows, at, part) for rows in kept)):
+            (mix, lines), (change, reference), used = own, below, self.used[self.fit.judged[j]]
+            inner = (reference * (reference[-1] * used)) @ self.bands.T
+            shrunk = change[:-1] @ inner / np.where(inner[-1] > 0, inner[-1], 1.0)  # the ruler reads shares
+            lines = np.vstack([lines[:-1], lines[-1] * self.bands]) * np.sqrt(weights[j, self.band] * used)
+            mix = np.hstack([mix[:, :-1], np.vstack([-shrunk, np.ones(len(self.bands))])])
             normal += mix @ (lines @ lines.T) @ mix.T
         size, turn = np.linalg.eigh(normal[:-1, :-1])
         pull = turn.T @ (normal[:-1, :-1] @ shares - normal[:-1, -1])
@@ -306,12 +307,28 @@ class _Fit:
         def found(weight: float) -> np.ndarray:
             return turn @ (pull / (np.maximum(size, 0.0) + weight))
 
-        # the prior of the errors, and more of it until all of them together are credible: one for each channel
+        # the prior of the errors, and more of it until all of them together are credible
         weight = max(weights.shape[1] / self.samples, 1e-12 * size[-1])
-        credible = chi2.median(self.channels)
-        while np.sum(found(weight) ** 2) > credible and weight < 1e12 * size[-1]:
-            weight *= 2.0
+        while np.sum(found(weight) ** 2) > self.most and weight < 1e12 * size[-1]:
+            weight *= 1.2
         return found(weight) - shares
+
+    def _moved(self, rows: np.ndarray, at: np.ndarray, part: float) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Of one combination of rows for each balance: lines, and how they add up to what each error changes in it.
+
+        The last row is the combination itself.
+        """
+        follow = (rows[1:] - rows[0]) / part  # of masses and coefficients
+        for j, u in enumerate(self.fit.judged):
+            own, some = self.own[u], self.inside[u]
+            errors, first = np.unique(self.numbers[some], return_index=True)
+            each = [rows[self.numbers[i] + 1, j, self.rows[i]] * self.changes[i] for i in some]
+            alone = np.add.reduceat(np.array(each).reshape(-1, at.shape[1]), first)  # with the model as it is
+            lines = np.vstack([at[own], alone, rows[0, j] @ at])
+            mix = np.zeros((len(rows), len(lines)))
+            mix[:-1, : len(own)] = follow[:, j, own]
+            mix[errors, len(own) + np.arange(len(errors))] = mix[-1, -1] = 1.0
+            yield mix, lines
 
 
 def _errors(work: Workspace, readings: Mapping[int, _Readings], tolerances: Mapping[str, float]) -> Iterator[_Error]:

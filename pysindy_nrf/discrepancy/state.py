@@ -1,6 +1,6 @@
 """What a search handles: proposals, accepted effects, the current state, findings."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from ..laws.base import ForceLaw
 from ..laws.shape import Shape, ShapeScale
 from ..mechanics.sites import Site
-from .constants import GRID, WINDOWS
+from .constants import GRID, LEAST_GAIN, TENTH, WINDOWS
 from .prepare import Prepared, Workspace
 from .ruler import Gain, Trial
 
@@ -96,7 +96,7 @@ class Axes:
     """
 
     def __init__(self, law: ForceLaw, work: Workspace, sites: Sequence[Site]) -> None:
-        self.law = law
+        self.law, self.work = law, work
         self.shapes: list[Shape] = [p for p in law.shapes if law.shape[p.name] is None]
         self.scales = [ShapeScale(self.shapes, [work.scales(s)] * len(self.shapes), work.fastest) for s in sites]
         self.low, self.high = self.scales[0].low, self.scales[0].high
@@ -149,4 +149,16 @@ class Axes:
                 "maxfev": _EVALUATIONS * len(start),
             },
         )  # fmt: skip
-        return np.clip(best.x, self.low, self.high)
+        found = np.clip(best.x, self.low, self.high)
+        same = [u for u in self._between(found) if gain(self.at(u)) >= -best.fun - TENTH * LEAST_GAIN]
+        return same[0] if same else found
+
+    def _between(self, u: np.ndarray) -> Iterator[np.ndarray]:
+        """The middle of a stretch that the search does not see, where an instant lies in it or half a window away."""
+        work, record = self.work, self.work.searched[0]
+        runs, seg, away = work.runs(record), work.data.segments[record], 0.5 * (self.high - self.low) / self.count
+        for one, other in zip(runs[:-1], runs[1:]) if self.instant else ():
+            rows = [seg.valid.start + row for row in (one.stop, other.start)]
+            low, high = (self.scales[0].point(np.asarray(seg.t)[[row]]) for row in rows)
+            if low - away <= u <= high + away:
+                yield 0.5 * (low + high)

@@ -1,9 +1,7 @@
 """Independent shares of one pass on all cores; compiled code releases the interpreter's lock."""
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain, islice
 from typing import TypeVar
 
@@ -22,21 +20,11 @@ def n_threads() -> int:
 
 
 def in_threads(function: Callable[[Share], Result], shares: Iterable[Share]) -> Iterator[Result]:
-    """Results of a function for each share, in order; the caller's thread reads the shares on demand."""
+    """Results of a function for each share, in order; shares are read on demand, one at a time."""
+    from joblib import Parallel, delayed
+
     rest = iter(shares)
     begun = list(islice(rest, 2))
     threads, rest = n_threads() if len(begun) == 2 else 1, chain(begun, rest)
-    if threads == 1:
-        yield from map(function, rest)
-        return
-    waiting: deque[Future[Result]] = deque()
-    pool = ThreadPoolExecutor(threads)
-    try:
-        for share in rest:
-            waiting.append(pool.submit(function, share))
-            if len(waiting) > _AHEAD * threads:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+    pool = Parallel(threads, prefer="threads", return_as="generator", pre_dispatch=_AHEAD * threads, batch_size=1)
+    yield from map(function, rest) if threads == 1 else pool(delayed(function)(share) for share in rest)

@@ -18,14 +18,13 @@ import numpy as np
 import pandas as pd
 from scipy import linalg
 
-from ..common.jackknife import variance
 from ..exceptions import BiasWarning, NRFError, RankWarning
 from ..laws.friction import jump_at_reversal
 from ..mechanics.sites import Site
 from ..regression.chain_solve import Solution, groups_of, solve
 from ..regression.errors import residual_weights
 from ..regression.gram_pass import GramPass
-from ..regression.grams import BlockGrams
+from ..regression.grams import BlockGrams, variance
 from ..regression.layout import Block, LawLayout, Layout, Recipe, copies
 from ..regression.segments import SegmentSet
 from ..signals.spline_fusion import white_level

@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 from scipy import linalg
 
-from ..common.jackknife import variance
 from ..exceptions import ChannelError
 from ..regression.chain_model import as_segments
 from ..regression.gram_pass import rows_of, whole_block
+from ..regression.grams import variance
 from ..regression.layout import LawLayout
 from ..regression.segments import Segment, SegmentSet
 

@@ -11,7 +11,6 @@ import pandas as pd
 from scipy.stats import t as student
 
 from .. import laws
-from ..common.jackknife import variance
 from ..data.record import Record
 from ..diagnostics.verdict import FreeRuns
 from ..estimation.fewer_sensors import Linearised, estimate, shot_of, told
@@ -22,6 +21,7 @@ from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.errors import free_run_by_either
+from ..regression.grams import variance
 from ..regression.layout import LawLayout
 from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
@@ -60,6 +60,9 @@ class Stand:
 
 def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: np.random.Generator) -> LoopReport:
     """The report of a search that has come to its end; the held-out data are read here."""
+    instants = [float(e.law.shape[p.name] or 0.0) for e in forward.state.effects for p in e.law.shapes if p.instant]
+    for ruler in (first.trial.ruler, *forward.rulers.values()):
+        ruler.work.leave_out(instants)
     stands = [_stand("baseline", first.trial)]
     steps: list[Step] = []
     confirmed = stands[0]
@@ -213,13 +216,14 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
     values = trial.theta[0, at : at + width]
     columns = [trial.ruler.columns(site, [law])]
     centre = axes.point(law)
-    for k in range(len(centre)):
+    free = 0 if axes.instant else len(centre)
+    for k in range(free):
         h = 2e-3 * (axes.high[k] - axes.low[k])
         h = -h if centre[k] + h > axes.high[k] else h
         moved = axes.at(centre + h * np.eye(len(centre))[k])[0]
         columns.append((values @ (trial.ruler.columns(site, [moved]) - columns[0]) / h)[None])
     try:
-        parts = Slot(base, [(site, law)], extra=len(centre)).left_out(np.vstack(columns))
+        parts = Slot(base, [(site, law)], extra=free).left_out(np.vstack(columns))
     except NRFError:
         return {}
     if not np.isfinite(parts).all():
@@ -227,7 +231,8 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
     half = student.ppf(0.5 + LEVEL / 2, len(parts) - 1) * np.sqrt(variance(parts))
     out = {t.symbol: (float(x - half[k]), float(x + half[k])) for k, (t, x) in enumerate(zip(law.terms(), values))}
     for k, shape in enumerate(axes.shapes):
-        ends = axes.scales[0].values(centre[k] + np.array([-1, 1]) * half[width + k], k)
+        around = centre[k] + np.array([-1, 1]) * half[width + k] if free else np.ravel(axes.told(centre))
+        ends = axes.scales[0].values(around, k)
         out[shape.name] = (float(ends[0]), float(ends[1]))
     return out
 

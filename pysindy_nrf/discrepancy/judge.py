@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..common.jackknife import variance
 from ..laws.base import ForceLaw
 from ..mechanics.sites import Site
+from ..regression.grams import variance
 from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .ruler import Gain, Trial
 from .state import Effect, Finding, State
@@ -41,10 +41,7 @@ def share_of(trial: Trial, without: Trial, site: Site) -> float:
 
 def difference(one: Gain, other: Gain) -> tuple[float, float]:
     """By how much one gain exceeds another over the same model, dB, and the standard error of that over folds."""
-    parts = one.parts - other.parts
-    n = len(parts)
-    error = np.sqrt((n - 1) / n * np.sum((parts - parts.mean()) ** 2))
-    return one.value - other.value, float(error)
+    return one.value - other.value, float(np.sqrt(variance(one.parts - other.parts)))
 
 
 def is_there(gain: Gain, law: ForceLaw | None = None, size: float = LEAST_GAIN) -> bool:

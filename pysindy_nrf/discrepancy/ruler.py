@@ -22,7 +22,7 @@ from ..mechanics.identifiability import plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, model_of
-from ..regression.grams import leave_one_out
+from ..regression.grams import leave_one_out, variance
 from ..regression.layout import LawLayout, Layout
 from ..regression.many_fits import ChainFit, ChannelFit
 from ..regression.segments import SegmentSet
@@ -92,8 +92,7 @@ class Gain:
             changed = informative & (np.abs(np.log(after.shares / before.shares)) >= TENTH)
             self.there = float(fall(before.shares, after.shares, changed))
             self.there_least = float(fall(one, two, changed).min())
-            n = len(self.parts)
-            self.error = float(np.sqrt((n - 1) / n * np.sum((self.parts - self.parts.mean()) ** 2)))
+            self.error = float(np.sqrt(variance(self.parts)))
         if not np.isfinite(self.value) or not np.isfinite(self.error):
             self.value, self.error = -np.inf, np.inf
 

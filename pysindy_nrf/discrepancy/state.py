@@ -1,6 +1,6 @@
 """What a search handles: proposals, accepted effects, the current state, findings."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -150,15 +150,16 @@ class Axes:
             },
         )  # fmt: skip
         found = np.clip(best.x, self.low, self.high)
-        same = [u for u in self._between(found) if gain(self.at(u)) >= -best.fun - TENTH * LEAST_GAIN]
-        return same[0] if same else found
+        middle = np.mean(self.told(found), axis=0) if self.instant else found
+        return middle if gain(self.at(middle)) >= -best.fun - TENTH * LEAST_GAIN else found
 
-    def _between(self, u: np.ndarray) -> Iterator[np.ndarray]:
-        """The middle of a stretch that the search does not see, where an instant lies in it or half a window away."""
+    def told(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Ends between which an instant lies: a window away from it, or from the piece there that is not searched."""
         work, record = self.work, self.work.searched[0]
-        runs, seg, away = work.runs(record), work.data.segments[record], 0.5 * (self.high - self.low) / self.count
-        for one, other in zip(runs[:-1], runs[1:]) if self.instant else ():
+        runs, seg, window = work.runs(record), work.data.segments[record], (self.high - self.low) / self.count
+        for one, other in zip(runs[:-1], runs[1:]):
             rows = [seg.valid.start + row for row in (one.stop, other.start)]
             low, high = (self.scales[0].point(np.asarray(seg.t)[[row]]) for row in rows)
-            if low - away <= u <= high + away:
-                yield 0.5 * (low + high)
+            if low - window / 2 <= u <= high + window / 2:
+                return low - window, high + window
+        return u - window, u + window

@@ -10,7 +10,6 @@ import pandas as pd
 from scipy import special
 from sklearn.base import clone
 
-from ..common.jackknife import variance
 from ..estimation.intervals import Resolver
 from ..estimation.problem import Estimate, Problem, law_list
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
@@ -18,7 +17,7 @@ from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel, as_segments, storey_names
 from ..regression.chain_solve import groups_of, model_of, visited_regions
 from ..regression.gram_pass import pieces_of
-from ..regression.grams import BlockGrams
+from ..regression.grams import BlockGrams, variance
 from ..regression.input_arrays import both_ways, from_arrays, fused_together
 from ..regression.restoring_force import grid
 from ..regression.segments import SegmentSet

@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from ..common.jackknife import variance
 from ..exceptions import ChainError
 from ..laws import Dahl, ForceLaw
 from ..laws.shape import Motion
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
+from ..regression.grams import variance
 from ..regression.segments import Segment, SegmentSet
 
 # Clearances and sliding distances of the common law, in rms drifts of the weaker test. They span what bends a force

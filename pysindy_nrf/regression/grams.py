@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from ..common.jackknife import variance
 from ..exceptions import NRFError
 from ..mechanics.sites import Site
 from .layout import Group, Layout
@@ -191,6 +190,13 @@ class BlockGrams:
             {d: arrays[f"size {x}"][()] for d, x in names.items()}, arrays["n_samples"][()], dict(known_masses or {}),
             KINDS[int(arrays["kind"])], bool(arrays["instrumented"]), arrays.get("record"),
         )  # fmt: skip
+
+
+def variance(values: Any) -> np.ndarray:
+    """Variance of an estimate from its n values, each with one part of the data left out (jackknife)."""
+    values = np.asarray(values)
+    n = len(values)
+    return (n - 1) / n * ((values - values.mean(axis=0)) ** 2).sum(axis=0)
 
 
 def leave_one_out(blocks: np.ndarray) -> np.ndarray:

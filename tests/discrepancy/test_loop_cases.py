@@ -229,3 +229,18 @@ def test_a_bouc_wen_hysteresis_is_not_mended_by_simpler_ones():
     report = loop(record, catalogue, 0.01, known_masses={1: 12.0, 2: 9.0})
     assert {(s.law, s.site) for s in report.steps} == {("bouc_wen", "storey 1")}
     assert report.steps[0].parameters["alpha"] == pytest.approx(4e4, rel=0.1)
+
+
+@pytest.mark.parametrize("t0", [4.0, 10.8])
+def test_a_stiffness_that_steps_in_a_held_out_piece_is_judged_on_the_others_and_dated_to_the_piece(t0):
+    """What the search does not see it cannot date: the interval says so, and pieces without the instant confirm it."""
+    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(40.0)] for i, k in ((1, 4e4), (2, 3e4))}
+    storeys[2].append(laws.StiffnessStep(t0=t0, dk=-3e3))
+    F = excitation.band_limited_random(2, 16.0, 200.0, excited=2, rms=100.0, band=(1, 30), random_state=4)
+    record = simulate(ChainModel([10.0, 8.0], storeys), F, 1 / 200)
+    step = close_loop(record, catalogue=[laws.StiffnessStep(), laws.CubicStiffness()]).steps[0]
+    low, high = step.intervals["t0"]
+    assert (step.law, step.site, step.confirmed) == ("stiffness_step", "storey 2", True)
+    assert step.error_after < 0.5 * step.error_before
+    assert low < t0 < high and high - low > 0.5
+    assert step.intervals["dk"][0] < -3e3 < step.intervals["dk"][1]

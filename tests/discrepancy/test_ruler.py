@@ -307,6 +307,15 @@ def test_errors_of_the_channels_can_undo_a_fault_that_was_found_at_a_wrong_size(
     assert stuck.gain_over(state.trial).value < -constants.LEAST_GAIN
 
 
+def test_a_gain_common_to_all_forces_explains_nothing():
+    """No mass is known: it scales the chain, and what is left of the force with it."""
+    state, _ = searched(Plan(3, (1, 2, 3), noise=0.01, seed=75, n_samples=4000), [])
+    errors = Errors(state.trial.ruler, state.ready, {"gain": 0.02}, ())
+    _, sizes = errors.freed(state.trial)
+    forces = [x for e, x in zip(errors.errors, sizes) if e.kind == "F"]
+    assert len(forces) == 3 and np.abs(forces).max() < 0.2  # standard deviations
+
+
 def test_a_law_at_every_storey_is_no_effect_where_its_coefficients_may_be_zero():
     state, found = searched(Plan(3, (1, 2, 3), noise=0.02, effects=(("cubic", 2, 1, 0.12),), seed=72), SMALL[2:3])
     everywhere = next(f for f in found if len(f.proposal.sites) == 3)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from pysindy_nrf.common.jackknife import variance
+from pysindy_nrf.regression.grams import variance
 
 COLUMNS = arrays.array_shapes(min_dims=1, max_dims=2, min_side=2, max_side=12)
 DATA = arrays.arrays(float, COLUMNS, elements=st.floats(-1e3, 1e3))

@@ -17,6 +17,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.fft import irfft, rfft, rfftfreq
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
@@ -376,7 +377,8 @@ class _Readings:
         unknown = np.isnan(seg.F[seg.valid]).any(axis=0)
         forced = {f"F{j}" for j in range(1, seg.n_dof + 1) if not unknown[j - 1] and seg.F[seg.valid, j - 1].any()}
         self.measured = {c for c in ready.records[record].measured if c[0] != "F"} | forced
-        self._spectra: dict[tuple[int, int], list[dict[str, np.ndarray]]] = {}
+        self._spectra: dict[tuple[int, int], list[np.ndarray]] = {}
+        self._shares: dict[tuple[str, int, int], np.ndarray] = {}
 
     def unit(self, error: _Error) -> dict[str, np.ndarray]:
         """Changes by an error of unit size, (n_samples,)."""
@@ -386,31 +388,32 @@ class _Readings:
         elif self.clean:
             source = {error.kind: _motion(self.seg, error.source)[error.kind]}
         else:
-            source = {key: np.zeros(self.seg.n_samples) for key in "xva"}
+            changes = np.zeros((3, self.seg.n_samples))
             for run, spectra in zip(self.runs, self._transformed(error.source, order)):
-                share = self._share(error, run.stop - run.start)
-                for key, y in spectra.items():
-                    source[key][run] = np.fft.irfft(share * y, run.stop - run.start)
-            return source
+                share = self._share(error.kind, error.dof, run.stop - run.start)
+                changes[:, run] = irfft(share * spectra, run.stop - run.start)
+            return dict(zip("xva", changes))
         return {key: _derived(y, self.step, order) for key, y in source.items()}
 
-    def _transformed(self, dof: int, order: int) -> list[dict[str, np.ndarray]]:
-        """Spectra of derivatives of the motion of a DOF in each run."""
+    def _transformed(self, dof: int, order: int) -> list[np.ndarray]:
+        """Spectra of derivatives of displacement, velocity and acceleration of a DOF in each run, (3, n_lines)."""
         if (dof, order) not in self._spectra:
             motion = _motion(self.seg, dof)
             self._spectra[dof, order] = [
-                {key: np.fft.rfft(_derived(y[run], self.step, order)) for key, y in motion.items()} for run in self.runs
+                rfft([_derived(motion[key][run], self.step, order) for key in "xva"]) for run in self.runs
             ]
         return self._spectra[dof, order]
 
-    def _share(self, error: _Error, samples: int) -> np.ndarray:
+    def _share(self, kind: str, dof: int, samples: int) -> np.ndarray:
         """Part that a channel has in the fused motion, by frequency: what fusion gives it by the noise of all."""
-        omega = 2.0 * np.pi * np.fft.rfftfreq(samples, self.step)
-        levels = {key: self.noise.get(f"{key}{error.dof}", 0.0) for key in "xva"}
-        weight = {key: (omega**k / levels[key]) ** 2 for k, key in enumerate("xva") if levels[key] > 0}
-        total = sum(weight.values(), np.zeros(len(omega)))
-        own = weight.get(error.kind, np.zeros(len(omega)))
-        return np.where(total > 0, own / np.where(total > 0, total, 1.0), 0.0)
+        if (kind, dof, samples) not in self._shares:
+            omega = 2.0 * np.pi * rfftfreq(samples, self.step)
+            levels = {key: self.noise.get(f"{key}{dof}", 0.0) for key in "xva"}
+            weight = {key: (omega**k / levels[key]) ** 2 for k, key in enumerate("xva") if levels[key] > 0}
+            total = sum(weight.values(), np.zeros(len(omega)))
+            own = weight.get(kind, np.zeros(len(omega)))
+            self._shares[kind, dof, samples] = np.where(total > 0, own / np.where(total > 0, total, 1.0), 0.0)
+        return self._shares[kind, dof, samples]
 
 
 def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared, Trial] | None:

@@ -148,11 +148,13 @@ def _stand(name: str, trial: Trial) -> Stand:
     held = Ruler(work, rows, ruler.informative, ruler.clear)
     powers = trial.powers_on(held)
     within = Powers(trial.within[None], trial.powers.reference)
+    driven, usual = held.clear_power(powers.reference) / rows.size, ruler.clear_power(trial.powers.reference)
+    errors = np.where(driven < TENTH * usual / windows.size, np.nan, held.errors(powers))  # none where nothing drives
     row = {
         "search": ruler.error(within), "validation": ruler.error(trial.powers),
         "held-out": held.error(powers, ruler.clear_power(trial.powers.reference)),
         "free run": free_run_error(trial.model(), work),
-        **{f"held-out dof {j}": float(e) for j, e in enumerate(held.errors(powers), 1)},
+        **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
     }  # fmt: skip
     return Stand(name, trial, powers, row)
 

@@ -19,7 +19,7 @@ from scipy.fft import rfft
 
 from ..exceptions import ChannelError
 from ..regression.segments import BlockRows, Segment, SegmentSet
-from .constants import BANDS, FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
+from .constants import BANDS, EXPLAINED, FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
 
 # Samples of windows that are transformed at once: they stay in the processor's cache.
 _AT_ONCE = 100_000
@@ -131,14 +131,18 @@ def _spaced(edges: np.ndarray, least: np.ndarray) -> np.ndarray:
 def _scored(
     energy: dict[int, np.ndarray], hop: Sequence[int], period: Sequence[int], pieces: int, shift: int
 ) -> tuple[list[BlockRows], list[BlockRows], float]:
-    """One way to cut the records, and how far the energy that is held out is from its share."""
+    """One way to cut the records, and how far the energy that is held out, or searched, is from its share."""
     search, held = _cut(energy, hop, period, HELD_OUT, pieces, shift)
-    shares = np.zeros(next(iter(energy.values())).shape[1])
-    for b in held:
-        shares += energy[b.segment][b.rows.start // hop[b.segment] - 1 : b.rows.stop // hop[b.segment] - 1].sum(axis=0)
+
+    def cells(b: BlockRows, edge: int) -> np.ndarray:
+        return energy[b.segment][b.rows.start // hop[b.segment] - 1 + edge : b.rows.stop // hop[b.segment] - 1 - edge]
+
     full = sum(e.sum(axis=0) for e in energy.values()) > 0
-    with np.errstate(divide="ignore"):
-        uneven = np.abs(np.log(np.maximum(shares[full], 1e-9) / HELD_OUT)).max()
+    shares = sum((cells(b, 0).sum(axis=0) for b in held), np.zeros(len(full)))
+    inside = [cells(b, 1) for b in search]  # of the first and the last cell windows see next to nothing: a blow is lost
+    seen = sum(x.sum(axis=0) for x in inside) / max(sum(map(len, inside)) / sum(map(len, energy.values())), 1e-9)
+    uneven = np.abs(np.log(np.maximum(shares[full], 1e-9) / HELD_OUT)).max()
+    uneven += max(0.0, -np.log(np.maximum(seen[full], 1e-9) / EXPLAINED).min())
     return search, held, float(uneven)
 
 

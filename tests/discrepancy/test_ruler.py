@@ -66,6 +66,25 @@ def test_what_is_held_out_has_its_share_of_the_energy_and_overlaps_nothing(name)
     assert len(search) >= 3 and all(b.rows.stop - b.rows.start >= 2 * length / one.dt for b in held)
 
 
+def test_cuts_seldom_lose_all_blows_on_a_floor():
+    """Three blows on each of four floors: one lies half a window inside a fold in nine cases of ten; it was 78 %."""
+    rng, rows, lost = np.random.default_rng(1), slice(0, 8000), 0
+    for _ in range(40):
+        v, F = rng.standard_normal((8000, 4)), np.zeros((8000, 4))
+        at = np.linspace(500, 7500, 12).astype(int) + rng.integers(-200, 200, 12)
+        blows = rng.permutation(at).reshape(4, 3)
+        for j in range(4):
+            F[blows[j], j] = rng.uniform(0.7, 1.3, 3)
+        one = Segment("r", rows, v, v, v, F, T, valid=rows)
+        length = window_length([one])
+        search, _ = split([one], length)
+        for own in blows:
+            ends = [(b.rows.start, b.rows.stop - 1) for b in search]
+            inside = [min(k - low, high - k) for k in own for low, high in ends if low <= k <= high]
+            lost += max(inside, default=0) < 0.5 * length / one.dt
+    assert lost < 16
+
+
 def test_records_held_out_whole_leave_the_others_to_the_search():
     one = segment(*SHAPES["noise"])
     search, held = split([one, one], window_length([one]), [1])

@@ -157,7 +157,7 @@ class BiasWarning(NRFWarning):
     >>> with warnings.catch_warnings(record=True, action="always") as caught:
     ...     _ = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
     >>> caught[0].category.__name__, str(caught[0].message)[:28]
-    ('BiasWarning', 'm1 = 9.33 kg is likely biase')
+    ('BiasWarning', 'm1 = 9.329 kg is likely bias')
     """
 
 

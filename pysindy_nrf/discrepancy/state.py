@@ -154,12 +154,12 @@ class Axes:
         return middle if gain(self.at(middle)) >= -best.fun - TENTH * LEAST_GAIN else found
 
     def told(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Ends between which an instant lies: a window away from it, or from the piece there that is not searched."""
+        """Ends between which an instant lies: a window away, or two from a piece there that is not searched (taper)."""
         work, record = self.work, self.work.searched[0]
         runs, seg, window = work.runs(record), work.data.segments[record], (self.high - self.low) / self.count
         for one, other in zip(runs[:-1], runs[1:]):
             rows = [seg.valid.start + row for row in (one.stop, other.start)]
             low, high = (self.scales[0].point(np.asarray(seg.t)[[row]]) for row in rows)
             if low - window / 2 <= u <= high + window / 2:
-                return low - window, high + window
+                return low - 2 * window, high + 2 * window
         return u - window, u + window

@@ -101,9 +101,9 @@ class _Scan:
 
     def gain(self, value: float) -> float:
         """Gain of the records that are freed of the fault, dB."""
-        law, data = self.suspect.law.with_values([value]), self.trial.ruler.work.data
+        law = self.suspect.law.with_values([value])
         try:
-            return on(self.trial, _shifted(data, self.suspect.site, law)).gain_over(self.trial).value
+            return on(self.trial, _shifted(self.trial.ruler.work, self.suspect.site, law)).gain_over(self.trial).value
         except NRFError:
             return -np.inf
 
@@ -118,18 +118,29 @@ class _Scan:
         return (gain, replace(self.suspect, law=self.suspect.law.with_values([value]))) if there else None
 
 
-def _shifted(data: SegmentSet, site: Site, law: SensorFault) -> SegmentSet:
-    """Records in which a force, or the whole motion of a DOF, is freed of a fault."""
+def _shifted(work: Workspace, site: Site, law: SensorFault) -> SegmentSet:
+    """Records in which a force, or the whole motion of a DOF, is freed of a fault, what is held out on its own."""
     segments, kind, dof = [], site.channel[0], int(site.channel[1:])
-    for seg in data.segments:
+    for i, seg in enumerate(work.data.segments):
+        ends = {seg.valid.start + x for b in work.held if b.segment == i for x in (b.rows.start, b.rows.stop)}
+        cuts = sorted(ends - {seg.valid.start, seg.valid.stop})
         channels = {"F": seg.F[:, dof - 1]} if kind == "F" else _motion(seg, dof)
         seen = {key: np.asarray(y, dtype=float) for key, y in channels.items() if np.nan_to_num(y).any()}
-        changed = seg.moved(dof, **{key: law.corrected(y, seg.dt or 1.0) - y for key, y in seen.items()})
+        changed = seg.moved(dof, **{key: _freed(law, y, seg.dt or 1.0, cuts) - y for key, y in seen.items()})
         known = np.isfinite(seg.F[seg.valid]).all(axis=0)
         finite = np.isfinite(np.hstack([changed.a, changed.v, changed.s, changed.F[:, known]])).all(axis=1)
         inside = seg.valid.start + np.flatnonzero(finite[seg.valid])
         segments.append(replace(changed, valid=slice(int(inside[0]), int(inside[-1]) + 1)))
-    return SegmentSet(segments, data.n_samples)
+    return SegmentSet(segments, work.data.n_samples)
+
+
+def _freed(law: SensorFault, y: np.ndarray, dt: float, cuts: Sequence[int]) -> np.ndarray:
+    """A channel freed of a fault, its pieces on their own; as it was at cuts, where a correction reaches beyond one."""
+    parts = [law.corrected(part, dt) for part in np.split(y, cuts)]
+    whole = np.concatenate(parts)
+    first, last = len(parts[0]) // 2, len(y) - len(parts[-1]) // 2
+    whole[first:last] = np.where(np.isnan(whole), y, whole)[first:last]
+    return whole
 
 
 def _motion(seg: Segment, dof: int) -> dict[str, np.ndarray]:
@@ -423,7 +434,7 @@ def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared,
     try:
         records = [as_true(r, suspect.site, suspect.law) for r in ready.records]
         if suspect.site.channel[0] == "F":
-            fresh: Any = replace(ready, records=records, data=_shifted(work.data, suspect.site, suspect.law))
+            fresh: Any = replace(ready, records=records, data=_shifted(work, suspect.site, suspect.law))
         else:
             mine = [i for i in range(len(records)) if i not in held]
             bands = [ready.bands[i] for i in [*mine, *held]] if ready.bands else None

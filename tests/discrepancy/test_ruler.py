@@ -316,7 +316,7 @@ def test_errors_of_the_channels_can_undo_a_fault_that_was_found_at_a_wrong_size(
     """A force wrongly divided by 1.1, and gains that scatter: what the errors leave is what they leave without it."""
     state, _ = searched(Plan(3, (1, 2, 3), noise=0.002, seed=75, n_samples=4000), [])
     fault, site = laws.GainError(0.1), Site("sensor F1")
-    wrong = on(state.trial, _shifted(state.trial.ruler.work.data, site, fault))
+    wrong = on(state.trial, _shifted(state.trial.ruler.work, site, fault))
     tolerances = {"gain": 0.02}
     effects = (Effect(fault, site, laws.GainError()),)
     freed, _ = Errors(wrong.ruler, state.ready, tolerances, effects).freed(wrong)

@@ -72,9 +72,8 @@ def families(step) -> set[str]:
 
 
 def held(report) -> float:
-    """Held-out error of the model, percent: with the last confirmed effect."""
-    done = claims(report)
-    return done[-1].error_after if done else float(report.table["held-out"].iloc[0])
+    """Held-out error of the model, percent."""
+    return float(report.final["held-out"])
 
 
 def told(report) -> str:

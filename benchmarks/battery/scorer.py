@@ -271,7 +271,7 @@ def run_case(case: Case) -> dict:
             for s in steps
         ),
         "error before": float(report.table["held-out"].iloc[0]),
-        "error after": claimed[-1].error_after if claimed else float(report.table["held-out"].iloc[0]),
+        "error after": float(report.final["held-out"]),
         "gain": steps[0].gain if steps else np.nan,
         "gain error": steps[0].gain_error if steps else np.nan,
         "gain least": steps[0].gain_least if steps else np.nan,

@@ -20,7 +20,7 @@ from ..laws.shape import Motion
 from ..regression.grams import Regression
 from ..signals.noise_levels import RARE
 from . import words
-from .constants import EXPLAINED, LEAST, NEARLY
+from .constants import EXPLAINED, NEARLY, TENTH
 from .windows import period_of
 from .words import Dependence, Feature
 
@@ -185,7 +185,7 @@ def characterise(
     table["gain"] = table["share"] - max(table.loc["linear", "share"], 0.0)
     best = table["share"].max()
     near = table.index[table["share"] >= best - 100 * NEARLY]
-    row = str(near[0]) if best >= 100 * LEAST else ""
+    row = str(near[0]) if best >= 100 * TENTH else ""
     table["chosen"] = table.index == row
     covariate = row.removeprefix("covariate ") if row.startswith("covariate ") else ""
     dependence = Dependence.COVARIATE if covariate else Dependence(row) if row else Dependence.NOTHING
@@ -264,12 +264,12 @@ class _Work:
         share = self.regression.share
         if dependence == Dependence.RATE:
             jump = share("force", ["jump"], [*self.base, "rate powers"])[0]
-            return [Feature.JUMP] * (jump > LEAST)
+            return [Feature.JUMP] * (jump > TENTH)
         if dependence != Dependence.DRIFT:
             return []
         # straight lines with a gap that explain more than a smooth curve does are a kink
         smooth = share("force", ["powers"], self.base)[0]
-        if max(share("force", [f"gap {k}"], self.base)[0] for k in range(len(_GAPS))) > smooth + LEAST * (1 - smooth):
+        if max(share("force", [f"gap {k}"], self.base)[0] for k in range(len(_GAPS))) > smooth + TENTH * (1 - smooth):
             return [Feature.KINK]
         if odd < EXPLAINED:
             return []

@@ -27,7 +27,7 @@ from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
 from . import judge, words
 from .catalogue import as_laws, balances_of, candidates, general_laws
-from .constants import BY_NOISE, COMPLETE, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
+from .constants import BY_NOISE, CLAIMED, COMPLETE, HOPELESS, LARGE_GAIN, PERIODS, TENTH
 from .evidence import look
 from .prepare import MOST, Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
@@ -39,11 +39,10 @@ from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
-CLAIMED = -20 * np.log10(1 - TENTH)  # dB: an effect that lowers what is left by less than a tenth is not claimed
 RUN = 3 * MOST  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
 
 
-@dataclass
+@dataclass(eq=False)
 class Stand:
     """A model on the way to the last one, judged on the search and on held-out data."""
 
@@ -63,41 +62,39 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     instants = [float(e.law.shape[p.name] or 0.0) for e in forward.state.effects for p in e.law.shapes if p.instant]
     for ruler in (first.trial.ruler, *forward.rulers.values()):
         ruler.work.leave_out(instants)
-    stands = [_stand("baseline", first.trial)]
-    steps: list[Step] = []
-    confirmed = stands[0]
-    refused: list[tuple[Step, Stand]] = []
-    waiting = list(forward.state.effects)
+    baseline = confirmed = _stand("baseline", first.trial)
+    trials, found, held = [first.trial], {}, {}
+    for effect in forward.state.effects:  # what the search says: each effect beside all those found before it
+        with suppress(NRFError):
+            found[effect] = _pair(forward, trials[-1], effect)
+            trials.append(found[effect][1])
+    waiting = list(found)
     while waiting:  # what held-out data do not confirm alone may be confirmed beside the rest
-        again, refused = [], []
+        refused = []
         for effect in waiting:
-            try:
-                before, after = _pair(forward, confirmed, effect)
-            except NRFError:
-                continue
-            step = _step(forward.rivals.get(effect, []), effect, before, after)
-            if step.confirmed:
-                steps.append(step)
-                stands.append(after)
+            held[effect] = before, after = _judged(forward, confirmed, effect)
+            if _confirms(effect, before, after):
                 confirmed = after
             else:
-                again.append(effect)
-                refused.append((step, after))
-        if len(again) == len(waiting):
-            break
-        waiting = again
-    for step, stand in refused:
-        if step.gain >= LEAST_GAIN:
-            steps.append(step)
-            stands.append(stand)
+                refused.append(effect)
+        waiting = refused if len(refused) < len(waiting) else []
+    steps = [_step(forward.rivals.get(effect, []), effect, *held[effect], found[effect]) for effect in found]
+    stands = [baseline, *(after for _, after in held.values())]
+    at = stands.index(confirmed)
     stopped = _why_stopped(forward, settings["max_steps"])
-    if not confirmed.trial.ruler.windows.centred:  # one ruler for the table: that of the last model
-        stands = [_as_measured(stand) for stand in stands]
+    if not trials[-1].ruler.windows.centred:  # one ruler for the table
+        trials = [_as_measured(trial) for trial in trials]
         stopped += f". {words.MEANS_LEFT_IN}" if len(steps) > 1 else ""
-    no_claim = _no_claim(confirmed)
+    if not confirmed.trial.ruler.windows.centred:
+        stands = [_stand(stand.name, _as_measured(stand.trial)) for stand in stands]
+    for stand, trial in zip(stands, trials):
+        stand.row |= _of_search(trial)
+    unfit = _no_claim(trials[-1])
+    no_claim = unfit or _no_claim(confirmed.trial)
     if no_claim:
-        stopped = f"{no_claim}. Nothing is claimed"
-        steps, stands, confirmed = [], stands[:1], stands[0]
+        stopped, at = f"{no_claim}. Nothing is claimed", 0
+        steps, stands = ([], stands[:1]) if unfit else ([replace(s, confirmed=False) for s in steps], stands)
+    confirmed = stands[at]
     general = _general(confirmed, forward)
     there = general[general["there"]]
     if len(there) and not no_claim and len(forward.state.effects) < settings["max_steps"]:
@@ -105,7 +102,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     made = simulated(forward.state.ready, confirmed.trial.on_part(), rng) if forward.state.ready is not None else None
     noise = None if made is None else made[1]
     beyond = _say_how_sure(steps, confirmed, noise, [Site(site) for site, _ in there.index])
-    report = _report(forward, first, settings, steps, stands, confirmed, noise, stopped)
+    report = _report(forward, first, settings, steps, stands, at, noise, stopped)
     report.lack_of_fit, report.beyond_noise = general.drop(columns="there"), beyond
     report.bounds = _bounds(confirmed.trial)
     return report
@@ -129,16 +126,31 @@ def _general(final: Stand, forward: Forward) -> pd.DataFrame:
     return pd.DataFrame(list(rows.values()), index, columns=["gain (dB)", "standard error", "there"])
 
 
-def _pair(forward: Forward, confirmed: Stand, effect: Effect) -> tuple[Stand, Stand]:
-    """The confirmed model and the same with one effect more, on one ruler; a fault only changes the records."""
-    trial, name = confirmed.trial, f"{effect.law.name} at {effect.site}"
+def _pair(forward: Forward, trial: Trial, effect: Effect) -> tuple[Trial, Trial]:
+    """A model and the same with one effect more, on one ruler; a fault only changes the records."""
     if effect.is_fault:
         ruler = forward.rulers[effect]
         ruler = ruler if trial.ruler.windows.centred else ruler.as_measured()
-        return confirmed, _stand(name, Trial(ruler, trial.base, trial.laws))
+        return trial, Trial(ruler, trial.base, trial.laws)
     if effect.law.variable == "1":  # the means alone show a constant force
-        confirmed = _as_measured(confirmed)
-    return confirmed, _stand(name, confirmed.trial.with_laws([(effect.site, effect.law)]))
+        trial = _as_measured(trial)
+    return trial, trial.with_laws([(effect.site, effect.law)])
+
+
+def _judged(forward: Forward, confirmed: Stand, effect: Effect) -> tuple[Stand, Stand]:
+    """The confirmed model and the same with one effect more, judged on the held-out data."""
+    name = f"{effect.law.name} at {effect.site}"
+    try:
+        before, after = _pair(forward, confirmed.trial, effect)
+    except NRFError:  # its columns depend on those of the model
+        return confirmed, replace(confirmed, name=name)
+    return confirmed if before is confirmed.trial else _stand(confirmed.name, before), _stand(name, after)
+
+
+def _confirms(effect: Effect, before: Stand, after: Stand) -> bool:
+    """Whether the held-out error falls, and what is left by a tenth."""
+    gain = after.trial.gain_over(before.trial)
+    return bool(after.error < before.error and judge.is_there(gain, effect.law, CLAIMED))
 
 
 def _stand(name: str, trial: Trial) -> Stand:
@@ -147,11 +159,9 @@ def _stand(name: str, trial: Trial) -> Stand:
     rows = Windows(work.data, work.held, windows.length, windows.edges, windows.centred)
     held = Ruler(work, rows, ruler.informative, ruler.clear)
     powers = trial.powers_on(held)
-    within = Powers(trial.within[None], trial.powers.reference)
     driven, usual = held.clear_power(powers.reference) / rows.size, ruler.clear_power(trial.powers.reference)
     errors = np.where(driven < TENTH * usual / windows.size, np.nan, held.errors(powers))  # none where nothing drives
-    row = {
-        "search": ruler.error(within), "validation": ruler.error(trial.powers),
+    row = _of_search(trial) | {
         "held-out": held.error(powers, ruler.clear_power(trial.powers.reference)),
         "free run": free_run_error(trial.model(), work),
         **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
@@ -159,24 +169,31 @@ def _stand(name: str, trial: Trial) -> Stand:
     return Stand(name, trial, powers, row)
 
 
-def _as_measured(stand: Stand) -> Stand:
+def _of_search(trial: Trial) -> dict[str, float]:
+    """The errors on the search data, of the fit and of each fold left out of it, percent."""
+    within = Powers(trial.within[None], trial.powers.reference)
+    return {"search": trial.ruler.error(within), "validation": trial.ruler.error(trial.powers)}
+
+
+def _as_measured(trial: Trial) -> Trial:
     """The same model with the means left in."""
-    trial = stand.trial
     if trial.ruler.windows.centred:
         with suppress(NRFError):
-            return _stand(stand.name, Trial(trial.ruler.as_measured(), trial.base, trial.laws))
-    return stand
+            return Trial(trial.ruler.as_measured(), trial.base, trial.laws)
+    return trial
 
 
-def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand) -> Step:
-    """One effect, with what it gains on the search and on the held-out data."""
-    site = effect.site
-    gain = after.trial.gain_over(before.trial)
+def _step(
+    rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand, searched: tuple[Trial, Trial] | None = None
+) -> Step:
+    """One effect: what the search says of it, beside those found before it, and what held-out data say of it."""
+    site, (old, trial) = effect.site, searched or (before.trial, after.trial)
+    gain = trial.gain_over(old)
     held = Gain(before.held, after.held, before.trial.ruler.informative)
     families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
-    work = after.trial.ruler.work
+    work = trial.ruler.work
     if not effect.is_fault:
-        low, high = after.trial.ruler.band()
+        low, high = trial.ruler.band()
         families = dict.fromkeys([effect.law.limit(work.scales(site)[0], (low or 0.0, high or np.inf)), *families])
     families.pop(effect.law.family, None)
     if effect.law.variable == "1":
@@ -184,9 +201,9 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
     step = Step(
         effect.law.name, effect.law.family, str(site), shape=dict(effect.law.shape), alternatives=list(families)[:2],
         error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
-        free_run_after=after.row["free run"], validation_before=before.row["validation"], gain=gain.value,
+        free_run_after=after.row["free run"], validation_before=old.ruler.error(old.powers), gain=gain.value,
         gain_error=gain.error, gain_least=gain.least, gain_heldout=held.value,
-        confirmed=bool(after.error < before.error and judge.is_there(gain, effect.law, CLAIMED)),
+        confirmed=_confirms(effect, before, after),
         tied=[
             (f.proposal.law.name, ", ".join(map(str, f.proposal.sites)), f.gain.value if f.gain else np.nan)
             for f in rivals
@@ -198,11 +215,11 @@ def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand
             str(f.proposal.sites[0]) for f in rivals if f.is_fault and f.proposal.law.name == effect.law.name
         ]
     else:
-        laws = after.trial.model().laws[site]
+        laws = trial.model().laws[site]
         fitted = next(law for law in reversed(laws) if law.name == effect.law.name)
         step.sure = gain.bound > 0 and all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
-        step.intervals = _intervals(after.trial, effect)
-        step.share = judge.share_of(after.trial, after.trial.without(site, effect.law), site)
+        step.intervals = _intervals(trial, effect)
+        step.share = judge.share_of(trial, trial.without(site, effect.law), site)
     step.parameters, step.units = dict(fitted.parameters), fitted.units
     step.evidence = words.acceptance(step)
     return step
@@ -247,10 +264,9 @@ def _bounds(trial: Trial) -> dict[str, tuple[float, float]]:
     return {name: (x - h, x + h) for name, x, h in zip(found, found.iloc[0].astype(float), half) if np.isfinite(h)}
 
 
-def _no_claim(after: Stand) -> str:
+def _no_claim(trial: Trial) -> str:
     """Why nothing may be claimed; empty if something may."""
-    model, known = after.trial.model(), after.trial.ruler.work.known_masses
-    left = after.trial.left
+    model, known, left = trial.model(), trial.ruler.work.known_masses, trial.left
     if np.nanmax(left) >= HOPELESS:
         return words.hopeless(left)
     if any(m <= 0 and j not in known for j, m in enumerate(model.masses, 1)):
@@ -291,9 +307,11 @@ def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking:
 
 def _report(
     forward: Forward, first: State, settings: Mapping[str, Any], steps: list[Step], stands: list[Stand],
-    confirmed: Stand, noise: Ruler | None, stopped: str,
+    at: int, noise: Ruler | None, stopped: str,
 ) -> LoopReport:  # fmt: skip
-    work, ready, model = confirmed.trial.ruler.work, forward.whole or forward.state.ready, confirmed.trial.model()
+    work, ready = stands[at].trial.ruler.work, forward.whole or forward.state.ready
+    models = [stand.trial.model() for stand in stands]
+    model = models[at]
     assert ready is not None
     rows: dict[str, dict[str, float]] = {}
     for stand in stands:
@@ -316,10 +334,10 @@ def _report(
     }
     floor = floor_of(model, None if noise is None else noise.work)
     sites = [step.site for step in steps] + [""]
-    evidence = [look(s.trial.ruler.work, s.trial.model(), s.name, at, floor) for s, at in zip(stands, sites)]
+    evidence = [look(s.trial.ruler.work, m, s.name, site, floor) for s, m, site in zip(stands, models, sites)]
     data, filters = searched(work)
     return LoopReport(
-        steps, table, stopped, model, band, _listed(forward.last), [s.trial.model() for s in stands], evidence,
+        steps, table, stopped, model, band, _listed(forward.last), models, evidence,
         measured_of(ready), loops_of(model, data, filters), audit(settings, ready),
     )  # fmt: skip
 

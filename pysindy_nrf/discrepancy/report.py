@@ -21,7 +21,7 @@ from .residual import SiteLoop
 
 @dataclass
 class Step:
-    """One accepted effect.
+    """One effect that the search found: what the search says, and what held-out data say of it.
 
     Attributes
     ----------
@@ -32,8 +32,8 @@ class Step:
     shape : dict
         Shape parameters by name, SI units, as the search found them.
     parameters, units : dict
-        Coefficients by symbol and shape parameters by name, SI units, in the final model; of a faulty sensor, of all
-        corrections together; their units, empty for a plain number.
+        Coefficients by symbol and shape parameters by name, SI units, beside the effects found before it; of a faulty
+        sensor, of all corrections together; their units, empty for a plain number.
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str
@@ -141,8 +141,8 @@ class LoopReport:
     ----------
     steps : list of Step
     table : DataFrame
-        One row for the baseline and each step: search, validation, held-out balance error, per
-        balance and pooled, and free-run error, percent NRMSE; the band.
+        One row for the baseline and each step, percent NRMSE: search and validation error with all effects found so
+        far; held-out balance error, per balance and pooled, and free-run error beside the confirmed ones; the band.
     stopped_because : str
     model : ChainModel
         With the effects in it, fitted to the search data.
@@ -208,6 +208,12 @@ class LoopReport:
 
     def __post_init__(self) -> None:
         self.table = Whole(self.table)
+
+    @property
+    def final(self) -> pd.Series:
+        """The row of the table that belongs to the model: the last confirmed effect's, or the baseline's."""
+        confirmed = [k for k, step in enumerate(self.steps, 1) if step.confirmed]
+        return self.table.iloc[next((k for k, m in enumerate(self.models) if m is self.model), max([0, *confirmed]))]
 
     @property
     def verdict(self) -> Verdict:

@@ -10,10 +10,12 @@ from scipy.optimize import minimize
 from ..laws.base import ForceLaw
 from ..laws.shape import Shape, ShapeScale
 from ..mechanics.sites import Site
-from .constants import GRID, LEAST_GAIN, TENTH, WINDOWS
+from .constants import LEAST_GAIN, TENTH, WINDOWS
 from .prepare import Prepared, Workspace
 from .ruler import Gain, Trial
 
+# Points of a scan along each axis by the number of shape parameters.
+GRID = {1: 9, 2: 5, 3: 4}
 # Evaluations of a refinement for each shape parameter.
 _EVALUATIONS = 25
 

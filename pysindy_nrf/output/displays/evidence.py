@@ -153,7 +153,7 @@ def before_after_figure(report: Any) -> Figure:
     held = [True, *(step.confirmed for step in report.steps)]
     words = [("+ " if k else "") + str(i).replace("_", " ") for k, i in enumerate(report.table.index)]
     errors = report.table[columns].to_numpy(dtype=float)
-    first, last = errors[[0, max(k for k, kept in enumerate(held) if kept)], 0]
+    first, last = errors[0, 0], report.final["held-out"]
     names = [n if kept else f"{n} (not confirmed)" for n, kept in zip(words, held)]
     marks: list[Mark] = [
         Bars(row, name, ("muted", *CYCLE)[k % 7], hatched=not held[k])

@@ -100,7 +100,7 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     content.kind, content.verdict = "loop", report.verdict
     content.title = title or listed(m.name for m in report.measured[:3]) or "Closing the loop"
     content.lead, content.stopped, content.care = lead(report), report.stopped_because, list(report.verdict.reasons)
-    last, held = final(report), confirmed(report)
+    last, held = report.final, confirmed(report)
     since = [f"from {x:.3g} %" if held else "" for x in report.table.iloc[0][["held-out", "free run"]]]
     doubtful = len(report.steps) - len(held)
     content.tiles = [
@@ -144,7 +144,7 @@ def _effect(step: Any) -> str:
 
 def loop_verdict(report: Any) -> Verdict:
     """The verdict on a report of the loop."""
-    last = final(report)
+    last = report.final
     balances = {j: float(last.get(f"held-out dof {j}", np.nan)) for j in range(1, report.model.n_dof + 1)}
     stopped = sentence(report.stopped_because) if "Nothing is claimed" in report.stopped_because else ""
     found = [_effect(step) for step in confirmed(report)]
@@ -366,11 +366,6 @@ def confirmed(report: Any) -> list[Any]:
     return [step for step in report.steps if step.confirmed]
 
 
-def final(report: Any) -> pd.Series:
-    """The errors of the model: the row of the last confirmed effect, or of the baseline."""
-    return report.table.iloc[max((k for k, step in enumerate(report.steps, 1) if step.confirmed), default=0)]
-
-
 def standing(step: Any) -> str:
     """What held-out data say of an effect."""
     return "confirmed" if step.confirmed else "NOT CONFIRMED"
@@ -383,7 +378,7 @@ def joined(parts: Sequence[str]) -> str:
 
 def lead(report: Any) -> str:
     """The whole story in a few sentences: effects that are confirmed, and what is not to be relied on."""
-    before, after = report.table["held-out"].iloc[0], final(report)["held-out"]
+    before, after = report.table["held-out"].iloc[0], report.final["held-out"]
     found = [_where(step) for step in confirmed(report)]
     if found:
         them = "it" if len(found) == 1 else "them"

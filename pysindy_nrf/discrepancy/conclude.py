@@ -72,10 +72,11 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     while waiting:  # what held-out data do not confirm alone may be confirmed beside the rest
         refused = []
         for effect in waiting:
-            held[effect] = before, after = _judged(forward, confirmed, effect)
-            if _confirms(effect, before, after):
-                confirmed = after
+            pair = _judged(forward, confirmed, effect)
+            if _confirms(effect, *pair):
+                held[effect], confirmed = pair, pair[1]
             else:
+                held.setdefault(effect, pair)
                 refused.append(effect)
         waiting = refused if len(refused) < len(waiting) else []
     steps = [_step(forward.rivals.get(effect, []), effect, *held[effect], found[effect]) for effect in found]

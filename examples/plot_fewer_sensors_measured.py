@@ -26,11 +26,12 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 print(Chain(3).sensing(sensors=[1, 3], excited=1))
 
-# a period of the steady motion under a force with equal lines from 4 to 32 Hz
+# a period of the steady motion under a random-phase multisine from 4 to 32 Hz
 frf = measured_sets.load_three_storey_frf()
 inside, n = (frf.f >= 4) & (frf.f <= 32), 2 * len(frf.f)
 lines = np.zeros((n // 2 + 1, 4), dtype=complex)
-lines[1:][inside] = np.column_stack([np.ones(inside.sum()), frf.H[inside]])
+phases = np.exp(2j * np.pi * np.random.default_rng(0).random((inside.sum(), 1)))
+lines[1:][inside] = phases * np.column_stack([np.ones(inside.sum()), frf.H[inside]])
 force, *floors = np.fft.irfft(lines, n, axis=0).T
 a = np.column_stack(floors)
 hidden = a[:, 1].copy()

@@ -141,7 +141,7 @@ def close_loop(
         begun = [replace(s, valid=slice(s.valid.start, min(s.valid.stop, s.valid.start + RUN))) for s in segments]
         report.free_runs = free_runs(report.model, SegmentSet(begun, ready.data.n_samples))
         report.faults = suspect_channels((*mine, *kept))
-        if report.faults or (report.beyond_noise > DOUBTFUL).any() or (report.model.masses <= 0).any():
+        if report.faults or (report.beyond_noise > DOUBTFUL).any() or report.verdict.state == "red":
             report.wiring = wiring_of(baseline, problem, report.model, mine)
         return report
 

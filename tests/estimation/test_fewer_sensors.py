@@ -7,7 +7,7 @@ from chains import driven, worst
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
 from pysindy_nrf.estimation.fewer_sensors import shot_of
 from pysindy_nrf.estimation.free_run_fit import FreeRunFit, free_parameters
-from pysindy_nrf.exceptions import ChannelError, ExcitationError, IdentifiabilityError
+from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.regression.layout import LawLayout
 from pysindy_nrf.simulation.noise import add_noise
@@ -57,6 +57,18 @@ def test_the_absent_motions_and_storey_forces_come_with_intervals(exact, fitted)
         half = (table[f"{name}_upper"] - table[f"{name}_lower"]) / 2
         share = np.sqrt(np.mean((table[name] - true) ** 2) / np.mean(half**2))
         assert 0.2 < share < 0.8  # of 95 % intervals: a standard error is 0.51 of them
+
+
+def test_of_a_frame_that_is_no_chain_the_measured_channels_still_tell_the_hidden_motion(exact):
+    """A brace that the model lacks: its free run misses much, the channels tell most of that, and the user is told."""
+    braced = ChainModel(MASSES, {**TRUTH.laws, "ground 3": laws.LinkSpringDashpot(1e4, 0.0)})
+    true = driven(braced, [4], 8.0, FS, 100.0, (0.5, 50.0), seed=1)
+    record = seen(add_noise(true, 0.005, random_state=3), [2, 3, 4])
+    with pytest.warns(BiasWarning, match="more than their noise"):
+        model = NRFRegressor(degree=1, known_masses=dict(enumerate(MASSES, 1))).fit(record)
+    alone = simulate(model.model_, true.force, 1 / FS).acceleration[:, 0]
+    hidden = nrmse(true.acceleration[:, 0], model.motions_[0]["a1"])
+    assert hidden < 0.5 * nrmse(true.acceleration[:, 0], alone)
 
 
 def test_intervals_hold_the_truth(fitted):

@@ -137,7 +137,7 @@ def test_page_tells_the_story_with_its_evidence(pages):
         assert re.sub(r"\s+", " ", said) in text
     assert f"{step.error_before:.3g} → {step.error_after:.3g} %" in text
     assert "shaker <b>1</b>" in text  # as text, not as markup
-    for said in ("random_state", "least gain", "grid", "numpy", "Symbols", "What was measured"):
+    for said in ("random_state", "least gain", "draws", "numpy", "Symbols", "What was measured"):
         assert said in text
     assert "<b>" not in [tag for tag, *_ in pages["loop"].elements]
 
@@ -313,6 +313,7 @@ def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
     report = copy.copy(loop_report())
     step = report.steps[0]
     report.steps = [replace(step, confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3)]
+    report.model = report.models[0]
     found = of_loop(report)
     before = report.table["held-out"].iloc[0]
     assert "the loop added nothing to it. NOT CONFIRMED on held-out data, and not in the model: " in found.lead
@@ -328,7 +329,7 @@ def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
     assert "is NOT CONFIRMED: the held-out error goes from" in found.care[0]
     assert "NOT CONFIRMED" in report._repr_html_() and "| NOT CONFIRMED |" in report.to_markdown()
     both = copy.copy(report)
-    both.steps = [step, *report.steps]
+    both.steps, both.model = [step, *report.steps], report.models[1]
     both.table = report.table.iloc[[0, 1, 1]]
     assert f"falls from {before:.3g} to {both.table['held-out'].iloc[1]:.3g} %. NOT CONFIRMED" in lead(both)
 

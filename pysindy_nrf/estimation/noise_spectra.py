@@ -288,10 +288,15 @@ def expected(noise: NoiseModel, names: tuple[str, ...], gap: np.ndarray, dt: flo
     f, R = np.fft.rfftfreq(len(gap), dt), np.fft.rfft(gap, axis=0)
     f[0] = 1e-3 * f[1]
     out = np.empty((len(f), len(names)), dtype=complex)
-    for rows, G, S in noise.blocks(f):
-        forces = noise.force[:, None] * (G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[rows][:, :, None]))
+    for rows, forces in _forces(noise, f, R):
         out[rows] = (transfer(noise.matrices, f[rows], names) @ forces)[:, :, 0]
     return np.fft.irfft(out, len(gap), axis=0)
+
+
+def _forces(noise: NoiseModel, f: np.ndarray, R: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
+    """Rows of f, and the forces beside the measured ones that the lines R of what a run misses tell there."""
+    for rows, G, S in noise.blocks(f):
+        yield rows, noise.force[:, None] * (G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[rows][:, :, None]))
 
 
 def corrected(segment: Segment, gap: np.ndarray, noise: NoiseModel) -> Segment:
@@ -301,9 +306,8 @@ def corrected(segment: Segment, gap: np.ndarray, noise: NoiseModel) -> Segment:
     first, last = np.searchsorted(f, noise.signal_band, side="left")
     R = spectrum(gap, segment.step)[first:last]
     more = np.zeros((len(f) + 1, n + 1), dtype=complex)
-    for part, G, S in noise.blocks(f[first:last]):
-        found = G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[part][:, :, None])
-        more[1 + first : 1 + last][part] = noise.force * found[:, :, 0]
+    for part, forces in _forces(noise, f[first:last], R):
+        more[1 + first : 1 + last][part] = forces[:, :, 0]
     length = rows.stop - rows.start
     # the free run misses E_x - G E_u, so the estimated noise of the force enters with a minus sign
     more = np.fft.irfft(more, length, axis=0) / np.sqrt(segment.step / length)

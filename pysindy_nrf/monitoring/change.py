@@ -1,4 +1,4 @@
-"""Changes of a structure: between two tests, and within a record by moving windows and change points."""
+"""Changes of a structure: between two tests, and within a record by moving windows."""
 
 import warnings
 from collections.abc import Iterator
@@ -260,9 +260,6 @@ def _holm(p: np.ndarray) -> np.ndarray:
     return out
 
 
-_PARTS = 10
-
-
 def track(
     estimator: Any, X: Any, F: Any = None, *, window: float = 2.0, step: float = 0.25, masses: Any = "fitted",
     **options: Any,
@@ -320,101 +317,6 @@ def track(
         raise ChainError(f"No window of {window:g} s fits into the records", "Use a shorter one.")
     names = [f"{term}{j}" for term in "kc" for j in range(1, estimator.model_.n_dof + 1)]
     return pd.DataFrame(rows, columns=["record", "t", *names])
-
-
-@dataclass
-class Onset:
-    """When and where a structure changed during a record."""
-
-    time: float  # s; NaN if no significant change was found
-    storey: str | None  # whose stiffness changed most, in standard errors
-    change: float  # of its stiffness, percent
-    p: float  # probability of such a change, at any time, if nothing had changed
-    table: pd.DataFrame  # by storey: before, after (N/m), change (percent), z (in standard errors)
-
-    def __str__(self) -> str:
-        if self.storey is None:
-            return f"No change during the record is significant (p = {self.p:.2g})."
-        return (
-            f"The stiffness of {self.storey} changed by {self.change:+.2f} % at {self.time:.2f} s (p = {self.p:.1g})."
-        )
-
-
-def find_onset(
-    estimator: Any, X: Any, F: Any = None, *, step: float = 0.1, margin: float = 1.0, masses: Any = "fitted",
-    level: float = 0.01, **options: Any,
-) -> Onset:  # fmt: skip
-    """The moment at which a storey's stiffness changed during one record; estimator and masses as for :func:`track`.
-
-    Every boundary of pieces of ``step`` seconds is tried: coefficients before and after it are
-    solved separately, and the time is chosen that leaves the least residual over all balances.
-
-    Parameters
-    ----------
-    X, F, **options
-        One record, as for ``fit``.
-    step, margin : float
-        Resolution and least length of a part, s.
-    level : float
-        Significance level.
-
-    Raises
-    ------
-    ChainError
-        If there is more than one record, or it is shorter than two margins.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, monitoring, simulate
-    >>> damaged = laws.StiffnessStep(t0=4.0, dk=-8e3)
-    >>> truth = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), damaged]})
-    >>> F = excitation.band_limited_random(1, 8.0, 500.0, excited=1, rms=50.0, band=(1, 60), random_state=0)
-    >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
-    >>> onset = monitoring.find_onset(NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F, masses={1: 10.0})
-    >>> onset.storey, round(onset.time, 1), round(onset.change)
-    ('storey 1', 4.0, -20)
-    """
-    data = as_segments(estimator, X, F, **options)
-    if len(data.segments) > 1:
-        raise ChainError("An onset is looked for in one record", "Give the records one by one.")
-    resolver, spans = resolver_in_time(_problem(estimator, masses), data, length=step)
-    pieces = resolver.pieces
-    least = max(1, int(np.ceil(margin / step)))
-    candidates = range(least, len(pieces) - least + 1)
-    if not candidates:
-        raise ChainError(f"The record is too short for two parts of {margin:g} s", "Lower margin.")
-    before, after = pieces.running()
-    scale = np.array([fit.residual for fit in resolver.solve(pieces.sum()).fits])
-    scale[scale == 0] = 1.0
-
-    def cost(part: BlockGrams) -> float:
-        residual = np.array([fit.residual for fit in resolver.solve(part).fits])
-        return part.n_samples * float(((residual / scale) ** 2).sum())
-
-    costs = np.array([cost(before[i]) + cost(after[i]) for i in candidates])
-    times = np.array([spans[i, 0] for i in candidates])
-    best = int(np.argmin(costs))
-    index = candidates[best]
-    k0, k1 = (_linear(plain_model(resolver, part))[:, 0] for part in (before[index], after[index]))
-    z = (k1 - k0) / _scatter(resolver, index)
-    names = storey_names(estimator.model_)
-    table = pd.DataFrame({"before": k0, "after": k1, "change": 100 * (k1 / k0 - 1), "z": z}, index=names)
-    where = int(np.nanargmax(np.abs(z)))  # a free chain has no storey 1
-    independent = max(2, int((times[-1] - times[0]) / margin))
-    p = float(min(1.0, 2 * special.stdtr(_PARTS - 1, -abs(z[where])) * np.isfinite(z).sum() * independent))
-    if not p < level:
-        return Onset(float("nan"), None, float("nan"), p, table)
-    return Onset(float(times[best]), names[where], float(table["change"].iloc[where]), p, table)
-
-
-def _scatter(resolver: Resolver, index: int) -> np.ndarray:
-    """Standard error of the change of the stiffnesses, leaving out a tenth of each part at a time."""
-    total = np.zeros(())
-    for rows in (np.arange(index), np.arange(index, len(resolver.pieces))):
-        groups = np.array_split(rows, min(_PARTS, len(rows)))
-        values = [_linear(plain_model(resolver, resolver.pieces[np.setdiff1d(rows, g)].sum()))[:, 0] for g in groups]
-        total = total + variance(values)
-    return np.sqrt(total)
 
 
 def _problem(estimator: Any, masses: Any) -> Problem:

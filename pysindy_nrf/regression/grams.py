@@ -84,12 +84,6 @@ class BlockGrams:
             return self.sum(1.0 - np.eye(len(self)))
         return self._each(leave_one_out, leave_one_out)
 
-    def running(self) -> tuple[BlockGrams, BlockGrams]:
-        """Sums of the blocks before each boundary, and of those behind it: n_blocks + 1 of each."""
-        n = len(self)
-        lower = np.tri(n + 1, n, -1)
-        return self.sum(lower), self.sum(1.0 - lower)
-
     def merge(self, other: BlockGrams) -> BlockGrams:
         """Sum of these and others, block by block."""
         self._require_alike(other)

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pysindy as ps
+from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
 
 from ..estimation.regressor import NRFRegressor
 from ..exceptions import ChannelError, NRFError, SimulationError
@@ -180,26 +182,21 @@ class PlainSINDy:
         return (float(np.max(100 * np.abs(upper - lower) / mean)) if mean.all() else np.nan), "twice"
 
     def run(self, data: Part, deadline: float) -> np.ndarray:
-        """Runge-Kutta of order four, a step a sample, with the forces linear in between."""
-        y, u, h = self.state(data), data.F[:, self.forced], data.dt
-        limit = _DIVERGED * np.abs(y).max(axis=0)
-        out = np.empty_like(y)
-        out[0] = y[0]
+        """The model alone, with the forces linear between samples."""
+        y, u, t = self.state(data), data.F[:, self.forced], data.dt * np.arange(len(data.a))
+        force, limit = make_interp_spline(t, u, k=1), _DIVERGED * np.abs(y).max(axis=0)
 
-        def rate(state: np.ndarray, force: np.ndarray) -> np.ndarray:
-            return self.derivative(state[None], force[None])[0]
-
-        for i in range(len(y) - 1):
-            middle = 0.5 * (u[i] + u[i + 1])
-            k1 = rate(out[i], u[i])
-            k2 = rate(out[i] + 0.5 * h * k1, middle)
-            k3 = rate(out[i] + 0.5 * h * k2, middle)
-            out[i + 1] = out[i] + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(out[i] + h * k3, u[i + 1]))
-            if not (np.abs(out[i + 1]) <= limit).all():
-                raise OverflowError
+        def rate(time_: float, state: np.ndarray) -> np.ndarray:
             if time.perf_counter() > deadline:
                 raise TimeoutError
-        return out[:, : data.n_dof]
+            if not (np.abs(state) <= limit).all():
+                raise OverflowError
+            return self.derivative(state[None], force(time_)[None])[0]
+
+        found = solve_ivp(rate, (0.0, t[-1]), y[0], t_eval=t, max_step=data.dt)
+        if not found.success:
+            raise OverflowError
+        return found.y.T[:, : data.n_dof]
 
 
 _HAND_THRESHOLD = 0.01  # of an acceleration's norm

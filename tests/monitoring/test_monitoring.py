@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 from paper_cases import model_agreement
 from three_floors import FS, chain, features, noisy, run
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
-from pysindy_nrf.monitoring import compare_tests, find_onset, track
+from pysindy_nrf.monitoring import compare_tests, track
 from pysindy_nrf.simulation.noise import add_noise
 
 
@@ -110,31 +109,6 @@ def test_window_of_block_moments_is_the_fit_of_its_samples():
     own = NRFRegressor(degree=1).fit(X.iloc[part], F.iloc[part])
     for i in (1, 2, 3):
         assert row[f"k{i}"] == pytest.approx(own.restoring_forces_[i].linear_part()["k"], rel=1e-9)
-
-
-@pytest.mark.parametrize("storey", [1, 3])
-def test_onset_of_a_sudden_loss(storey):
-    X, F = noisy(run(chain((storey, laws.StiffnessStep(t0=7.3, dk=-4e3))), [3], duration=20.0), 0.02)
-    onset = find_onset(NRFRegressor(degree=1).fit(X, F), X, F)
-    assert onset.storey == f"storey {storey}"
-    assert onset.time == pytest.approx(7.3, abs=0.25) and onset.change == pytest.approx(-8.0, abs=1.0)
-
-
-def test_no_onset_where_nothing_happened():
-    for seed in range(2):
-        X, F = noisy(run(chain(), [3], duration=20.0, seed=seed), 0.02, seed)
-        onset = find_onset(NRFRegressor(degree=1).fit(X, F), X, F)
-        assert onset.storey is None and np.isnan(onset.time) and "No change" in str(onset)
-
-
-def test_onset_is_looked_for_in_one_record():
-    X, F = features(run(chain(), [3], duration=8.0))
-    both, ids = pd.concat([X, X]), np.repeat([0, 1], len(X))
-    model = NRFRegressor(degree=1).fit(X, F)
-    with pytest.raises(ChainError, match="one record"):
-        find_onset(model, both, pd.concat([F, F]), record=ids)
-    with pytest.raises(ChainError, match="too short"):
-        find_onset(model, X, F, margin=5.0)
 
 
 def test_pieces_too_short_and_seconds_without_a_step(chain2):

@@ -266,17 +266,6 @@ def test_a_term_that_moves_in_one_block_only_is_exactly_zero_without_it():
     assert [bool(m[0].any()) for m in grams.leave_one_out().matrices[1,]] == [True, False, True, True]
 
 
-def test_sums_before_and_behind_each_boundary():
-    grams = ten_blocks()
-    before, after = grams.running()
-    assert before.shape == after.shape == (11,)
-    for i in (0, 1, 4, 10):
-        first = np.arange(10) < i
-        assert_direct(before[i], first)
-        assert_direct(after[i], ~first)
-        assert before.n_samples[i] == 50 * i
-
-
 @pytest.mark.parametrize("kind", ["gram", "root"])
 def test_blocks_on_disk_are_the_same_to_the_last_bit(kind, tmp_path):
     grams = ten_blocks(kind)

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pysindy_nrf import NRFRegressor, laws
+from pysindy_nrf import NRFRegressor, close_loop, laws
 from pysindy_nrf.estimation import dissipated_energy
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
-from pysindy_nrf.monitoring import compare_tests, find_onset
+from pysindy_nrf.monitoring import compare_tests
 from pysindy_nrf.regression.errors import nrmse
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
@@ -499,14 +499,12 @@ def onset(quick: bool = False) -> pd.DataFrame:
         for t0 in (20.7,) if quick else (9.3, 20.7):
             model = damaged_frame(storey, laws.StiffnessStep(t0=t0, dk=-0.05 * stiffness(storey))) if storey else None
             case = cases.four_storey(cases.INCOMPLETE_FRAME, 0.0, 0.01, model=model, random_state=3)
-            X, F = case.measured.to_features()
-            found = find_onset(fit(X, F, degree=1)[0], X, F)
-            rows[storey, t0] = {
-                "found in": found.storey,
-                "onset (s)": found.time,
-                "change (%)": found.change,
-                "p": found.p,
-            }
+            steps = [step for step in close_loop(case.measured).steps if step.confirmed]
+            rows[storey, t0] = {"effects": "; ".join(f"{step.law} at {step.site}" for step in steps)}
+            for step in steps[:1]:
+                (low, high), dk = step.intervals.get("t0", (np.nan, np.nan)), step.parameters.get("dk", np.nan)
+                rows[storey, t0] |= {"onset (s)": step.parameters.get("t0"), "from": low, "to": high}
+                rows[storey, t0] |= {"change (%)": 100 * dk / stiffness(storey)} if storey else {}
     table = pd.DataFrame.from_dict(rows, orient="index")
     table.index.names = ["damaged storey", "true onset (s)"]
     return table

@@ -55,5 +55,5 @@ ax.plot(motion.index[show], hidden[show], color="0.6", linewidth=1.5, label="mea
 ax.plot(motion.index[show], motion["a2"].to_numpy()[show], linewidth=0.8, label="estimated")
 ax.fill_between(motion.index[show], motion["a2_lower"][show], motion["a2_upper"][show], alpha=0.3, label="95 %")
 ax.set(xlabel="time (s)", ylabel="acceleration of floor 2 (file's unit)")
-ax.legend(frameon=False)
+ax.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 figure.savefig(folder / "fewer_sensors.png", dpi=110)

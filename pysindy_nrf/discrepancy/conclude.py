@@ -82,7 +82,9 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     steps = [_step(forward.rivals.get(effect, []), effect, *held[effect], found[effect]) for effect in found]
     stands = [baseline, *(after for _, after in held.values())]
     at = stands.index(confirmed)
-    stopped = _why_stopped(forward, settings["max_steps"])
+    stopped = words.best_refused(forward.last[0] if forward.last else None)
+    if len(forward.state.effects) >= (most := settings["max_steps"]):
+        stopped = f"{most} effects were added, as many as were asked for" if most else "no effect was asked for"
     if not trials[-1].ruler.windows.centred:  # one ruler for the table
         trials = [_as_measured(trial) for trial in trials]
         stopped += f". {words.MEANS_LEFT_IN}" if len(steps) > 1 else ""
@@ -275,13 +277,6 @@ def _no_claim(trial: Trial) -> str:
     total = model.total_masses
     cancelled = [j for j, m in known.items() if m > 0 and total[j - 1] <= TENTH * m]
     return words.cancelled_masses(cancelled) if cancelled else ""
-
-
-def _why_stopped(forward: Forward, most: int) -> str:
-    """Why the search ended."""
-    if len(forward.state.effects) >= most:
-        return f"{most} effects were added, as many as were asked for" if most else "no effect was asked for"
-    return words.best_refused(forward.last[0] if forward.last else None)
 
 
 def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> np.ndarray:

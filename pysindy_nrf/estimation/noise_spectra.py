@@ -6,6 +6,8 @@ estimate of the force, :math:`\hat u = u + \Sigma_u G^* S^{-1} R`, has an error 
 Errors-in-variables methods in system identification, 2007), so runs under it can be instruments. Densities: unit^2/Hz.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -60,6 +62,21 @@ class NoiseModel:
     def transfer(self, f: np.ndarray) -> np.ndarray:
         """Channels from forces and base acceleration, shape (len(f), n_channels, n_dof + 1)."""
         return transfer(self.matrices, f, self.channels)
+
+    def of(self, rows: Sequence[int]) -> NoiseModel:
+        """The noise of some of the channels."""
+        motion = Smooth(self.motion.f, self.motion.values[:, rows])
+        return replace(self, motion=motion, channels=tuple(self.channels[k] for k in rows))
+
+    def with_model_error(self, segment: Segment, measured: np.ndarray) -> NoiseModel:
+        """What a model misses of its channels beyond their white noise, as forces of equal power on all floors."""
+        levels = np.array([white_density(line, segment.step) for line in measured.T])
+        (low, high), f, own = self.signal_band, lines_of(segment), self.motion.values
+        f = f[(f >= low) & (f <= high)]
+        size = (np.abs(self.transfer(f)[:, :, :-1]) ** 2).sum(axis=(0, 2))
+        force = self.force.copy()
+        force[:-1] += np.mean(np.maximum(self.motion(f) - levels, 0.0).sum(axis=0) / size)
+        return replace(self, force=force, motion=Smooth(self.motion.f, np.clip(levels, OWN * own, own)))
 
     def blocks(self, f: np.ndarray) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Rows of f, the transfer G there and the covariance S of the free run's error."""
@@ -272,15 +289,6 @@ def _force_noise_bound(
         clear = blur[:, i] <= np.quantile(blur[:, i], min(1.0, max(0.1, 2 * FEWEST / len(blur))))
         bound[j] = np.median(size[clear, i]) / _LN2
     return bound
-
-
-def with_model_error(noise: NoiseModel, levels: np.ndarray, f: np.ndarray) -> NoiseModel:
-    """What a model misses of its channels beyond their white noise, as forces of equal power on all floors."""
-    missed, own = noise.motion(f), noise.motion.values
-    size = (np.abs(noise.transfer(f)[:, :, :-1]) ** 2).sum(axis=(0, 2))
-    force = noise.force.copy()
-    force[:-1] += np.mean(np.maximum(missed - levels, 0.0).sum(axis=0) / size)
-    return replace(noise, force=force, motion=Smooth(noise.motion.f, np.clip(levels, OWN * own, own)))
 
 
 def expected(noise: NoiseModel, names: tuple[str, ...], gap: np.ndarray, dt: float) -> np.ndarray:

@@ -158,7 +158,9 @@ def sniff(path: Path) -> Dialect:
     trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
     found = next(filter(None, (_try(lines, *trial, encoding, 1.0) for trial in trials)), None)
     if found is None:  # a column holds text: take the reading under which most cells are numbers
-        best = max(trials, key=lambda trial: _numeric_cells(lines, *trial))
+        kept = [line for line in lines[:400] if not _is_comment(line)]
+        rows = {sep: [cells for line in kept if len(cells := _cells(line, sep)) > 1] for sep, _ in trials}
+        best = max(trials, key=lambda trial: sum(len(cells) * _share(cells, trial[1]) for cells in rows[trial[0]]))
         found = _try(lines, *best, encoding, 0.5)
     if found is not None:
         return found
@@ -203,11 +205,6 @@ def _share(cells: list[str], decimal: str) -> float:
     filled = [c for c in cells if c.lower() not in _MISSING]
     good = sum(bool(number.fullmatch(c) or _TIMESTAMP.fullmatch(c)) for c in filled)
     return good / len(filled) if filled else 0.0
-
-
-def _numeric_cells(lines: list[str], separator: str, decimal: str) -> float:
-    rows = [_cells(line, separator) for line in lines[:400] if not _is_comment(line)]
-    return sum(len(cells) * _share(cells, decimal) for cells in rows if len(cells) > 1)
 
 
 def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: float) -> Dialect | None:

@@ -128,7 +128,10 @@ def looped(noise: float, seed: int, share: float = 0.12) -> tuple[str, str, list
         record = simulate(ChainModel(m, plain | {i + 1: [*plain[i + 1], hidden_law]}), F, 1 / FS)
         law = hidden_law.name
     with warnings.catch_warnings(action="ignore"):
-        report = close_loop(hidden(add_noise(record, noise, random_state=[seed, 1]), [2, 4]))
+        try:
+            report = close_loop(hidden(add_noise(record, noise, random_state=[seed, 1]), [2, 4]))
+        except IdentifiabilityError as error:
+            return law, f"storey {i + 1}", [f"refused: {error.what}"], np.nan
     found = [f"{step.law} at {step.site}" for step in report.steps if step.confirmed]
     return law, f"storey {i + 1}", found, float(report.table["held-out"].iloc[0])
 

@@ -91,7 +91,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     if not confirmed.trial.ruler.windows.centred:
         stands = [_stand(stand.name, _as_measured(stand.trial)) for stand in stands]
     for stand, trial in zip(stands, trials):
-        stand.row |= _of_search(trial)
+        stand.row = stand.row | _of_search(trial)
     unfit = _no_claim(trials[-1])
     no_claim = unfit or _no_claim(confirmed.trial)
     if no_claim:

@@ -27,14 +27,7 @@ from ..signals.kinematics import base_acceleration_if_any
 from .chain_starts import chain_starts
 from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, lengths, placed
 from .intervals import InfluenceResolver
-from .noise_spectra import (
-    common_band,
-    expected,
-    linearised,
-    lines_of,
-    transfer,
-    white_density,
-)  # fmt: skip
+from .noise_spectra import common_band, expected, linearised, lines_of, transfer, white_density
 from .problem import Problem
 
 MOST_STEPS, FEW_STEPS = 100, 6  # iterations at most; of a trial

@@ -106,6 +106,9 @@
     script.textContent = await unpacked("plotly");
     document.head.append(script);
     figures = JSON.parse(await unpacked("figures"));
+    for (const place of document.querySelectorAll("[data-numbers]")) {
+      place.insertAdjacentHTML("beforeend", figures[place.dataset.numbers].numbers);
+    }
     begin();
   }
   function draw(name) {

@@ -248,7 +248,7 @@ def verdict_on(
     if free is not None and not wrong:
         diverged = [name for name, row in free.table.iterrows() if not np.isfinite(row.to_numpy()).all()]
         if diverged or free.failed:
-            red.append("The free run diverges" + (f": {free.why_not}" if free.why_not else "."))
+            red.append(free.why_not or "The free run diverges.")
         elif error > 100.0 and not _floats(model, free) and not follows < ASTRAY:
             red.append("The free run diverges" + (f": it misses the motion by {error:.3g} %." if error < 1e3 else "."))
     red += [stopped] if stopped and not red else []

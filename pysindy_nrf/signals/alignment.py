@@ -368,7 +368,7 @@ def _compare(
     coherence = np.zeros(len(f))
     coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
     if (coherence[use] > 0.5).sum() <= 0.2 * use.sum():
-        message = f"{other} and {one} are not coherent: columns swapped, another floor, or dead?"
+        message = f"{other} and {one} are not coherent: columns swapped, another floor, or dead"
         return [one, *[np.nan] * 5, float(coherence.max()), False, message]
     use &= coherence > min(0.9, 0.9 * coherence.max())
     if use.sum() < NEIGHBOURS // 2:  # a line or two of noise that are coherent by chance
@@ -405,7 +405,7 @@ def _compare(
     if misfit > MISFIT:
         message = (
             f"{other} does not follow {one} as {OF_LETTER[other[0]]} follows {OF_LETTER[one[0]]}: columns swapped, "
-            "or a channel of another floor?"
+            "or a channel of another floor"
         )
     return [one, delay, delay * fs, gain, scatter, sign, float(np.average(coherence[use])), not message, message]
 

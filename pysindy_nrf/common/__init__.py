@@ -9,3 +9,11 @@ def number_of(value: Any) -> float:
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return float("nan")
+
+
+def positive(name: str, value: Any, cure: str, error: Any) -> float:
+    """A positive number, or an error of the given kind."""
+    number = number_of(value)
+    if not 0 < number < float("inf"):
+        raise error(f"{name}={value!r} is not a positive number", cure)
+    return number

@@ -73,8 +73,7 @@ def _doubts(model: Any) -> list[Finding]:
 
 def _missing(model: Any) -> list[Finding]:
     if zeros := wrong_zeros(model.missing_terms_):  # before they are right no law is missed
-        size = float(model.missing_terms_["lasting"].max())
-        return [(6.0, "wrong zero", "sensors", size, text) for text in zeros]
+        return [(6.0, "wrong zero", "sensors", float(model.missing_terms_["lasting"].max()), text) for text in zeros]
     out = []
     for name, row in model.missing_terms_.iterrows():
         if row["biased"]:

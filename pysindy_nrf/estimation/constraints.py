@@ -1,8 +1,9 @@
-r"""Constraints from prior knowledge: equal masses, a total mass, a known stiffness, equal storeys, k >= 0.
+r"""Constraints from prior knowledge: equal masses, a total mass, a known stiffness, equal storeys, k >= 0; priors.
 
 The estimate is replaced by the nearest one that satisfies the constraint, in the metric of its covariance P (minimum
 distance): :math:`\min_\theta (\theta - \hat\theta)^T P^{-1} (\theta - \hat\theta)` where :math:`A \theta = b` and
 :math:`\theta_i \ge 0`. No balance is solved jointly with another. A warning is raised if the data contradict it.
+Where floors have no sensor the equations are residuals of the fit, weighted by their spread.
 """
 
 import warnings
@@ -13,6 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy import linalg, optimize, stats
 
+from ..common import positive
 from ..exceptions import BiasWarning, ChainError
 from ..mechanics.chain import Chain
 from ..mechanics.sites import Site, dofs_of
@@ -20,10 +22,11 @@ from ..regression.chain_model import ChainModel
 from ..regression.layout import with_coefficients
 from .intervals import parameters_of
 
-__all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "TotalMass"]
+__all__ = ["EqualMasses", "EqualStoreys", "KnownStiffness", "NonNegative", "Prior", "TotalMass"]
 
 _UNLIKELY = 1e-3
-Equation = tuple[dict[str, float], float]  # factor by name, and right-hand side
+_HEAVY = 1e7  # root of round-off: weights beyond lose the metric, lighter ones the equations
+Equation = tuple[dict[str, float], float, float]  # factor by name, right-hand side, and its standard deviation
 
 
 class Constraint:
@@ -95,9 +98,7 @@ class TotalMass(Constraint):
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
         dofs = dofs_of("A constraint", range(1, chain.n_dof + 1) if self.dofs is None else self.dofs, chain.n_dof)
-        total = float(self.mass)
-        if not np.isfinite(total) or total <= 0:
-            raise ChainError(f"mass={self.mass!r} is not a mass", "Give kg.")
+        total = positive("mass", self.mass, "Give kg.", ChainError)
         return [_mass_equation(dict.fromkeys(dofs, 1.0), total, known)]
 
 
@@ -125,7 +126,7 @@ class KnownStiffness(Constraint):
         self.site, self.stiffness, self.term = site, stiffness, term
 
     def _equations(self, names: Any, chain: Any, known: Any) -> Any:
-        return [({_existing(f"{chain.site(self.site)}: {self.term}", names): 1.0}, float(self.stiffness))]
+        return [({_existing(f"{chain.site(self.site)}: {self.term}", names): 1.0}, float(self.stiffness), 0.0)]
 
 
 class EqualStoreys(Constraint):
@@ -161,8 +162,34 @@ class EqualStoreys(Constraint):
             for name in names:
                 where, _, term = name.partition(": ")
                 if where == sites[0] and (self.terms is None or term in self.terms):
-                    out.append(({name: 1.0, _existing(f"{site}: {term}", names): -1.0}, 0.0))
+                    out.append(({name: 1.0, _existing(f"{site}: {term}", names): -1.0}, 0.0, 0.0))
         return out
+
+
+class Prior(Constraint):
+    """A mass, coefficient or shape parameter is known with a spread, from drawings, say; where floors have no sensor.
+
+    Parameters
+    ----------
+    parameter : str
+        ``"m2"``, ``"storey 1: s"``, ``"storey 2: gap"``: as in the table of intervals.
+    value, spread : float
+        What is expected and its standard deviation, in its unit. Priors on all masses and stiffnesses (``"s"``) are
+        first values of the fit, too.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.estimation.constraints import Prior
+    >>> Prior("m2", 9000.0, 500.0)
+    Prior(parameter='m2', value=9000.0, spread=500.0)
+    """
+
+    def __init__(self, parameter: str, value: float, spread: float) -> None:
+        self.parameter, self.value, self.spread = parameter, value, spread
+
+    def _equations(self, names: Any, chain: Any, known: Any) -> Any:
+        spread = positive(f"{self!r}: spread", self.spread, "Give it in the unit of the parameter.", ChainError)
+        return [({_existing(self.parameter, names): 1.0}, float(self.value), spread)]
 
 
 class NonNegative(Constraint):
@@ -197,18 +224,39 @@ class NonNegative(Constraint):
         return [_existing(f"{chain.site(s)}: {self.term}", names) for s in self.sites]
 
 
-def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
-    """The estimate nearest to a model that satisfies the constraints; the resolver then applies them to all models."""
-    given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints)
+def as_constraints(constraints: Any) -> tuple[Constraint, ...]:
+    """What was given as ``constraints=``, as a tuple."""
+    given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints or ())
     if wrong := [c for c in given if not isinstance(c, Constraint)]:
         cure = "Use those of estimation.constraints."
         raise ChainError(f"constraints holds {wrong[0]!r}, which is not a constraint", cure)
-    known = dict(resolver.known_masses)
+    return given
+
+
+def system_of(
+    given: Iterable[Constraint], names: Sequence[str], chain: Chain, known: dict[int, float], whole: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Matrix, right-hand side and its spreads of the equations; unless ``whole``, of parameters that there are."""
+    rows: list[Equation] = []
+    for one in given:
+        try:
+            rows += one._equations(names, chain, known)
+        except ChainError:
+            if whole or not isinstance(one, (Prior, KnownStiffness)):
+                raise
+    A = np.array([[factors.get(n, 0.0) for n in names] for factors, *_ in rows]).reshape(len(rows), len(names))
+    return A, np.array([value for _, value, _ in rows]), np.array([spread for *_, spread in rows])
+
+
+def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainModel:
+    """The estimate nearest to a model that satisfies the constraints; the resolver then applies them to all models."""
+    given, known = as_constraints(constraints), dict(resolver.known_masses)
+    if soft := [c for c in given if isinstance(c, Prior)]:
+        cure = "Leave it out, or give known_masses= or KnownStiffness."
+        raise ChainError(f"{soft[0]!r} is for records in which a floor has no sensor", cure)
     theta = parameters_of(model, known)
     names = list(theta.index)
-    rows = [e for c in given for e in c._equations(names, model.chain, known)]
-    A = np.array([[factors.get(n, 0.0) for n in names] for factors, _ in rows]).reshape(len(rows), len(names))
-    b = np.array([value for _, value in rows])
+    A, b, _ = system_of(given, names, model.chain, known)
     empty = ~A.any(axis=1)  # equations of known masses alone
     if np.abs(b[empty]).max(initial=0.0) > 1e-6 * np.abs(model.masses).sum():
         cure = "Correct known_masses, or leave the constraint out."
@@ -241,27 +289,17 @@ def constrained(model: ChainModel, constraints: Any, resolver: Any) -> ChainMode
 def _nearest(theta: np.ndarray, P: np.ndarray, A: np.ndarray, b: np.ndarray, bounded: np.ndarray) -> np.ndarray:
     """Nearest point in the metric of P with A theta = b and theta >= 0 where bounded."""
     scale = np.sqrt(np.diag(P))
-    step = scale[:, None] * linalg.cholesky(P / scale[:, None] / scale, lower=True)  # theta + step @ z, |z| least
-    C, gap = A @ step, b - A @ theta
+    root = linalg.cholesky(P / scale[:, None] / scale, lower=True)
+    C, gap = A * scale, b - A @ theta
     size = np.linalg.norm(C, axis=1)
     C, gap = C / size[:, None], gap / size
-    z = np.linalg.lstsq(C, gap, rcond=1e-10)[0] if len(C) else np.zeros(len(theta))
-    if np.abs(C @ z - gap).max(initial=0.0) > 1e-6 * max(np.abs(gap).max(initial=0.0), 1.0):
+    # y = (point - theta) / scale; the equations are rows so heavy that nothing else moves them
+    wide = np.vstack([linalg.solve_triangular(root, np.eye(len(theta)), lower=True), _HEAVY * C])
+    low = np.where(bounded, -theta / scale, -np.inf)
+    y = optimize.lsq_linear(wide, np.append(np.zeros(len(theta)), _HEAVY * gap), (low, np.inf), method="bvls").x
+    if np.abs(C @ y - gap).max(initial=0.0) > 1e-6 * max(np.abs(gap).max(initial=0.0), 1.0):
         raise ChainError("The constraints contradict each other", "Leave one out.")
-    free = linalg.null_space(C, rcond=1e-10) if len(C) else np.eye(len(theta))
-    # least distance programming by non-negative least squares (Lawson and Hanson, 1974, ch. 23): G y >= h, |y| least
-    G, h = (step @ free)[bounded], -(theta + step @ z)[bounded]
-    size = np.maximum(np.linalg.norm(step[bounded], axis=1), 1e-300)
-    G, h = G / size[:, None], h / size
-    top = max(h.max(initial=0.0), 1e-9)
-    if top > 1e-9:
-        E = np.vstack([G.T, h / top])
-        target = np.append(np.zeros(len(E) - 1), 1.0)
-        left = target - E @ optimize.nnls(E, target)[0]
-        if left[-1] < 1e-9:
-            raise ChainError("The constraints contradict each other", "Leave one out.")
-        z = z - top * free @ left[:-1] / left[-1]
-    point = theta + step @ z
+    point = theta + scale * y
     return np.where(bounded & (point < 1e-9 * scale), 0.0, point)
 
 
@@ -287,7 +325,7 @@ def _warn_of_contradiction(theta: pd.Series, A: np.ndarray, b: np.ndarray, P: np
 
 def _mass_equation(factors: dict[int, float], value: float, known: dict[int, float]) -> Equation:
     value -= sum(c * known[j] for j, c in factors.items() if j in known)
-    return {f"m{j}": c for j, c in factors.items() if j not in known}, value
+    return {f"m{j}": c for j, c in factors.items() if j not in known}, value, 0.0
 
 
 def _existing(name: str, names: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -24,7 +25,8 @@ from ..regression.errors import COLUMNS
 from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from ..signals.kinematics import base_acceleration_if_any
-from .chain_starts import chain_starts
+from .chain_starts import Linear, chain_starts
+from .constraints import Constraint, NonNegative, Prior, as_constraints, system_of
 from .free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters, lengths, placed
 from .intervals import InfluenceResolver
 from .noise_spectra import common_band, expected, linearised, lines_of, transfer, white_density
@@ -41,8 +43,9 @@ UNEVEN = 100.0  # largest mass over smallest from which on a chain is followed o
 NEAR = 3.0  # cost of a trial over the least, above which it is not followed
 RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
 UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
-HOPELESS = 50.0  # standard error of a mass, as a share, in every trial, from which on no iteration is worth while
 ILL = 1e9  # condition of the sensitivities, each of length one, from which on they are not told apart
+EXACT = 1e-6  # spread of an equation that has none, as a share of its terms: round-off of sensitivities
+AWAY = 3.3  # standard deviations from a prior, that one of a thousand exceeds
 LEVEL = 0.95  # of the intervals of motions
 FORGOTTEN, LONGEST = 7.0, 6  # time constants after which a thousandth is left; lengths of a record at most
 
@@ -59,19 +62,23 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     problem = estimator.problem(records[0].n_dof)
     known = dict(problem.known_masses)
     shots = [shot_of(rec, number, problem.chain.n_dof) for number, rec in enumerate(records)]
-    if not known and not any(np.any(shot.segment.F) for shot in shots):
-        cure = "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out."
-        raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
-    fit, best, notes = estimate(problem, shots, known)
+    given = as_constraints(estimator.constraints)
+    if bounds := [one for one in given if isinstance(one, NonNegative)]:
+        raise ChannelError(f"{bounds[0]!r} is for records in which every floor has a sensor", "Leave it out.")
+    fit, best, notes = estimate(problem, shots, known, given)
     errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
     notes += told(best, fit.rebuild)
+    now = dict(zip(_names(fit.rebuild), fit.rebuild.numbers(best.u)))
+    far = [p for p in given if isinstance(p, Prior) and abs(now[p.parameter] - p.value) > AWAY * p.spread]
+    notes += [f"The data contradict {p!r}: it came out as {now[p.parameter]:.4g}." for p in far]
     if max(errors) > 0:
         cure = "Intervals of motions hold that, those of parameters do not: search for what it lacks (close_loop)."
         notes.append(f"The model misses {100 * max(errors):.2g} % of a measured channel beyond its noise. {cure}")
     model = best.model
     runs = SegmentSet([shot.run(model) for shot in fit.shots], sum(len(shot.segment.F) for shot in shots))
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
-        found = replace(problem, laws=model.laws, optimizer=None).solve(runs)._replace(model=model)
+        held = problem if known or runs.forced else problem.with_known_masses({1: model.masses[0]})
+        found = replace(held, laws=model.laws, optimizer=None).solve(runs)._replace(model=model)
         estimator._records, estimator._measured, estimator.problem_ = runs, False, found.problem
         estimator._resolver = InfluenceResolver(
             found.grams, found.order, known,
@@ -99,7 +106,8 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
         raise ChannelError(what, "Give records of one chain.")
     if record.unknown:
         what = f"The force on DOF {record.unknown[0]} of record {record.name!r} is unknown, and floors have no sensor"
-        raise ChannelError(what, "Measure it (zeros: known to be unforced), or put a sensor on every floor.")
+        cure = "Measure it (zeros: known to be unforced), put a sensor on every floor, or take the floors above it as "
+        raise ChannelError(what, f"{cure}a chain on it: its acceleration as base_acceleration=, one mass known.")
     channels = {c: line for c, line in record.channels().items() if c[0] in "avx" and c[1:].isdigit()}
     if record.coordinates == "absolute" and record.base_moves:
         for kind, base in (("v", record.base_velocity), ("x", record.base_displacement)):
@@ -121,29 +129,40 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
 
 
 def estimate(
-    problem: Problem, shots: Sequence[Shot], known: Mapping[int, float]
+    problem: Problem, shots: Sequence[Shot], known: Mapping[int, float], given: Sequence[Constraint] = ()
 ) -> tuple[FreeRunFit, Solution, list[str]]:
     """Free run of the problem's laws fitted to the channels of shots, from several starts; notes for the user."""
     chain, layout, band = problem.chain, problem.layout, problem.band
     links = [site for site in layout.acting if site.kind == "link"]
     linear = LawLayout(chain, {site: (PowerSeries(1),) for site in links})
     tried: list[tuple[FreeRunFit, Solution]] = []
-    for one in chain_starts(shots, chain, links, known, common_band([shot.segment for shot in shots], band)):
+    value = {f"m{j}": m for j, m in known.items()} | {p.parameter: p.value for p in given if isinstance(p, Prior)}
+    seen = {int(channel[1:]) for channel in shots[0].channels}
+    forced = {int(j) + 1 for s in shots for j in np.flatnonzero(s.segment.F[s.segment.valid].any(axis=0))}
+    about = known if known or forced else {int(name[1:]): m for name, m in value.items() if name[0] == "m"}
+    if not forced and not about:
+        cure = "Measure a force on one DOF, or give a mass: known_masses={dof: kg}; ratios to it then come out."
+        raise ExcitationError("No force is measured and no mass is known, so nothing scales the chain", cure)
+    declared = [(site, law) for site, held in problem.laws.items() for law in held]
+    plain = all(site in links and isinstance(law, PowerSeries) and law.degree == 1 for site, law in declared)
+    if plain and not given and not (sensing := chain.sensing(seen, forced, known_masses=known)).complete:
+        raise IdentifiabilityError(str(sensing).rstrip("."), "So do more known_masses=, or a Prior on each.")
+    starts, band_of_all = _drawn(value, chain.n_dof, links), common_band([shot.segment for shot in shots], band)
+    with suppress(*[IdentifiabilityError] * len(starts)):
+        starts += chain_starts(shots, chain, links, about, band_of_all)
+    for one in starts:
         laws = {site: PowerSeries(1, pair) for site, *pair in zip(links, one.damping, one.stiffness)}
         rebuild = free_parameters(ChainModel(one.masses, laws, chain), known)
-        fit = FreeRunFit(rebuild, list(map(replace, shots)), linear, band)
+        fit = FreeRunFit(rebuild, list(map(replace, shots)), linear, band, _prior(given, rebuild, known, plain))
         if got := _solved(fit, rebuild.start, FEW_STEPS):
             tried.append((fit, got))
     if not tried:
         raise IdentifiabilityError("No linear chain follows the channels", "Check units and DOFs, or add a sensor.")
     even = [pair for pair in tried if np.ptp(np.log(pair[1].model.masses)) < np.log(UNEVEN)]
     tried = sorted(even or tried, key=lambda pair: pair[1].cost)
-    if min(_shares(got, fit.rebuild)[: chain.n_dof - len(known)].max(initial=0.0) for fit, got in tried) > HOPELESS:
-        told(tried[0][1], tried[0][0].rebuild)  # no chain nearby is told, either
     near = [(fit, got) for fit, got in tried[:2] if got.cost <= NEAR * tried[0][1].cost]
-    declared = [(site, law) for site, held in problem.laws.items() for law in held]
-    if any(site not in links or not isinstance(law, PowerSeries) or law.degree != 1 for site, law in declared):
-        notes, (fit, best) = [], _with_laws(problem, near, known)
+    if not plain:
+        notes, (fit, best) = [], _with_laws(problem, near, known, given)
     else:
         ends = sorted(((fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near), key=lambda end: end[1].cost)
         notes, (fit, best) = _rivals([got for _, got in ends]), ends[0]
@@ -164,6 +183,23 @@ def estimate(
     return fit, best, notes
 
 
+def _prior(given: Sequence[Constraint], rebuild: Rebuild, known: Mapping[int, float], whole: bool = True) -> Any:
+    """Equations of what is known of the free parameters, over their spreads."""
+    A, b, spread = system_of(given, _names(rebuild), rebuild.model.chain, dict(known), whole)
+    spread = np.where(spread > 0, spread, EXACT * (np.abs(A) @ np.abs(rebuild.numbers(rebuild.start)) + np.abs(b)))
+    return A / spread[:, None], b / spread
+
+
+def _drawn(value: Mapping[str, float], n: int, links: Sequence[Site]) -> list[Linear]:
+    """The chain of known values, damped by a hundredth, if they give every mass and stiffness."""
+    masses = np.array([value.get(f"m{j}", 0.0) for j in range(1, n + 1)])
+    k = np.array([value.get(f"{site}: s", 0.0) for site in links])
+    if (masses <= 0).any() or (k <= 0).any():
+        return []
+    first = ChainModel(masses, {site: PowerSeries(1, [0.0, s]) for site, s in zip(links, k)}).modes()["frequency"].min()
+    return [Linear(masses, k, 0.02 * k / (2 * np.pi * first), 0.0)]
+
+
 def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
     """Estimate with free initial states; None if the first free run diverges."""
     try:
@@ -173,8 +209,9 @@ def _solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Solution | None:
 
 
 def _with_laws(
-    problem: Problem, starts: Sequence[tuple[FreeRunFit, Solution]], known: Mapping[int, float]
-) -> tuple[FreeRunFit, Solution]:
+    problem: Problem, starts: Sequence[tuple[FreeRunFit, Solution]], known: Mapping[int, float],
+    given: Sequence[Constraint],
+) -> tuple[FreeRunFit, Solution]:  # fmt: skip
     """The declared laws, first in windows, from linear chains on their way: what these lack drives them off later."""
     free = [(site, i, p) for site, held in problem.laws.items() for i, law in enumerate(held) for p in law.shapes
             if law.shape[p.name] is None]  # fmt: skip
@@ -193,10 +230,11 @@ def _with_laws(
             start = ChainModel(model.masses, with_coefficients(laws, values), problem.chain)
             rebuild = free_parameters(start, known, sizes, free)
             parts = [_windows(shot, run, problem.layout.has_memory) for shot, run in zip(shots, runs.segments)]
-            fit = FreeRunFit(rebuild, sum(parts, []), problem.layout, problem.band)
+            rest = problem.layout, problem.band, _prior(given, rebuild, known)
+            fit = FreeRunFit(rebuild, sum(parts, []), *rest)
             if got := _solved(fit, rebuild.start, FEW_STEPS):
                 whole = [replace(shot, start=each[0].start) for shot, each in zip(shots, parts)]
-                tried.append((got, FreeRunFit(rebuild, whole, problem.layout, problem.band)))
+                tried.append((got, FreeRunFit(rebuild, whole, *rest)))
     for got, fit in sorted(tried, key=lambda pair: pair[0].cost):
         if best := _solved(fit, got.u, MOST_STEPS // 2):
             return fit, best

@@ -13,18 +13,9 @@ from sklearn.utils.validation import check_is_fitted
 from ..common.lazy import Hook
 from ..data.channels import require_two_dimensions, sample_weights
 from ..data.record import Record
+from ..diagnostics import verdict as verdicts
 from ..diagnostics.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnostics.test_planning import Diagnosis, diagnose
-from ..diagnostics.verdict import (
-    FreeRuns,
-    Verdict,
-    free_runs,
-    mapping_that_closes,
-    nonlinear_parts,
-    shares_of,
-    suspect_channels,
-    verdict_on,
-)
 from ..exceptions import BiasWarning, ChannelError, DataQualityWarning, NRFError, NRFWarning
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
@@ -33,14 +24,7 @@ from ..regression.errors import explained_accelerations, judge
 from ..regression.input_arrays import from_arrays, holds_records
 from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
-from .intervals import (
-    Resolver,
-    calibration_spread,
-    force_intervals,
-    least_squares_resolver,
-    parameter_intervals,
-    statistic_of,
-)
+from . import intervals
 from .problem import Estimate, Problem, flexible_laws
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
@@ -64,15 +48,15 @@ class FittedChain:
     band: tuple[float | None, float | None] | None
     coordinates: str
     dt: float | None
-    _resolver: Resolver | None
+    _resolver: intervals.Resolver | None
     _measured = False  # whether they were records
     _records: SegmentSet | None = None  # data of the fit; None after a fit in chunks or a load
     _fused_separately: Callable[[], SegmentSet] | None = None  # the motions fused DOF by DOF, if records were given
-    _separate_resolver: Resolver | None = None
+    _separate_resolver: intervals.Resolver | None = None
     _fused_jointly: bool = False  # True if X was fused jointly over the DOFs
     _given: Any = None  # the records of the fit, if records were given
-    _free: FreeRuns | None = None
-    _verdict: Verdict | None = None
+    _free: verdicts.FreeRuns | None = None
+    _verdict: verdicts.Verdict | None = None
 
     def fit_data(self, cure: str) -> SegmentSet:
         """Data of the fit.
@@ -209,14 +193,14 @@ class FittedChain:
         """
         check_is_fitted(self)
         resolver, data = self._interval_resolver(), self._records
-        table = parameter_intervals(resolver, self.model_, level, of, data)
+        table = intervals.parameter_intervals(resolver, self.model_, level, of, data)
         if calibration is None:
             return table
         if isinstance(of, Mapping):
             raise ChannelError("calibration does not go with a mapping of sites", "Give of= a function of the model.")
         data = self.fit_data("Fit again, or ask for intervals before saving.")
-        statistic = statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
-        spread = calibration_spread(self.problem_, self.solve_order_, data, statistic, calibration)
+        statistic = intervals.statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
+        spread = intervals.calibration_spread(self.problem_, self.solve_order_, data, statistic, calibration)
         for end, sign in (("lower", -1), ("upper", 1)):
             half = np.hypot(table[end] - table["estimate"], norm.ppf((1 + level) / 2) * spread)
             table[f"combined_{end}"] = table["estimate"] + sign * half
@@ -240,14 +224,14 @@ class FittedChain:
             ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
         """
         check_is_fitted(self)
-        return force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
+        return intervals.force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
 
     def diagnose(self) -> Diagnosis:
         """Diagnose what limits the estimate; see :func:`pysindy_nrf.diagnostics.test_planning.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 
-    def verdict(self) -> Verdict:
+    def verdict(self) -> verdicts.Verdict:
         """Whether the model may be used, what it holds, and why not; see :mod:`pysindy_nrf.diagnostics.verdict`.
 
         Reads the balances, the intervals, the warnings of the fit and a free run over the data of the fit. Where a
@@ -262,17 +246,17 @@ class FittedChain:
         doubts += [f"{name[0].upper()}{name[1:]}: a law is missing, or the motion is noisy." for name in missing.index]
         free, shares = None, {}
         if self._records is not None:
-            free, shares = self.free_runs(), shares_of(self.model_, self._records)
+            free, shares = self.free_runs(), verdicts.shares_of(self.model_, self._records)
         errors = self.errors_["error"].drop("pooled")
-        found = list(nonlinear_parts(self.model_, shares, bounds).values())
-        self._verdict = verdict_on(
+        found = list(verdicts.nonlinear_parts(self.model_, shares, bounds).values())
+        self._verdict = verdicts.verdict_on(
             self.model_, {int(k[4:]): float(e) for k, e in errors.items()}, found,
             free, bounds, known_masses=self.problem_.known_masses, doubts=doubts,
-            faults=suspect_channels(self._given or []), wiring=self._wiring,
+            faults=verdicts.suspect_channels(self._given or []), wiring=self._wiring,
         )  # fmt: skip
         return self._verdict
 
-    def free_runs(self) -> FreeRuns:
+    def free_runs(self) -> verdicts.FreeRuns:
         """Free runs of the model over the data of the fit, in the band of the fit.
 
         Returns
@@ -283,7 +267,7 @@ class FittedChain:
         if self._free is None:
             data = self.fit_data("Fit again to run the model over its data.")
             dt = self.dt if any(seg.dt is None for seg in data.segments) else None
-            self._free = free_runs(self.model_, data, self.problem_.filters(data), dt=dt)
+            self._free = verdicts.free_runs(self.model_, data, self.problem_.filters(data), dt=dt)
         return self._free
 
     def summary(self) -> str:
@@ -384,14 +368,14 @@ class FittedChain:
                 )
         return self._data(X, y, has_memory=self.model_.has_memory, n_dof=self.model_.n_dof, **given)
 
-    def _resolving(self) -> Resolver:
+    def _resolving(self) -> intervals.Resolver:
         """Resolver of the chain on parts of the data, made at the first use."""
         if self._resolver is None:
             data = self.fit_data("Fit again, or ask for intervals before saving.")
-            self._resolver = least_squares_resolver(self.problem_, self.solve_order_, data)
+            self._resolver = intervals.least_squares_resolver(self.problem_, self.solve_order_, data)
         return self._resolver
 
-    def _interval_resolver(self) -> Resolver:
+    def _interval_resolver(self) -> intervals.Resolver:
         """Resolver for intervals, on motions whose errors are independent between pieces."""
         if self._fused_jointly:
             warnings.warn(
@@ -408,7 +392,7 @@ class FittedChain:
             return resolver
         if self._separate_resolver is None:
             apart = self._fused_separately()
-            self._separate_resolver = least_squares_resolver(self.problem_, self.solve_order_, apart)
+            self._separate_resolver = intervals.least_squares_resolver(self.problem_, self.solve_order_, apart)
             self._separate_resolver.constrain, self._separate_resolver.repeats = resolver.constrain, resolver.repeats
         return self._separate_resolver
 
@@ -454,4 +438,4 @@ def wiring_of(estimator: Any, problem: Problem, model: ChainModel, records: list
     def solved(some: list[Record]) -> Estimate:
         return asked.solve(again._data(some, None, **options))
 
-    return mapping_that_closes(records, solved, coarse, estimator.known_masses or ())
+    return verdicts.mapping_that_closes(records, solved, coarse, estimator.known_masses or ())

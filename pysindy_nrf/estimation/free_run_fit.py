@@ -127,10 +127,14 @@ class Rebuild:
     scale: np.ndarray  # parameters are values over these; 0: their logarithms
     start: np.ndarray  # the parameters of the model
 
+    def numbers(self, u: np.ndarray) -> np.ndarray:
+        """The parameters of a vector, in their units."""
+        log = self.scale == 0
+        return np.where(log, np.exp(np.where(log, np.minimum(u, 700.0), 0.0)), u * self.scale)
+
     def __call__(self, u: np.ndarray) -> ChainModel:
         """Model of a vector."""
-        log = self.scale == 0
-        numbers = np.where(log, np.exp(np.where(log, np.minimum(u, 700.0), 0.0)), u * self.scale)
+        numbers = self.numbers(u)
         model, masses, values = self.model, self.model.masses.copy(), self.model.coefficients
         laws = {site: list(held) for site, held in model.laws.items()}
         for place, number in zip(self.places, numbers.tolist()):
@@ -186,10 +190,15 @@ class Solution:
 class FreeRunFit:
     """The shots, their noise, and least squares on them."""
 
-    def __init__(self, rebuild: Rebuild, shots: Sequence[Shot], layout: LawLayout, band: Any = None) -> None:
+    def __init__(
+        self, rebuild: Rebuild, shots: Sequence[Shot], layout: LawLayout, band: Any = None, prior: Any = None
+    ) -> None:
         self.rebuild, self.shots, self.layout = rebuild, list(shots), layout
         self.low, self.high = self.limits = common_band([s.segment for s in shots], band)
         self.noise: NoiseModel | None = None
+        empty = np.empty((0, len(rebuild.start))), np.empty(0)
+        self.prior: tuple[np.ndarray, np.ndarray] = prior or empty  # equations of the parameters, over their spread
+        self.unit = 1.0  # residual that counts as one standard deviation
         self.better: list[Segment | None] = [None] * len(self.shots)
         every = np.concatenate([s.measured * s.weights for s in self.shots]) if self.shots else np.ones((1, 1))
         self.level = np.sqrt(np.mean(every**2, axis=0))
@@ -226,7 +235,11 @@ class FreeRunFit:
     def solve(self, u: np.ndarray, rows: Sequence[slice] | None = None, steps: int = STEPS, move: bool = False,
               settled: float = SETTLED) -> Solution:  # fmt: skip
         """Estimate from some rows of every shot; ``move``: initial states are estimated, too (Levenberg, Marquardt)."""
+        self.unit = 1.0 if self.noise else 0.0
         now, damping = self.evaluate(u, rows), 1e-4
+        if len(self.prior[1]) and not self.noise:  # noise is not known: what the first run misses
+            self.unit = max(float(np.linalg.norm(now.residuals)) / np.sqrt(self.lines), 1e-12)
+            now = self.evaluate(u, rows)
         for _ in range(steps):
             J, r, size = now.jacobian, now.residuals, lengths(now.jacobian)
             starts, spread = [shot.start for shot in self.shots], np.sqrt(max(r @ r / self.lines, 1e-300))
@@ -254,8 +267,10 @@ class FreeRunFit:
                 break
         size = lengths(now.jacobian)
         half = np.linalg.pinv(now.jacobian / size, rcond=1e-12) / size[:, None]
-        cost = float(now.residuals @ now.residuals)
-        return Solution(u, self.rebuild(u), now.scores @ half @ half.T, now.record, cost, now.jacobian)
+        cost, of_prior = now.residuals @ now.residuals, (self.prior_rows(u)[:, -1] ** 2).sum()
+        if not self.noise and of_prior:  # the likelihood, largest over the level of the noise
+            cost = (cost - of_prior) * np.exp(min(of_prior / self.unit**2 / self.lines, 700.0))
+        return Solution(u, self.rebuild(u), now.scores @ half @ half.T, now.record, float(cost), now.jacobian)
 
     def evaluate(self, u: np.ndarray, rows: Sequence[slice] | None = None, below: float = np.inf) -> Any:
         """Residuals and sensitivities of every shot; None if their cost is not below a limit."""
@@ -269,6 +284,7 @@ class FreeRunFit:
         if np.isfinite(below):
             gaps = [((shot.measured - base) * shot.weights)[part, :, None] for shot, _, part, base in used]
             cost = sum((self.whitened(gap, one[0].segment.step) ** 2).sum() for one, gap in zip(used, gaps))
+            cost += (self.prior_rows(u)[:, -1] ** 2).sum()
             if not cost < below:
                 return None
         for shot, better, part, base in used:
@@ -289,8 +305,17 @@ class FreeRunFit:
             pieces = max(2, round(PIECES * (part.stop - part.start) / total))
             scores.append(_scores(rest.reshape(*every.shape[:2], p + 1), pieces))
             record += [shot.number] * pieces
-        stacked = np.concatenate(factors)
+        for row in (rows_of := self.prior_rows(u)):  # an error of one standard deviation, in pieces as of the data
+            scores.append(self.unit * np.resize([1.0, -1.0], PIECES)[:, None] * row[:-1] / np.sqrt(PIECES))
+            record += [1 + max(record)] * PIECES
+        stacked = np.concatenate([*factors, rows_of])
         return Evaluation(stacked[:, -1], stacked[:, :-1], np.concatenate(scores), np.array(record, dtype=int), states)
+
+    def prior_rows(self, u: np.ndarray) -> np.ndarray:
+        """Sensitivities and residuals of the equations of prior knowledge, (n_equations, n_parameters + 1)."""
+        (A, b), now = self.prior, self.rebuild.numbers(u)
+        slope = np.where(self.rebuild.scale == 0, now, self.rebuild.scale)
+        return self.unit * np.column_stack([A * slope, b - A @ now])
 
     def decays(self, shot: Shot, model: ChainModel, base: np.ndarray, forces: Segment | None) -> list[np.ndarray]:
         """Changes of the channels with each displacement and velocity of the initial state."""

@@ -72,8 +72,7 @@ def nearest(
         passed = T @ theta
         power = (np.abs(passed) ** 2 * noise).sum(axis=1)
         w = np.sqrt(power.min() / power)
-    moved = -passed.conj() * noise * ((X @ theta) / power)[:, None]
-    return 1.0 / float(values[-1]), frf.H + moved, w
+    return 1.0 / float(values[-1]), frf.H + -passed.conj() * noise * ((X @ theta) / power)[:, None], w
 
 
 def doubts(frf: FrequencyResponse, noise: np.ndarray, sites: Any, found: dict[int, Any]) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from ..common import number_of
 from ..exceptions import BiasWarning, ChainError, ChannelError, ExtrapolationWarning, IdentifiabilityError, RankWarning
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
@@ -291,10 +292,7 @@ def _bounds(
 
 
 def _share(level: Any) -> float:
-    try:
-        value = float(level)
-    except (TypeError, ValueError):
-        value = np.nan
+    value = number_of(level)
     if not 0 < value < 1:
         raise ChainError(f"level={level!r} is not a level of confidence", "Give a share between 0 and 1, e.g. 0.95.")
     return value

@@ -93,8 +93,7 @@ def common_band(data: Sequence[Segment], band: Band = None) -> tuple[float, floa
     """Frequency band common to all records, Hz."""
     bands = [b for b in (band, *(seg.band for seg in data)) if b is not None]
     low = max((lo for lo, _ in bands if lo is not None), default=0.0)
-    high = min((hi for _, hi in bands if hi is not None), default=np.inf)
-    return float(low), float(high)
+    return float(low), float(min((hi for _, hi in bands if hi is not None), default=np.inf))
 
 
 def linearised(

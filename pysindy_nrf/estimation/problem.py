@@ -16,16 +16,8 @@ from ..laws import ForceLaw
 from ..mechanics.chain import Chain, chain_of, masses_of
 from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site, dofs_of
+from ..regression import chain_solve
 from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import (
-    Solution,
-    model_of,
-    require_clock,
-    require_moving,
-    require_samples,
-    scales_of,
-    solve_blocks,
-)
 from ..regression.errors import balance_errors
 from ..regression.grams import BlockGrams
 from ..regression.input_arrays import from_arrays
@@ -171,18 +163,19 @@ class Problem:
         """
         data = from_arrays(data, n_dof=self.chain.n_dof, has_memory=self.layout.has_memory)
         order = self.solve_order(data.forced, data.unknown)
-        require_samples(data, order, self.layout)
-        require_moving(data, self.layout)
-        require_clock(data, self.layout)
+        chain_solve.require_samples(data, order, self.layout)
+        chain_solve.require_moving(data, self.layout)
+        chain_solve.require_clock(data, self.layout)
         filters = self.filters(data)
         problem = self
         if any(law.free_shape for held in self.laws.values() for law in held):
-            scales, solve = scales_of(data, self.layout), lambda laws: _least_squares(self, laws, order, data, filters)
-            layout = estimate_shapes(self.layout, scales, solve, data, filters)
-            problem = self.with_laws(layout.laws)
+            scales = chain_solve.scales_of(data, self.layout)
+            tried = lambda laws: _least_squares(self, laws, order, data, filters)  # noqa: E731
+            problem = self.with_laws(estimate_shapes(self.layout, scales, tried, data, filters).laws)
         solution, grams = _least_squares(problem, problem.layout, order, data, filters)
         solution.pass_on(stacklevel=4)
-        return Estimate(problem, solution.followed(order), model_of(problem.layout, solution), solution, grams)
+        model = chain_solve.model_of(problem.layout, solution)
+        return Estimate(problem, solution.followed(order), model, solution, grams)
 
 
 class Estimate(NamedTuple):
@@ -191,20 +184,20 @@ class Estimate(NamedTuple):
     problem: Problem  # with values for all shape parameters
     order: SolveOrder  # the order in which the balances were solved
     model: ChainModel
-    solution: Solution
+    solution: chain_solve.Solution
     grams: BlockGrams  # of which the solution was taken
 
 
 def _least_squares(
     problem: Problem, layout: LawLayout, order: SolveOrder, data: SegmentSet, filters: list[FairFilter | None]
-) -> tuple[Solution, BlockGrams]:
+) -> tuple[chain_solve.Solution, BlockGrams]:
     """Solution for a layout whose laws have all their shape parameters."""
 
     def blocks() -> Iterator[Block]:
         for segment, filter in zip(data.segments, filters):
             yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
 
-    return solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer)
+    return chain_solve.solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer)
 
 
 def wrong_masses(problem: Problem, data: SegmentSet, error: float) -> list[str]:

@@ -14,16 +14,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from ..data.channels import column_names, require_two_dimensions, same_columns, sample_weights
 from ..data.io.frf import FrequencyResponse
 from ..data.record import Record
-from ..diagnostics.bias import (
-    NEGLIGIBLE,
-    JumpBias,
-    MissingTerms,
-    contradictions_of,
-    noise_bias,
-    noise_shares,
-    sentences_of,
-    warn_of_bias,
-)
+from ..diagnostics import bias
 from ..diagnostics.forces import ForceProbes, copies_of
 from ..diagnostics.windows import collect
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
@@ -81,10 +72,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         free run fitted to the motion, started from ``"iv"`` and kept where it predicts better. See
         :mod:`pysindy_nrf.estimation`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
-        Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites
-        join the chain. Shape parameters without a value are estimated; those with one are kept. Coefficients are
-        always estimated, also of laws that were given values (to fix one:
-        :class:`~pysindy_nrf.estimation.constraints.KnownStiffness`).
+        Laws at some sites, in place of the power series there; further links and ``"dof j"`` sites join the chain.
+        Shape parameters without a value are estimated; those with one are kept. Coefficients are always estimated,
+        also of laws that were given values (to fix one: :class:`~pysindy_nrf.estimation.constraints.KnownStiffness`).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
     massless : bool
@@ -163,19 +153,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         band: tuple[float | None, float | None] | None = None, dt: float | None = None, chain: Chain | None = None,
         constraints: Any = None, massless: bool = False,
     ) -> None:  # fmt: skip
-        self.degree = degree
-        self.orders = orders
-        self.strategy = strategy
-        self.optimizer = optimizer
-        self.coordinates = coordinates
-        self.estimation = estimation
-        self.laws = laws
-        self.known_masses = known_masses
-        self.band = band
-        self.dt = dt
-        self.chain = chain
-        self.constraints = constraints
-        self.massless = massless
+        self.degree, self.orders, self.strategy, self.optimizer = degree, orders, strategy, optimizer
+        self.coordinates, self.estimation, self.laws, self.known_masses = coordinates, estimation, laws, known_masses
+        self.band, self.dt, self.chain, self.constraints, self.massless = band, dt, chain, constraints, massless
 
     def fit(
         self, X: Any, y: Any = None, sample_weight: Any = None, *, record: Any = None, time: Any = None,
@@ -297,9 +277,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         facts: dict[str, Any] = {"asked": self.estimation, "found": "ls"}
         examined, judged = None, data  # the channels are examined by least squares unless another method is asked for
         if self.estimation == "auto" and separate is not None:
-            shares = noise_shares(data, found.problem.filters(data))
-            biases = noise_bias(found.model, found.order, found.grams, shares)
-            if max((one.errors for one in biases), default=0.0) > NEGLIGIBLE:
+            shares = bias.noise_shares(data, found.problem.filters(data))
+            biases = bias.noise_bias(found.model, found.order, found.grams, shares)
+            if max((one.errors for one in biases), default=0.0) > bias.NEGLIGIBLE:
                 with warnings.catch_warnings(record=True) as said:
                     warnings.simplefilter("always")
                     refined = refine("iv", asked, found, separate())
@@ -391,8 +371,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         layout = problem.layout
         silent = self.band is not None or self.model_.info.get("estimation", {}).get("found", "ls") != "ls"
         held = layout if least_squares else None  # the shapes of its laws are those of the model
-        terms = MissingTerms(model, solve_order, held)
-        jumps = JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
+        terms = bias.MissingTerms(model, solve_order, held)
+        jumps = bias.JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
         # fusion costs far more; of arrays, whose fit may take milliseconds, it would double the time
         forces = [ForceProbes(terms.layout, judged)] if self._records is not None and self._measured else []
         cure = "is its known mass right, or does its force or acceleration have the wrong sign?"
@@ -402,13 +382,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {
             "channels": data.doubts,
-            "forces": contradictions_of(solution) + [one for held in forces for one in held.sentences()],
+            "forces": bias.contradictions_of(solution) + [one for held in forces for one in held.sentences()],
             "records": copies_of(data) if self._records is not None else [],
             "masses": doubtful_masses(solution) + lost + known,
         }
         said = [text for key in ("records", "forces", "masses") for text in self.data_warnings_[key]]
-        said += sentences_of(self.jump_bias_)
-        warn_of_bias(self.missing_terms_, said, stacklevel=5)
+        said += bias.sentences_of(self.jump_bias_)
+        bias.warn_of_bias(self.missing_terms_, said, stacklevel=5)
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "model_")

@@ -450,8 +450,7 @@ class ForceLaw:
 
     def force(self, motion: Motion) -> np.ndarray:
         """Force of the law along one contiguous record, (n_samples,), N; the motion as for :meth:`features`."""
-        values = self.values
-        return self.features(motion) @ values
+        return self.features(motion) @ self.values
 
     def equation(self, index: int | str = "", digits: int = 4) -> str:
         """The law as text, in the manner of the paper's eq. (11a).

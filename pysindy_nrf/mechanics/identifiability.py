@@ -268,8 +268,7 @@ def plan_sensing(chain: Any, sensors: Any, excited: Any = (), known_masses: Any 
         _, singular, turned = np.linalg.svd(wanted, full_matrices=False)
         held = singular > LOST * singular[0]
         variance = (turned[held] ** 2 / singular[held, None] ** 2).sum(axis=0)
-        lost = (turned[~held] ** 2).sum(axis=0) > 1e-6
-        return singular, np.where(lost, np.inf, np.sqrt(variance))
+        return singular, np.where((turned[~held] ** 2).sum(axis=0) > 1e-6, np.inf, np.sqrt(variance))
 
     every = told(range(1, n + 1))[1]
     singular, errors = told(seen)

@@ -197,8 +197,7 @@ def leave_one_out(blocks: np.ndarray) -> np.ndarray:
     """Sums of all entries of the first axis but one, from both ends, so that what is zero stays zero."""
     zero = np.zeros_like(blocks[:1])
     before = np.concatenate([zero, np.cumsum(blocks[:-1], axis=0)])
-    after = np.concatenate([zero, np.cumsum(blocks[:0:-1], axis=0)])[::-1]
-    return before + after
+    return before + np.concatenate([zero, np.cumsum(blocks[:0:-1], axis=0)])[::-1]
 
 
 def width_of(layout: Layout, group: Group) -> int:

@@ -69,8 +69,7 @@ def one_standard_error(
     1
     """
     scores = fold_scores(results, metric)
-    ranks = [(complexity or complexity_of)(params) for params in results["params"]]
-    return choose(errors_of(scores), ranks, min_gain)
+    return choose(errors_of(scores), [(complexity or complexity_of)(params) for params in results["params"]], min_gain)
 
 
 def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray:

@@ -120,11 +120,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         self, fs: float | None = None, noise: Any = "estimate", band: Band | str = None, joint: bool = True,
         channels: Any = None,
     ) -> None:  # fmt: skip
-        self.fs = fs
-        self.noise = noise
-        self.band = band
-        self.joint = joint
-        self.channels = channels
+        self.fs, self.noise, self.band, self.joint, self.channels = fs, noise, band, joint, channels
 
     def fit(self, X: Any, y: Any = None, *, record: Any = None, time: Any = None) -> KinematicSmoother:
         """Find the noise levels of the channels.

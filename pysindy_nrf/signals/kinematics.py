@@ -72,8 +72,7 @@ def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple
         X.attrs["band"] = check_band(smoother.band_, record.fs)
     if messages:
         X.attrs["doubts"] = messages
-    F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
-    return X, F
+    return X, pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
 
 
 def base_acceleration(record: Record) -> np.ndarray:

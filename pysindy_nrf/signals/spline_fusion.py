@@ -206,8 +206,7 @@ def fuse(
         # one channel and no sign of noise beyond its band: follow it sample by sample
         spacing = 1.0
         coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
-    motion = np.stack([ladder[spacing].evaluate(o, coefficients) for o in range(3)])
-    return FusedMotion(motion, levels, spacing, corner)
+    return FusedMotion(np.stack([ladder[spacing].evaluate(o, coefficients) for o in range(3)]), levels, spacing, corner)
 
 
 def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder) -> list[FusedMotion]:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
-from ..common import number_of
+from ..common import positive
 from ..data.channels import by_record, rows_text
 from ..data.record import row_times
 from ..exceptions import ChannelError
@@ -178,10 +178,7 @@ def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | N
 
 def check_rate(fs: Any) -> float:
     """A sampling rate in Hz, or an error."""
-    rate = number_of(fs)
-    if not np.isfinite(rate) or rate <= 0:
-        raise ChannelError(f"fs={fs!r} is not a sampling rate", "Give a positive number in Hz.")
-    return rate
+    return positive("fs", fs, "Give the sampling rate in Hz.", ChannelError)
 
 
 SHARE = 0.02  # noise of the displacement that integration may bring along, as a share of the displacement

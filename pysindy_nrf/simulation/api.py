@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from ..common import number_of
+from ..common import number_of, positive
 from ..data.channels import as_matrix, rows_text
 from ..data.record import OF_LETTER, Record
 from ..exceptions import ChannelError, SimulationError
@@ -191,9 +191,9 @@ def _run(
     covariates: Any = None, hold: str = "linear", rtol: Any = 1e-10, t0: Any = 0.0, limit: float = 1e100,
 ) -> _Run:  # fmt: skip
     """Check the arguments, flatten the model and march."""
-    dt = _positive("dt", dt, "Give the sampling step in s.")
-    rtol = _positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.")
-    limit = _positive("limit", limit, "Give a displacement in m.")
+    dt = positive("dt", dt, "Give the sampling step in s.", SimulationError)
+    rtol = positive("rtol", rtol, "Give a small positive number, e.g. 1e-10.", SimulationError)
+    limit = positive("limit", limit, "Give a displacement in m.", SimulationError)
     start = number_of(t0)
     if not np.isfinite(start):
         raise SimulationError(f"t0={t0!r} is not a number", "Give the time of the first sample in s.")
@@ -241,14 +241,6 @@ def _known(method: str) -> str:
     if method not in METHODS:
         raise SimulationError(f"method={method!r} is unknown", f"Choose {' or '.join(map(repr, METHODS))}.")
     return method
-
-
-def _positive(name: str, value: Any, cure: str) -> float:
-    """A positive number, or an error."""
-    number = number_of(value)
-    if not 0 < number < np.inf:
-        raise SimulationError(f"{name}={value!r} is not a positive number", cure)
-    return number
 
 
 def finite(value: Any, names: Any, n_columns: int, what: str) -> np.ndarray:

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..common import number_of
+from ..common import positive
 from ..common.random_state import generator
 from ..exceptions import ChainError, ChannelError
+from ..laws.power_series import whole
 from ..mechanics.sites import dofs_of
+from ..signals.zero_phase_filter import check_band, check_rate
 
 
 def impact_hammer(
@@ -59,8 +61,8 @@ def impact_hammer(
     """
     n, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(level)
-    hits = _whole("n_hits", n_hits)
-    width = _positive("width", width, "s")
+    hits = whole("n_hits", n_hits, 1)
+    width = positive("width", width, "Give it in s.", ChannelError)
     if not 0 <= spread < 1:
         raise ChannelError(f"spread={spread!r} is not between 0 and 1", "Give 0 for blows of equal strength.")
     if hits * width > 0.5 * duration:
@@ -105,7 +107,7 @@ def band_limited_random(
     """
     n, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(rms)
-    low, high = _band(band, fs)
+    low, high = check_band(band, 1.000001 * fs)  # half the sampling rate is allowed
     rng = generator(random_state)
     F = np.zeros((n, n_dof))
     parts = np.array_split(np.arange(n), len(levels))
@@ -113,51 +115,27 @@ def band_limited_random(
         for rows, level in zip(parts, levels):
             spectrum = np.fft.rfft(rng.standard_normal(len(rows)))
             frequency = np.fft.rfftfreq(len(rows), 1 / fs)
-            spectrum[(frequency < low) | (frequency > high)] = 0
+            spectrum[(frequency < (low or 0.0)) | (frequency > (high or np.inf))] = 0
             piece = np.fft.irfft(spectrum, len(rows))
             size = np.sqrt(np.mean(piece**2))
             if size == 0:
-                what = f"The band {low:g}-{high:g} Hz holds no frequency of a record of {len(rows) / fs:g} s"
+                what = f"The band {band} Hz holds no frequency of a record of {len(rows) / fs:g} s"
                 raise ChannelError(what, "Widen it or take a longer record.")
             F[rows, j] = piece * (level / size)
     return F
 
 
-def _positive(name: str, value: Any, unit: str) -> float:
-    number = number_of(value)
-    if not np.isfinite(number) or number <= 0:
-        raise ChannelError(f"{name}={value!r} is not a positive number", f"Give it in {unit}.")
-    return number
-
-
-def _whole(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not hasattr(value, "__index__") or int(value) < 1:
-        raise ChannelError(f"{name}={value!r} is not a whole number of at least 1", "Give e.g. 5.")
-    return int(value)
-
-
 def _levels(value: Any) -> list[float]:
-    levels = [_positive("level", x, "N") for x in np.atleast_1d(np.asarray(value, dtype=object))]
+    levels = [positive("level", x, "Give N.", ChannelError) for x in np.atleast_1d(np.asarray(value, dtype=object))]
     if not levels:
         raise ChannelError("No level is given", "Give at least one, in N.")
     return levels
 
 
-def _band(band: Any, fs: float) -> tuple[float, float]:
-    try:
-        low, high = (float(f) for f in band)
-    except (TypeError, ValueError):
-        raise ChannelError(f"band={band!r} is not a pair of frequencies", "Give (lowest, highest) in Hz.") from None
-    if not 0 <= low < high <= fs / 2:
-        cure = f"Stay between 0 and {fs / 2:g} Hz, lowest first."
-        raise ChannelError(f"band={band!r} Hz does not fit the sampling rate of {fs:g} Hz", cure)
-    return low, high
-
-
 def _frame(n_dof: Any, duration: Any, fs: Any, excited: Any) -> tuple[int, list[int]]:
     """Number of samples and columns of the forced DOFs."""
-    count = _whole("n_dof", n_dof)
-    n = round(_positive("duration", duration, "s") * _positive("fs", fs, "Hz"))
+    count = whole("n_dof", n_dof, 1)
+    n = round(positive("duration", duration, "Give it in s.", ChannelError) * check_rate(fs))
     if n < 2:
         raise ChannelError(f"{duration} s at {fs} Hz are {n} samples", "At least two are needed.")
     wanted = dofs_of("excited", excited, count)

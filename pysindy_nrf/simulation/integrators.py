@@ -6,23 +6,7 @@ from functools import cache
 import numpy as np
 
 from ..laws.compiled import address_of, addresses, inline, jit, part
-from .system import (
-    FREE,
-    LOWER,
-    MEMORY,
-    ON_DOF,
-    SITE,
-    UPPER,
-    accelerate,
-    add_between,
-    advance_site,
-    advance_states,
-    inputs_at,
-    put,
-    relative,
-    site_force,
-    solve,
-)
+from . import system as ops
 
 # why a run ended
 DONE, DIVERGED, CRAWLS = 0, 1, 2
@@ -53,25 +37,25 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
         if stage == 0:
             for j in range(n):
                 rate[j], rise[j], x1[j], v1[j] = v0[j], k.a0[j], x0[j], v0[j]
-            inputs_at(drive, interval, done / dt, k.row)
-            put(k.force, k.force0, n_sites)
+            ops.inputs_at(drive, interval, done / dt, k.row)
+            ops.put(k.force, k.force0, n_sites)
         else:
             weight, share = address_of(rule.a, stage * stages), rule.c[stage]
             for j in range(n):
                 dx, dv = _sums(k, weight, stage, j, n)
                 x1[j], v1[j] = x0[j] + h * dx, v0[j] + h * dv
                 rate[j] = v1[j]
-            inputs_at(drive, interval, (done + share * h) / dt, k.row)
+            ops.inputs_at(drive, interval, (done + share * h) / dt, k.row)
             if general is not None:
-                put(z1, z0, n_states)
-                inputs_at(drive, interval, (done + 0.5 * share * h) / dt, k.middle)
-                advance_states(system, x0, v0, x1, v1, z1, share * h, k.middle, w.u)
-            accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, general)
+                ops.put(z1, z0, n_states)
+                ops.inputs_at(drive, interval, (done + 0.5 * share * h) / dt, k.middle)
+                ops.advance_states(system, x0, v0, x1, v1, z1, share * h, k.middle, w.u)
+            ops.accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, general)
         power[0] = 0.0
         for j in range(n):
             power[0] += (k.row[j] - system.masses[j] * k.row[n]) * v1[j]
         for i in range(n_sites):
-            power[i + 1] = k.force[i] * relative(v1, address_of(system.sites, i * SITE))
+            power[i + 1] = k.force[i] * ops.relative(v1, address_of(system.sites, i * ops.SITE))
     x_top, v_top = k.top[0], k.top[1]
     for j in range(n):
         dx, dv = _sums(k, rule.b, stages, j, n)
@@ -95,14 +79,14 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
         for j in range(n):
             k.x_half[j] = 0.5 * (x0[j] + x1[j]) + 0.125 * h * (v0[j] - v1[j])
             k.v_half[j] = 1.5 * (x1[j] - x0[j]) / h - 0.25 * (v0[j] + v1[j])
-        put(k.z_once, z0, n_states)
-        put(z1, z0, n_states)
-        inputs_at(drive, interval, (done + 0.5 * h) / dt, k.middle)
-        advance_states(system, x0, v0, x1, v1, k.z_once, h, k.middle, w.u)
-        inputs_at(drive, interval, (done + 0.25 * h) / dt, k.middle)
-        advance_states(system, x0, v0, k.x_half, k.v_half, z1, 0.5 * h, k.middle, w.u)
-        inputs_at(drive, interval, (done + 0.75 * h) / dt, k.middle)
-        advance_states(system, k.x_half, k.v_half, x1, v1, z1, 0.5 * h, k.middle, w.u)
+        ops.put(k.z_once, z0, n_states)
+        ops.put(z1, z0, n_states)
+        ops.inputs_at(drive, interval, (done + 0.5 * h) / dt, k.middle)
+        ops.advance_states(system, x0, v0, x1, v1, k.z_once, h, k.middle, w.u)
+        ops.inputs_at(drive, interval, (done + 0.25 * h) / dt, k.middle)
+        ops.advance_states(system, x0, v0, k.x_half, k.v_half, z1, 0.5 * h, k.middle, w.u)
+        ops.inputs_at(drive, interval, (done + 0.75 * h) / dt, k.middle)
+        ops.advance_states(system, k.x_half, k.v_half, x1, v1, z1, 0.5 * h, k.middle, w.u)
         for m in range(n_states):
             size = max(abs(z1[m]), k.z_top[m])
             if size > 0.0:
@@ -117,21 +101,21 @@ def _reversal(system, regime, v0, v1, k, stages, v_tol):
     """First watched site that reverses in the step just tried: site and kind."""
     for i in range(system.n_sites):
         if k.watch[i] and regime[i] != 0:
-            site = address_of(system.sites, i * SITE)
-            start, end = relative(v0, site), relative(v1, site)
+            site = address_of(system.sites, i * ops.SITE)
+            start, end = ops.relative(v0, site), ops.relative(v1, site)
             sign = 0.0
-            if regime[i] != FREE:
+            if regime[i] != ops.FREE:
                 sign = float(regime[i])
             elif abs(start) > v_tol:
                 sign = np.sign(start)
             if sign != 0.0 and end * sign < -v_tol:
                 # from standstill forward and back: nothing to interpolate between yet, the step is too long
-                return i, 2 if abs(start) <= v_tol and relative(k.a, site) * sign > 0.0 else 1
+                return i, 2 if abs(start) <= v_tol and ops.relative(k.a, site) * sign > 0.0 else 1
             plus = sign > 0.0 or end > v_tol
             minus = sign < 0.0 or end < -v_tol
             for stage in range(1, stages):
                 # of low order: small excursions mean nothing
-                rate = relative(address_of(k.v, stage * system.n_dof), site)
+                rate = ops.relative(address_of(k.v, stage * system.n_dof), site)
                 plus |= rate > 1e5 * v_tol
                 minus |= rate < -1e5 * v_tol
             if plus and minus:
@@ -145,19 +129,19 @@ def _settle(system, jump, v_tol, t, row, x, v, z, a, force, w):
     regime = w.regime
     for i in range(system.n_sites):
         if jump[i] and regime[i] != 0:
-            site = address_of(system.sites, i * SITE)
-            if abs(relative(v, site)) <= v_tol:
+            site = address_of(system.sites, i * ops.SITE)
+            if abs(ops.relative(v, site)) <= v_tol:
                 regime[i] = 0
-            elif regime[i] == FREE:
-                regime[i] = 1 if relative(v, site) > 0.0 else -1
+            elif regime[i] == ops.FREE:
+                regime[i] = 1 if ops.relative(v, site) > 0.0 else -1
     for _ in range(system.n_sites + 1):
-        accelerate(system, t, row, x, v, z, a, force, w, True)
+        ops.accelerate(system, t, row, x, v, z, a, force, w, True)
         changed = False
         worst, most = -1, 1.0 + 1e-9  # one at a time: a site that slips relieves the others
         for i in range(system.n_sites):
             if jump[i] and regime[i] == 0:
                 if w.jump[i] <= 0.0:
-                    regime[i] = 1 if relative(a, address_of(system.sites, i * SITE)) > 0.0 else -1
+                    regime[i] = 1 if ops.relative(a, address_of(system.sites, i * ops.SITE)) > 0.0 else -1
                     changed = True
                 elif abs(w.share[i]) > most:
                     worst, most = i, abs(w.share[i])
@@ -193,9 +177,9 @@ def _overload_inside(system, drive, interval, done, h, x0, v0, k, w):
             k.x_half[j] = x0[j] + q * q * (3.0 - 2.0 * q) * gap + h * q * (1.0 - q) * ((1.0 - q) * v0[j] - q * v1)
             k.v_half[j] = 6.0 * q * (1.0 - q) * gap / h
             k.v_half[j] += (1.0 - q) * (1.0 - 3.0 * q) * v0[j] + q * (3.0 * q - 2.0) * v1
-        inputs_at(drive, interval, (done + q * h) / drive.dt, k.middle)
+        ops.inputs_at(drive, interval, (done + q * h) / drive.dt, k.middle)
         t = interval * drive.dt + done + q * h
-        accelerate(system, t, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w, True)
+        ops.accelerate(system, t, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w, True)
         most = max(most, _overload(system, k.jump, w)[1])
     return most
 
@@ -204,12 +188,12 @@ def _overload_inside(system, drive, interval, done, h, x0, v0, k, w):
 def _record(system, out, i, x, v, a, z, work, base):
     """Write the row of a sample."""
     n, n_states = system.n_dof, system.n_states
-    put(address_of(out.x, i * n), x, n)
-    put(address_of(out.v, i * n), v, n)
+    ops.put(address_of(out.x, i * n), x, n)
+    ops.put(address_of(out.v, i * n), v, n)
     for j in range(n):
         out.a[i * n + j] = a[j] + base
-    put(address_of(out.z, i * n_states), z, n_states)
-    put(address_of(out.work, i * (system.n_sites + 1)), work, system.n_sites + 1)
+    ops.put(address_of(out.z, i * n_states), z, n_states)
+    ops.put(address_of(out.work, i * (system.n_sites + 1)), work, system.n_sites + 1)
 
 
 @jit
@@ -233,11 +217,11 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
         k.top[0], k.top[1] = max(k.top[0], abs(x[j])), max(k.top[1], abs(v[j]))
     for interval in range(last + 1):
         v_tol = 1e-11 * k.top[1]
-        put(k.row, address_of(drive.samples, interval * n_inputs), n_inputs)
+        ops.put(k.row, address_of(drive.samples, interval * n_inputs), n_inputs)
         if general is not None:
             _settle(system, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
         else:
-            accelerate(system, interval * dt, k.row, x, v, z, a, k.force0, w, general)
+            ops.accelerate(system, interval * dt, k.row, x, v, z, a, k.force0, w, general)
         _record(system, out, interval, x, v, a, z, k.work, k.row[n])
         if interval == last:
             break
@@ -253,7 +237,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
             while True:
                 error = _attempt(system, drive, rule, interval, done, h, x, v, z, k, w, general)
                 if general is not None and tries > 0:  # towards the standstill of a site: regula falsi (Illinois)
-                    rate = relative(v1, address_of(system.sites, arrived * SITE))
+                    rate = ops.relative(v1, address_of(system.sites, arrived * ops.SITE))
                     tries -= 1
                     if tries > 0 and error == error and abs(rate) > v_tol and high - low >= 1e-14 * dt:
                         if (rate > 0.0) == (v_high > 0.0):
@@ -273,8 +257,8 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                         continue
                     if kind == 1:
                         low, high = 0.0, h
-                        where = address_of(system.sites, site * SITE)
-                        v_low, v_high = relative(v, where), relative(v1, where)
+                        where = address_of(system.sites, site * ops.SITE)
+                        v_low, v_high = ops.relative(v, where), ops.relative(v1, where)
                         h = 1e-9 * dt  # of a slipping site that starts from standstill in the wrong direction
                         if v_low * v_high < 0.0:
                             tries, h = 60, (low * v_high - high * v_low) / (v_high - v_low)
@@ -299,17 +283,17 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
             for j in range(n):
                 if error != error or not (abs(x1[j]) < rule.limit and abs(v1[j]) < 1e100):
                     return DIVERGED, interval, j, steps, rejected, forced
-            inputs_at(drive, interval, (done + h) / dt, k.row)
+            ops.inputs_at(drive, interval, (done + h) / dt, k.row)
             t = interval * dt + done + h
             if general is None:
-                accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
+                ops.accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
             else:
                 if arrived >= 0 and jump[arrived]:
                     regime[arrived] = 0
                 for i in range(n_sites):
                     if regime[i] == 0:  # a sticking site stands still exactly, not to within round-off
-                        where = address_of(system.sites, i * SITE)
-                        p, q = where[UPPER], where[LOWER]
+                        where = address_of(system.sites, i * ops.SITE)
+                        p, q = where[ops.UPPER], where[ops.LOWER]
                         if i != arrived:
                             x1[p] = x[p] + (x1[q] - x[q] if q >= 0 else 0.0)
                         v1[p] = v1[q] if q >= 0 else 0.0
@@ -319,7 +303,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                     inside = 0.0
                     if drive.order > 1 and h > shortest:  # a force that bends may exceed what friction holds
                         inside = _overload_inside(system, drive, interval, done, h, x, v, k, w)
-                    accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
+                    ops.accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
                     site, most = _overload(system, jump, w)
                     if max(most, inside) > 1e-6 and h > shortest and located < 100:
                         # it starts to slip inside this step: come closer to that instant
@@ -341,7 +325,7 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
             for m in range(n_states):
                 z[m] = z1[m]
                 k.z_top[m] = max(k.z_top[m], abs(z[m]))
-            put(k.force0, force1, n_sites)
+            ops.put(k.force0, force1, n_sites)
             done = dt if h == dt - done else done + h
             if adaptive:
                 grow = 10.0 if error < 1e-9 else min(0.9 * error ** (-0.125), 10.0)
@@ -357,30 +341,30 @@ def _move(system, site, s0, r0, s1, r1, z, dt, middle, u):
     if r0 * r1 < 0.0:
         until = dt * r0 / (r0 - r1)
         s_there = s0 + 0.5 * r0 * until
-        advance_site(system, site, s0, r0, s_there, 0.0, z, until, middle, u)
-        advance_site(system, site, s_there, 0.0, s1, r1, z, dt - until, middle, u)
+        ops.advance_site(system, site, s0, r0, s_there, 0.0, z, until, middle, u)
+        ops.advance_site(system, site, s_there, 0.0, s1, r1, z, dt - until, middle, u)
     else:
-        advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u)
+        ops.advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u)
 
 
 @part
 def _move_all(system, x0, v0, x1, v1, z, dt, middle, u):
     """Move the states of all sites with memory over one step."""
     for i in range(system.n_sites):
-        site = address_of(system.sites, i * SITE)
-        if site[MEMORY]:
-            s0, r0, s1, r1 = relative(x0, site), relative(v0, site), relative(x1, site), relative(v1, site)
-            _move(system, site, s0, r0, s1, r1, z, dt, middle, u)
+        site = address_of(system.sites, i * ops.SITE)
+        if site[ops.MEMORY]:
+            r0, s1, r1 = ops.relative(v0, site), ops.relative(x1, site), ops.relative(v1, site)
+            _move(system, site, ops.relative(x0, site), r0, s1, r1, z, dt, middle, u)
 
 
 @part
 def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudge):
     """Force of a site at the end of a step whose relative acceleration there is larger by the nudge."""
-    s1, r1 = relative(x1, site) + 0.25 * dt * dt * nudge, relative(v1, site) + 0.5 * dt * nudge
-    if site[MEMORY]:
-        put(z1, z0, system.n_states)
-        _move(system, site, relative(x0, site), relative(v0, site), s1, r1, z1, dt, middle, w.u)
-    force, _ = site_force(system, site, s1, r1, t, row, z1, w.u, w.out, True)
+    s1, r1 = ops.relative(x1, site) + 0.25 * dt * dt * nudge, ops.relative(v1, site) + 0.5 * dt * nudge
+    if site[ops.MEMORY]:
+        ops.put(z1, z0, system.n_states)
+        _move(system, site, ops.relative(x0, site), ops.relative(v0, site), s1, r1, z1, dt, middle, w.u)
+    force, _ = ops.site_force(system, site, s1, r1, t, row, z1, w.u, w.out, True)
     return force
 
 
@@ -393,7 +377,7 @@ def newmark(system, drive, k, w, x, v, z, out):
     a, x1, v1, z1, a1, force, force1 = k.a0, k.x1, k.v1, k.z1, k.a1, k.force0, k.force1
     found, step, slope = k.a, k.v, k.force
     iterations, forced, top = 0, 0, 1e-12
-    accelerate(system, 0.0, drive.samples, x, v, z, a, force, w, True)
+    ops.accelerate(system, 0.0, drive.samples, x, v, z, a, force, w, True)
     for i in range(last + 1):
         for j in range(n):
             top = max(top, abs(a[j]))
@@ -404,34 +388,34 @@ def newmark(system, drive, k, w, x, v, z, out):
         t, was, row = (i + 1) * dt, row, address_of(row, n_inputs)
         for j in range(n_inputs):
             middle[j] = 0.5 * (was[j] + row[j])
-        put(a1, a, n)
+        ops.put(a1, a, n)
         converged = False
         for iteration in range(40):
             for j in range(n):
                 x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
                 v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
             for m in range(n_sites):
-                site, nudge = address_of(system.sites, m * SITE), 1e-6 * top
+                site, nudge = address_of(system.sites, m * ops.SITE), 1e-6 * top
                 now = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, 0.0)
                 nudged = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, nudge)
                 slope[m] = (nudged - now) / nudge
-            put(z1, z, n_states)
+            ops.put(z1, z, n_states)
             _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
-            accelerate(system, t, row, x1, v1, z1, found, force1, w, True)
+            ops.accelerate(system, t, row, x1, v1, z1, found, force1, w, True)
             for j in range(n):
                 for m in range(n):
                     matrix[j * n + m] = w.mass[j] if j == m else 0.0
                 step[j] = w.mass[j] * (found[j] - a1[j])
             for m in range(n_sites):
-                site = address_of(system.sites, m * SITE)
-                p, q = site[UPPER], site[LOWER]
-                inertia = 0.0 if site[ON_DOF] else w.inertia[m]
-                gap = relative(found, site) - relative(a1, site)
-                add_between(matrix, p, q, n, slope[m] + inertia)
+                site = address_of(system.sites, m * ops.SITE)
+                p, q = site[ops.UPPER], site[ops.LOWER]
+                inertia = 0.0 if site[ops.ON_DOF] else w.inertia[m]
+                gap = ops.relative(found, site) - ops.relative(a1, site)
+                ops.add_between(matrix, p, q, n, slope[m] + inertia)
                 step[p] += inertia * gap
                 if q >= 0:
                     step[q] -= inertia * gap
-            solve(matrix, step, n)
+            ops.solve(matrix, step, n)
             largest = 0.0
             for j in range(n):
                 a1[j] += step[j] if iteration < 15 else 0.5 * step[j]
@@ -449,13 +433,13 @@ def newmark(system, drive, k, w, x, v, z, out):
             x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
             v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
         _move_all(system, x, v, x1, v1, z, dt, middle, w.u)
-        accelerate(system, t, row, x1, v1, z, a1, force1, w, True)
+        ops.accelerate(system, t, row, x1, v1, z, a1, force1, w, True)
         for j in range(n):
             before, after = was[j] - system.masses[j] * was[base], row[j] - system.masses[j] * row[base]
             work[0] += 0.5 * dt * (before * v[j] + after * v1[j])
         for m in range(n_sites):
-            site = address_of(system.sites, m * SITE)
-            work[m + 1] += 0.5 * dt * (force[m] * relative(v, site) + force1[m] * relative(v1, site))
+            site = address_of(system.sites, m * ops.SITE)
+            work[m + 1] += 0.5 * dt * (force[m] * ops.relative(v, site) + force1[m] * ops.relative(v1, site))
             force[m] = force1[m]
         for j in range(n):
             x[j], v[j], a[j] = x1[j], v1[j], a1[j]

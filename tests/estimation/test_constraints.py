@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.estimation.constraints import EqualMasses, EqualStoreys, KnownStiffness, NonNegative, TotalMass
+from pysindy_nrf.estimation.constraints import EqualMasses, EqualStoreys, KnownStiffness, NonNegative, Prior, TotalMass
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 
 M, K, C = 12.0, 1e5, 60.0
@@ -77,7 +77,7 @@ def test_contradictions_are_said(data):
     ("constraint", "message"),
     [
         (EqualMasses([1, 7]), "DOF 7"), (KnownStiffness(2, 1e5, term="s^3"), "storey 2 has v, s"),
-        (KnownStiffness(9, 1e5), "storey 9"), (TotalMass(-1.0), "not a mass"), ("k > 0", "not a constraint"),
+        (KnownStiffness(9, 1e5), "storey 9"), (Prior("m1", 10.0, 1.0), "a floor has no sensor"), (TotalMass(-1.0), "not a positive number"), ("k > 0", "not a constraint"),
     ],
 )  # fmt: skip
 def test_what_does_not_exist_is_refused(data, constraint, message):

@@ -1,10 +1,12 @@
 """Fewer sensors than floors: masses and laws from the free run that fits the channels that there are."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from chains import driven, worst
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
+from pysindy_nrf.estimation.constraints import EqualStoreys, KnownStiffness, Prior
 from pysindy_nrf.estimation.fewer_sensors import shot_of
 from pysindy_nrf.estimation.free_run_fit import FreeRunFit, free_parameters
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, ExcitationError, IdentifiabilityError
@@ -116,6 +118,39 @@ def test_several_records_and_a_shaken_base_with_a_known_mass(exact):
     shaken = simulate(TRUTH, None, 1 / FS, base_acceleration=ag)
     model = NRFRegressor(degree=1, known_masses={4: MASSES[3]}).fit(seen(shaken, [2, 3]))
     assert worst(parameters(model.model_), parameters(TRUTH)) < 1e-5
+
+
+def test_two_frequencies_are_not_taken_for_three_numbers():
+    """Base to top of two floors: poles alone, whatever the noise; a fit ends on chains 20 % off, with narrow intervals."""
+    frame = ChainModel([12.4, 12.4], {i: laws.PowerSeries(1, [30.0, 1.4e5]) for i in (1, 2)})
+    ag = excitation.band_limited_random(1, 8.0, FS, excited=1, rms=2.0, band=(0.5, 50.0), random_state=2)[:, 0]
+    shaken = add_noise(simulate(frame, None, 1 / FS, base_acceleration=ag), 0.002, random_state=0)
+    with pytest.raises(IdentifiabilityError, match="2 of 3 combinations"):
+        NRFRegressor(degree=1, known_masses={2: 12.4}).fit(seen(shaken, [2]))
+
+
+def test_drawings_tell_what_the_channels_do_not(exact):
+    """A shaken base, two of four floors, 0.5 % noise: refused, or priors within 5 % and a few percent from both."""
+    ag = 2.0 * exact.force[:, 3] / 100.0
+    shaken = add_noise(simulate(TRUTH, None, 1 / FS, base_acceleration=ag), 0.005, random_state=2)
+    record = seen(shaken.window(0, 4), [2, 4])
+    with pytest.raises(IdentifiabilityError, match="6 of 7 combinations .* cannot be told apart"):
+        NRFRegressor(degree=1, known_masses={4: MASSES[3]}).fit(record)
+    true = {**{f"m{j}": m for j, m in enumerate(MASSES, 1)}, **{f"storey {i}: s": k for i, k in enumerate(SPRINGS, 1)}}
+    off = dict(zip(true, 1 + 0.05 * np.array([1, -1, 1, -1, -1, 1, 1, -1])))
+    priors = [Prior(name, off[name] * value, 0.05 * value) for name, value in true.items()]
+    model = NRFRegressor(degree=1, constraints=priors).fit(record)
+    table = model.confidence_intervals().set_index("parameter").loc[list(true)]
+    half, values = (table.upper - table.lower) / 2, pd.Series(true)
+    assert (half < 0.09 * values).all() and half.min() < 0.05 * values[half.idxmin()]  # two spreads of the drawings: 10 %
+    assert (np.abs(table.estimate - values) < 1.5 * half).all()
+    tied = NRFRegressor(degree=1, constraints=[*priors[1:], EqualStoreys(terms=["v"]), KnownStiffness(2, 1.2e5), priors[0]])
+    found = tied.fit(record).restoring_forces_
+    assert np.ptp([force.coefficients["v"] for force in found.values()]) < 1e-4 * 25.0
+    assert abs(found["storey 2"].coefficients["s"] / 1.2e5 - 1) < 1e-5
+    wrong = [*priors[:-1], Prior("storey 4: s", 3e5, 3e3)]
+    with pytest.warns(BiasWarning, match="contradict Prior.*storey 4"):
+        NRFRegressor(degree=1, constraints=wrong).fit(seen(exact, [4]))
 
 
 TRIED = [laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping()]

@@ -387,7 +387,7 @@ def test_an_exact_derivative_beside_a_noisy_displacement_leaves_the_position_whe
         (lambda: integrate(np.zeros(10), 0.1, "magic"), "Choose"),
         (lambda: integrate(np.zeros(10), 0.1, order=3), "order"),
         (lambda: integrate(np.array([0, 1, 2, np.nan, 4, 5, 6, 7.0]), 0.1), "not finite in row 3"),
-        (lambda: FairFilter((1, 50), fs=-1.0), "fs=-1.0 is not a sampling rate"),
+        (lambda: FairFilter((1, 50), fs=-1.0), "fs=-1.0 is not a positive number"),
         (lambda: KinematicSmoother(fs=500.0, band="automatic").fit(pd.DataFrame({"a1": np.sin(np.arange(99))})), "band='automatic' is unknown"),
         (lambda: KinematicSmoother().fit(np.zeros((99, 2))), "ndarray has no names"),
         (lambda: KinematicSmoother(fs=500.0).fit(pd.DataFrame({"a1": [], "x1": []})), "X has no samples"),

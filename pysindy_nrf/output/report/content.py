@@ -271,8 +271,7 @@ def _coefficients(model: ChainModel, bounds: Bounds) -> Table:
         shapes = ((law, name, x) for law in force.laws for name, x in law.shape.items() if x is not None)
         said = ((f"{n} ({names(law.name)})", pretty(law.units[n]), x) for law, n, x in shapes)
         rows += [[str(site), name, unit, *_with_ends(x, None)] for name, unit, x in said]
-    head = ["site", "term or shape parameter", "unit", "estimate", "lower", "upper"]
-    return _bounded("Coefficients", head, rows, 4)
+    return _bounded("Coefficients", ["site", "term or shape parameter", "unit", "estimate", "lower", "upper"], rows, 4)
 
 
 def _with_ends(value: float, ends: Any) -> list[float]:
@@ -503,8 +502,7 @@ def _end(evidence: Any, report: Any) -> Chapter:
     if len(report.lack_of_fit):
         rows = report.lack_of_fit.reset_index().to_numpy().tolist()
         tables.append(Table("What general laws would still gain", ["site", "law", "gain (dB)", "standard error"], rows))
-    facts = [*_seen(evidence), ("Why it stopped", sentence(report.stopped_because))]
-    return Chapter("What is left", "", facts, tables)
+    return Chapter("What is left", "", [*_seen(evidence), ("Why it stopped", sentence(report.stopped_because))], tables)
 
 
 def _seen(evidence: Any) -> list[tuple[str, str]]:

@@ -20,6 +20,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, excitation, laws, simulate
+from pysindy_nrf.estimation.fewer_sensors import estimate, shot_of
 from pysindy_nrf.exceptions import IdentifiabilityError
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation.noise import add_noise
@@ -96,6 +97,27 @@ def nonlinear(law: str, noise: float, seed: int) -> tuple[float, float, str]:
     if law == "cubic":
         own, found = own[1:2], found[1:2]
     return float(np.abs(model.masses / m - 1).max()), float(np.abs(np.divide(found, own) - 1).max()), ""
+
+
+def compared(n: int, noise: float, seed: int) -> tuple[float, float, float]:
+    """Shares of 95 % intervals of masses and stiffnesses that hold the truth: from pieces of the data, from curvature.
+
+    The third number is the median width by pieces over that by curvature, the inverse of the normal matrix.
+    """
+    m, k, c = chain(n, seed)
+    F = excitation.band_limited_random(n, DURATION, FS, excited=[n], rms=RMS, band=BAND, random_state=seed)
+    truth = ChainModel(m, {i + 1: laws.PowerSeries(1, [c[i], k[i]]) for i in range(n)})
+    record = hidden(add_noise(simulate(truth, F, 1 / FS), noise, random_state=[seed, 1]), [n])
+    with warnings.catch_warnings(action="ignore"):
+        fit, best, _ = estimate(NRFRegressor(degree=1).problem(n), [shot_of(record, 0, n)], {})
+    true = [*m, *(value for pair in zip(c, k) for value in pair)]
+    judged = np.r_[:n, n + 1 : 3 * n : 2]  # not damping
+    now = fit.rebuild.numbers(best.u)
+    slope = np.where(fit.rebuild.scale == 0, now, fit.rebuild.scale)
+    pieces = np.sqrt((best.influences**2).sum(axis=0)) * slope
+    curvature = np.sqrt(np.diag(np.linalg.inv(best.jacobian.T @ best.jacobian))) * slope
+    inside = [float((np.abs(now - true) < 1.96 * half)[judged].mean()) for half in (pieces, curvature)]
+    return *inside, float(np.median((pieces / curvature)[judged]))
 
 
 HIDDEN = ("friction", "cubic", "square", "gap", "none")
@@ -189,7 +211,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Print every row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--only", choices=("linear", "laws", "loop", "measured"))
+    parser.add_argument("--only", choices=("linear", "intervals", "laws", "loop", "measured"))
     parser.add_argument("--runs", type=int)
     parser.add_argument("--jobs", type=int, default=1)
     options = parser.parse_args(arguments)
@@ -203,6 +225,13 @@ def main(arguments: list[str] | None = None) -> None:
             for noise in (0.0, 0.005) if options.quick else (0.0, 0.005, 0.02):
                 count = options.runs or (2 if options.quick else 300 if noise else 10)
                 row(f"linear, {n} floors, top alone, {100 * noise:g} % noise", runs(linear, count, n, noise), "inside")
+    if options.only in (None, "intervals"):
+        for n, noise in ((2, 0.005),) if options.quick else ((3, 0.005), (3, 0.02), (4, 0.02)):
+            count = options.runs or (2 if options.quick else 100)
+            pieces, curvature, ratio = np.array(runs(compared, count, n, noise)).T
+            name, held = f"{n} floors, top alone, {100 * noise:g} % noise", (100 * pieces.mean(), 100 * curvature.mean())
+            print(f"intervals, {name}: by pieces {held[0]:.1f} % hold, by curvature {held[1]:.1f} %; "
+                  f"width over width {np.median(ratio):.2f}", flush=True)  # fmt: skip
     if options.only in (None, "laws") and not options.quick:
         for law in ("cubic", "gap", "friction"):
             row(f"{law} in storey 2, sensors 2 and 4, 1 %", runs(nonlinear, options.runs or 30, law, 0.01), "law")

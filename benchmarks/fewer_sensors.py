@@ -229,8 +229,8 @@ def main(arguments: list[str] | None = None) -> None:
         for n, noise in ((2, 0.005),) if options.quick else ((3, 0.005), (3, 0.02), (4, 0.02)):
             count = options.runs or (2 if options.quick else 100)
             pieces, curvature, ratio = np.array(runs(compared, count, n, noise)).T
-            print(f"intervals, {n} floors, {100 * noise:g} % noise: by pieces {100 * pieces.mean():.1f} % hold, by "
-                  f"curvature {100 * curvature.mean():.1f} %; width over width {np.median(ratio):.2f}", flush=True)  # fmt: skip
+            print(f"intervals, {n} floors, {100 * noise:g} % noise: pieces {100 * pieces.mean():.1f} % hold,", end=" ")
+            print(f"curvature {100 * curvature.mean():.1f} %; width over width {np.median(ratio):.2f}", flush=True)
     if options.only in (None, "laws") and not options.quick:
         for law in ("cubic", "gap", "friction"):
             row(f"{law} in storey 2, sensors 2 and 4, 1 %", runs(nonlinear, options.runs or 30, law, 0.01), "law")

@@ -25,6 +25,7 @@ ALLOWED = {
     ("laws/compiled.py", "TypingError"): "the protocol of numba, which tries other types",
     ("data/channels.py", "TypeError"): "caught some lines below",
     ("data/channels.py", "kind"): "one of two typed errors, chosen above",
+    ("common/__init__.py", "error"): "a typed error that the caller chose",
     ("selection/comparison.py", "OverflowError"): "caught by the time limit's own loop",
     ("selection/comparison.py", "TimeoutError"): "caught by the time limit's own loop",
     ("regression/chain_solve.py", "NotTogether"): "an NRFError, caught by the selection, which solves one by one",

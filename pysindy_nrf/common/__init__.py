@@ -11,7 +11,7 @@ def number_of(value: Any) -> float:
         return float("nan")
 
 
-def positive(name: str, value: Any, cure: str, error: Any) -> float:
+def positive(name: str, value: Any, cure: str, error: type[Exception]) -> float:
     """A positive number, or an error of the given kind."""
     number = number_of(value)
     if not 0 < number < float("inf"):

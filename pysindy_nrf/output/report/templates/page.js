@@ -169,6 +169,14 @@
     redraw();
   });
 
+  // -- numbers in sentences as printed ones: 1.5e+09 is 1.5×10⁹
+
+  for (const place of document.querySelectorAll(".said, .lead, .about, .frame p, .care li, .facts dd")) {
+    if (place.children.length) { continue; }
+    const power = (_, digit, sign, size) => digit + "×10<sup>" + (sign === "-" ? "−" : "") + size + "</sup>";
+    place.innerHTML = place.innerHTML.replace(/(\d)e([+-])0?(\d+)/g, power);
+  }
+
   // -- turning a surface with keys and buttons
 
   function camera(place) {

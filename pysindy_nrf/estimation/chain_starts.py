@@ -22,7 +22,7 @@ from .free_run_fit import DIFFERENCE, LONGEST, Shot, lengths
 
 ROUNDS = 8  # of the poles, with those of noise and without
 EXTRA = (0, 2)  # poles for noise
-DRAWS, KEPT, STEPS = 40, 4, 80  # chains drawn at random; starting values at most; iterations of each
+DRAWS, STEPS = 40, 80  # chains drawn at random for a set of modes; iterations of each
 ALIKE = 0.02  # starting values whose logarithms differ by less are one
 WIDTH, FLOOR = 9, 0.05  # lines of a local mean of the response; part of its rms below which weights are even
 POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
@@ -53,18 +53,18 @@ def chain_starts(
 ) -> list[Linear]:  # fmt: skip
     """Starting values of the masses and of the springs and dampers in some links, the best first."""
     rng = np.random.default_rng(random_state)
-    every = [one for found in modes_of(shots, chain.n_dof, band) for one in _matched(found, chain, links, known, rng)]
-    every.sort(key=lambda one: one.misfit)  # below one the modes tell no chain from another: the most even come first
-    starts = every[:1] + sorted(every, key=lambda one: (max(one.misfit, 1.0), np.ptp(np.log(one.masses))))
+    sets = [list(_matched(found, chain, links, known, rng)) for found in modes_of(shots, chain.n_dof, band)]
+    # of each set of modes the chain nearest to it; below one they tell no chain from another: then the most even
+    keys = (lambda one: one.misfit), (lambda one: (max(one.misfit, 1.0), np.ptp(np.log(one.masses))))
+    starts = [min(own, key=key) for key in keys for own in sets if own]
     kept: list[Linear] = []
     for one in starts:
         new = np.log(np.concatenate([one.masses, one.stiffness]))
         if all(np.abs(new - np.log(np.concatenate([k.masses, k.stiffness]))).max() > ALIKE for k in kept):
             kept.append(one)
     if not kept:
-        what = "No chain has the modes of the measured channels"
-        raise IdentifiabilityError(what, "Check units and DOFs, give a longer record, or add a sensor.")
-    return kept[:KEPT]
+        raise IdentifiabilityError("No chain has the modes of the channels", "Check units and DOFs, or add a sensor.")
+    return kept
 
 
 def _spectra(shots: Sequence[Shot], band: tuple[float, float]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:

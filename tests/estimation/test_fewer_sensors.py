@@ -129,6 +129,14 @@ def test_two_frequencies_are_not_taken_for_three_numbers():
         NRFRegressor(degree=1, known_masses={2: 12.4}).fit(seen(shaken, [2]))
 
 
+def test_the_right_set_of_modes_is_begun_from():
+    """The fourth mode has 0.3 % of the first one's residue: chains of other sets of modes fit nearly as well."""
+    m, k, c = np.random.default_rng([173, 4]).uniform([[8.0], [1e5], [15.0]], [[16.0], [2e5], [40.0]], (3, 4))
+    truth = ChainModel(m, {i + 1: laws.PowerSeries(1, [c[i], k[i]]) for i in range(4)})
+    full = add_noise(driven(truth, [4], 8.0, 200.0, 100.0, (0.5, 50.0), seed=173), 0.005, random_state=[173, 1])
+    assert worst(parameters(NRFRegressor(degree=1).fit(seen(full, [4])).model_), parameters(truth)) < 0.05
+
+
 def test_drawings_tell_what_the_channels_do_not(exact):
     """A shaken base, two of four floors, 0.5 % noise: refused, or priors within 5 % and a few percent from both."""
     ag = 2.0 * exact.force[:, 3] / 100.0

@@ -26,7 +26,8 @@ DRAWS, STEPS = 40, 80  # chains drawn at random for a set of modes; iterations o
 ALIKE = 0.02  # starting values whose logarithms differ by less are one
 WIDTH, FLOOR = 9, 0.05  # lines of a local mean of the response; part of its rms below which weights are even
 POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
-NEAR, SHARE = 5e-3, 0.05  # error of a frequency, and of a residue as a share of the largest, that count as one
+NEAR, SHARE = 5e-3, 0.05  # relative errors of a frequency and of a residue that count as one at least
+NOISE = 4.0  # times the logarithm of their number: the power of the largest of some rows of noise (2), twice
 
 
 @dataclass
@@ -35,6 +36,7 @@ class Modes:
 
     poles: np.ndarray
     residues: list[tuple[int, int, np.ndarray]]
+    errors: np.ndarray  # relative standard errors of the residues; inf: noise alone may look like this mode
 
 
 @dataclass
@@ -145,8 +147,8 @@ def modes_of(shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np
             left += float(((y - own @ x) ** 2).sum())
             values.append(x)
             for i in range(len(inputs)):
-                part = x[i * (2 * len(poles) + 1) :][: 2 * len(poles)].reshape(-1, 2)
-                energy += (part**2).sum(axis=1) / -poles.real
+                part = slice(i * (2 * len(poles) + 1), i * (2 * len(poles) + 1) + 2 * len(poles))
+                energy += ((own[:, part] * x[part]).reshape(len(y), -1, 2).sum(axis=2) ** 2).sum(axis=0)
         return left, values, energy
 
     out: list[Modes] = []
@@ -158,8 +160,10 @@ def modes_of(shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np
                 poles = poles[np.argsort(-fitted(poles)[2])[:n]]
             if number >= ROUNDS:
                 tried.append((*fitted(poles)[:2], poles))
-        _, values, poles = min(tried, key=lambda one: one[0])
-        order = np.argsort(np.abs(poles))
+        left, values, poles = min(tried, key=lambda one: one[0])
+        rows, order = 2 * every.shape[0], np.argsort(np.abs(poles))
+        shown = fitted(poles)[2] / (left / rows / len(channels))  # over the variance of one row
+        errors = np.where(shown < NOISE * np.log(rows), np.inf, 1 / np.sqrt(shown))[order]
         if any(np.allclose(poles[order], other.poles, rtol=1e-3) for other in out):
             continue
         residues = []
@@ -167,7 +171,7 @@ def modes_of(shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np
             for i, u in enumerate(inputs):
                 part = x[i * (2 * n + 1) :][: 2 * n].reshape(n, 2) @ [1, 1j] / force[i] / poles**2
                 residues.append((int(channel[1:]) - 1, u, part[order]))
-        out.append(Modes(poles[order], residues))
+        out.append(Modes(poles[order], residues, errors))
     return out
 
 
@@ -213,7 +217,8 @@ def _matched(
     free = [j for j in range(n) if j + 1 not in known]
     fixed = np.array([known.get(j + 1, 1.0) for j in range(n)], dtype=float)
     aim = [(j, u, (r * 2j * found.poles.imag).real) for j, u, r in found.residues]
-    largest = [np.abs(values).max() for *_, values in aim]
+    near = np.maximum(NEAR, found.errors * -found.poles.real / w)  # an error of amplitude is one of phase
+    sizes = [np.maximum(SHARE, found.errors) * np.abs(values) for *_, values in aim]
 
     def built(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Masses, stiffnesses, natural frequencies (1/s) and mode shapes of a unit modal mass, of each row of x."""
@@ -226,8 +231,8 @@ def _matched(
     def gaps(x: np.ndarray) -> np.ndarray:
         masses, _, own, phi = built(x)
         driven = np.concatenate([phi, -masses[:, None] @ phi], axis=1)
-        wrong = [(phi[:, j] * driven[:, u] - values) / size / SHARE for (j, u, values), size in zip(aim, largest)]
-        return np.hstack([np.log(own / w) / NEAR, *wrong])
+        wrong = [(phi[:, j] * driven[:, u] - values) / size for (j, u, values), size in zip(aim, sizes)]
+        return np.hstack([np.log(own / w) / near, *wrong])
 
     first = _from_end(found, n) if list(links) == [Site(j) for j in range(1, n + 1)] else None
     draws = [] if first is None else [np.concatenate([first[:n][free], first[n:]])]

@@ -228,8 +228,7 @@ def as_constraints(constraints: Any) -> tuple[Constraint, ...]:
     """What was given as ``constraints=``, as a tuple."""
     given = (constraints,) if isinstance(constraints, Constraint) else tuple(constraints or ())
     if wrong := [c for c in given if not isinstance(c, Constraint)]:
-        cure = "Use those of estimation.constraints."
-        raise ChainError(f"constraints holds {wrong[0]!r}, which is not a constraint", cure)
+        raise ChainError(f"constraints holds {wrong[0]!r}, which is not a constraint", "Use estimation.constraints.")
     return given
 
 

@@ -300,21 +300,17 @@ def told(best: Solution, rebuild: Rebuild) -> list[str]:
     bad = sorted((k for k in judged if spread[k] > UNSURE), key=lambda k: -spread[k])
     if bad and spread[bad[0]] > UNKNOWN:
         size = f"{100 * spread[bad[0]]:.0f} %" if spread[bad[0]] < 1 else "more than itself"
-        text = f"The measured channels do not tell {names[bad[0]]}: its standard error is {size}"
-        raise IdentifiabilityError(text, cure)
+        raise IdentifiabilityError(f"The channels do not tell {names[bad[0]]}: its standard error is {size}", cure)
     said = ", ".join(f"{names[k]} to {100 * spread[k]:.0f} %" for k in bad)
     return [f"The measured channels tell {said} only (standard error). {cure}"] if bad else []
 
 
 def _rivals(found: Sequence[Solution]) -> list[str]:
     """A sentence if chains far apart fit alike; the best comes first."""
-    first = found[0]
-    for other in found[1:]:
-        away = np.abs(np.log(other.model.masses / first.model.masses)).max()
-        if other.cost < RIVAL * first.cost and away > APART:
-            masses = ", ".join(f"{m:.3g}" for m in other.model.masses)
-            return [f"Another linear chain fits the channels as well, with masses of {masses} kg: add a sensor."]
-    return []
+    first, said = found[0], "Another linear chain fits the channels as well, with masses of {} kg: add a sensor."
+    near = [other.model.masses for other in found[1:] if other.cost < RIVAL * first.cost]
+    far = [masses for masses in near if np.abs(np.log(masses / first.model.masses)).max() > APART]
+    return [said.format(", ".join(f"{m:.3g}" for m in far[0]))] if far else []
 
 
 def _model_error(fit: FreeRunFit, shot: Shot, model: ChainModel) -> float:

@@ -66,8 +66,8 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     if bounds := [one for one in given if isinstance(one, NonNegative)]:
         raise ChannelError(f"{bounds[0]!r} is for records in which every floor has a sensor", "Leave it out.")
     fit, best, notes = estimate(problem, shots, known, given)
-    errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
     notes += told(best, fit.rebuild)
+    errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
     now = dict(zip(_names(fit.rebuild), fit.rebuild.numbers(best.u)))
     far = [p for p in given if isinstance(p, Prior) and abs(now[p.parameter] - p.value) > AWAY * p.spread]
     notes += [f"The data contradict {p!r}: it came out as {now[p.parameter]:.4g}." for p in far]

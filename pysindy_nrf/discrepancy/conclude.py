@@ -39,6 +39,7 @@ from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
+FLOORS = 4  # draws of noise, of which one tells what it leaves of a balance to a fifth: 0.8 to 1.3 of the mean
 RUN = 3 * MOST  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
 
 
@@ -102,10 +103,10 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     there = general[general["there"]]
     if len(there) and not no_claim and len(forward.state.effects) < settings["max_steps"]:
         stopped += f". {words.not_in_catalogue(there)}"
-    made = simulated(forward.state.ready, confirmed.trial.on_part(), rng) if forward.state.ready is not None else None
-    noise = None if made is None else made[1]
-    beyond = _say_how_sure(steps, confirmed, noise, [Site(site) for site, _ in there.index])
-    report = _report(forward, first, settings, steps, stands, at, noise, stopped)
+    ready, draws = forward.state.ready, FLOORS if any(step.sure for step in steps) else 1
+    made = [ruler for _, ruler in simulated(ready, confirmed.trial.on_part(), rng, draws)] if ready is not None else []
+    beyond = _say_how_sure(steps, confirmed, made, [Site(site) for site, _ in there.index])
+    report = _report(forward, first, settings, steps, stands, at, made[0] if made else None, stopped)
     report.lack_of_fit, report.beyond_noise = general.drop(columns="there"), beyond
     report.bounds = _bounds(confirmed.trial)
     return report
@@ -279,15 +280,16 @@ def _no_claim(trial: Trial) -> str:
     return words.cancelled_masses(cancelled) if cancelled else ""
 
 
-def _say_how_sure(steps: list[Step], final: Stand, noise: Ruler | None, lacking: Sequence[Site]) -> np.ndarray:
+def _say_how_sure(steps: list[Step], final: Stand, made: list[Ruler], lacking: Sequence[Site]) -> np.ndarray:
     """Say how much of an effect its worst balance keeps, and if its name is sure (not where a law is lacking)."""
     trial = final.trial
     left = trial.ruler.errors(trial.powers)
-    floor = np.full(len(left), np.nan)
-    if noise is not None:
+    floors = []
+    for noise in made:
         with suppress(NRFError):
-            floor = noise.errors(Trial(noise, trial.base, trial.laws).powers)
-    beyond = np.sqrt(np.maximum(left**2 - np.nan_to_num(BY_NOISE * floor) ** 2, 0.0))
+            floors.append(np.nan_to_num(noise.errors(Trial(noise, trial.base, trial.laws).powers)))
+    floor = np.mean(np.square(floors), axis=0) if floors else 0.0
+    beyond = np.sqrt(np.maximum(left**2 - BY_NOISE**2 * floor, 0.0))
     for step in steps:
         site = Site(step.site)
         own = [j for j in range(len(left)) if site.kind != "sensor" and site.incidence(j + 1)] or np.arange(len(left))

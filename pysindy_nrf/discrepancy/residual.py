@@ -197,21 +197,21 @@ def floor_of(model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
 # -- records as a model would have produced them (parametric bootstrap) ------------------------------
 
 
-def simulated(ready: Prepared, trial: Trial, rng: np.random.Generator) -> tuple[Prepared, Ruler] | None:
-    """Records, and the ruler on them, that the model of a trial, freed of the bias of noise, would have produced.
+def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> list[tuple[Prepared, Ruler]]:
+    """Records, and the rulers on them, that the model of a trial, freed of the bias of noise, would have produced.
 
     The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
-    that the model produced, less the model. None where the model has no free run.
+    that the model produced, less the model. Empty where the model has no free run.
     """
     first = _produced(ready, trial, trial.model(), rng)
     if first is None:
-        return None
+        return []
     try:
         again = Trial(first[1], trial.base, trial.laws)
     except NRFError:
-        return first
+        return [first]
     unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
-    return _produced(ready, trial, unbiased, rng) or first
+    return [made for _ in range(draws) if (made := _produced(ready, trial, unbiased, rng))] or [first]
 
 
 def _produced(

@@ -301,9 +301,9 @@ class Forward:
         """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""
         assert state.ready is not None
         made = simulated(state.ready, state.trial, self.rng)
-        if made is None:
+        if not made:
             return np.inf
-        ready, ruler = made
+        ready, ruler = made[0]
         try:
             null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, ready)
             best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, finalists=3)

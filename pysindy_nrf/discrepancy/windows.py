@@ -79,8 +79,7 @@ def _energy(segment: Segment, hop: int) -> np.ndarray:
     if len(y) < 2 * hop:
         return np.zeros((1, y.shape[1]))
     y = y - y.mean(axis=0)
-    count = max(1, len(y) // hop - 1)
-    return np.add.reduceat(y**2, hop * np.arange(count), axis=0)
+    return np.add.reduceat(y**2, hop * np.arange(max(1, len(y) // hop - 1)), axis=0)
 
 
 def _cut(

@@ -42,10 +42,9 @@ TRIALS = (0.3, 0.5, 0.7)  # first values of shape parameters, as shares of the w
 UNEVEN = 100.0  # largest mass over smallest from which on a chain is followed only if there is no other: a fixed floor
 NEAR = 3.0  # cost of a trial over the least, above which it is not followed
 RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
-UNSURE, UNKNOWN = 0.1, 0.5  # standard error of a mass or stiffness, as a share, that is said; that is refused
+UNSURE, UNKNOWN, SURE = 0.1, 0.5, 0.33  # standard error, as a share, that is said; that is refused; of a sure sign
 ILL = 1e9  # condition of the sensitivities, each of length one, from which on they are not told apart
 EXACT = 1e-6  # spread of an equation that has none, as a share of its terms: round-off of sensitivities
-AWAY = 3.3  # standard deviations from a prior, that one of a thousand exceeds
 LEVEL = 0.95  # of the intervals of motions
 FORGOTTEN, LONGEST = 7.0, 6  # time constants after which a thousandth is left; lengths of a record at most
 
@@ -69,8 +68,8 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     notes += told(best, fit.rebuild)
     errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
     now = dict(zip(_names(fit.rebuild), fit.rebuild.numbers(best.u)))
-    far = [p for p in given if isinstance(p, Prior) and abs(now[p.parameter] - p.value) > AWAY * p.spread]
-    notes += [f"The data contradict {p!r}: it came out as {now[p.parameter]:.4g}." for p in far]
+    far = [p for p in given if isinstance(p, Prior) and abs(now[p.parameter] - p.value) > 3.3 * p.spread]
+    notes += [f"The data contradict {p!r}: it came out as {now[p.parameter]:.4g}." for p in far]  # p = 0.001
     if max(errors) > 0:
         cure = "Intervals of motions hold that, those of parameters do not: search for what it lacks (close_loop)."
         notes.append(f"The model misses {100 * max(errors):.2g} % of a measured channel beyond its noise. {cure}")
@@ -296,6 +295,8 @@ def told(best: Solution, rebuild: Rebuild) -> list[str]:
     if singular[-1] * ILL < singular[0]:
         blind = [name for name, part in zip(names, np.abs(vectors[-1])) if part > 0.3]
         raise IdentifiabilityError(f"The measured channels do not tell {', '.join(blind)} apart", cure)
+    if odd := [name for name, u, share in zip(names, best.u, spread) if name[-3:] == ": v" and u < 0 and share < SURE]:
+        raise IdentifiabilityError(f"The channels ask for a negative {odd[0]}, which no passive storey has", cure)
     judged = [k for k, name in enumerate(names) if ":" not in name or name.endswith(": s")]
     bad = sorted((k for k in judged if spread[k] > UNSURE), key=lambda k: -spread[k])
     if bad and spread[bad[0]] > UNKNOWN:

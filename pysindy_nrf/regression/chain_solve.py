@@ -452,8 +452,7 @@ def visited_regions(data: SegmentSet, layout: LawLayout) -> dict[Site, VisitedRe
 def clock_of(motions: Sequence[Motion]) -> tuple[float, tuple[float, float]]:
     """Length of the longest record, and first and last time of all, s; 1 s from 0 without a clock."""
     ends = [(float(m.t[0]), float(m.t[-1])) for m in motions if m.t is not None] or [(0.0, 1.0)]
-    longest = max(last - first for first, last in ends)
-    return longest, (min(first for first, _ in ends), max(last for _, last in ends))
+    return max(last - first for first, last in ends), (min(first for first, _ in ends), max(last for _, last in ends))
 
 
 def scales_of(data: SegmentSet, layout: LawLayout) -> dict[Site, Scales]:

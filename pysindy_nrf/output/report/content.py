@@ -415,8 +415,7 @@ def errors(report: Any) -> Table:
     shown.index = [names(n) for n in shown.index]
     if report.steps:
         shown["held-out data"] = ["", *map(standing, report.steps)]
-    heads = {c: f"{dof_words(c)} (%)" for c in report.table}
-    return table("Errors, percent NRMSE", shown, heads, index="model")
+    return table("Errors, percent NRMSE", shown, {c: f"{dof_words(c)} (%)" for c in report.table}, index="model")
 
 
 def chapters(report: Any) -> list[Chapter]:

@@ -345,7 +345,7 @@ def test_a_law_at_every_storey_is_no_effect_where_its_coefficients_may_be_zero()
 
 def test_records_of_the_bootstrap_are_those_of_the_model_with_the_noise_of_the_channels():
     state, _ = searched(Plan(2, (1, 2), noise=0.02, seed=73), [])
-    _, ruler = bootstrap(state.ready, state.trial, np.random.default_rng(0))
+    ((_, ruler),) = bootstrap(state.ready, state.trial, np.random.default_rng(0))
     again = Trial(ruler, state.trial.base, state.trial.laws)
     errors = [t.ruler.error(t.powers) for t in (state.trial, again)]
     assert errors[1] == pytest.approx(errors[0], rel=0.3)
@@ -359,7 +359,7 @@ def test_records_of_the_bootstrap_leave_as_much_in_every_band_also_near_a_quarte
     ready, problem = prepare(add_noise(exact, 5e-4, random_state=1)), NRFRegressor(degree=1).problem(1)
     _, ruler = _ruler(ready, problem, None, np.inf)
     one = Trial(ruler, problem.chain, _baseline_laws(problem, ruler.work))
-    two = Trial(bootstrap(ready, one, np.random.default_rng(0))[1], one.base, one.laws)
+    two = Trial(bootstrap(ready, one, np.random.default_rng(0))[0][1], one.base, one.laws)
     assert ruler.band()[1] > 75
     assert (np.abs(np.log(two.powers.shares / one.powers.shares)) < 1).all()  # a wrong hold of the force gives 4
 

@@ -20,8 +20,7 @@ from pysindy_nrf.output.displays._figure import CYCLE, DASHES, Axis, Bars, Figur
 from pysindy_nrf.output.displays._matplotlib import Drawing, dress
 from pysindy_nrf.output.displays.evidence import before_after_figure
 from pysindy_nrf.output.displays.forces import energy_figure, loop_figure, surface_figure
-from pysindy_nrf.output.displays.models import change_figure
-from pysindy_nrf.output.displays.motion import below, modes_figure
+from pysindy_nrf.output.displays.motion import below, change_figure, modes_figure
 from pysindy_nrf.regression.chain_model import as_model, as_segments
 from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.regression.input_arrays import from_arrays

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
-from pysindy_nrf.common.random_state import generator
+from pysindy_nrf.common import generator
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.laws import Dahl, PowerSeries
 from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line, Mark

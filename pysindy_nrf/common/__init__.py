@@ -1,6 +1,11 @@
 """Tools of all layers: late imports, files, random states, threads, settings, the jackknife."""
 
+import zlib
 from typing import Any
+
+import numpy as np
+
+from ..exceptions import NRFError
 
 
 def number_of(value: Any) -> float:
@@ -17,3 +22,15 @@ def positive(name: str, value: Any, cure: str, error: type[Exception]) -> float:
     if not 0 < number < float("inf"):
         raise error(f"{name}={value!r} is not a positive number", cure)
     return number
+
+
+def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
+    """A generator of random numbers for a seed, a generator or None; raises NRFError for anything else."""
+    try:
+        if purpose and hasattr(random_state, "__index__"):
+            key = zlib.crc32(purpose.encode())
+            return np.random.default_rng(np.random.SeedSequence(int(random_state), spawn_key=(key,)))
+        return np.random.default_rng(random_state)
+    except (TypeError, ValueError) as error:
+        cure = "Give a whole number from 0, a numpy Generator, or None."
+        raise NRFError(f"random_state={random_state!r} is no seed", cure) from error

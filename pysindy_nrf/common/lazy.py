@@ -49,7 +49,7 @@ class Hook(Enum):
     SIMULATE = "pysindy_nrf.simulation:simulate"
     TO_SINDY = "pysindy_nrf.regression.feature_library:to_sindy"
     FROM_SINDY = "pysindy_nrf.regression.feature_library:from_sindy"
-    ORDER_FIGURE = "pysindy_nrf.output.displays.models:order_drawing"
+    ORDER_FIGURE = "pysindy_nrf.output.displays.motion:order_drawing"
     MODEL_FIGURE = "pysindy_nrf.output.report.content:drawing"
     PAGE = "pysindy_nrf.output.report:write_html"
     RECORD_HTML = "pysindy_nrf.output.report.write:record_html"

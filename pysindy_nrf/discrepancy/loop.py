@@ -11,7 +11,7 @@ import numpy as np
 from scipy.fft import next_fast_len
 from threadpoolctl import threadpool_limits
 
-from ..common.random_state import generator
+from ..common import generator
 from ..diagnostics.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..estimation.fewer_sensors import lacks_motion
 from ..estimation.fitted import wiring_of

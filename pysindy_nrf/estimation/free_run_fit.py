@@ -495,10 +495,7 @@ def refine(
         if best := result.found:
             model, facts["found"] = best.model, "simulation"
             assert result.rebuild is not None
-            resolver = InfluenceResolver(
-                iv.pieces, solve_order, known, inner,
-                theta=best.u, rebuild=result.rebuild, moves=best.influences, of=best.record,
-            )  # fmt: skip
+            resolver = InfluenceResolver(iv.pieces, solve_order, known, inner, best=best, rebuild=result.rebuild)
         else:
             facts["notes"] = [*facts["notes"], f"instrumental variables kept: {result.why}"]
     return start._replace(problem=problem, model=model, solution=iv.solution), resolver, facts, iv.judged(data)

@@ -154,19 +154,17 @@ class Resolver:
 class InfluenceResolver(Resolver):
     """Resolver of an estimate that is the optimum of a free run: every piece moves it by its influence."""
 
-    theta: np.ndarray = field(kw_only=True)
+    best: Any = field(kw_only=True)  # the optimum, and what each piece moves it by
     rebuild: Callable[[np.ndarray], ChainModel] = field(kw_only=True)
-    moves: np.ndarray = field(kw_only=True)
-    of: np.ndarray = field(kw_only=True)
 
     @property
     def record(self) -> np.ndarray:
         """Number of the record of each piece."""
-        return self.of
+        return self.best.record
 
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
-        model = self.rebuild(self.theta + weights @ (self.moves - self.moves.mean(axis=0)))
+        model = self.rebuild(self.best.u + weights @ (self.best.influences - self.best.influences.mean(axis=0)))
         return model if self.constrain is None else self.constrain(model)
 
 

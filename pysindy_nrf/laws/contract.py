@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common.random_state import generator
+from ..common import generator
 from .base import ForceLaw, from_dict
 from .friction import jump_at_reversal
 from .shape import Motion

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common import positive
-from ..common.random_state import generator
+from ..common import generator, positive
 from ..exceptions import ChainError, ChannelError
 from ..laws.power_series import whole
 from ..mechanics.sites import dofs_of

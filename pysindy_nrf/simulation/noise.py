@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common import number_of
-from ..common.random_state import generator
+from ..common import generator, number_of
 from ..data.record import BASES, OF_LETTER, Record
 from ..exceptions import ChannelError
 

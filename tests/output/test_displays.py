@@ -35,7 +35,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
 from pysindy_nrf import Record  # noqa: E402
-from pysindy_nrf.output.displays.models import order_drawing  # noqa: E402
+from pysindy_nrf.output.displays.motion import order_drawing  # noqa: E402
 
 
 @pytest.fixture(autouse=True)

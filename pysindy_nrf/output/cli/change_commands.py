@@ -135,7 +135,7 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
         written = [write_table(frame, folder / f"{name}.csv") for name, frame in tables.items()]
         if options["figures"]:
             from ..displays._matplotlib import save
-            from ..displays.models import change_figure
+            from ..displays.motion import change_figure
 
             sites = [f"storey {cut.storey}" for cut in report.comparison.cuts]
             largest = max(report.map(site)["change"].abs().max() for site in sites)

@@ -351,7 +351,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
         written = [write_table(listed, folder / "orders.csv")]
         if options["figures"]:
             from ..displays._matplotlib import save
-            from ..displays.models import order_drawing
+            from ..displays.motion import order_drawing
 
             written += save(folder / "orders.png", order_drawing(found).figures())
     data = {"records": [summary(rec) for rec in records], "best_order": found.best_order}

@@ -203,7 +203,10 @@ def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> list[t
     The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
     that the model produced, less the model. Empty where the model has no free run.
     """
-    first = _produced(ready, trial, trial.model(), rng)
+    held = ((ready.records[i], ready.noise[i], trial.ruler.work.seen_rows(i)) for i in trial.ruler.work.searched)
+    noise = [levels_of(*one) for one in held]
+    quiet = [quiet_drive(ready.records[i], levels) for i, levels in zip(trial.ruler.work.searched, noise)]
+    first = _produced(ready, trial, trial.model(), rng, noise, quiet)
     if first is None:
         return []
     try:
@@ -211,11 +214,11 @@ def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> list[t
     except NRFError:
         return [first]
     unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
-    return [made for _ in range(draws) if (made := _produced(ready, trial, unbiased, rng))] or [first]
+    return [made for _ in range(draws) if (made := _produced(ready, trial, unbiased, rng, noise, quiet))] or [first]
 
 
 def _produced(
-    ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator
+    ready: Prepared, trial: Trial, model: ChainModel, rng: np.random.Generator, noise: list[dict], quiet: list[Record]
 ) -> tuple[Prepared, Ruler] | None:
     """Records of a free run with noise, of an element without mass the measured motion and its force; None if none."""
     work = trial.ruler.work
@@ -223,9 +226,8 @@ def _produced(
         return None
     fakes = []
     try:
-        for i in work.searched:
-            levels = levels_of(ready.records[i], ready.noise[i], work.seen_rows(i))
-            fakes.append(_record(ready.records[i], work.data.segments[i], model, levels, rng))
+        for i, levels, drive in zip(work.searched, noise, quiet):
+            fakes.append(_record(ready.records[i], drive, work.data.segments[i], model, levels, rng))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
             known, bands = ([one[i] for i in work.searched] for one in (ready.noise, ready.bands))
@@ -247,10 +249,9 @@ def _produced(
 
 
 def _record(
-    record: Record, segment: Segment, model: ChainModel, noise: dict[str, float], rng: np.random.Generator
+    record: Record, quiet: Record, segment: Segment, model: ChainModel, noise: dict[str, float], rng: Any
 ) -> Record:
     """The record the model would have produced, with fresh noise on the channels that were measured."""
-    quiet = quiet_drive(record, noise)
     scatter = rng.standard_normal(record.force.shape) * [noise.get(f"F{j + 1}", 0.0) for j in range(record.n_dof)]
     if not model.masses.any():
         force = np.array(record.force, dtype=float)

@@ -359,13 +359,12 @@ def _faulty(work: Workspace, readings: Mapping[int, _Readings], errors: Sequence
     """Records whose channels have further errors of some sizes."""
     segments = list(work.data.segments)
     for i, seen in readings.items():
-        changes: dict[int, dict[str, Any]] = {}
+        own: dict[int, list[tuple[_Error, float]]] = {}
         for error, size in errors:
             if f"{error.kind}{error.dof}" in seen.measured:
-                own = changes.setdefault(error.dof, {})
-                own |= {key: own.get(key, 0.0) + size * y for key, y in seen.unit(error).items()}
-        for dof, own in changes.items():
-            segments[i] = segments[i].moved(dof, **own)
+                own.setdefault(error.dof, []).append((error, size))
+        for dof, some in own.items():
+            segments[i] = segments[i].moved(dof, **seen.changes(some))
     return SegmentSet(segments, work.data.n_samples)
 
 
@@ -391,20 +390,24 @@ class _Readings:
         self._spectra: dict[tuple[int, int], list[np.ndarray]] = {}
         self._shares: dict[tuple[str, int, int], np.ndarray] = {}
 
-    def unit(self, error: _Error) -> dict[str, np.ndarray]:
-        """Changes by an error of unit size, (n_samples,)."""
-        order = _ORDERS.get(error.name, 0)
-        if error.kind == "F":
-            source = {"F": np.asarray(self.seg.F[:, error.dof - 1], dtype=float)}
-        elif self.clean:
-            source = {error.kind: _motion(self.seg, error.source)[error.kind]}
-        else:
-            changes = np.zeros((3, self.seg.n_samples))
-            for run, spectra in zip(self.runs, self._transformed(error.source, order)):
-                share = self._share(error.kind, error.dof, run.stop - run.start)
-                changes[:, run] = irfft(share * spectra, run.stop - run.start)
-            return dict(zip("xva", changes))
-        return {key: _derived(y, self.step, order) for key, y in source.items()}
+    def changes(self, errors: Sequence[tuple[_Error, float]]) -> dict[str, Any]:
+        """Changes of the motion and the force of one DOF by errors of some sizes, (n_samples,)."""
+        out: dict[str, Any] = {}
+        lines: list[Any] = [0.0 for _ in self.runs]
+        for error, size in errors:
+            order, key = _ORDERS.get(error.name, 0), error.kind
+            if key == "F" or self.clean:
+                y = self.seg.F[:, error.dof - 1] if key == "F" else _motion(self.seg, error.source)[key]
+                out[key] = out.get(key, 0.0) + size * _derived(np.asarray(y, dtype=float), self.step, order)
+                continue
+            for k, (run, spectra) in enumerate(zip(self.runs, self._transformed(error.source, order))):
+                lines[k] = lines[k] + size * self._share(key, error.dof, run.stop - run.start) * spectra
+        if any(map(np.any, lines)):
+            fused = np.zeros((3, self.seg.n_samples))
+            for run, spectra in zip(self.runs, lines):
+                fused[:, run] = irfft(spectra, run.stop - run.start)
+            out |= dict(zip("xva", fused))
+        return out
 
     def _transformed(self, dof: int, order: int) -> list[np.ndarray]:
         """Spectra of derivatives of displacement, velocity and acceleration of a DOF in each run, (3, n_lines)."""

@@ -16,6 +16,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polyder
 from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import LinAlgError, solveh_banded
+from scipy.linalg.blas import dsbmv
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import csd, welch
 from scipy.sparse import csr_array
@@ -104,6 +105,11 @@ class SplineBasis:
         """The motion (order 0) or its derivatives per sample at the samples."""
         return self.matrices[order] @ coefficients
 
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """Mean of every spline over the samples."""
+        return self.project(0, np.full(self.n, 1.0 / self.n))
+
 
 def _banded(rows: Any, starts: np.ndarray, size: int) -> np.ndarray:
     """Upper banded normal matrix: from each of the starts on, ``rows`` hold neighbouring columns, one further each."""
@@ -130,13 +136,21 @@ CLEAN_DERIVED, CLEAN_MEASURED, CLEAN_CONTRADICTION, QUIETEST = 1e-6, 1e-4, 2e-3,
 
 @dataclass
 class FusedMotion:
-    """The motion of one degree of freedom, in units of samples."""
+    """The motion of one degree of freedom, in units of samples: a spline, or values where it is at rest or clean."""
 
-    motion: np.ndarray  # displacement, velocity, acceleration, (3, n_samples)
     noise: np.ndarray  # levels (rms) used, (3,); NaN for a channel that is not measured
     spacing: float  # of the knots, samples
     high_pass: float  # cycles per sample at which half of the motion is lost; 0 if x is measured
+    spline: tuple[SplineBasis, np.ndarray] | None = None  # basis and coefficients
+    values: np.ndarray | None = None
     clean: bool = False  # free of noise: the measured channels are passed on unchanged
+
+    @cached_property
+    def motion(self) -> np.ndarray:
+        """Displacement, velocity, acceleration, (3, n_samples)."""
+        if self.spline is None:
+            return self.values
+        return np.stack([self.spline[0].evaluate(order, self.spline[1]) for order in range(3)])
 
 
 class BasisLadder:
@@ -169,7 +183,7 @@ def fuse(
     scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
     moving = [o for o in measured if scale[o] > 0]
     if not moving:  # constant channels: the motion is zero
-        return FusedMotion(np.zeros((3, ladder.n)), np.where(np.isnan(scale), np.nan, 0.0), 1.0, 0.0)
+        return FusedMotion(np.where(np.isnan(scale), np.nan, 0.0), 1.0, 0.0, values=np.zeros((3, ladder.n)))
     scale = np.where(scale > 0, scale, np.nanmax(scale))
     floor = FLOOR * scale
     white = [white_level(y) if y is not None and np.isnan(s) else s for y, s in zip(channels, given)]
@@ -178,8 +192,8 @@ def fuse(
     if 0 not in measured:
         corner = _lowest_frequency(channels, start, ladder.n) if high_pass is None else high_pass
     if knots is not None:
-        c = _solve(channels, measured, ladder[knots], start, corner)
-        return FusedMotion(np.stack([ladder[knots].evaluate(o, c) for o in range(3)]), start, knots, corner)
+        c = _solve(channels, ladder[knots], start, corner)
+        return FusedMotion(start, knots, corner, (ladder[knots], c))
     spacings = [h for h in ladder.spacings if len(measured) > 1 or h > 1.0] or [1.0]
     fits: dict[int, tuple[float, np.ndarray, np.ndarray]] = {}
 
@@ -205,15 +219,15 @@ def fuse(
     if len(measured) == 1 and best == 0 and np.isnan(given[measured[0]]):
         # one channel and no sign of noise beyond its band: follow it sample by sample
         spacing = 1.0
-        coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
-    return FusedMotion(np.stack([ladder[spacing].evaluate(o, coefficients) for o in range(3)]), levels, spacing, corner)
+        coefficients = _solve(channels, ladder[1.0], levels, corner)
+    return FusedMotion(levels, spacing, corner, (ladder[spacing], coefficients))
 
 
 def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder) -> list[FusedMotion]:
     """Motions on knots twice as dense where acceleration is measured: noisier, but nothing of the motion is lost."""
     out = list(single)
     for j, (channels, m) in enumerate(zip(views, single, strict=True)):
-        if not (m.clean or channels[2] is None or m.spacing == 1.0) and np.ptp(m.motion[0]):
+        if m.spline and channels[2] is not None and m.spacing > 1.0:
             knots = max(1.0, m.spacing / 2)
             out[j] = replace(fuse(channels, ladder, 1.0, m.noise, m.high_pass, knots), spacing=ladder[knots].h)
     return out
@@ -222,14 +236,14 @@ def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladd
 def _as_measured(
     channels: Any, measured: list[int], ladder: BasisLadder, given: Any, floor: Any, levels: Any, corner: float
 ) -> FusedMotion:
-    coefficients = _solve(channels, measured, ladder[1.0], levels, corner)
-    motion = np.stack([ladder[1.0].evaluate(o, coefficients) for o in range(3)])
+    spline = ladder[1.0], _solve(channels, ladder[1.0], levels, corner)
+    motion = FusedMotion(levels, 1.0, corner, spline).motion
     noise = np.full(3, np.nan)
     for o in measured:
         noise[o] = max(_quiet_level(channels[o]), floor[o]) if np.isnan(given[o]) else given[o]
         if corner == 0.0:
             motion[o] = channels[o]
-    return FusedMotion(motion, noise, 1.0, corner, clean=True)
+    return FusedMotion(noise, 1.0, corner, values=motion, clean=True)
 
 
 def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
@@ -245,9 +259,9 @@ def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
     return weights
 
 
-def _solve(channels: Any, measured: list[int], basis: SplineBasis, levels: np.ndarray, corner: float) -> np.ndarray:
+def _solve(channels: Any, basis: SplineBasis, levels: np.ndarray, corner: float) -> np.ndarray:
     weights = weights_of(levels, corner)
-    rhs = sum(weights[o] * basis.project(o, channels[o]) for o in measured)
+    rhs: Any = sum(weights[o] * basis.project(o, y) for o, y in enumerate(channels) if y is not None)
     return basis.solve(weights / weights.max(), rhs / weights.max())
 
 
@@ -348,7 +362,7 @@ def fuse_jointly(
     views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder
 ) -> list[FusedMotion]:
     """Improve motions that were fused one by one."""
-    able = [j for j, m in enumerate(single) if not m.clean and m.high_pass == 0.0 and np.ptp(m.motion[0]) > 0]
+    able = [j for j, m in enumerate(single) if m.spline and m.high_pass == 0.0]
     out = list(single)
     if not able:
         return out
@@ -358,45 +372,42 @@ def fuse_jointly(
         order = min(20, MEMORY // len(group), basis.size // (16 * len(group)))
         if order < 2:
             continue
-        motions = _group([views[j] for j in group], [single[j] for j in group], basis, order)
-        if motions is None:
-            continue
-        for j, motion in zip(group, motions):
-            out[j] = FusedMotion(motion, single[j].noise, basis.h, 0.0)
+        found = _group([views[j] for j in group], [single[j] for j in group], basis, order)
+        for j, c in zip(group, () if found is None else found.T):
+            out[j] = FusedMotion(single[j].noise, basis.h, 0.0, (basis, c))
     return out
 
 
-def _group(views: Any, single: Any, basis: Any, order: int) -> list[np.ndarray] | None:
+def _group(views: Any, single: Any, basis: Any, order: int) -> np.ndarray | None:
+    """Coefficients of the motions of a group, (size, n_dof); None if their noise is negligible."""
     n, size = len(views), basis.size
     weights = [weights_of(m.noise, 0.0) for m in single]
-    mean = np.array([m.motion[0].mean() for m in single])  # the prior describes the motion about its mean
-    rhs, c = np.empty((size, n)), np.empty((size, n))
-    for j in range(n):
-        centred = [views[j][0] - mean[j], *views[j][1:]]
-        rhs[:, j] = sum(w * basis.project(o, y) for o, (w, y) in enumerate(zip(weights[j], centred)) if y is not None)
-        c[:, j] = basis.solve(weights[j] / weights[j].max(), rhs[:, j] / weights[j].max())
+    own = [m.spline[1] if m.spline[0] is basis else _solve(y, basis, m.noise, 0.0) for y, m in zip(views, single)]
+    mean = np.array([m.spline[0].mean @ m.spline[1] for m in single])  # the prior describes the motion about its mean
+    c = np.stack(own, axis=1) - mean
     scale = c.std(axis=0)
     found = _prediction(c / scale, np.array(weights) * scale[:, None] ** 2, basis, order)
     if found is None:
         return None
     prediction, noise = found
     width = max(order * n + n - 1, (DEGREE + 1) * n)
-    band = np.zeros((size, n, width + 1))  # as LAPACK wants it
-    for j in range(n):
-        own = basis.normal_matrix(weights[j]) * scale[j] ** 2
-        band[:, j, width - n * np.arange(DEGREE + 2)] = own[::-1].T
     # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1, each over its variance
     weight = np.zeros(size + order)
     weight[order:size] = 1.0 / _innovations((c - c.mean(axis=0)) / scale, prediction, noise)
+    shares = np.zeros((order + 1, n, width + 1))  # of each error in a column of the band
     for lag in range(order + 1):
-        blocks = np.einsum("iab,iac->ibc", prediction[lag:], prediction[: order + 1 - lag]).reshape(-1, n * n)
-        own = (sliding_window_view(weight, order + 1 - lag)[:size] @ blocks).reshape(size, n, n)
+        blocks = np.einsum("iab,iac->ibc", prediction[lag:], prediction[: order + 1 - lag])
         for row in range(n):
-            for column in range(max(0, row - lag * n), n):
-                band[:, column, width - (lag * n + column - row)] += own[:, row, column]
-    flat = band.reshape(size * n, width + 1).T, (rhs * scale).ravel()
-    c = solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(size, n) * scale + mean
-    return [np.stack([basis.evaluate(o, c[:, j]) for o in range(3)]) for j in range(n)]
+            column = np.arange(max(0, row - lag * n), n)
+            shares[: order + 1 - lag, column, width - (lag * n + column - row)] = blocks[:, row, column]
+    band = (sliding_window_view(weight, order + 1) @ shares.reshape(order + 1, -1)).reshape(size, n, width + 1)
+    right = np.empty((size, n))
+    for j in range(n):
+        matrix = basis.normal_matrix(weights[j])
+        band[:, j, width - n * np.arange(DEGREE + 2)] += matrix[::-1].T * scale[j] ** 2  # as LAPACK wants it
+        right[:, j] = dsbmv(DEGREE + 1, scale[j], matrix, c[:, j])
+    flat = band.reshape(size * n, width + 1).T, right.ravel()
+    return solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(size, n) * scale + mean
 
 
 def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> tuple[np.ndarray, float] | None:
@@ -451,7 +462,7 @@ Views = list[np.ndarray | None]
 
 BLOCK = 32768  # samples fused at a time
 OVERLAP = 4096  # samples over which neighbouring blocks are cross-faded
-LEVEL_BLOCKS = 6  # blocks from which the noise levels of all blocks are estimated
+SEARCH = 2048  # samples of the pieces from which noise levels (to 1.6 %) and knots of all blocks are found
 
 
 @threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads slow each other down
@@ -475,13 +486,10 @@ def fuse_all(
         return finish(views, one_by_one(views, ladder_of(n), levels, each), ladder_of(n))
     starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
     ladder = ladder_of(BLOCK)
-    size = BLOCK // 4 if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
-    sampled = [_part(views, start, size) for start in starts[:: -(-len(starts) // LEVEL_BLOCKS)]]
-    first = [one_by_one(part, ladder_of(size), levels, each) for part in sampled]
-    levels = np.median([[m.noise for m in motions] for motions in first], axis=0)
-    corners = np.median([[m.high_pass for m in motions] for motions in first], axis=0)
-    # The finest that any of these blocks supports serves all; channels without noise are looked at block by block.
-    knots = [None if any(m.clean for m in own) else min(m.spacing for m in own) for own in zip(*first)]
+    size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
+    first = one_by_one([_telling(view, size) for view in views], ladder_of(size), levels, each)
+    levels, corners = np.array([m.noise for m in first]), [m.high_pass for m in first]
+    knots = [None if m.clean else m.spacing for m in first]  # channels without noise are looked at block by block
     motion = np.zeros((len(views), 3, n))
     spacing, total = np.zeros(len(views)), np.zeros(n)
     for i, start in enumerate(starts):
@@ -499,7 +507,15 @@ def fuse_all(
             motion[j, :, start : start + BLOCK] += weight * m.motion
             spacing[j] = max(spacing[j], m.spacing)
     motion /= total  # three blocks may overlap
-    return [FusedMotion(motion[j], levels[j], spacing[j], corners[j]) for j in range(len(views))]
+    return [FusedMotion(levels[j], spacing[j], corners[j], values=motion[j]) for j in range(len(views))]
+
+
+def _telling(view: Views, size: int) -> Views:
+    """The piece of the channels of a DOF with the largest third derivative: it needs the finest knots."""
+    order, y = [(o, y) for o, y in enumerate(view) if y is not None][-1]
+    starts = np.linspace(0, len(y) - size, -(-len(y) // size)).astype(int)
+    squares = np.cumsum(np.square(np.diff(y, 3 - order)))
+    return _part([view], starts[np.argmax(squares[starts + size - 4] - squares[starts])], size)[0]
 
 
 def _part(views: list[Views], start: int, size: int = BLOCK) -> list[Views]:

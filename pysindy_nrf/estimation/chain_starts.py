@@ -23,7 +23,7 @@ from .free_run_fit import DIFFERENCE, LONGEST, Shot, lengths
 ROUNDS = 8  # of the poles, with those of noise and without
 EXTRA = (0, 2)  # poles for noise
 DRAWS, STEPS = 40, 80  # chains drawn at random for a set of modes; iterations of each
-ALIKE = 0.02  # starting values whose logarithms differ by less are one
+ALIKE, MOST = 0.3, 16  # starting values whose logarithms differ by less are one; their number at most
 WIDTH, FLOOR = 9, 0.05  # lines of a local mean of the response; part of its rms below which weights are even
 POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
 NEAR, SHARE = 5e-3, 0.05  # relative errors of a frequency and of a residue that count as one at least
@@ -56,17 +56,16 @@ def chain_starts(
     """Starting values of the masses and of the springs and dampers in some links, the best first."""
     rng = np.random.default_rng(random_state)
     sets = [list(_matched(found, chain, links, known, rng)) for found in modes_of(shots, chain.n_dof, band)]
-    # of each set of modes the chain nearest to it; below one they tell no chain from another: then the most even
-    keys = (lambda one: one.misfit), (lambda one: (max(one.misfit, 1.0), np.ptp(np.log(one.masses))))
-    starts = [min(own, key=key) for key in keys for own in sets if own]
+    # of each set of modes the chain nearest to it; below one they tell no chain from another: all, the most even first
+    even = sorted((one for own in sets for one in own if one.misfit < 1), key=lambda one: np.ptp(np.log(one.masses)))
     kept: list[Linear] = []
-    for one in starts:
+    for one in [*(min(own, key=lambda one: one.misfit) for own in sets if own), *even]:
         new = np.log(np.concatenate([one.masses, one.stiffness]))
-        if all(np.abs(new - np.log(np.concatenate([k.masses, k.stiffness]))).max() > ALIKE for k in kept):
+        if all(np.abs(new - np.log(np.concatenate([k.masses, k.stiffness]))).max() > ALIKE for k in kept[:MOST]):
             kept.append(one)
     if not kept:
         raise IdentifiabilityError("No chain has the modes of the channels", "Check units and DOFs, or add a sensor.")
-    return kept
+    return kept[:MOST]
 
 
 def _spectra(shots: Sequence[Shot], band: tuple[float, float]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -257,7 +256,7 @@ def _nearest(gaps: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndar
         beside = gaps((x[:, None] + DIFFERENCE * np.eye(p)).reshape(-1, p)).reshape(len(x), p, -1)
         J = (beside - left[:, None]) / DIFFERENCE
         normal = J @ J.transpose(0, 2, 1)
-        ridge = damping * np.trace(normal, axis1=1, axis2=2)
+        ridge = np.maximum(damping * np.trace(normal, axis1=1, axis2=2), 1e-300)  # modes may tell nothing
         step = np.linalg.solve(normal + ridge[:, None, None] * np.eye(p), J @ left[:, :, None])[:, :, 0]
         new = np.clip(x - np.clip(step, -LONGEST, LONGEST), low, high)
         now = gaps(new)

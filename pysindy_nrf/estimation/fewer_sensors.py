@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from scipy.fft import next_fast_len
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 
 from ..data.channels import finite_span
 from ..data.record import Record
@@ -41,7 +41,7 @@ WINDOW, WINDOWS = 150, 8  # samples at least, and number at most, of windows in 
 TRIALS = (0.3, 0.5, 0.7)  # first values of shape parameters, as shares of the way between their bounds
 UNEVEN = 100.0  # largest mass over smallest from which on a chain is followed only if there is no other: a fixed floor
 NEAR = 3.0  # cost of a trial over the least, above which it is not followed
-RIVAL, APART = 1.02, 0.2  # cost over the least, and distance of logarithms, from which on a start gives another answer
+RIVAL, APART = 0.999, 0.2  # level of the joint confidence region, and distance of logarithms, of another chain in it
 UNSURE, UNKNOWN, SURE = 0.1, 0.5, 0.33  # standard error, as a share, that is said; that is refused; of a sure sign
 ILL = 1e9  # condition of the sensitivities, each of length one, from which on they are not told apart
 EXACT = 1e-6  # spread of an equation that has none, as a share of its terms: round-off of sensitivities
@@ -64,8 +64,8 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     given = as_constraints(estimator.constraints)
     if bounds := [one for one in given if isinstance(one, NonNegative)]:
         raise ChannelError(f"{bounds[0]!r} is for records in which every floor has a sensor", "Leave it out.")
-    fit, best, notes = estimate(problem, shots, known, given)
-    notes += told(best, fit.rebuild)
+    fit, best, rivals = estimate(problem, shots, known, given)
+    notes = rivals + told(best, fit.rebuild)
     errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
     now = dict(zip(_names(fit.rebuild), fit.rebuild.numbers(best.u)))
     far = [p for p in given if isinstance(p, Prior) and abs(now[p.parameter] - p.value) > 3.3 * p.spread]
@@ -79,13 +79,10 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
         held = problem if known or runs.forced else problem.with_known_masses({1: model.masses[0]})
         found = replace(held, laws=model.laws, optimizer=None).solve(runs)._replace(model=model)
         estimator._records, estimator._measured, estimator.problem_ = runs, False, found.problem
-        estimator._resolver = InfluenceResolver(
-            found.grams, found.order, known,
-            theta=best.u, rebuild=fit.rebuild, moves=best.influences, of=best.record,
-        )  # fmt: skip
+        estimator._resolver = InfluenceResolver(found.grams, found.order, known, best=best, rebuild=fit.rebuild)
         estimator._publish(found, runs)
         facts = {"asked": estimator.estimation, "found": "simulation", "notes": notes, "sensors": fit.shots[0].channels}
-        estimator.model_.info["estimation"] = facts
+        estimator.model_.info["estimation"] = facts | {"rivals": rivals}
         estimator._examine(found, runs, runs, False)
     estimator.missing_terms_, estimator.jump_bias_ = estimator.missing_terms_[:0], estimator.jump_bias_[:0]
     estimator.errors_ = _channel_errors(fit.shots, model)
@@ -130,7 +127,7 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
 def estimate(
     problem: Problem, shots: Sequence[Shot], known: Mapping[int, float], given: Sequence[Constraint] = ()
 ) -> tuple[FreeRunFit, Solution, list[str]]:
-    """Free run of the problem's laws fitted to the channels of shots, from several starts; notes for the user."""
+    """Free run of the problem's laws fitted to the channels of shots, from several starts; a rival, in words."""
     chain, layout, band = problem.chain, problem.layout, problem.band
     links = [site for site in layout.acting if site.kind == "link"]
     linear = LawLayout(chain, {site: (PowerSeries(1),) for site in links})
@@ -161,10 +158,13 @@ def estimate(
     tried = sorted(even or tried, key=lambda pair: pair[1].cost)
     near = [(fit, got) for fit, got in tried[:2] if got.cost <= NEAR * tried[0][1].cost]
     if not plain:
-        notes, (fit, best) = [], _with_laws(problem, near, known, given)
+        rivals, (fit, best) = [], _with_laws(problem, near, known, given)
     else:
+        size = tried[0][0].lines * len(shots[0].channels)  # of the data: the ratio of likelihoods as one of costs
+        alike = np.exp(chi2.ppf(RIVAL, len(tried[0][1].u)) / size)
+        near += [(fit, got) for fit, got in tried[2:] if got.cost <= alike * tried[0][1].cost]
         ends = sorted(((fit, _solved(fit, got.u, MOST_STEPS) or got) for fit, got in near), key=lambda end: end[1].cost)
-        notes, (fit, best) = _rivals([got for _, got in ends]), ends[0]
+        rivals, (fit, best) = _rivals([got for _, got in ends if got.cost < alike * ends[0][1].cost]), ends[0]
     fit.choose_hold(best.model)
     if fit.shots[0].hold != "linear":
         best = _solved(fit, best.u, MOST_STEPS) or best
@@ -179,7 +179,7 @@ def estimate(
         fit, best = again, got
     if fit.noise is None:  # weights do without it, intervals of motions do not
         fit.learn_noise(best.model, fit.shots[0].channels)
-    return fit, best, notes
+    return fit, best, rivals
 
 
 def _prior(given: Sequence[Constraint], rebuild: Rebuild, known: Mapping[int, float], whole: bool = True) -> Any:
@@ -308,9 +308,8 @@ def told(best: Solution, rebuild: Rebuild) -> list[str]:
 
 def _rivals(found: Sequence[Solution]) -> list[str]:
     """A sentence if chains far apart fit alike; the best comes first."""
-    first, said = found[0], "Another linear chain fits the channels as well, with masses of {} kg: add a sensor."
-    near = [other.model.masses for other in found[1:] if other.cost < RIVAL * first.cost]
-    far = [masses for masses in near if np.abs(np.log(masses / first.model.masses)).max() > APART]
+    said = "Another linear chain fits the channels as well, with masses of {} kg: add a sensor."
+    far = [m for one in found if np.abs(np.log((m := one.model.masses) / found[0].model.masses)).max() > APART]
     return [said.format(", ".join(f"{m:.3g}" for m in far[0]))] if far else []
 
 

@@ -404,10 +404,10 @@ class FittedChain:
         return noise_bias(self.model_, self.solve_order_, self._resolving().pieces.sum(), shares)
 
     def _withheld(self) -> str:
-        """Why least squares on these data has no valid interval; empty if noise does not bias it noticeably."""
+        """Why these data give no valid interval; empty if noise does not bias least squares and no chain is as good."""
         bias = max((one.errors for one in self._noise_bias()), default=0.0)
         if bias <= NEGLIGIBLE:
-            return ""
+            return " ".join(self.model_.info["estimation"].get("rivals", ()))
         return (
             f"noise in the motion may bias least squares by {bias:.2g} standard errors; up to {NEGLIGIBLE:g} leave "
             f"95 % intervals valid. {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"

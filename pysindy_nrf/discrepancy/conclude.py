@@ -13,7 +13,7 @@ from scipy.stats import t as student
 from .. import laws
 from ..data.record import Record
 from ..diagnostics.verdict import FreeRuns
-from ..estimation.fewer_sensors import Linearised, estimate, shot_of, told
+from ..estimation.fewer_sensors import Linearised, estimate, negative, shot_of, told
 from ..estimation.free_run_fit import FreeRunFit, Rebuild, Shot, Solution, free_parameters
 from ..estimation.intervals import parameters_of
 from ..estimation.problem import Problem
@@ -507,7 +507,8 @@ def by_channels(
     refused = "the last effect is not confirmed, or no more were asked for"
     stopped = refused if ended else words.best_refused(last[0] if last else None)
     try:
-        notes += told(*course.fitted(stand.trial.model(), state, 0)[:2])
+        last_fit = course.fitted(stand.trial.model(), state, 0)[:2]
+        notes += told(*last_fit) + negative(*last_fit)
     except NRFError as error:
         stopped = f"{error.what}. Nothing is claimed"
         steps, stands, stand = [], stands[:1], stands[0]

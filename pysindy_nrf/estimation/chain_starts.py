@@ -56,10 +56,11 @@ def chain_starts(
     """Starting values of the masses and of the springs and dampers in some links, the best first."""
     rng = np.random.default_rng(random_state)
     sets = [list(_matched(found, chain, links, known, rng)) for found in modes_of(shots, chain.n_dof, band)]
-    # of each set of modes the chain nearest to it; below one they tell no chain from another: all, the most even first
-    even = sorted((one for own in sets for one in own if one.misfit < 1), key=lambda one: np.ptp(np.log(one.masses)))
+    # of each set of modes the chain nearest to it; then all: below one modes tell none apart, the most even come first
+    first = [min(own, key=lambda one: one.misfit) for own in sets if own]
+    every = sorted(sum(sets, []), key=lambda one: (max(one.misfit, 1.0), np.ptp(np.log(one.masses))))
     kept: list[Linear] = []
-    for one in [*(min(own, key=lambda one: one.misfit) for own in sets if own), *even]:
+    for one in first + every:
         new = np.log(np.concatenate([one.masses, one.stiffness]))
         if all(np.abs(new - np.log(np.concatenate([k.masses, k.stiffness]))).max() > ALIKE for k in kept[:MOST]):
             kept.append(one)
@@ -241,7 +242,9 @@ def _matched(
     for _ in range(DRAWS):
         k = size * np.median(w) ** 2 * rng.lognormal(0, 0.7, signs.shape[1])
         draws.append(np.log(np.concatenate([size * rng.lognormal(0, 0.7, len(free)), k])))
-    x = _nearest(gaps, np.array(draws))
+    even = np.full(len(draws[-1]), np.log(size))  # where modes contradict each other, the chain of the lowest frequency
+    even[len(free) :] += 2 * np.log(w.min() / built(even[None])[2].min())
+    x = np.vstack([_nearest(gaps, np.array(draws)), even])
     cost, (masses, k, _, phi) = (gaps(x) ** 2).sum(axis=1) / 2, built(x)
     for row in np.flatnonzero(np.isfinite(cost)):
         damping = nnls((signs.T @ phi[row]).T ** 2, 2 * np.abs(found.poles.real))[0]

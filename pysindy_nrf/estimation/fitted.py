@@ -182,9 +182,8 @@ class FittedChain:
         -------
         DataFrame
             Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out. NaN with a
-            BiasWarning where noise in the motion may bias least squares by half a standard error or more; arrays show
-            white noise only, with a clock, so intervals from smoothed ones or without a clock hold for motions free
-            of noise.
+            BiasWarning where noise may bias least squares by half a standard error or more, or another chain fits as
+            well; arrays show white noise only, with a clock: smoothed ones, or without a clock, count as free of it.
 
         Raises
         ------
@@ -407,7 +406,7 @@ class FittedChain:
         """Why these data give no valid interval; empty if noise does not bias least squares and no chain is as good."""
         bias = max((one.errors for one in self._noise_bias()), default=0.0)
         if bias <= NEGLIGIBLE:
-            return " ".join(self.model_.info["estimation"].get("rivals", ()))
+            return " ".join(self.model_.info["estimation"].get("doubts", ()))
         return (
             f"noise in the motion may bias least squares by {bias:.2g} standard errors; up to {NEGLIGIBLE:g} leave "
             f"95 % intervals valid. {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"

@@ -3,8 +3,7 @@
 Over a few lines a response is a ratio of low polynomials, with one denominator for all DOFs; what is left is noise
 (local rational method, McKelvey and Guerin, IFAC SYSID 2012). A balance is linear in the responses: weighted total
 least squares finds the responses nearest to the measured ones, in units of noise, that obey it. Their distance is one
-where noise is all there is, and their rows are the instruments of the fit: its equations are then those of total
-least squares.
+where noise is all there is. Their rows are the instruments of the fit, which is then one of total least squares.
 """
 
 import warnings

@@ -91,8 +91,8 @@ def test_what_cannot_be_told_is_refused(exact):
     force[:, 2] = np.nan
     with pytest.raises(ChannelError, match="force on DOF 3 .* unknown"):
         NRFRegressor(degree=1).fit(seen(exact, [4]).replace(force=force))
-    with pytest.raises(IdentifiabilityError, match="do not tell (m|storey)|ask for a negative"):
-        NRFRegressor(degree=1).fit(seen(add_noise(exact.window(0, 0.6), 0.5, random_state=0), [4]))
+    with pytest.raises(IdentifiabilityError, match="do not tell (m|storey)"):
+        NRFRegressor(degree=1).fit(seen(add_noise(exact.window(0, 0.6), 0.5, random_state=1), [4]))
 
 
 @pytest.mark.parametrize("end", [1, 4])
@@ -129,12 +129,21 @@ def test_two_frequencies_are_not_taken_for_three_numbers():
         NRFRegressor(degree=1, known_masses={2: 12.4}).fit(seen(shaken, [2]))
 
 
-def test_the_right_set_of_modes_is_begun_from():
-    """The fourth mode has 0.3 % of the first one's residue: chains of other sets of modes fit nearly as well."""
-    m, k, c = np.random.default_rng([173, 4]).uniform([[8.0], [1e5], [15.0]], [[16.0], [2e5], [40.0]], (3, 4))
-    truth = ChainModel(m, {i + 1: laws.PowerSeries(1, [c[i], k[i]]) for i in range(4)})
-    full = add_noise(driven(truth, [4], 8.0, 200.0, 100.0, (0.5, 50.0), seed=173), 0.005, random_state=[173, 1])
-    assert worst(parameters(NRFRegressor(degree=1).fit(seen(full, [4])).model_), parameters(truth)) < 0.05
+@pytest.mark.parametrize(("n", "seed"), [(4, 52), (4, 173), (5, 32)], ids=["narrow valley", "set of modes", "lost mode"])
+def test_the_right_chain_is_begun_from_and_reached(n, seed):
+    """Ways that are short for damped steps, sets of modes that fit nearly as well, a mode of 0.1 % lost in the noise."""
+    m, k, c = np.random.default_rng([seed, n]).uniform([[8.0], [1e5], [15.0]], [[16.0], [2e5], [40.0]], (3, n))
+    truth = ChainModel(m, {i + 1: laws.PowerSeries(1, [c[i], k[i]]) for i in range(n)})
+    full = add_noise(driven(truth, [n], 8.0, 200.0, 100.0, (0.5, 50.0), seed=seed), 0.005, random_state=[seed, 1])
+    assert worst(parameters(NRFRegressor(degree=1).fit(seen(full, [n])).model_), parameters(truth)) < 0.05
+
+
+def test_a_rival_chain_withholds_intervals(exact):
+    """A third of a second with half as much noise as motion: other chains lie within the confidence region."""
+    with pytest.warns(BiasWarning, match="Another linear chain fits the channels as well"):
+        model = NRFRegressor(degree=1).fit(seen(add_noise(exact.window(0, 0.3), 0.5, random_state=0), [4]))
+    with pytest.warns(BiasWarning, match="Intervals are withheld: Another"):
+        assert model.confidence_intervals()["lower"].isna().all()
 
 
 def test_drawings_tell_what_the_channels_do_not(exact):
@@ -215,15 +224,3 @@ def test_a_declared_law_in_a_storey_whose_floor_has_no_sensor():
     model = NRFRegressor(degree=1, laws=told).fit(seen(record, [2]))
     assert worst(model.masses_, [12.0, 9.0]) < 0.02
     assert worst(model.model_.coefficients["storey 1"][:2], [1e5, 5e8]) < 0.05
-
-
-@pytest.mark.slow
-def test_a_fit_does_not_end_on_its_way_along_a_narrow_valley():
-    """Damped steps are short there; a fit that took them for the end left m2 and k1 by 10 and 47 % off."""
-    rng = np.random.default_rng([52, 4])
-    masses, k, c = rng.uniform(8, 16, 4), rng.uniform(1e5, 2e5, 4), rng.uniform(15, 40, 4)
-    truth = ChainModel(masses, {i + 1: laws.PowerSeries(1, [c[i], k[i]]) for i in range(4)})
-    F = excitation.band_limited_random(4, 8.0, 200.0, excited=[4], rms=100.0, band=(0.5, 50.0), random_state=52)
-    record = add_noise(simulate(truth, F, 1 / 200), 0.005, random_state=[52, 1])
-    model = NRFRegressor(degree=1).fit(seen(record, [4]))
-    assert model.masses_ == pytest.approx(masses, rel=0.02)

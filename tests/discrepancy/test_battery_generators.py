@@ -88,8 +88,7 @@ def test_a_case_is_what_it_claims(kind):
     case = make_case("x", "blind", 5, 0.05, (kind,), n_samples=4096)
     structure, effect, run = case.structure, case.effects[0], case.runs[0]
     f = frequencies(structure.m, structure.k)
-    assert 1 - 1e-9 <= f[0] and f[-1] <= 30 + 1e-9
-    assert (structure.m >= 5).all() and (structure.m <= 5e4).all()
+    assert 1 - 1e-9 <= f[0] and f[-1] <= 30 + 1e-9 and (structure.m >= 5).all() and (structure.m <= 5e4).all()
     assert 0.03 <= effect.share <= 0.30
     assert shares(structure, case.effects, run)[0] == pytest.approx(effect.share)
 

@@ -63,8 +63,7 @@ def test_without_a_clock_a_law_with_memory_warns(dahl):
 
 def test_single_precision_is_enough_for_six_digits(chain4, fitted):
     model = NRFRegressor(degree=3).fit(chain4.X.astype(np.float32), chain4.F.astype(np.float32))
-    assert worst(model.masses_, fitted.masses_) < 1e-5
-    assert model.masses_.dtype == np.float64
+    assert worst(model.masses_, fitted.masses_) < 1e-5 and model.masses_.dtype == np.float64
 
 
 @pytest.mark.parametrize(
@@ -108,8 +107,7 @@ def test_absolute_motion_on_a_moving_base():
     names = [f"{kind}{j}" for kind in ("a", "xdot", "x") for j in range(1, 4)]
     X = pd.DataFrame(A, columns=names).assign(x0=xg, xdot0=vg)
     model = NRFRegressor(degree=3, coordinates="absolute").fit(X, case.F, base_acceleration=ag)
-    assert worst(model.masses_, case.m) < 1e-8
-    assert np.allclose(model.predict(X), case.F, atol=1e-5)
+    assert worst(model.masses_, case.m) < 1e-8 and np.allclose(model.predict(X), case.F, atol=1e-5)
 
 
 def test_nan_edges_are_masked_and_counted(chain4, fitted):

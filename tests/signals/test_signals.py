@@ -375,8 +375,7 @@ def test_an_exact_derivative_beside_a_noisy_displacement_leaves_the_position_whe
     table = pd.DataFrame({"x1": x + sigma * rng.standard_normal(len(t)), **({"v1": v} if exact == "v" else {"a1": a})})
     out = KinematicSmoother(fs=fs).fit_transform(table)
     left = out["x1"] - x
-    assert abs(left.mean()) < 5 * sigma / np.sqrt(len(t))
-    assert left.std() < 0.1 * sigma
+    assert abs(left.mean()) < 5 * sigma / np.sqrt(len(t)) and left.std() < 0.1 * sigma
     assert np.abs(out[f"{exact}1"] - {"v": v, "a": a}[exact]).max() < 1e-3 * np.abs({"v": v, "a": a}[exact]).max()
 
 

@@ -35,8 +35,7 @@ BANDS: Final = 24
 ENERGY: Final = 0.9
 # A band is informative if a chain explains more than half of it: then the signal exceeds what is not explained.
 EXPLAINED: Final = 0.5
-# Share of the reference that no measurement tells from zero, 0.1 %: 16 bits resolve 3e-5 of a range, whose rms
-# is a tenth.
+# Share of the reference that no measurement tells from zero, 0.1 %: 16 bits resolve 3e-5 of a range, ten times the rms.
 FLOOR: Final = 1e-3
 # An order of magnitude: what is less than a tenth of its counterpart is next to nothing. Errors are reported in bands
 # that leave at most ten times (10 dB) the typical share (the top band of the Silverbox leaves 30 dB more), a wrong sign

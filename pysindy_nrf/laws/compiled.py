@@ -1,8 +1,7 @@
 """Plain functions of the laws, compiled by numba and kept on disk.
 
-A law's ``kernel`` and ``advance`` are ordinary Python functions. Compiled code is cached under a fingerprint of
-the source and of everything it calls. A second process therefore starts fast, and an edited law is never run
-with stale code.
+A law's ``kernel`` and ``advance`` are ordinary Python functions. Compiled code is cached under a fingerprint of the
+source and of all it calls. So a second process starts fast, and an edited law is never run with stale code.
 """
 
 import hashlib

@@ -43,8 +43,7 @@ class Motion:
         return len(self.s)
 
 Given = float | None  # the value of a parameter; None: to be estimated
-# Scales of a site, of which bounds are multiples: rms drift (m), rms rate (m/s), longest record (s), first and last
-# time of all records (s).
+# Scales of a site, bounds are multiples of them: rms drift (m) and rate (m/s), longest record, first and last time (s).
 Scales = tuple[float, float, float, tuple[float, float]]
 
 

@@ -99,8 +99,7 @@ def compare_tests(
     difference is significant and large: then no amplitude, and no law that the regressor lacks, explains it. A
     declared law with a state or a shape is compared on its own parameters. Standard errors come from leaving out one
     of ``n_blocks`` consecutive pieces of a test at a time (jackknife). Masses are equal in both tests unless one
-    changed. Give Records where channels are noisy: their DOFs are then fused one by one, so that errors are not alike
-    in a whole record.
+    changed. Give Records where channels are noisy: their DOFs are fused one by one, and errors are then not alike.
 
     Parameters
     ----------

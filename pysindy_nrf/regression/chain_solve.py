@@ -34,8 +34,7 @@ _DOUBT = 0.5  # residual over a mass's own part of its balance from which on the
 # Residual of a balance, as a share of its force, below which a joint solve takes it for as good as any: forces and
 # motions are not calibrated better than to a thousandth.
 _BEST = 1e-3
-# Share of a balance that the laws of its neighbours leave, and how many times what its own leave, from which on one of
-# them is wrong.
+# Share of a balance that its neighbours' laws leave, and times what its own leave, from which on one of them is wrong.
 _MUCH, _TIMES = 0.1, 3.0
 _SMALLEST = 1e-145  # length of columns whose squares a double still holds with all digits
 

@@ -237,8 +237,7 @@ class LawLayout(Layout):
         return np.hstack([np.empty((motion.n_samples, 0)), *(law.features(motion) for law in self.laws.get(site, ()))])
 
 
-# Samples in a block of finished columns; blocks of motions hold fewer where there are many channels, so that a
-# block stays in the cache.
+# Samples in a block of finished columns; blocks of many channels hold fewer motions, so that they stay in the cache.
 BLOCK = 2048
 _CACHE = 2**17  # numbers
 

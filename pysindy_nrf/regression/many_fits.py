@@ -21,8 +21,7 @@ RIDGE = 1e-12  # of scaled Gram matrices: above round-off, far below what any ch
 class ChainFit:
     """Masses and coefficients of one set of columns from Gram matrices, and the rows of residuals.
 
-    ``where`` are the rows of the Gram matrices that hold the terms of each site; ``at`` is that of a_1, a_2.., F_1..
-    follow.
+    ``where`` are the rows of the Gram matrices that hold the terms of each site; ``at`` is that of a_1; F_1.. follow.
     """
 
     def __init__(
@@ -57,8 +56,7 @@ class ChainFit:
             step.dofs: [(int(c), sum(s.incidence(j) for j in step.dofs)) for s in step.known_sites for c in where[s]]
             for step in order.steps
         }
-        # What the rows of residuals and, n below, those of references hold: row, column, place among masses, one and
-        # coefficients, factor.
+        # What rows of residuals and, n below, references hold: row, column, place in masses and coefficients, factor.
         held: list[tuple[int, int, int, int]] = []
         for i, group in enumerate(self.groups[u] for u in self.judged):
             seen, below = group.dofs, n + i

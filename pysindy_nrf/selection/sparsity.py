@@ -67,8 +67,7 @@ def select_sparsity(
     Returns
     -------
     SparsitySelection
-        ``table`` (one row for each step), ``terms`` (coefficients); ``regressor()`` gives an estimator with the terms
-        that are left.
+        ``table`` (one row for each step), ``terms`` (coefficients); ``regressor()``: an estimator with the terms left.
 
     Raises
     ------

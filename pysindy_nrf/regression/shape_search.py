@@ -177,12 +177,12 @@ def hidden_lines(columns: np.ndarray, target: np.ndarray, dt: float, driven: flo
     n = rows.shape[1]
     seen = int(np.count_nonzero(rows.any(axis=0)))
     size = np.sqrt(np.mean(rows**2, axis=1, keepdims=True))
-    rows = rows / np.where(size > 0, size, 1.0)
+    rows /= np.where(size > 0, size, 1.0)
     gram = rows @ rows.T
     lines = np.fft.rfft(rows, _PADDED * n, axis=1)
     values, vectors = np.linalg.eigh(gram)
     use = values > 1e-12 * values[-1]
-    leverage = (np.abs((vectors[:, use] / np.sqrt(values[use])).T @ lines) ** 2).sum(axis=0)
+    leverage: Any = sum(np.abs(one @ lines) ** 2 for one in (vectors[:, use] / np.sqrt(values[use])).T)
     bins = np.arange(1, len(leverage))
     bins = bins[_away(bins / (_PADDED * n * dt), driven) * n * dt > _BINS]
     bins = bins[np.argsort(-leverage[bins])][:_LOOKED_AT]

@@ -367,8 +367,7 @@ def fuse_jointly(
     if not able:
         return out
     for group in np.array_split(able, -(-len(able) // GROUP)):
-        spacing = min(single[j].spacing for j in group)
-        basis = ladder[max(spacing, 1.5) if ladder.n > 64 else 1.0]
+        basis = ladder[min(single[j].spacing for j in group)]
         order = min(20, MEMORY // len(group), basis.size // (16 * len(group)))
         if order < 2:
             continue

@@ -241,6 +241,5 @@ def test_a_stiffness_that_steps_in_a_held_out_piece_is_judged_on_the_others_and_
     step = close_loop(record, catalogue=[laws.StiffnessStep(), laws.CubicStiffness()]).steps[0]
     low, high = step.intervals["t0"]
     assert (step.law, step.site, step.confirmed) == ("stiffness_step", "storey 2", True)
-    assert step.error_after < 0.5 * step.error_before
-    assert low < t0 < high and high - low > 0.5
+    assert step.error_after < 0.5 * step.error_before and low < t0 < high and high - low > 0.5
     assert step.intervals["dk"][0] < -3e3 < step.intervals["dk"][1]

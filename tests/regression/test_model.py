@@ -65,8 +65,7 @@ def test_matrices_include_braces_ground_links_and_added_masses():
         "link 3-1": laws.LinearElastic(k=5.0), "ground 2": laws.LinearViscous(c=7.0), "dof 3": laws.AddedMass(dm=0.5),
     })  # fmt: skip
     M, C, K = model.matrices()
-    assert M.tolist() == [[1, 0, 0], [0, 2, 0], [0, 0, 3.5]]
-    assert C.tolist() == [[0, 0, 0], [0, 7, 0], [0, 0, 0]]
+    assert M.tolist() == [[1, 0, 0], [0, 2, 0], [0, 0, 3.5]] and C.tolist() == [[0, 0, 0], [0, 7, 0], [0, 0, 0]]
     assert K.tolist() == [[35, -20, -5], [-20, 50, -30], [-5, -30, 35]]
 
 

@@ -27,8 +27,7 @@ def test_masses_and_stiffness_within_two_percent(n, forced, seed, estimation):
     with pytest.warns(DataQualityWarning, match="only the acceleration is measured, which tells the displacement above"):
         model = NRFRegressor(degree=1, estimation=estimation).fit(record_of(case, 0.02, seed))
     stiffness = np.array([model.restoring_forces_[i].coefficients["s"] for i in range(1, n + 1)])
-    assert np.abs(model.masses_ / case.m - 1).max() < 0.02
-    assert np.abs(stiffness / case.k - 1).max() < 0.02
+    assert np.abs(model.masses_ / case.m - 1).max() < 0.02 and np.abs(stiffness / case.k - 1).max() < 0.02
 
 
 def test_the_lowest_frequency_follows_the_noise():

@@ -44,8 +44,7 @@ def test_a_slip_between_two_samples(sign):
     model = ChainModel([10.0], {1: [laws.LinearElastic(1e3), *rubbing(10.0)]})
     run = free_run(model, F, dt, hold="cubic")
     np.testing.assert_allclose(run.record.displacement[7:, 0], sign * slip.y[0, -1], rtol=1e-3)
-    assert slip.y[0, -1] > 1e-6 and not run.record.displacement[:6].any()
-    assert run.energy_gap < 1e-9
+    assert slip.y[0, -1] > 1e-6 and not run.record.displacement[:6].any() and run.energy_gap < 1e-9
     assert not free_run(model, F, dt).record.displacement.any()  # straight lines never reach 10 N
 
 

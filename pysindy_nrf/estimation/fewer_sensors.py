@@ -65,7 +65,7 @@ def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     doubts += negative(best, fit.rebuild)
     notes, missed = doubts + told(best, fit.rebuild), _channel_errors(fit.shots, best.model)
     if (size := missed["error"]["pooled"]) > 100 * UNKNOWN:
-        cure = "It tells nothing of the others: declare the law that the chain lacks, or measure with less noise."
+        cure = "Add a sensor (Chain.sensing says where), declare the law that the chain lacks, or reduce the noise."
         raise IdentifiabilityError(f"The best free run misses {size:.0f} % of the measured channels", cure)
     errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
     now = dict(zip(_names(fit.rebuild), fit.rebuild.numbers(best.u)))

@@ -148,9 +148,10 @@ class FusedMotion:
     @cached_property
     def motion(self) -> np.ndarray:
         """Displacement, velocity, acceleration, (3, n_samples)."""
-        if self.spline is None:
-            return self.values
-        return np.stack([self.spline[0].evaluate(order, self.spline[1]) for order in range(3)])
+        if self.spline is not None:
+            return np.stack([self.spline[0].evaluate(order, self.spline[1]) for order in range(3)])
+        assert self.values is not None
+        return self.values
 
 
 class BasisLadder:
@@ -277,7 +278,7 @@ def _fit(
     free = [o for o in measured if np.isnan(given[o])]
     projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
     changing = {o: _changing(channels[o]) for o in free}
-    for _ in range(rounds if free else 1):
+    for number in range(rounds):
         weights = weights_of(levels, corner)
         rhs = sum(weights[o] * projections[o] for o in measured)
         c = basis.solve(weights / weights.max(), rhs / weights.max())
@@ -293,9 +294,9 @@ def _fit(
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
         change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0
-        levels = new
-        if change < 1e-3:
+        if change < 1e-3 or number == rounds - 1:  # the coefficients are those of the levels that are returned
             break
+        levels = new
     # generalised cross-validation, summed over the channels on a logarithmic scale
     criterion = 0.0
     for o in measured:

@@ -42,7 +42,7 @@ def test_a_friction_biased_by_noise_is_warned_of_and_its_value_away_from_reversa
 
 
 def test_jumps_between_samples_that_are_too_far_apart_are_warned_of_without_any_noise():
-    model, said = fitted(noise=0.0)
+    model, said = fitted(noise=0.0, friction=laws.CoulombFriction(30.0))
     assert model.jump_bias_["wrong"].all() and any("sampling rate too low" in text for text in said)
 
 

@@ -216,12 +216,11 @@ def fuse(
             value = fitted(k, fits[k - way][2])[0]
             best, lowest, worse = (k, value, 0) if value < lowest else (best, lowest, worse + 1)
             k += way
-    (_, coefficients, levels), spacing = fits[best], spacings[best]
+    levels, spacing = fits[best][2], spacings[best]
     if len(measured) == 1 and best == 0 and np.isnan(given[measured[0]]):
-        # one channel and no sign of noise beyond its band: follow it sample by sample
-        spacing = 1.0
-        coefficients = _solve(channels, ladder[1.0], levels, corner)
-    return FusedMotion(levels, spacing, corner, (ladder[spacing], coefficients))
+        spacing = 1.0  # one channel and no sign of noise beyond its band: follow it sample by sample
+    c = _solve(channels, ladder[spacing], levels, corner)
+    return FusedMotion(levels, spacing, corner, (ladder[spacing], c))
 
 
 def refine(views: list[list[np.ndarray | None]], single: list[FusedMotion], ladder: BasisLadder) -> list[FusedMotion]:
@@ -278,7 +277,7 @@ def _fit(
     free = [o for o in measured if np.isnan(given[o])]
     projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
     changing = {o: _changing(channels[o]) for o in free}
-    for number in range(rounds):
+    for _ in range(rounds if free else 1):
         weights = weights_of(levels, corner)
         rhs = sum(weights[o] * projections[o] for o in measured)
         c = basis.solve(weights / weights.max(), rhs / weights.max())
@@ -294,9 +293,9 @@ def _fit(
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
         change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0
-        if change < 1e-3 or number == rounds - 1:  # the coefficients are those of the levels that are returned
-            break
         levels = new
+        if change < 1e-3:
+            break
     # generalised cross-validation, summed over the channels on a logarithmic scale
     criterion = 0.0
     for o in measured:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -40,27 +40,35 @@ class Prepared:
     clean: bool = False  # all channels were taken as they are
     contradictions: list[Any] | None = None  # faults that would reconcile the channels of one DOF, once looked for
     bands: list[Any] = field(default_factory=list)  # Hz, where accelerations alone tell a motion; else None
+    knots: list[dict[int, Any]] = field(default_factory=list)  # distances of the knots of each DOF, samples
+
+    def like(self, numbers: Iterable[int]) -> Any:
+        """Noise levels, bands and knots of some records."""
+        return zip(*((self.noise[i], self.bands[i], self.knots[i]) for i in numbers))
 
 
 def prepare(
     records: Any, heldout: Any = None, noise: Sequence[dict[str, float]] | None = None,
-    bands: Sequence[Any] | None = None,
+    bands: Sequence[Any] | None = None, knots: Sequence[Any] | None = None,
 ) -> Prepared:  # fmt: skip
-    """Fuse the channels of every record."""
+    """Fuse the channels of every record, by noise levels, bands and knots of like ones where these are given."""
     mine, kept = as_records(records, "records"), as_records(heldout, "heldout")
     every = [*mine, *kept]
     n = every[0].n_dof
-    segments, found, told, at, clean = [], [], [], 0, True
+    segments, found, told, used, at, clean = [], [], [], [], 0, True
     given = [{k: v for k, v in levels.items() if v > 0} for levels in noise or [{}] * len(every)]
     every = [_zeroed(rec) for rec in every]
-    for rec, known, band in zip(every, given, bands or ["auto"] * len(every), strict=True):
+    like = zip(every, given, bands or ["auto"] * len(every), knots or [None] * len(every), strict=True)
+    for rec, known, band, spacing in like:
         if rec.n_dof != n:
             cure = "Give records of one chain."
             raise ChannelError(f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", cure)
         smoother = KinematicSmoother(noise=known or "estimate", band=band)
         smoother._share = TENTH  # its square biases; a smaller share, as of a fit, would cost first modes
+        smoother._like = spacing
         X, F = to_features(rec, smoother, check=bands is None)  # else they are records made from checked ones
         told.append(smoother.band_)
+        used.append(smoother._knots)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
             X, F = to_features(rec, False, check=False)
@@ -72,7 +80,7 @@ def prepare(
         at += len(X)
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
-    return Prepared(every, SegmentSet(segments, at), found, held, clean, bands=told)
+    return Prepared(every, SegmentSet(segments, at), found, held, clean, bands=told, knots=used)
 
 
 def _zeroed(record: Record) -> Record:
@@ -276,8 +284,8 @@ def excerpts(ready: Prepared, work: Workspace, most: float = MOST) -> tuple[Prep
         segments.append(seg.part(rows, at))
         blocks.append(BlockRows(len(blocks), slice(lead, lead + own)))
         at += segments[-1].n_samples
-    noise, bands = ([held[b.segment] for b in work.search] for held in (ready.noise, ready.bands))
-    few = Prepared(records, SegmentSet(segments, at), noise, clean=ready.clean, bands=bands)
+    noise, bands, knots = map(list, ready.like(b.segment for b in work.search))
+    few = Prepared(records, SegmentSet(segments, at), noise, clean=ready.clean, bands=bands, knots=knots)
     part = Workspace(few.data, blocks, [], work.known_masses)
     part.whole = work
     return few, part

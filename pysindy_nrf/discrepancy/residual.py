@@ -230,8 +230,7 @@ def _produced(
             fakes.append(_record(ready.records[i], drive, work.data.segments[i], model, levels, rng))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is to be said of the channels was said of the measured ones
-            known, bands = ([one[i] for i in work.searched] for one in (ready.noise, ready.bands))
-            made = prepare(fakes, noise=known, bands=bands)
+            made = prepare(fakes, None, *ready.like(work.searched))
     except NRFError:
         return None
     data, blocks = made.data, []

@@ -33,7 +33,7 @@ from .windows import Windows
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]
 # Spectra kept from one step to the next, bytes.
-_CACHE = 300_000_000
+_CACHE = 100_000_000
 # Iterations of bands and of weights; both settle in three or four.
 ROUNDS = 6
 
@@ -332,7 +332,8 @@ class Trial:
         self.laws = {s: tuple(held) for s, held in laws.items() if held}
         self.chain = chain.with_links(self.laws)
         self.layout = LawLayout(self.chain, self.laws)
-        self.grams = ruler.windows.grams(self.spectra)
+        # those of all samples of long records are large, and hardly read again
+        self.grams = ruler.windows.grams(*([self.spectra] if ruler.part is None else self._columns()))
         self.summed = self.grams.sum(axis=0)
         self.at = self.layout.n_terms
         self.slots: dict[Any, ChainFit] = {}  # solves with further columns, by their sites and numbers
@@ -354,14 +355,15 @@ class Trial:
         # A scan reads all folds, also those in which a force is unknown: both sides of a comparison hold them alike.
         rows = (x[0] for x in self.fit.rows(self.masses[:1], self.theta[:1]))
         self.shares = share(*(np.einsum("ip,kpq,iq->ik", x, self.summed, x, optimize=True) for x in rows))
-        if ruler.part is not None:
-            del self.spectra  # those of all samples of long records are large, and hardly read again
 
     @cached_property
     def spectra(self) -> np.ndarray:
         """Spectra of the columns of the laws, then of accelerations and forces."""
+        return np.vstack(self._columns())
+
+    def _columns(self) -> list[np.ndarray]:
         columns = [self.ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
-        return np.vstack([*columns, self.ruler.fixed])
+        return [*columns, self.ruler.fixed]
 
     def on_part(self) -> Trial:
         """The same laws on the excerpts of long records."""
@@ -436,7 +438,7 @@ class Trial:
         other = Trial.__new__(Trial)
         other.ruler, other.base, other.laws = ruler, self.base, self.laws
         other.layout = self.layout
-        grams = ruler.windows.grams(other.spectra)
+        grams = ruler.windows.grams(*other._columns())
         residual, reference = (rows[0] for rows in self.fit.rows(self.masses[:1], self.theta[:1]))
         known = other.used(self.fit)[:, self.fit.judged, None]
         part, whole = (np.einsum("ip,fkpq,iq->fik", x, grams, x, optimize=True) for x in (residual, reference))
@@ -458,7 +460,7 @@ class Slot:
         kind = tuple(zip(self.sites, self.widths))
         if kind not in trial.slots:
             where = {s: list(range(rows.start, rows.stop)) for s, rows in trial.layout.slices.items()}
-            at = len(trial.spectra)
+            at = trial.summed.shape[-1]
             for site, width in kind:
                 where[site] = [*where.get(site, ()), *range(at, at + width)]
                 at += width
@@ -469,10 +471,10 @@ class Slot:
     def left_out(self, columns: np.ndarray) -> np.ndarray:
         """Coefficients of the columns of one law (n_columns, size) with each fold left out of the fit."""
         trial = self.trial
-        grams = trial.ruler.windows.grams(np.vstack([trial.spectra, columns]))
+        grams = trial.ruler.windows.grams(*trial._columns(), columns)
         weights = trial.weights_of(self.fit)
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
-        return self.fit.solve(leave_one_out(sums))[1][:, len(trial.spectra) :]
+        return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]
 
     def gains(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gains on the samples of the fit, dB, coefficients and sizes, of columns (n_trials, n_columns, size)."""

@@ -43,12 +43,11 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     few = few if 3 * MOST < size > few else size
     seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
     rows = np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
-    sites = (s for s in trial.layout.group((j,)).sites if trial.laws.get(s))
-    own = [(trial.layout.slices[s], work.columns(s, trial.laws[s], record)) for s in sites]
-    own.append((slice(trial.at + j - 1, None, work.n_dof), work.fixed(record)[j - 1 :: work.n_dof]))
-    for at, lines in own:
-        lines = lines[:, whole] * seen
-        rows[at] = lines if few == size else resample(lines, few, axis=1) * left
+    for s in (None, *(s for s in trial.layout.group((j,)).sites if trial.laws.get(s))):
+        own = work.columns(s, trial.laws[s], record) if s else work.fixed(record)[j - 1 :: work.n_dof]
+        for row, line in zip(rows[trial.layout.slices[s] if s else slice(trial.at + j - 1, None, work.n_dof)], own):
+            line = line[whole] * seen  # noqa: PLW2901
+            row[:] = line if few == size else resample(line, few) * left
     weighed, dt = j in work.known_masses, segment.dt * size / few
     given = weighed or j in work.forced, weighed, driven_at(segment, run)
     return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
@@ -273,9 +272,11 @@ class Forward:
         if before not in self._freed:
             self._freed = {before: self._errors.freed(before)}
         one, errors = self._freed[before]
-        two, errors = self._errors.freed(after, errors)
         alone, own = one.gain_over(before).value, after.gain_over(before)
         more = alone > own.value + TENTH * LEAST_GAIN  # to which errors are fitted
+        if not more and judge.is_there(gain := after.gain_over(one), law):  # without errors of its own
+            return gain, True
+        two, errors = self._errors.freed(after, errors)
         if two.gain_over(after).value <= TENTH * alone:
             likely = self._errors.freed(before, most=LIKELY)[0] if more else before
             if likely.gain_over(before).value < own.value:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.fft import irfft, rfft, rfftfreq
 from scipy.optimize import minimize_scalar
+from scipy.sparse import csr_array
 from scipy.stats import chi2
 
 from ..exceptions import NRFError
@@ -231,8 +232,8 @@ class _Fit:
 
     def __init__(self, trial: Trial, errors: Errors, lines: Sequence[_Line], most: float) -> None:
         self.fit, thin, self.most = trial.fit, errors.thin, most
-        self.changes, rows, numbers = zip(*lines)
-        self.rows, self.numbers = np.array(rows), np.array(numbers)
+        changes, rows, numbers = zip(*lines)
+        self.changes, self.rows, self.numbers = np.array(changes), np.array(rows), np.array(numbers)
         self.spectra, self.weights, self.samples = trial.spectra[:, thin], trial.weights, trial.ruler.windows.size
         self.lowest = [g.dofs[0] - 1 for g in self.fit.groups]
         self.used, self.band = np.empty((len(self.lowest), len(thin))), np.empty(len(thin), dtype=int)
@@ -264,11 +265,12 @@ class _Fit:
         return best
 
     def _at(self, shares: np.ndarray) -> np.ndarray:
-        at = self.spectra.copy()
-        for change, row, number in zip(self.changes, self.rows, self.numbers):
-            if shares[number]:
-                at[row] += shares[number] * change
-        return at
+        some = np.flatnonzero(shares[self.numbers])
+        return self.spectra + self._sums(some, self.rows[some], shares[self.numbers[some]], len(self.spectra))
+
+    def _sums(self, some: np.ndarray, rows: np.ndarray, factors: np.ndarray, count: int) -> np.ndarray:
+        """Sums of some changes times their factors, by the row to which each is added."""
+        return csr_array((factors, (rows, some)), (count, len(self.changes))) @ self.changes
 
     def _grams(self, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Weighted products of the rows that stand in each group of balances; those of others are zero."""
@@ -298,7 +300,7 @@ class _Fit:
         grams = np.repeat(self._grams(at, weights)[None], len(shares) + 1, axis=0)
         for u, (own, some) in enumerate(zip(self.own, self.inside)):
             heavy = at[own] * (weights[self.lowest[u], self.band] * self.used[u])
-            cross = part * np.array([self.changes[i] for i in some]).reshape(-1, at.shape[1]) @ heavy.T
+            cross = part * self.changes[some] @ heavy.T
             number, row = self.numbers[some, None] + 1, self.rows[some, None]
             grams[number, u, own, row] += cross
             grams[number, u, row, own] += cross
@@ -333,9 +335,9 @@ class _Fit:
         follow = (rows[1:] - rows[0]) / part  # of masses and coefficients
         for j, u in enumerate(self.fit.judged):
             own, some = self.own[u], self.inside[u]
-            errors, first = np.unique(self.numbers[some], return_index=True)
-            each = [rows[self.numbers[i] + 1, j, self.rows[i]] * self.changes[i] for i in some]
-            alone = np.add.reduceat(np.array(each).reshape(-1, at.shape[1]), first)  # with the model as it is
+            errors, place = np.unique(self.numbers[some], return_inverse=True)
+            factors = rows[self.numbers[some] + 1, j, self.rows[some]]
+            alone = self._sums(some, place, factors, len(errors))  # with the model as it is
             lines = np.vstack([at[own], alone, rows[0, j] @ at])
             mix = np.zeros((len(rows), len(lines)))
             mix[:-1, : len(own)] = follow[:, j, own]

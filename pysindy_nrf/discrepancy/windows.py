@@ -250,9 +250,14 @@ class Windows:
             every.take(self._order, axis=1, out=out[some], mode="clip")
         return out.view(float)
 
-    def grams(self, rows: np.ndarray) -> np.ndarray:
-        """Products of spectra by fold and band, (n_folds, n_bands, n_rows, n_rows)."""
-        return np.array([[(part := rows[:, columns]) @ part.T for columns in spans] for spans in self.spans])
+    def grams(self, *spectra: np.ndarray) -> np.ndarray:
+        """Products of the rows of some spectra by fold and band, (n_folds, n_bands, n_rows, n_rows)."""
+
+        def of(columns: slice) -> np.ndarray:
+            part = np.vstack([rows[:, columns] for rows in spectra]) if len(spectra) > 1 else spectra[0][:, columns]
+            return part @ part.T
+
+        return np.array([[of(columns) for columns in spans] for spans in self.spans])
 
     def products(self, columns: np.ndarray) -> np.ndarray:
         """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""

@@ -171,15 +171,17 @@ def spectral_lines(residual: np.ndarray, dt: float, most: int = _MOST, driven: f
     return [float(k / (size * dt)) for k in peaks[np.argsort(-power[peaks])][:most] if k > 0]
 
 
-def hidden_lines(columns: np.ndarray, target: np.ndarray, dt: float, driven: float) -> list[float]:
+def hidden_lines(columns: Sequence[np.ndarray], target: np.ndarray, dt: float, driven: float) -> list[float]:
     """Frequencies without which a refitted balance closes best, Hz."""
-    rows = np.vstack([columns, target])
+    rows = np.vstack([*columns, target])
     n = rows.shape[1]
     seen = int(np.count_nonzero(rows.any(axis=0)))
     size = np.sqrt(np.mean(rows**2, axis=1, keepdims=True))
     rows /= np.where(size > 0, size, 1.0)
     gram = rows @ rows.T
-    lines = np.fft.rfft(rows, _PADDED * n, axis=1)
+    lines = np.empty((len(rows), _PADDED * n // 2 + 1), dtype=complex)
+    for row, line in zip(rows, lines):  # one at a time: padded, the rows of long records are large
+        line[:] = np.fft.rfft(row, _PADDED * n)
     values, vectors = np.linalg.eigh(gram)
     use = values > 1e-12 * values[-1]
     leverage: Any = sum(np.abs(one @ lines) ** 2 for one in (vectors[:, use] / np.sqrt(values[use])).T)
@@ -213,7 +215,7 @@ def balance_lines(
         (own if str(site) == f"storey {dof}" else others).append(columns)
     free = [*own, *others, *([] if weighed else [a[None]])] if scaled else own
     found = spectral_lines(left, dt, driven=driven)
-    return found + hidden_lines(np.vstack(free), left, dt, driven) if free else found
+    return found + hidden_lines(free, left, dt, driven) if free else found
 
 
 def driven_at(segment: Segment, rows: slice = slice(None)) -> float:

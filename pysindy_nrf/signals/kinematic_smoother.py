@@ -27,7 +27,8 @@ class _Piece(NamedTuple):
     """One contiguous record as columns: all of them, and those that were measured, inside the NaN edges."""
 
     record: Record | None
-    table: pd.DataFrame
+    table: Any
+    size: int
     fs: float
     names: list[str]
     columns: dict[str, np.ndarray]
@@ -114,6 +115,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     _names_in: list[str]
     _names_out: list[str]
     _kept: list[Any] | None = None  # motions of the DOFs of one record, fused one by one
+    _like: dict[int, float | None] | None = None  # distances of the knots of a like record, samples
+    _knots: dict[int, float | None]  # those found; None at every sample: channels may be clean
     _share: float = SHARE  # of the displacement that noise may be where accelerations alone are measured
 
     def __init__(
@@ -246,29 +249,29 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     def _piece(self, X: Any, learn: bool) -> _Piece:
         """One contiguous record as columns."""
         record = X if isinstance(X, Record) else None
-        table = record.to_frame() if record is not None else X
-        if len(table) == 0:
+        held = X.channels() if isinstance(X, Record) else {str(c): X.iloc[:, i] for i, c in enumerate(X.columns)}
+        size = len(X) if record is None else record.n_samples
+        if size == 0:
             raise ChannelError("X has no samples (0 rows)", "Give a record.")
-        fs = self._rate(record, table)
-        names = [str(c) for c in table.columns]
+        fs = self._rate(record, X)
+        names = list(held)
         if not learn and names != self._names_in:
             what = f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}"
             raise ChannelError(what, "Fit again, or give the same columns in the same order.")
-        columns = {
-            n: as_matrix(table.iloc[:, i], [n], 1)[:, 0].astype(float) for i, n in enumerate(names)
-            if n not in ("t", "time")
-        }  # fmt: skip
+        columns = {n: as_matrix(y, [n], 1)[:, 0] for n, y in held.items() if n not in ("t", "time")}
+        columns = {n: np.ascontiguousarray(y, dtype=float) for n, y in columns.items()}
         live = {n: y for n, y in columns.items() if not np.isnan(y).all()}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
-        return _Piece(record, table, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
+        return _Piece(record, X, size, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
 
     def _fused(self, piece: _Piece, learn: bool) -> Any:
-        record, table, fs, names, columns, live, span = piece
+        record, table, size, fs, names, columns, live, span = piece
         result = self._fuse(piece, learn)
         if self.band_ is not None:
             result = self._limit(result, fs, learn)
-        out = {n: np.full(len(table), np.nan) for n in result}
-        for n, y in result.items():
+        out = dict(result)
+        for n, y in result.items() if len(live) and span != slice(0, size) else ():
+            out[n] = np.full(size, np.nan)
             out[n][span] = y
         out |= {n: y for n, y in columns.items() if n not in live and n not in out}
         if learn:
@@ -312,7 +315,10 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
-        for j, best in zip(dofs, fuse_all(every, levels, corner, self.joint, self._kept), strict=True):
+        knots = self._like and [self._like[j] for j in dofs]
+        found = fuse_all(every, levels, corner, self.joint, self._kept, knots)
+        self._knots = {j: best.spacing if best.spacing > 1.0 else None for j, best in zip(dofs, found)}
+        for j, best in zip(dofs, found, strict=True):
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
             spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
             for kind, order in _ORDERS.items():

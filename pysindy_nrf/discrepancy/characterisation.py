@@ -34,9 +34,6 @@ _YIELD, _FEW = (0.02, 0.06, 0.15, 0.3, 0.6, 1.0, 1.6, 2.5), (0.06, 0.15, 0.6, 1.
 _GAPS = np.arange(9) * 0.3
 
 
-# -- its columns ------------------------------------------------------------------------------------
-
-
 def knots_of(x: np.ndarray, count: int) -> np.ndarray:
     """Knots at quantiles and at even distances, so that rare large values have some too; 0 is one."""
     least = 0.02 * np.ptp(x)
@@ -137,9 +134,6 @@ ROWS = {
     Dependence.TIME.value: ["time"], Dependence.SURFACE.value: [*_RATE, *_DRIFT, "surface"],
     Dependence.PATH.value: [*_RATE, *_DRIFT, "surface", "sliders"],
 }  # fmt: skip
-
-
-# -- what a force depends on ------------------------------------------------------------------------
 
 
 @dataclass

@@ -62,7 +62,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     """The report of a search that has come to its end; the held-out data are read here."""
     instants = [float(e.law.shape[p.name] or 0.0) for e in forward.state.effects for p in e.law.shapes if p.instant]
     for ruler in (first.trial.ruler, *forward.rulers.values()):
-        ruler.work.leave_out(instants)
+        ruler.work.leave_out(instants, ruler.windows.length / 2)  # of a fold's first and last cell windows see nothing
     baseline = confirmed = _stand("baseline", first.trial)
     trials, found, held = [first.trial], {}, {}
     for effect in forward.state.effects:  # what the search says: each effect beside all those found before it
@@ -376,8 +376,6 @@ def _window(seg: Any, rows: slice) -> int:
     crossings = np.count_nonzero(np.diff(np.signbit(s - s.mean())))
     return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(int(crossings), 1))))
 
-
-# -- fewer sensors than floors: the channels are judged, by the free run ---------------------------------
 
 # One law of each kind whose free run takes a second at most (that of a Bouc-Wen law may take minutes); others if named.
 KINDS = (

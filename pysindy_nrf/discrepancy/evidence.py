@@ -150,9 +150,6 @@ class _Motion:
         return Regression.of(groups)
 
 
-# -- where ------------------------------------------------------------------------------------------
-
-
 @dataclass
 class Localisation:
     """Sites, best first, by the share of the residual that a force there explains.
@@ -378,9 +375,6 @@ def _incidence(chain: Chain, site: Site) -> np.ndarray:
 
 def _key(b: np.ndarray | None) -> bytes:
     return b"" if b is None else (b if b[np.flatnonzero(b)[0]] > 0 else 0.0 - b).tobytes()
-
-
-# -- all of it --------------------------------------------------------------------------------------
 
 
 @dataclass

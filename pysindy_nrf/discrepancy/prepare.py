@@ -179,13 +179,13 @@ class Workspace:
         self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
         self.whole = self  # all samples, where these are excerpts of long records
 
-    def leave_out(self, instants: Sequence[float]) -> None:
-        """Judge no more on pieces in which something changes at an instant: the search could not tell when."""
+    def leave_out(self, instants: Sequence[float], margin: float) -> None:
+        """Judge no more on pieces in which something changes, or so near (s) that the search could not tell when."""
 
         def changes(b: BlockRows) -> bool:
             seg = self.data.segments[b.segment]
             t = np.asarray(seg.t, dtype=float)[seg.valid][b.rows]
-            return b.segment in self.searched and any(t[0] <= x <= t[-1] for x in instants)
+            return b.segment in self.searched and any(t[0] - margin <= x <= t[-1] + margin for x in instants)
 
         self.held = [b for b in self.held if not (instants and changes(b))] or self.held
 

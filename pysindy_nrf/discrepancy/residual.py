@@ -157,9 +157,6 @@ def searched_residual(work: Workspace, model: ChainModel) -> Residual:
     return residual_of(model, data, filters, forces=forces)
 
 
-# -- noise ------------------------------------------------------------------------------------------
-
-
 @dataclass
 class NoiseFloor:
     """Residual that noise alone leaves: rms in balance j, and summed from the top in storey i, N; NaN where unknown."""
@@ -192,9 +189,6 @@ class NoiseFloor:
 def floor_of(model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
     """What noise alone leaves of the forces, from records of noise; None where the model has no free run."""
     return None if noise is None else NoiseFloor.from_draws([residual_of(model, *searched(noise))])
-
-
-# -- records as a model would have produced them (parametric bootstrap) ------------------------------
 
 
 def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> list[tuple[Prepared, Ruler]]:
@@ -289,9 +283,6 @@ def _measured_rows(record: Record) -> slice:
             known &= np.isfinite(measured[:, used]).all(axis=1)
     inside = np.flatnonzero(known)
     return slice(int(inside[0]), int(inside[-1]) + 1)
-
-
-# -- loops ------------------------------------------------------------------------------------------
 
 
 @dataclass

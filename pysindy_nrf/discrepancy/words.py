@@ -96,9 +96,6 @@ def not_possible(question: str, evidence: Any) -> str:
     return f"{question.capitalize()} is not possible because {why.reason}."
 
 
-# -- is it noise ------------------------------------------------------------------------------------
-
-
 def detection(evidence: Any) -> str:
     """Whether the residual is noise."""
     if evidence.detection is None:
@@ -130,9 +127,6 @@ def _listed(places: Sequence[str]) -> str:
         numbers[kind].append(number)
     phrases = {"dof": "the balance of DOF", "storey": "storey"}
     return " and ".join(f"{phrases[kind]} {', '.join(found)}" for kind, found in numbers.items() if found)
-
-
-# -- where ------------------------------------------------------------------------------------------
 
 
 def localisation(evidence: Any) -> str:
@@ -174,9 +168,6 @@ def _located(table: pd.DataFrame) -> str:
     return text
 
 
-# -- what kind --------------------------------------------------------------------------------------
-
-
 def characterisation(evidence: Any) -> str:
     """What the missing force depends on."""
     if evidence.characterisation is None:
@@ -210,16 +201,10 @@ def _kind(found: Any) -> str:
     return _DEPENDENCE[found.dependence].format(found=found, parity=parity, marks=marks)
 
 
-# -- channels -------------------------------------------------------------------------------------------
-
-
 def contradictions(found: Sequence[Any]) -> str:
     """Channels of one DOF that do not show one motion; empty if there are none."""
     said = "; ".join(dict.fromkeys(one.message for one in found))
     return f"Channels contradict each other, and the fusion made the best of it: {said}" if found else ""
-
-
-# -- the loop ---------------------------------------------------------------------------------------
 
 
 def band(found: tuple[float | None, float | None]) -> str:

@@ -271,8 +271,6 @@ def _projected(gram: np.ndarray, n: int) -> np.ndarray:
     return out
 
 
-# -- a regression judged on blocks that it was not fitted to ------------------------------------------
-
 # Ridges that are tried, shares of the squares of the columns.
 _RIDGE = (1e-9, 1e-5, 1e-3, 3e-2)
 

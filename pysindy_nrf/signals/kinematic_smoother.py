@@ -317,7 +317,6 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
         knots = self._like and [self._like[j] for j in dofs]
         found = fuse_all(every, levels, corner, self.joint, self._kept, knots)
-        self._knots = {j: best.spacing if best.spacing > 1.0 else None for j, best in zip(dofs, found)}
         for j, best in zip(dofs, found, strict=True):
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
             spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
@@ -325,6 +324,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 if (kind, j) in motion:
                     noise[motion[kind, j]] = best.noise[order] / units[kind]
         if learn:
+            self._knots = {j: best.spacing if best.spacing > 1.0 else None for j, best in zip(dofs, found)}
             self.noise_ = pd.Series({n: noise[n] for n in live if n in noise}, name="noise")
             self.spacing_ = pd.Series(spacing, name="spacing")
             self.high_pass_ = pd.Series(high_pass, name="high_pass")

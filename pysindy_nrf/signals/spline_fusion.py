@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polyder
-from scipy.fft import rfft
 from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.linalg.blas import dsbmv
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import get_window, welch
+from scipy.signal import csd, welch
 from scipy.sparse import csr_array
 from scipy.special import erfinv
 from threadpoolctl import threadpool_limits
@@ -416,10 +415,8 @@ def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> t
     """Whitened one-step prediction errors as filters G_0 .. G_order, (order + 1, n, n), and the noise in them."""
     n = c.shape[1]
     length = min(512, max(32, len(c) // max(8, 2 * n)), len(c))
-    f, window = np.fft.rfftfreq(length), get_window("hann", length)
-    pieces = sliding_window_view(c, length, axis=0)[:: -(-length // 2)]
-    lines = rfft((pieces - pieces.mean(axis=2, keepdims=True)) * window).transpose(2, 0, 1)
-    spectra = lines.conj().transpose(0, 2, 1) @ lines / (len(pieces) * (window @ window))
+    f, spectra = csd(c.T[:, None], c.T[None], nperseg=length, detrend="constant")
+    spectra = np.moveaxis(spectra, -1, 0) / 2  # one-sided to two-sided
     spectra[0] = spectra[1].real
     symbols = np.maximum(basis.symbols(2 * np.pi * f), 0.0)
     noise = 1.0 / (weights @ symbols).T

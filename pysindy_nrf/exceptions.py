@@ -156,8 +156,8 @@ class BiasWarning(NRFWarning):
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> with warnings.catch_warnings(record=True, action="always") as caught:
     ...     _ = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
-    >>> caught[0].category.__name__, str(caught[0].message)[:28]
-    ('BiasWarning', 'm1 = 9.329 kg is likely bias')
+    >>> caught[0].category.__name__, "likely biased" in str(caught[0].message)
+    ('BiasWarning', True)
     """
 
 

@@ -62,7 +62,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     """The report of a search that has come to its end; the held-out data are read here."""
     instants = [float(e.law.shape[p.name] or 0.0) for e in forward.state.effects for p in e.law.shapes if p.instant]
     for ruler in (first.trial.ruler, *forward.rulers.values()):
-        ruler.work.leave_out(instants, ruler.windows.length / 2)  # of a fold's first and last cell windows see nothing
+        ruler.work.leave_out(instants, ruler.windows.length / 2)  # the ends of a fold show next to nothing
     baseline = confirmed = _stand("baseline", first.trial)
     trials, found, held = [first.trial], {}, {}
     for effect in forward.state.effects:  # what the search says: each effect beside all those found before it

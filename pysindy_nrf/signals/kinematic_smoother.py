@@ -270,7 +270,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         if self.band_ is not None:
             result = self._limit(result, fs, learn)
         out = dict(result)
-        for n, y in result.items() if len(live) and span != slice(0, size) else ():
+        for n, y in result.items() if span != slice(0, size) else ():
             out[n] = np.full(size, np.nan)
             out[n][span] = y
         out |= {n: y for n, y in columns.items() if n not in live and n not in out}

@@ -145,5 +145,5 @@ def shifted(values: np.ndarray, samples: float) -> np.ndarray:
     out = np.full(len(values), np.nan)
     at = np.arange(len(values)) - samples
     inside = (at >= good[0]) & (at <= good[-1])
-    out[inside] = make_interp_spline(good, values[good], k=7)(at[inside])
+    out[inside] = make_interp_spline(good, values[good], k=min(7, len(good) - 1))(at[inside])
     return out

@@ -275,6 +275,7 @@ def test_readings_of_faulty_sensors():
     assert np.allclose(late[8:-4], np.sin(3 * (t[8:-4] - 0.025)), atol=1e-9)
     back = laws.ChannelDelay(tau=0.025).corrected(y, dt=0.01)
     assert np.isnan(back[-3:]).all() and np.allclose(back[8:-8], np.sin(3 * (t[8:-8] + 0.025)), atol=1e-9)
+    assert np.allclose(laws.ChannelDelay(0.005).corrected(y[:4], 0.01)[:3], np.sin(3 * t[:3] + 0.015), atol=1e-5)  # few
     assert laws.GainError(-2.0).reading([1, 2], 0.1).tolist() == [-1.0, -2.0]  # a wrong sign
     assert laws.GainError(0.25).corrected([5, 10], 0.1).tolist() == [4.0, 8.0]
     assert laws.SensorOffset(0.5).reading([1, 2], 0.1).tolist() == [1.5, 2.5]

@@ -33,7 +33,7 @@ from .windows import Windows
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]
 # Spectra kept from one step to the next, bytes.
-_CACHE = 100_000_000
+_CACHE = 200_000_000
 # Iterations of bands and of weights; both settle in three or four.
 ROUNDS = 6
 
@@ -150,12 +150,12 @@ class Ruler:
             found = self.windows.spectra({i: self.work.columns(site, missing, i) for i in self.segments})
             if not np.isfinite(found).all():
                 raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
-            new = dict(zip(missing, np.split(found, len(missing))))
-            if self._held + found.nbytes <= _CACHE:  # a scan comes by in the same order each time: the first stay
-                self._held += found.nbytes
-                self._cache |= {(site, law): rows for law, rows in new.items()}
-            held |= new
-        return np.concatenate([held[law] for law in laws])
+            kept = found.astype(np.float32) if len(missing) > 1 else found  # single precision ranks points of a scan
+            if self._held + kept.nbytes <= _CACHE:  # a scan comes by in the same order each time: the first stay
+                self._held += kept.nbytes
+                self._cache |= {(site, law): rows for law, rows in zip(missing, np.split(kept, len(missing)))}
+            held |= dict(zip(missing, np.split(found, len(missing))))
+        return np.concatenate([held[law] for law in laws], dtype=float)
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
         """The solve of a set of columns."""

@@ -1,6 +1,7 @@
 """The search: forward by the largest gain, backward, exchange; every decision on the ruler."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,7 @@ from ..mechanics.sites import Site
 from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .catalogue import general_laws
-from .constants import DRAWS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, LIKELY, TENTH
+from .constants import DRAWS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, LIKELY, PROMISED, TENTH
 from .judge import admissible
 from .prepare import MOST, Prepared
 from .residual import simulated
@@ -274,14 +275,18 @@ class Forward:
         one, errors = self._freed[before]
         alone, own = one.gain_over(before).value, after.gain_over(before)
         more = alone > own.value + TENTH * LEAST_GAIN  # to which errors are fitted
-        if not more and judge.is_there(gain := after.gain_over(one), law):  # without errors of its own
-            return gain, True
+        least = min(0.5 * own.value, LARGE_GAIN) if more else 0.0
+        with suppress(NRFError):
+            for few in (after, Trial(one.ruler, after.base, after.laws)):  # errors of its own would only add to its gain
+                gain = few.gain_over(one)
+                if judge.is_there(gain, law) and gain.value >= least:
+                    return gain, True
         two, errors = self._errors.freed(after, errors)
         if two.gain_over(after).value <= TENTH * alone:
             likely = self._errors.freed(before, most=LIKELY)[0] if more else before
             if likely.gain_over(before).value < own.value:
                 return own, judge.is_there(own, law)
-        gain, least = two.gain_over(one), min(0.5 * own.value, LARGE_GAIN) if more else 0.0
+        gain = two.gain_over(one)
         if not judge.is_there(gain, law):
             return gain, False
         again = self._errors.freed(before, errors)  # these errors may lie nearer to the least
@@ -406,7 +411,7 @@ def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mappin
     simple = [f.screen for f in found if f.proposal.sites == sites and law.contains(f.proposal.law)]
     hopes = [sum(max(promised[s], 0.0) for s in sites)] if _of_motion(law) else []
     hopes += [max(simple)] if simple and len(law.free_shape) > 2 else []
-    least = max(LEAST_GAIN / 4, TENTH * max((f.screen for f in found), default=0.0))
+    least = max(LEAST_GAIN / 4, PROMISED * max((f.screen for f in found), default=0.0))
     return all(hope >= least for hope in hopes)
 
 

@@ -90,11 +90,14 @@ class SmoothSurface(ForceLaw):
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        p, q = np.arctan2(theta[0], s), np.arctan2(theta[1], v)  # T_i(cos p) = cos(i p)
+        x, y = s / np.sqrt(s * s + theta[0] * theta[0]), v / np.sqrt(v * v + theta[1] * theta[1])
         degree = int(theta[2])
-        k = 0
+        k, of_drift, last = 0, 1.0, x  # T_0 and T_-1; T_i+1 = 2 x T_i - T_i-1
         for i in range(degree + 1):
+            both, before = of_drift, y * of_drift
             for j in range(degree + 1 - i):
                 if i + j > 0:
-                    out[k] = np.cos(i * p) * np.cos(j * q)
+                    out[k] = both
                     k += 1
+                both, before = 2.0 * y * both - before, both
+            of_drift, last = 2.0 * x * of_drift - last, of_drift

@@ -133,7 +133,7 @@ class Record:
         columns = self.channels()
         finite_span(list(columns.values()), list(columns), f"record {self.name!r}")
         for channel, line in columns.items():
-            if float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
+            if not line @ line < _LARGEST**2 and float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
                 what = f"Channel {channel} of record {self.name!r} reaches {np.nanmax(np.abs(line)):.3g}, whose square "
                 raise ChannelError(f"{what}leaves the range of a double", "Check its unit.")
 
@@ -150,8 +150,8 @@ class Record:
         for key, prefix in MATRICES.items():
             matrix = getattr(self, key)
             if matrix is not None:
-                measured = np.flatnonzero(~np.isnan(matrix).all(axis=0))
-                out |= {f"{prefix}{j + 1}": matrix[:, j] for j in measured}
+                empty = {j for j in np.flatnonzero(np.isnan(matrix[0])) if np.isnan(matrix[:, j]).all()}
+                out |= {f"{prefix}{j + 1}": line for j, line in enumerate(matrix.T) if j not in empty}
         out |= {short: line for key, short in BASES.items() if (line := getattr(self, key)) is not None}
         return out | self.covariates
 

@@ -266,11 +266,10 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
 
     def _fused(self, piece: _Piece, learn: bool) -> Any:
         record, table, size, fs, names, columns, live, span = piece
-        result = self._fuse(piece, learn)
+        out = self._fuse(piece, learn)
         if self.band_ is not None:
-            result = self._limit(result, fs, learn)
-        out = dict(result)
-        for n, y in result.items() if span != slice(0, size) else ():
+            out = self._limit(out, fs, learn)
+        for n, y in list(out.items()) if span != slice(0, size) else ():
             out[n] = np.full(size, np.nan)
             out[n][span] = y
         out |= {n: y for n, y in columns.items() if n not in live and n not in out}
@@ -281,7 +280,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         if record is not None:
             nothing, dofs = np.full(record.n_samples, np.nan), range(1, record.n_dof + 1)
             parts: dict[str, Any] = {
-                key: np.column_stack([out.get(f"{letter}{j}", nothing) for j in dofs])
+                key: np.array([out.pop(f"{letter}{j}", nothing) for j in dofs]).T
                 for key, letter in MATRICES.items()
             }
             parts |= {key: out.get(short) for key, short in BASES.items()}
@@ -314,17 +313,19 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                     levels[row, order] = level * units[kind]
             _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
-        noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
+        noise, spacing, high_pass, own, a, v, x = {}, {}, {}, {}, {}, {}, {}
         knots = self._like and [self._like[j] for j in dofs]
         found = fuse_all(every, levels, corner, self.joint, self._kept, knots)
-        for j, best in zip(dofs, found, strict=True):
+        for j in dofs:
+            best = found.pop(0)  # long motions are not held twice
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
             spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
+            own[j] = best.spacing if best.spacing > 1.0 else None
             for kind, order in _ORDERS.items():
                 if (kind, j) in motion:
                     noise[motion[kind, j]] = best.noise[order] / units[kind]
         if learn:
-            self._knots = {j: best.spacing if best.spacing > 1.0 else None for j, best in zip(dofs, found)}
+            self._knots = own
             self.noise_ = pd.Series({n: noise[n] for n in live if n in noise}, name="noise")
             self.spacing_ = pd.Series(spacing, name="spacing")
             self.high_pass_ = pd.Series(high_pass, name="high_pass")

@@ -209,10 +209,12 @@ class Workspace:
 
     def motion(self, site: Site, segment: int) -> Motion:
         """Motion that a law at a site sees in one record."""
-        if (site, segment) not in self._motions:
-            seg = self.data.segments[segment]
-            self._motions[site, segment] = seg.motion(site, seg.valid)
-        return self._motions[site, segment]
+        seg, found = self.data.segments[segment], self._motions.get((site, segment))
+        if found is None:
+            found = seg.motion(site, seg.valid)
+            if seg.n_valid < 10 * MOST:  # of longer ones excerpts are searched
+                self._motions[site, segment] = found
+        return found
 
     def scales(self, site: Site) -> Scales:
         """Sizes of the motion at a site, from which shape parameters are searched; of the search rows and records."""

@@ -179,17 +179,18 @@ def hidden_lines(columns: Sequence[np.ndarray], target: np.ndarray, dt: float, d
     size = np.sqrt(np.mean(rows**2, axis=1, keepdims=True))
     rows /= np.where(size > 0, size, 1.0)
     gram = rows @ rows.T
-    lines = np.empty((len(rows), _PADDED * n // 2 + 1), dtype=complex)
+    lines = np.empty((len(rows), _PADDED * n // 2 + 1), dtype=np.complex64)
     for row, line in zip(rows, lines):  # one at a time: padded, the rows of long records are large
         line[:] = np.fft.rfft(row, _PADDED * n)
     values, vectors = np.linalg.eigh(gram)
     use = values > 1e-12 * values[-1]
-    leverage: Any = sum(np.abs(one @ lines) ** 2 for one in (vectors[:, use] / np.sqrt(values[use])).T)
+    scaled = (vectors[:, use] / np.sqrt(values[use])).T.astype(np.float32)
+    leverage: Any = sum(np.abs(one @ lines) ** 2 for one in scaled)
     bins = np.arange(1, len(leverage))
     bins = bins[_away(bins / (_PADDED * n * dt), driven) * n * dt > _BINS]
     bins = bins[np.argsort(-leverage[bins])][:_LOOKED_AT]
     # a sine and a cosine of each frequency, taken out of all columns
-    near = lines[:, bins].T
+    near = lines[:, bins].T.astype(complex)
     left = gram - (2.0 / max(seen, 1)) * (near[:, :, None] * near[:, None].conj()).real
     x, xy = left[:, :-1, :-1], left[:, :-1, -1:]
     rest = left[:, -1, -1] - (xy * (np.linalg.pinv(x, rcond=1e-12, hermitian=True) @ xy)).sum(axis=(1, 2))

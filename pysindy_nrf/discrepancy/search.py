@@ -277,7 +277,7 @@ class Forward:
         more = alone > own.value + TENTH * LEAST_GAIN  # to which errors are fitted
         least = min(0.5 * own.value, LARGE_GAIN) if more else 0.0
         with suppress(NRFError):
-            for few in (after, Trial(one.ruler, after.base, after.laws)):  # errors of its own would only add to its gain
+            for few in (after, Trial(one.ruler, after.base, after.laws)):  # errors of its own would add to its gain
                 gain = few.gain_over(one)
                 if judge.is_there(gain, law) and gain.value >= least:
                     return gain, True

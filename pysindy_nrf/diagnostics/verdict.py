@@ -32,7 +32,7 @@ FALL = 3.0
 NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
 CARRIES = 0.25  # and from which on a negative stiffness is no error of a weak spring
 _TRIED = 6  # mappings of the channels that are fitted to fused motions
-_ROWS = 20_000  # samples of a record that are enough to tell which channels close a balance
+_ROWS = 10_000  # samples of all records that are enough to tell which channels close a balance
 _EXCHANGES = 6  # DOFs up to which every pair of channels is exchanged; beyond, neighbours only
 
 Bounds = Mapping[str, tuple[float, float]]
@@ -160,7 +160,8 @@ def mapping_that_closes(
     ``solve`` turns records into an estimate of a model, with its Gram matrices. So does ``quick``, coarsely: by it the
     mappings are put in order, and only the best are solved. Masses of ``known`` DOFs may be of any size.
     """
-    records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
+    records = sorted((rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records), key=_peak)[::-1]
+    records = records[: 1 + np.searchsorted(np.cumsum([rec.n_samples for rec in records]), _ROWS)]
 
     def left(change: Callable[[Record], Record] | None = None, solve: Any = solve) -> tuple[bool, float, np.ndarray]:
         """Whether no structure has the masses, the size of the errors, and the error of each balance."""
@@ -213,11 +214,20 @@ def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
     return out
 
 
+def _motion(record: Record) -> np.ndarray:
+    """Size of the force from sample to sample, or of the motion where no force was measured."""
+    lines = record.force if record.forced else next(iter(record.channels().values()))[:, None]
+    return np.abs(np.nan_to_num(lines)).max(axis=1)
+
+
+def _peak(record: Record) -> float:
+    """The largest force, or motion where no force was measured."""
+    return float(_motion(record).max())
+
+
 def _loudest(record: Record) -> slice:
     """Rows about the largest force, or motion where no force was measured."""
-    lines = record.force if record.forced else next(iter(record.channels().values()))[:, None]
-    at = int(np.nanargmax(np.nanmax(np.abs(np.nan_to_num(lines)), axis=1)))
-    start = int(np.clip(at - _ROWS // 4, 0, record.n_samples - _ROWS))
+    start = int(np.clip(int(np.argmax(_motion(record))) - _ROWS // 4, 0, record.n_samples - _ROWS))
     return slice(start, start + _ROWS)
 
 

@@ -44,9 +44,6 @@ TENTH: Final = 0.1
 
 # -- the search -------------------------------------------------------------------------------
 
-# Share of the best gain so far that general laws must promise at a site before laws of the motion are tried there. Of
-# 508 findings within 20 % of the best (battery, 140 cases of seed 2301) the least had 0.22 of it promised.
-PROMISED: Final = 0.15
 # Draws of chance: its gain exceeds four of its own in one case of five, and a draw costs a search.
 DRAWS: Final = 4
 # Squares of likely errors of the channels, in standard deviations: nine in ten of those that act as one law does. Those

@@ -154,7 +154,7 @@ class Ruler:
             if self._held + kept.nbytes <= _CACHE:  # a scan comes by in the same order each time: the first stay
                 self._held += kept.nbytes
                 self._cache |= {(site, law): rows for law, rows in zip(missing, np.split(kept, len(missing)))}
-            held |= dict(zip(missing, np.split(found, len(missing))))
+            held |= dict(zip(missing, np.split(kept, len(missing))))
         return np.concatenate([held[law] for law in laws], dtype=float)
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:

@@ -219,10 +219,10 @@ def fuse(
             best, lowest, worse = (k, value, 0) if value < lowest else (best, lowest, worse + 1)
             k += way
     spacing = spacings[best]
-    _, c, levels = _fit(channels, measured, ladder[spacing], fits[best][2], given, floor, corner)
+    levels = _fit(channels, measured, ladder[spacing], fits[best][2], given, floor, corner)[2]
     if len(measured) == 1 and best == 0 and np.isnan(given[measured[0]]):
         spacing = 1.0  # one channel and no sign of noise beyond its band: follow it sample by sample
-        c = _solve(channels, ladder[spacing], levels, corner)
+    c = _solve(channels, ladder[spacing], levels, corner)
     return FusedMotion(levels, spacing, corner, (ladder[spacing], c))
 
 

@@ -160,7 +160,8 @@ def mapping_that_closes(
     ``solve`` turns records into an estimate of a model, with its Gram matrices. So does ``quick``, coarsely: by it the
     mappings are put in order, and only the best are solved. Masses of ``known`` DOFs may be of any size.
     """
-    records = sorted((rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records), key=_peak)[::-1]
+    records = [rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records]
+    records.sort(key=lambda rec: -_size(rec).max())
     records = records[: 1 + np.searchsorted(np.cumsum([rec.n_samples for rec in records]), _ROWS)]
 
     def left(change: Callable[[Record], Record] | None = None, solve: Any = solve) -> tuple[bool, float, np.ndarray]:
@@ -214,20 +215,15 @@ def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
     return out
 
 
-def _motion(record: Record) -> np.ndarray:
+def _size(record: Record) -> np.ndarray:
     """Size of the force from sample to sample, or of the motion where no force was measured."""
     lines = record.force if record.forced else next(iter(record.channels().values()))[:, None]
     return np.abs(np.nan_to_num(lines)).max(axis=1)
 
 
-def _peak(record: Record) -> float:
-    """The largest force, or motion where no force was measured."""
-    return float(_motion(record).max())
-
-
 def _loudest(record: Record) -> slice:
     """Rows about the largest force, or motion where no force was measured."""
-    start = int(np.clip(int(np.argmax(_motion(record))) - _ROWS // 4, 0, record.n_samples - _ROWS))
+    start = int(np.clip(int(np.argmax(_size(record))) - _ROWS // 4, 0, record.n_samples - _ROWS))
     return slice(start, start + _ROWS)
 
 

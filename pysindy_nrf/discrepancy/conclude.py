@@ -64,7 +64,8 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     for ruler in (first.trial.ruler, *forward.rulers.values()):
         ruler.work.leave_out(instants, ruler.windows.length / 2)  # the ends of a fold show next to nothing
     baseline = confirmed = _stand("baseline", first.trial)
-    trials, found, held = [first.trial], {}, {}
+    trials, found = [first.trial], {}
+    held: dict[Effect, tuple[Stand, Stand]] = {}
     waiting = list(forward.state.effects)
     while waiting:  # what held-out data do not confirm alone may be confirmed beside the rest
         refused = []

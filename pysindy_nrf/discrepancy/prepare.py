@@ -212,8 +212,7 @@ class Workspace:
         seg, found = self.data.segments[segment], self._motions.get((site, segment))
         if found is None:
             found = seg.motion(site, seg.valid)
-            if seg.n_valid < 10 * MOST:  # of longer ones excerpts are searched
-                self._motions[site, segment] = found
+            self._motions |= {(site, segment): found} if seg.n_valid < 10 * MOST else {}  # or excerpts
         return found
 
     def scales(self, site: Site) -> Scales:

@@ -8,6 +8,7 @@ says 0 dB whatever its size, and a noisy balance cannot hide what happens in a q
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -177,14 +178,11 @@ class Ruler:
         for _ in range(ROUNDS):
             shares, reference = [], np.zeros_like(self.informative, dtype=float)
             for chain, laws in models:
-                try:
+                with suppress(NRFError), np.errstate(divide="ignore", invalid="ignore"):
                     powers = Trial(self, chain, {s: tuple(held) for s, held in laws.items()}).powers
-                except NRFError:
-                    continue
-                reference = powers.reference
-                with np.errstate(divide="ignore", invalid="ignore"):
+                    reference = powers.reference
                     part = powers.residual / reference
-                shares.append(np.where(np.isfinite(part), part, np.inf))
+                    shares.append(np.where(np.isfinite(part), part, np.inf))
             if not shares:
                 what = "The declared model cannot be fitted: columns of its balances depend on each other or are zero"
                 raise NRFError(what, "Declare fewer terms, or give longer records.")

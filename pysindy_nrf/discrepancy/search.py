@@ -176,13 +176,12 @@ class Search:
             base = self.without(state, [effect])
             axes = Axes(effect.template, base.trial.ruler.work, [effect.site])
             slot = Slot(base.trial, [(effect.site, effect.template)])
-            try:
+            with suppress(NRFError):
                 u = axes.refined(lambda laws: float(_gains(slot, [laws])[0]), axes.point(effect.law), 0.2)  # noqa: B023
                 new = replace(effect, law=axes.at(u)[0])
                 trial = base.trial.with_laws([(effect.site, new.law)])
-            except NRFError:
-                continue
-            if trial.gain_over(state.trial).value > 0:
+                if trial.gain_over(state.trial).value <= 0:
+                    continue
                 state = State(trial, tuple(new if e is effect else e for e in state.effects), state.ready)
         return state
 
@@ -289,8 +288,7 @@ class Forward:
             likely = self._errors.freed(before, most=LIKELY)[0] if more else before
             if likely.gain_over(before).value < own.value:
                 return own, judge.is_there(own, law)
-        gain = two.gain_over(one)
-        if not judge.is_there(gain, law):
+        if not judge.is_there(gain := two.gain_over(one), law):
             return gain, False
         again = self._errors.freed(before, errors)  # these errors may lie nearer to the least
         if again[0].gain_over(one).value > 0:
@@ -337,16 +335,12 @@ class Forward:
         """Take out effects that the others made needless, the least useful first."""
         while len(self.state.effects) > 1:
             weakest: tuple[float, State] | None = None
-            for effect in self.state.effects:
-                if effect.is_fault:
-                    continue
-                try:
+            for effect in (e for e in self.state.effects if not e.is_fault):
+                with suppress(NRFError):
                     without = self.search.without(self.state, [effect])
-                except NRFError:
-                    continue
-                gain = self.state.trial.gain_over(without.trial)
-                if not judge.is_there(gain, effect.law) and (weakest is None or gain.value < weakest[0]):
-                    weakest = gain.value, without
+                    gain = self.state.trial.gain_over(without.trial)
+                    if not judge.is_there(gain, effect.law) and (weakest is None or gain.value < weakest[0]):
+                        weakest = gain.value, without
             if weakest is None:
                 return
             self.state = weakest[1]
@@ -364,13 +358,11 @@ class Forward:
         while laws and len(self.state.effects) < most:
             tried = []
             for law, site in laws:
-                try:
+                with suppress(NRFError):
                     after = trial.with_laws([(site, law)])
-                except NRFError:
-                    continue
-                gain = after.gain_over(trial)
-                if judge.is_there(gain, law) and judge.share_of(after, trial, site) >= LEAST_SHARE:
-                    tried.append((gain.value, law, site, after))
+                    gain = after.gain_over(trial)
+                    if judge.is_there(gain, law) and judge.share_of(after, trial, site) >= LEAST_SHARE:
+                        tried.append((gain.value, law, site, after))
             if not tried:
                 return
             _, law, site, trial = max(tried, key=lambda one: one[0])

@@ -184,8 +184,7 @@ def hidden_lines(columns: Sequence[np.ndarray], target: np.ndarray, dt: float, d
         line[:] = np.fft.rfft(row, _PADDED * n)
     values, vectors = np.linalg.eigh(gram)
     use = values > 1e-12 * values[-1]
-    scaled = (vectors[:, use] / np.sqrt(values[use])).T.astype(np.float32)
-    leverage: Any = sum(np.abs(one @ lines) ** 2 for one in scaled)
+    leverage: Any = sum(np.abs(y @ lines) ** 2 for y in (vectors[:, use] / np.sqrt(values[use])).T.astype(np.float32))
     bins = np.arange(1, len(leverage))
     bins = bins[_away(bins / (_PADDED * n * dt), driven) * n * dt > _BINS]
     bins = bins[np.argsort(-leverage[bins])][:_LOOKED_AT]

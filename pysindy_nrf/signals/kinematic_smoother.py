@@ -313,19 +313,18 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                     levels[row, order] = level * units[kind]
             _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
-        noise, spacing, high_pass, own, a, v, x = {}, {}, {}, {}, {}, {}, {}
+        noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
         knots = self._like and [self._like[j] for j in dofs]
         found = fuse_all(every, levels, corner, self.joint, self._kept, knots)
         for j in dofs:
             best = found.pop(0)  # long motions are not held twice
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base
             spacing[j], high_pass[j] = best.spacing, best.high_pass * fs
-            own[j] = best.spacing if best.spacing > 1.0 else None
             for kind, order in _ORDERS.items():
                 if (kind, j) in motion:
                     noise[motion[kind, j]] = best.noise[order] / units[kind]
         if learn:
-            self._knots = own
+            self._knots = {j: h if h > 1.0 else None for j, h in spacing.items()}
             self.noise_ = pd.Series({n: noise[n] for n in live if n in noise}, name="noise")
             self.spacing_ = pd.Series(spacing, name="spacing")
             self.high_pass_ = pd.Series(high_pass, name="high_pass")

@@ -5,6 +5,7 @@ samples. No periodicity is assumed; everything is banded, so the cost is linear 
 the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
@@ -94,10 +95,8 @@ class SplineBasis:
         for ridge in (0.0, 1e-13, 1e-11, 1e-9):  # heavily oversampled motion takes the last digits
             band = self.normal_matrix(weights)
             band[-1] *= 1.0 + ridge
-            try:
+            with suppress(LinAlgError):
                 return solveh_banded(band, rhs, overwrite_ab=True, check_finite=False)
-            except LinAlgError:
-                continue
         what = "The motion cannot be determined at this sampling rate: it changes too little between samples"
         raise ChannelError(what, "Resample to a lower rate, or give noise= levels to KinematicSmoother.")
 
@@ -156,18 +155,15 @@ class FusedMotion:
         return self.values
 
 
-class BasisLadder:
+class BasisLadder(dict[float, SplineBasis]):
     """Spline bases of one record length, built when needed and shared by all degrees of freedom."""
 
     def __init__(self, n: int) -> None:
         self.n = n
-        self.built: dict[float, SplineBasis] = {}
         self.spacings = [h for h in LADDER if h == 1.0 or (n - 1) / h >= 12]
 
-    def __getitem__(self, spacing: float) -> SplineBasis:
-        if spacing not in self.built:
-            self.built[spacing] = SplineBasis(self.n, spacing)
-        return self.built[spacing]
+    def __missing__(self, spacing: float) -> SplineBasis:
+        return self.setdefault(spacing, SplineBasis(self.n, spacing))
 
 
 @lru_cache(maxsize=2)  # the records of a search and those held out; a length has an upper bound, BLOCK
@@ -506,16 +502,10 @@ def fuse_all(
     knots = [None if m.clean else m.spacing for m in first]  # channels without noise are looked at block by block
     motion = [np.zeros((3, n)) for _ in views]
     spacing, total = np.zeros(len(views)), np.zeros(n)
-    for i, start in enumerate(starts):
+    weight = np.minimum(BLOCK / 2 - np.abs(np.arange(BLOCK) + 0.5 - BLOCK / 2), OVERLAP)
+    for start in starts:
         part = _part(views, start)
         block = finish(part, one_by_one(part, ladder, levels, corners, knots), ladder)
-        weight = np.ones(BLOCK)
-        if i:
-            rise = starts[i - 1] + BLOCK - start
-            weight[:rise] = (np.arange(rise) + 0.5) / rise
-        if i + 1 < len(starts):
-            fall = start + BLOCK - starts[i + 1]
-            weight[BLOCK - fall :] *= 1 - (np.arange(fall) + 0.5) / fall
         total[start : start + BLOCK] += weight
         for j, m in enumerate(block):
             motion[j][:, start : start + BLOCK] += weight * m.motion

@@ -90,22 +90,23 @@ class Search:
         self.constants = [p for p in proposals if p.law.variable == "1"]
         self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
-    def candidates(self, state: State, most: int | None = None, finalists: int = FINALISTS) -> list[Finding]:
-        """Findings on top of a state, each at so many sites at most, the best first, cross-validated."""
+    def candidates(self, state: State, most: float = np.inf, last: int = FINALISTS, near: Any = None) -> list[Finding]:
+        """Findings on top of a state, each at so many sites at most, the best first, cross-validated; near a site."""
         found: list[Finding] = []
-        promised = self._promised(state)
-        for proposal in sorted(self.proposals, key=lambda p: len(p.law.free_shape)):
+        tried = [p for p in self.proposals if near is None or any({s.p, s.q} & {near.p, near.q} - {0} for s in p.sites)]
+        promised = self._promised(state, tried)
+        for proposal in sorted(tried, key=lambda p: len(p.law.free_shape)):
             self.progress()
-            if (most is None or len(proposal.sites) <= most) and _worth_a_scan(proposal, found, promised):
+            if len(proposal.sites) <= most and _worth_a_scan(proposal, found, promised):
                 scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
                 found += [scan for scan in scans if scan is not None]
         found.sort(key=lambda f: -f.screen)
-        return sorted(filter(None, map(self.judged, _varied(found, finalists))), key=lambda f: -_value(f))
+        return sorted(filter(None, map(self.judged, _varied(found, last))), key=lambda f: -_value(f))
 
-    def _promised(self, state: State) -> dict[Site, float]:
+    def _promised(self, state: State, tried: Sequence[Proposal]) -> dict[Site, float]:
         """What the general laws gain at each site beside a state, dB: hardly less than any law of the motion there."""
         ruler, out = state.trial.ruler, {}
-        for site in dict.fromkeys(s for p in self.proposals if _of_motion(p.law) for s in p.sites):
+        for site in dict.fromkeys(s for p in tried if _of_motion(p.law) for s in p.sites):
             try:
                 slots = [(law, Slot(state.trial, [(site, law)])) for law in general_laws(ruler.work, site)]
                 out[site] = max(float(slot.gains(ruler.columns(site, [law])[None])[0][0]) for law, slot in slots)
@@ -212,7 +213,8 @@ class Forward:
     def run(self, most: int) -> None:
         """Add effects until none is accepted or there are ``most`` of them."""
         while len(self.state.effects) < most:
-            self.last = self._ranked(self.state, most - len(self.state.effects), self.faults)
+            forces = self.search.candidates(self.state, most - len(self.state.effects))
+            self.last = judge.ranked(forces + findings_of_faults(self.state, self.faults), self.state)
             found = self._choice(self.state, self.last)
             if found is None:
                 break
@@ -236,10 +238,6 @@ class Forward:
         self.rivals = {e: self.rivals.get(old, []) for old, e in zip(self.state.effects, state.effects)}
         self.state, self.whole = replace(state, ready=self.state.ready), ready
         return replace(first, trial=start)
-
-    def _ranked(self, state: State, most: int, faults: Sequence[SensorFault] = ()) -> list[tuple[Finding, Gain]]:
-        """What could be added to a state, at most so many effects at once, the best first."""
-        return judge.ranked(self.search.candidates(state, most) + findings_of_faults(state, faults), state)
 
     def _choice(self, state: State, pairs: Any, sure: bool = False) -> tuple[Finding, list[Finding]] | None:
         """The finding to add (it exceeds chance unless ``sure``), and what the data cannot tell from it; or None."""
@@ -313,7 +311,7 @@ class Forward:
         ready, ruler = made[0]
         try:
             null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, ready)
-            best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, finalists=3)
+            best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, last=3)
         except NRFError:
             return np.inf
         return max(map(_value, best), default=0.0)
@@ -371,7 +369,7 @@ class Forward:
             self.state = replace(self.state, effects=(*self.state.effects, effect))
 
     def _exchange(self) -> None:
-        """Replace an effect where another does better beside the rest."""
+        """Replace an effect where another on one of its floors does better beside the rest."""
         for effect in self.state.effects:
             if effect.is_fault or effect not in self.state.effects:
                 continue
@@ -380,7 +378,7 @@ class Forward:
             except NRFError:
                 continue
             own = self.state.trial.gain_over(base.trial)
-            pairs = self._ranked(base, 1)
+            pairs = judge.ranked(self.search.candidates(base, 1, near=effect.site), base)
             better = [f for f, gain in pairs if np.greater(*judge.difference(gain, own))]
             found = self._choice(base, pairs, sure=True) if better else None
             if found is not None and found[0] in better:

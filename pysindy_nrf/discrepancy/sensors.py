@@ -30,7 +30,7 @@ from ..signals.alignment import channel_alignment
 from ..simulation.api import as_true
 from .constants import FLOOR, LEAST_GAIN, LEAST_SHARE
 from .prepare import Prepared, Workspace, prepare
-from .ruler import ROUNDS, Gain, Ruler, Trial, share
+from .ruler import Gain, Ruler, Trial, share
 from .state import Effect, Finding, Proposal, State
 from .windows import Windows
 from .words import Contradiction
@@ -162,6 +162,8 @@ class _Error:
 
 # Columns of the spectra by which errors are estimated: some for each of a hundred errors in each of 24 bands.
 _COLUMNS = 8_000
+# Gauss-Newton steps: three settle all of 24 chains with imperfect sensors; more fit the noise of these columns.
+_ROUNDS = 4
 _Line = tuple[np.ndarray, int, int]
 
 
@@ -253,7 +255,7 @@ class _Fit:
         spectra = self._at(start)
         weights, cost = self._weights(spectra, self.weights)
         at, best, lowest = start, start, cost
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             at = at + self._step(at, spectra, weights)
             spectra = self._at(at)
             weights, cost = self._weights(spectra, weights)
@@ -299,8 +301,8 @@ class _Fit:
         part = 0.1
         grams = np.repeat(self._grams(at, weights)[None], len(shares) + 1, axis=0)
         for u, (own, some) in enumerate(zip(self.own, self.inside)):
-            heavy = at[own] * (weights[self.lowest[u], self.band] * self.used[u])
-            cross = part * self.changes[some] @ heavy.T
+            heavy = at[own] * (part * weights[self.lowest[u], self.band] * self.used[u])
+            cross = self.changes[some] @ heavy.T
             number, row = self.numbers[some, None] + 1, self.rows[some, None]
             grams[number, u, own, row] += cross
             grams[number, u, row, own] += cross

@@ -1,7 +1,9 @@
 """Independent shares of one pass on all cores; compiled code releases the interpreter's lock."""
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from itertools import chain, islice
 from typing import TypeVar
 
@@ -21,10 +23,15 @@ def n_threads() -> int:
 
 def in_threads(function: Callable[[Share], Result], shares: Iterable[Share]) -> Iterator[Result]:
     """Results of a function for each share, in order; shares are read on demand, one at a time."""
-    from joblib import Parallel, delayed
-
     rest = iter(shares)
     begun = list(islice(rest, 2))
     threads, rest = n_threads() if len(begun) == 2 else 1, chain(begun, rest)
-    pool = Parallel(threads, prefer="threads", return_as="generator", pre_dispatch=_AHEAD * threads, batch_size=1)
-    yield from map(function, rest) if threads == 1 else pool(delayed(function)(share) for share in rest)
+    if threads == 1:
+        yield from map(function, rest)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        given = (pool.submit(function, share) for share in rest)
+        running = deque(islice(given, _AHEAD * threads))
+        while running:
+            yield running.popleft().result()
+            running.extend(islice(given, 1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -64,39 +65,46 @@ class GramPass:
         """Samples of all numbers, by their weights."""
         return int(sum(self.counts) + (0 if self._before is None else self._before.n_samples))
 
-    def add(self, block: Block, number: int = 0) -> GramPass:
-        """Add samples to a number; self."""
+    def add(self, block: Block, number: int = 0, products: np.ndarray | None = None) -> GramPass:
+        """Add samples to a number, or their products if these are known; self."""
+        self._open(number)
+        self.counts[number] += block.weight
         if self.kind == "root":
-            return self.add_each([(number, block)])
-        self.plan.multiply(block.weighted, self._room(number, [block]))
+            columns = block.weighted
+            for dofs, part in self._sums[number].items():
+                if all(block.known[j - 1] for j in dofs):
+                    rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
+                    part[0] = root_of(np.hstack([part[0].T, rows]).T)
+                    part[1] += block.weight
+            return self
+        held = self._sums[number].setdefault(block.known, [np.zeros(self.plan.size), 0])
+        held[1] += block.weight
+        if products is None:
+            self.plan.multiply(block.weighted, held[0])
+        else:
+            held[0] += products
         return self
 
     def add_each(self, blocks: Iterable[tuple[int, Block]]) -> GramPass:
         """Add numbered blocks, on all cores; self."""
-        if self.kind == "root":
-            for number, block in blocks:
-                self._open(number)
-                self.counts[number] += block.weight
-                columns = block.weighted
-                for dofs, part in self._sums[number].items():
-                    if all(block.known[j - 1] for j in dofs):
-                        rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
-                        part[0] = root_of(np.hstack([part[0].T, rows]).T)
-                        part[1] += block.weight
-            return self
-
-        plan = self.plan  # made before the threads ask for it
-
-        def multiplied(share: tuple[int, list[Block]]) -> tuple[int, list[Block], np.ndarray]:
-            store = np.zeros(plan.size)
-            for block in share[1]:
-                plan.multiply(block.weighted, store)
-            return *share, store
-
-        for number, held, products in in_threads(multiplied, _shares(blocks)):
-            store = self._room(number, held)
-            store += products
+        for number, block, products in self.multiplied(blocks):
+            self.add(block, number, products)
         return self
+
+    def multiplied(self, blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, Block, np.ndarray | None]]:
+        """Numbered blocks with their products, which are found on all cores; none for roots."""
+        plan, rest = self.plan if self.kind == "gram" else None, iter(blocks)  # made before the threads ask for it
+
+        def product(number: int, block: Block) -> tuple[int, Block, np.ndarray | None]:
+            store = np.zeros(plan.size) if plan else None
+            if plan and store is not None:
+                plan.multiply(block.weighted, store)
+            return number, block, store
+
+        def products(share: list[tuple[int, Block]]) -> list[tuple[int, Block, np.ndarray | None]]:
+            return [product(*one) for one in share]
+
+        return chain.from_iterable(in_threads(products, iter(lambda: list(islice(rest, SHARE)), [])))
 
     def grams(self) -> BlockGrams:
         """Gram matrices or roots of each number."""
@@ -128,17 +136,6 @@ class GramPass:
             roots = self._widths.items() if self.kind == "root" else ()
             self._sums.append({dofs: [np.zeros((p, p)), 0.0] for dofs, p in roots})
 
-    def _room(self, number: int, blocks: Sequence[Block]) -> np.ndarray:
-        """Where products of these blocks are summed up; counts their samples."""
-        self._open(number)
-        size, known = sum(block.weight for block in blocks), blocks[0].known
-        if known not in self._sums[number]:
-            self._sums[number][known] = [np.zeros(self.plan.size), 0]
-        held = self._sums[number][known]
-        self.counts[number] += size
-        held[1] += size
-        return held[0]
-
 
 def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]) -> np.ndarray:
     """Rows ``[terms | a | F]`` of a balance, ``[terms | F - m a]`` of a sum of balances, for all samples of a block."""
@@ -148,19 +145,6 @@ def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[in
         return np.vstack([*own, block.acceleration[index], block.force[index]])
     inertia = np.array([known_masses[j] for j in group.dofs]) @ block.acceleration[index]
     return np.vstack([*own, block.force[index].sum(axis=0) - inertia])
-
-
-def _shares(blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, list[Block]]]:
-    """Neighbouring blocks of the same number, a few at a time."""
-    at, held = 0, []  # type: int, list[Block]
-    for number, block in blocks:
-        if held and (number != at or len(held) == SHARE or block.known != held[0].known):
-            yield at, held
-            held = []
-        at = number
-        held.append(block)
-    if held:
-        yield at, held
 
 
 def pieces_of(

@@ -219,10 +219,11 @@ class Accumulator:
         if self._open is not None and not goes_on:
             self._shut()
         size = min(block_size(layout), self.block_rows)
-        for i, block in enumerate(segment.blocks(layout, size, states=states)):
+        numbered = enumerate(segment.blocks(layout, size, states=states))
+        for i, block, products in self.sums().multiplied(numbered):
             if self._open is None:
                 self._open = (*key, i), segment.name, self.sums()
-            sums = self._open[2].add(block)
+            sums = self._open[2].add(block, products=products)
             if sums.n_samples >= self.block_rows:
                 self._shut()
         end_row = segment.valid.stop

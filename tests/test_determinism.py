@@ -46,14 +46,15 @@ def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
     found = []
     for count in (1, 2, 3):
         cores(count)
-        model = NRFRegressor(degree=3).fit(X, F)
+        model, streamed = (NRFRegressor(degree=3).fit(*data) for data in ((X, F), (iter([(X, F)]),)))
         chosen = select_order(X, F, degrees=range(1, 5))
-        found.append((model.masses_, model.model_.to_dict(), chosen.fold_scores.to_numpy()))
+        masses = np.concatenate([model.masses_, streamed.masses_])
+        found.append((masses, model.model_.to_dict(), chosen.fold_scores.to_numpy()))
     for masses, model, scores in found[1:]:
         np.testing.assert_array_equal(masses, found[0][0])
         np.testing.assert_array_equal(scores, found[0][2])
         assert model == found[0][1]
-    np.testing.assert_allclose(found[0][0], case.m, rtol=0.02)
+    np.testing.assert_allclose(found[0][0], np.tile(case.m, 2), rtol=0.02)
 
 
 SCRIPT = """

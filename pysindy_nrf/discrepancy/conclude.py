@@ -64,25 +64,22 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     for ruler in (first.trial.ruler, *forward.rulers.values()):
         ruler.work.leave_out(instants, ruler.windows.length / 2)  # the ends of a fold show next to nothing
     baseline = confirmed = _stand("baseline", first.trial)
-    trials, found = [first.trial], {}
-    held: dict[Effect, tuple[Stand, Stand]] = {}
-    waiting = list(forward.state.effects)
+    trials, found, held = [first.trial], {}, {}
+    for effect in forward.state.effects:  # what the search says: each effect beside all those found before it
+        with suppress(NRFError):
+            found[effect] = _pair(forward, trials[-1], effect)
+            trials.append(found[effect][1])
+    waiting = list(found)
     while waiting:  # what held-out data do not confirm alone may be confirmed beside the rest
         refused = []
         for effect in waiting:
-            held.pop(effect, None)  # the report follows the order of confirmation
-            held[effect] = _judged(forward, confirmed, effect)
-            if _confirms(effect, *held[effect]):
-                confirmed = held[effect][1]
+            pair = _judged(forward, confirmed, effect)
+            if _confirms(effect, *pair):
+                held[effect], confirmed = pair, pair[1]
             else:
+                held.setdefault(effect, pair)
                 refused.append(effect)
         waiting = refused if len(refused) < len(waiting) else []
-    for effect in list(held):  # what the search says: each effect beside all those before it
-        try:
-            found[effect] = _pair(forward, trials[-1], effect)
-            trials.append(found[effect][1])
-        except NRFError:
-            del held[effect]
     steps = [_step(forward.rivals.get(effect, []), effect, *held[effect], found[effect]) for effect in found]
     stands = [baseline, *(after for _, after in held.values())]
     at = stands.index(confirmed)

@@ -321,6 +321,11 @@ class Forward:
         assert finding.after is not None
         new = [e for e in finding.after.effects if e not in self.state.effects]
         kept = {(e.template, e.site): self.rivals.get(e, []) for e in self.state.effects}
+        base, old = finding.state.trial, finding.after.effects[: -len(new)]
+        if len(new) > 1:  # found at once: by what each gains alone
+            with suppress(NRFError):
+                new = sorted(new, key=lambda e: -base.with_laws([(e.site, e.law)]).gain_over(base).value)
+        finding.after = replace(finding.after, effects=(*old, *new))
         polished = self.search.polished(finding.after)
         for e in polished.effects:
             mine = any((e.template, e.site) == (n.template, n.site) for n in new)

@@ -319,8 +319,7 @@ def _report(
     band = first.trial.ruler.band()
     table["band"] = words.band(band)
     for site in model.laws:
-        seen = [(work.motion(site, b.segment), b.rows) for b in work.search]
-        v, s = (np.concatenate([getattr(m, k)[rows] for m, rows in seen]) for k in "vs")
+        s, v = work.along(site)
         model.visited[Site(site)] = VisitedRegion.of(v, s)
     if ready.contradictions:
         found = contradictions(ready, work)

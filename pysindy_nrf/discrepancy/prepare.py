@@ -220,10 +220,14 @@ class Workspace:
         if self.whole is not self:
             return self.whole.scales(site)
         if site not in self._scales:
-            parts = [(self.motion(site, b.segment), b.rows) for b in self.search]
-            s, v = (np.sqrt(np.mean(np.concatenate([getattr(m, k)[rows] for m, rows in parts]) ** 2)) for k in "sv")
-            self._scales[site] = float(s), float(v), *clock_of([self.motion(site, i) for i in self.searched])
+            s, v = (float(np.sqrt(np.mean(y**2))) for y in self.along(site))
+            self._scales[site] = s, v, *clock_of([self.motion(site, i) for i in self.searched])
         return self._scales[site]
+
+    def along(self, site: Site) -> list[np.ndarray]:
+        """Drift and rate of a site in all rows of the search."""
+        seen = {i: self.motion(site, i) for i in self.searched}
+        return [np.concatenate([getattr(seen[b.segment], k)[b.rows] for b in self.search]) for k in "sv"]
 
     @property
     def fastest(self) -> float:

@@ -258,8 +258,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         if not learn and names != self._names_in:
             what = f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}"
             raise ChannelError(what, "Fit again, or give the same columns in the same order.")
-        columns = {n: as_matrix(y, [n], 1)[:, 0] for n, y in held.items() if n not in ("t", "time")}
-        columns = {n: np.ascontiguousarray(y, dtype=float) for n, y in columns.items()}
+        columns = {n: np.asarray(as_matrix(y, [n], 1)[:, 0], float) for n, y in held.items() if n not in ("t", "time")}
         live = {n: y for n, y in columns.items() if not np.isnan(y).all()}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
         return _Piece(record, X, size, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
@@ -302,20 +301,20 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         lo, _ = check_band(self.band_, fs)
         corner = None if lo is None else lo / 8 / fs
         base = np.zeros(n) if piece.absolute else derived_base(live, fs)
-        units = {"x": 1.0, "v": 1.0 / fs, "a": 1.0 / fs**2}
+        still, units = not base.any(), {"x": 1.0, "v": 1.0 / fs, "a": 1.0 / fs**2}
         every, levels = [], np.full((len(dofs), 3), np.nan)
         for row, j in enumerate(dofs):
             views: list[np.ndarray | None] = [None, None, None]
             for kind, order in _ORDERS.items():
                 if (name := motion.get((kind, j))) is not None:
-                    views[order] = (live[name] - base if kind == "a" else live[name]) * units[kind]
+                    views[order] = live[name] if kind != "a" or still else live[name] - base
                     level = self._level(kind, name) if learn else self.noise_.get(name, np.nan)
                     levels[row, order] = level * units[kind]
             _require_moving(j, {n: live[n] for (_, i), n in motion.items() if i == j})
             every.append(views)
         noise, spacing, high_pass, a, v, x = {}, {}, {}, {}, {}, {}
         knots = self._like and [self._like[j] for j in dofs]
-        found = fuse_all(every, levels, corner, self.joint, self._kept, knots)
+        found = fuse_all(every, levels, corner, self.joint, self._kept, knots, list(units.values()))
         for j in dofs:
             best = found.pop(0)  # long motions are not held twice
             x[f"x{j}"], v[f"v{j}"], a[f"a{j}"] = best.motion[0], best.motion[1] * fs, best.motion[2] * fs**2 + base

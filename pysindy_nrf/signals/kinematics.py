@@ -58,8 +58,10 @@ def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple
         v, x = v - vg[:, None], x - xg[:, None]
     index = pd.Index(record.time, name="t")
     columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
-    drift = [np.diff(y, axis=1, prepend=0.0) for y in (v, x)]
-    X = pd.DataFrame(np.hstack([a, *drift]), index=index, columns=columns)
+    table, n = np.hstack([a, v, x]), record.n_dof
+    table[:, n + 1 : 2 * n] -= v[:, :-1]
+    table[:, 2 * n + 1 :] -= x[:, :-1]
+    X = pd.DataFrame(table, index=index, columns=columns)
     if smoother is not None and smoother.spacing_.max() > 1.0:
         # an accelerometer resolves the whole band; what a displacement sensor cannot resolve is smoothed away
         blind = [h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0]

@@ -5,6 +5,7 @@ samples. No periodicity is assumed; everything is banded, so the cost is linear 
 the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -476,9 +477,9 @@ SEARCH = 2048  # samples of the pieces from which noise levels (to 1.6 %) and kn
 @threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads slow each other down
 def fuse_all(
     views: list[Views], levels: np.ndarray, corner: float | None = None, joint: bool = True, kept: list | None = None,
-    knots: list[float | None] | None = None,
+    knots: list[float | None] | None = None, units: Sequence[float] = (1.0, 1.0, 1.0),
 ) -> list[FusedMotion]:  # fmt: skip
-    """Motions of all DOFs from their channels, in units of samples; those of each alone are ``kept``."""
+    """Motions of all DOFs from channels times ``units``, in units of samples; those of each alone are ``kept``."""
     known = list(kept or ())
 
     def one_by_one(part: list[Views], ladder: BasisLadder, *given: Any) -> list[FusedMotion]:
@@ -493,18 +494,19 @@ def fuse_all(
     n, each = len(next(y for y in views[0] if y is not None)), [corner] * len(views)
     knots = knots or [None] * len(views)
     if n <= 3 * BLOCK // 2:
+        views = _part(views, 0, units, n)
         return finish(views, one_by_one(views, ladder_of(n), levels, each, knots), ladder_of(n))
     starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
     ladder = ladder_of(BLOCK)
     size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
-    first = one_by_one([_telling(view, size) for view in views], ladder_of(size), levels, each, knots)
+    first = one_by_one([_telling(view, units, size) for view in views], ladder_of(size), levels, each, knots)
     levels, corners = np.array([m.noise for m in first]), [m.high_pass for m in first]
     knots = [None if m.clean else m.spacing for m in first]  # channels without noise are looked at block by block
     motion = [np.zeros((3, n)) for _ in views]
     spacing, total = np.zeros(len(views)), np.zeros(n)
     weight = np.minimum(BLOCK / 2 - np.abs(np.arange(BLOCK) + 0.5 - BLOCK / 2), OVERLAP)
     for start in starts:
-        part = _part(views, start)
+        part = _part(views, start, units)
         block = finish(part, one_by_one(part, ladder, levels, corners, knots), ladder)
         total[start : start + BLOCK] += weight
         for j, m in enumerate(block):
@@ -515,13 +517,13 @@ def fuse_all(
     return [FusedMotion(*own) for own in zip(levels, spacing, corners, [None] * len(views), motion)]
 
 
-def _telling(view: Views, size: int) -> Views:
+def _telling(view: Views, units: Sequence[float], size: int) -> Views:
     """The piece of the channels of a DOF with the largest third derivative: it needs the finest knots."""
     order, y = [(o, y) for o, y in enumerate(view) if y is not None][-1]
     starts = np.linspace(0, len(y) - size, -(-len(y) // size)).astype(int)
     squares = np.cumsum(np.square(np.diff(y, 3 - order)))
-    return _part([view], starts[np.argmax(squares[starts + size - 4] - squares[starts])], size)[0]
+    return _part([view], starts[np.argmax(squares[starts + size - 4] - squares[starts])], units, size)[0]
 
 
-def _part(views: list[Views], start: int, size: int = BLOCK) -> list[Views]:
-    return [[None if y is None else y[start : start + size] for y in view] for view in views]
+def _part(views: list[Views], start: int, units: Sequence[float], size: int = BLOCK) -> list[Views]:
+    return [[None if y is None else y[start : start + size] * unit for y, unit in zip(view, units)] for view in views]

@@ -37,13 +37,12 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     runs = [(i, run) for i in work.searched for run in work.runs(i)]
     record, run = max(runs, key=lambda one: one[1].stop - one[1].start)
     segment = work.data.segments[record]
-    if segment.dt is None:
-        return []
-    whole = slice(work.runs(record)[0].start, work.runs(record)[-1].stop)
+    start, stop = work.runs(record)[0].start, work.runs(record)[-1].stop
+    whole = slice(start, min(stop, start + 10 * MOST))  # ten times as sharp as what the search can tell
     inside, size = np.zeros(segment.n_valid), whole.stop - whole.start
     for part in work.runs(record):
         inside[part] = 1.0  # a line is as sharp as the record is long: what is held out is zero, not cut away
-    few = next_fast_len(int(2.2 * size * segment.dt * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
+    few = next_fast_len(int(2.2 * size * segment.step * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
     few = few if 3 * MOST < size > few else size
     seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
     rows = np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
@@ -52,7 +51,7 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
         for row, line in zip(rows[trial.layout.slices[s] if s else slice(trial.at + j - 1, None, work.n_dof)], own):
             line = line[whole] * seen  # noqa: PLW2901
             row[:] = line if few == size else resample(line, few) * left
-    weighed, dt = j in work.known_masses, segment.dt * size / few
+    weighed, dt = j in work.known_masses, segment.step * size / few
     given = weighed or j in work.forced, weighed, driven_at(segment, run)
     return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
 

@@ -37,6 +37,7 @@ HIDDEN = {
     "shaken base": Plan(2, (), "earthquake", 0.005, (("cubic", 2, 1, 0.25),), seed=16),
     "friction at 5 %": Plan(2, (1, 2), noise=0.05, effects=(("coulomb", 2, 1, 0.25),), seed=17),
     "hysteresis, one force": Plan(4, (4,), noise=0.0, effects=(("dahl", 1, 0, 0.25),), seed=19),
+    "cubic springs in both storeys": Plan(2, (2,), noise=0.02, effects=(("cubic", 1, 0, 0.3), ("cubic", 2, 1, 0.3)), seed=22),
     "two effects": Plan(2, (1, 2), noise=0.005, effects=(("quadratic", 1, 0, 0.2), ("cubic", 2, 1, 0.25)), seed=21),
 }  # fmt: skip
 
@@ -51,15 +52,13 @@ NOTHING = {
 
 COSTLY = {
     "friction, one force", "viscoelastic branch", "friction at 5 %", "hysteresis, one force",
-    "two effects", "gap under a sweep", "shaken base", "four masses, one force, 5 %",
+    "two effects", "gap under a sweep", "shaken base", "four masses, one force, 5 %", "sudden loss of stiffness",
 }  # fmt: skip
 
 
 def each(plans):
-    """Names of plans; the costlier ones are marked, and the one in which the linear chain leaves more than it explains."""
-    marks = {name: [pytest.mark.slow] for name in COSTLY}
-    marks["sudden loss of stiffness"] = [pytest.mark.slow, pytest.mark.xfail(reason="nothing is claimed", strict=False)]
-    return [pytest.param(name, marks=marks.get(name, ())) for name in plans]
+    """Names of plans; the costlier ones are marked."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name in COSTLY)) for name in plans]
 
 
 def loop(case, degree=1):

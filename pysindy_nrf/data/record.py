@@ -133,7 +133,7 @@ class Record:
         columns = self.channels()
         finite_span(list(columns.values()), list(columns), f"record {self.name!r}")
         for channel, line in columns.items():
-            if not line @ line < _LARGEST**2 and float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
+            if not float(np.abs(line).max()) <= _LARGEST and float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST:
                 what = f"Channel {channel} of record {self.name!r} reaches {np.nanmax(np.abs(line)):.3g}, whose square "
                 raise ChannelError(f"{what}leaves the range of a double", "Check its unit.")
 

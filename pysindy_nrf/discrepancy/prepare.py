@@ -212,7 +212,8 @@ class Workspace:
         seg, found = self.data.segments[segment], self._motions.get((site, segment))
         if found is None:
             found = seg.motion(site, seg.valid)
-            self._motions |= {(site, segment): found} if seg.n_valid < 10 * MOST else {}  # or excerpts
+            if seg.n_valid < 10 * MOST:  # in place of longer ones excerpts are searched
+                self._motions[site, segment] = found
         return found
 
     def scales(self, site: Site) -> Scales:

@@ -89,8 +89,8 @@ class Search:
         self.constants = [p for p in proposals if p.law.variable == "1"]
         self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
-    def candidates(self, state: State, most: float = np.inf, last: int = FINALISTS, near: Any = None) -> list[Finding]:
-        """Findings on top of a state, each at so many sites at most, the best first, cross-validated; near a site."""
+    def candidates(self, state: State, most: float = np.inf, top: int = FINALISTS, near: Any = None) -> list[Finding]:
+        """Findings on top of a state, each at ``most`` sites and ``near`` one, the best first; the top is cross-validated."""
         found: list[Finding] = []
         tried = [p for p in self.proposals if near is None or any({s.p, s.q} & {near.p, near.q} - {0} for s in p.sites)]
         promised = self._promised(state, tried)
@@ -100,7 +100,7 @@ class Search:
                 scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
                 found += [scan for scan in scans if scan is not None]
         found.sort(key=lambda f: -f.screen)
-        return sorted(filter(None, map(self.judged, _varied(found, last))), key=lambda f: -_value(f))
+        return sorted(filter(None, map(self.judged, _varied(found, top))), key=lambda f: -_value(f))
 
     def _promised(self, state: State, tried: Sequence[Proposal]) -> dict[Site, float]:
         """What the general laws gain at each site beside a state, dB: hardly less than any law of the motion there."""
@@ -310,7 +310,7 @@ class Forward:
         ready, ruler = made[0]
         try:
             null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, ready)
-            best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, last=3)
+            best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, top=3)
         except NRFError:
             return np.inf
         return max(map(_value, best), default=0.0)

@@ -90,7 +90,7 @@ class Search:
         self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
     def candidates(self, state: State, most: float = np.inf, top: int = FINALISTS, near: Any = None) -> list[Finding]:
-        """Findings on top of a state, each at ``most`` sites and ``near`` one, the best first; the top cross-validated."""
+        """Findings on top of a state, each at ``most`` sites and ``near`` one, the best first, cross-validated."""
         found: list[Finding] = []
         tried = [p for p in self.proposals if near is None or any({s.p, s.q} & {near.p, near.q} - {0} for s in p.sites)]
         promised = self._promised(state, tried)

@@ -282,8 +282,7 @@ class Record:
         ChannelError
             With ``smooth=False``, if a channel is missing.
         """
-        X, F = Hook.TO_FEATURES(self, smooth)
-        return X, F
+        return Hook.TO_FEATURES(self, smooth)
 
     def window(self, start: float, stop: float) -> Record:
         """Part of the record between two times.
@@ -334,8 +333,7 @@ class Record:
         if not changes:
             return copy.copy(self)
         keys = (*MATRICES, *BASES, "fs", "covariates", "name", "coordinates")
-        held = {key: getattr(self, key) for key in keys if key != "fs" or self.has_clock}
-        new = Record(**(held | changes))
+        new = Record(**{key: getattr(self, key) for key in keys if key != "fs" or self.has_clock} | changes)
         if changes.get("time") is None:
             new.t0 = self.t0
         return new

@@ -176,8 +176,7 @@ def frf_to_features(
         raise ChannelError(what, "Give one positive number for each line.")
     iw = 2j * np.pi * frf.f[used, None]
     a, scale = frf.H[used] * scale[used, None], scale[used]
-    drifts = [np.diff(y, axis=1, prepend=0.0) for y in (a / iw, a / iw**2)]
-    columns = np.hstack([a, *drifts])
+    columns = np.hstack([a, *(np.diff(y, axis=1, prepend=0.0) for y in (a / iw, a / iw**2))])
     n = frf.n_dof
     force = np.zeros((len(scale), n), dtype=complex)
     force[:, frf.excited - 1] = scale

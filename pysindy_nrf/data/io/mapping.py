@@ -315,8 +315,7 @@ def _numbered(rows: list[tuple[str, str, str, list[str]]]) -> list[tuple[int, st
         chosen = [n[pick] for n in numbers if n]
         if chosen and len(set(chosen)) == len(chosen) == len(above) and max(chosen) <= 2 * len(chosen):
             return out + [(n, text, doubts) for n, (_, _, text, doubts) in zip(chosen, above)]
-    tops = [_says(name, _TOP_WORDS) for _, name, _, _ in above]
-    order = sorted(range(len(above)), key=lambda i: tops[i])
+    order = sorted(range(len(above)), key=lambda i: _says(above[i][1], _TOP_WORDS))
     doubt = "which floor? counted in the order of the columns"
     return out + [(k, above[i][2], [*above[i][3], doubt]) for k, i in enumerate(order, 1)]
 

@@ -233,8 +233,7 @@ def record_of(
         what = f"{table.path}: accelerations at {record.fs:.3g} Hz say that the time is in {unit}, not in s"
         raise ChannelError(what, f"Declare its unit: units={{'t': '{unit}'}}, --unit t={unit} (or --unit t=s).")
     if "t" in lines:
-        steps = np.diff(seconds_of(lines["t"], record.name)) * record.fs
-        jitter = 100 * float(np.abs(steps - 1).max())
+        jitter = 100 * float(np.abs(np.diff(seconds_of(lines["t"], record.name)) * record.fs - 1).max())
         even = "even" if jitter < 0.01 else f"steps vary by up to {jitter:.2g} %"
         said = f"from the time{' ' + repr(sources['t'].text) if 't' in sources else ''}, {even}"
     return record, f"{record.fs:g} Hz, {said}"
@@ -247,8 +246,7 @@ def _chosen(table: Table, mapping: Mapping[str, str]) -> dict[str, Expression | 
     for name, values in table.variables.items():
         if name in extra:
             chosen[name] = Expression(name)
-            continue
-        if name in MATRICES.values() and values.ndim == 2:
+        elif name in MATRICES.values() and values.ndim == 2:
             for k in range(values.shape[1]):
                 chosen[f"{name}{k + 1}"] = Expression(name, column=k)
         elif (channel := channel_of(name)) and values.ndim == 1:

@@ -82,10 +82,6 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
     >>> record.fs, round(float(record.displacement.max()), 6)  # m
     (200.0, 0.001)
     """
-    return understand(_table_of(channels), **options).record
-
-
-def _table_of(channels: Sequence[Mapping[str, Any]]) -> Table:
     if isinstance(channels, Mapping):
         channels = [channels]
     channels = list(channels)
@@ -121,7 +117,8 @@ def _table_of(channels: Sequence[Mapping[str, Any]]) -> Table:
     complete = own is not None and set(own.columns) == set(variables)  # no channel was taken out or added
     start = channels[0].get("start_timestamp")
     notes = [f"starts {start}"] if start else []
-    return Table(Path("SEP005"), "SEP005", variables, units, notes, own if complete else None, fs)
+    table = Table(Path("SEP005"), "SEP005", variables, units, notes, own if complete else None, fs)
+    return understand(table, **options).record
 
 
 def _rate(channel: Mapping[str, Any]) -> float:

@@ -102,9 +102,8 @@ def kind_of(record: Record, name: str) -> str:
         return bases[name]
     if name[:1] not in _KINDS or not name[1:].isdigit():
         return "covariate"
-    if name[0] not in "vx":
-        return _KINDS[name[0]]
-    return _KINDS[name[0]] + (" relative to base" if record.coordinates == "relative" else ", absolute")
+    reference = " relative to base" if record.coordinates == "relative" else ", absolute"
+    return _KINDS[name[0]] + (reference if name[0] in "vx" else "")
 
 
 def _rms(line: np.ndarray) -> float:
@@ -129,7 +128,6 @@ def _origin(reading: Reading, name: str) -> str:
 
 
 def _dofs(numbers: Any) -> str:
-    numbers = list(numbers)
     return f"DOF{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
 
 

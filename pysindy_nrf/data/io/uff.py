@@ -98,9 +98,8 @@ def _filled(text: Any) -> str:
 def _names(sets: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[float]]:
     """Names, and the signs that turn each channel into the positive direction of its name."""
     kinds = [_KINDS.get(int(one["ordinate_spec_data_type"]), "c") for one in sets]
-    nodes = [int(one["rsp_node"]) for one in sets]
     directions = [int(one["rsp_dir"]) for one in sets]
-    short = [f"{kind}{node}" for kind, node in zip(kinds, nodes)]
+    short = [f"{kind}{int(one['rsp_node'])}" for kind, one in zip(kinds, sets)]
     signs = [-1.0 if d < 0 else 1.0 for d in directions]
     if len(set(map(abs, directions))) > 1 or len(set(short)) < len(short):
         short = [f"{name}{_DIRECTIONS.get(d, f'({d})')}" for name, d in zip(short, directions)]

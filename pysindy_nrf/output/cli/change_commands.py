@@ -11,15 +11,6 @@ from . import options as opt
 from .options import Session
 
 
-def _estimator(options: dict[str, Any], **more: Any) -> Any:
-    """The regressor that the options describe."""
-    from ...estimation.regressor import NRFRegressor
-
-    laws = opt.laws_of(options["laws"], options["degree"])
-    given = {"known_masses": options["masses"] or None, "band": options["band"], "laws": laws}
-    return NRFRegressor(degree=options["degree"], **given | more)
-
-
 def _read(files: list[Path], options: dict[str, Any], session: Session) -> list[Any]:
     """One record of each file; what they hold is said."""
     from ...data.io import describe
@@ -58,8 +49,8 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
     session = Session(as_json)
     records = _read([file, *([bare] if bare else [])], options, session)
     with session.listening():
-        estimator = _estimator(options).fit(records[0])
-        linear = None if bare is None else _estimator(options).set_params(degree=1, laws=None).fit(records[1])
+        estimator = opt.regressor_of(options).fit(records[0])
+        linear = None if bare is None else opt.regressor_of(options).set_params(degree=1, laws=None).fit(records[1])
         data = as_segments(estimator, records[0])
         energy = dissipated_energy(estimator, data, linear)
         names = storey_names(estimator.model_)
@@ -68,15 +59,13 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
     table = pd.DataFrame({"rms (N)": np.sqrt((found**2).mean()), "peak (N)": found.abs().max()})
     if device is not None:
         table["damper, rms (N)"] = np.sqrt((device**2).mean()).to_numpy()
-    whose = "dissipated" if device is None else "dissipated by the damper"
-    table[f"{whose} (J)"] = last = energy.iloc[-1]
+    table["dissipated (J)" if device is None else "dissipated by the damper (J)"] = last = energy.iloc[-1]
     table["share (%)"] = 100 * last / last.sum()
     session.headed("Forces of the storeys", opt.table(table))
     session.take_care()
     with session.aside() as folder:
-        whole = found if device is None else found.join(device)
         written = [
-            write_table(whole.rename_axis("t"), folder / "forces.csv"),
+            write_table((found if device is None else found.join(device)).rename_axis("t"), folder / "forces.csv"),
             write_table(energy.rename_axis("t"), folder / "energy.csv"),
             write_table(table.rename_axis("storey"), folder / "storeys.csv"),
         ]
@@ -122,9 +111,8 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     session = Session(as_json)
     records = _read([before, after], options, session)
     with session.listening():
-        report = compare_tests(
-            _estimator(options), *records, level=options["level"], least=options["least"], n_blocks=options["blocks"]
-        )
+        limits = {key: options[key] for key in ("level", "least")}
+        report = compare_tests(opt.regressor_of(options), *records, n_blocks=options["blocks"], **limits)
     session.headed("What changed", str(report))
     if len(report.changed):
         session.say("", opt.table(report.changed))

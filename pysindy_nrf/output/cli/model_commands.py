@@ -27,14 +27,13 @@ def demo(as_json: bool, **options: Any) -> int:
     from ...data.io import describe
     from ...data.io.summary import summary
     from ...datasets import demo_truth, read_demo
-    from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_records
 
     session = Session(as_json)
     reading = read_demo()
     session.measured(describe(reading))
-    record, estimator = reading.record, NRFRegressor(degree=3)
-    _say_plan(session, 3, record.forced, record.unknown, {}, estimator)
+    record = reading.record
+    estimator = _planned(session, 3, record.forced, record.unknown, degree=3)
     outcome = identify_records([record], estimator, raw=False)
     code = finish(session, outcome, None, True, [summary(record)], demo_truth(), records=[record])
     session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then run YOUR_TEST.csv   (pysindy-nrf --help)")
@@ -99,14 +98,12 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
       pysindy-nrf identify quake.csv --map ag='table @ g' --known-mass 3=5200 --band 0.2,10
       pysindy-nrf identify shaker.csv --frf --excited 1 --band 4,32
     """
-    from ...estimation.regressor import NRFRegressor
-
     session = Session(as_json)
-    degree, band, masses = options["degree"], options["band"], options["masses"]
+    degree, band = options["degree"], options["band"]
     settings: dict[str, Any] = {
         "degree": degree, "orders": options["orders"] or None, "strategy": options["strategy"],
         "estimation": options["estimation"], "laws": opt.laws_of(options["laws"], degree),
-        "known_masses": masses or None,
+        "known_masses": options["masses"] or None, "band": band,
     }  # fmt: skip
     if frf:
         return _identify_frf(session, files, settings, options)
@@ -125,11 +122,9 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
         if rec.n_dof != n:
             cure = "Files given together are tests of one chain; identify others by themselves."
             raise ChannelError(f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {n}", cure)
-    settings["chain"] = Chain(n, options["links"]) if options["links"] else None
-    estimator = NRFRegressor(**settings, band=band)
     forced = sorted({j for rec in records for j in rec.forced})
     unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
-    _say_plan(session, n, forced, unknown, masses, estimator)
+    estimator = _planned(session, n, forced, unknown, options["links"], **settings)
     outcome = identify_records(records, estimator, options["raw"])
     code = finish(session, outcome, band, options["figures"], understood, records=records)
     if not code and estimator.missing_terms_["biased"].any():
@@ -139,7 +134,6 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
 
 def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> int:
     from ...data.io import read_frf
-    from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_frf
 
     if len(files) != 1:
@@ -157,18 +151,21 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
     frf = read_frf(files[0], excited=options["excited"], kind=options["kind"])
     band = options["band"]
     session.measured(frf.describe(band))
-    settings["chain"] = Chain(frf.n_dof, options["links"]) if options["links"] else None
-    estimator = NRFRegressor(**settings, band=band)
-    _say_plan(session, frf.n_dof, [frf.excited], [], settings["known_masses"] or {}, estimator)
+    estimator = _planned(session, frf.n_dof, [frf.excited], [], options["links"], **settings)
     understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
     return finish(session, identify_frf(frf, estimator), band, options["figures"], understood)
 
 
-def _say_plan(session: Session, n: int, forced: Any, unknown: Any, masses: Any, estimator: Any) -> None:
-    """Say in words what the excitation can identify, before any number is produced."""
-    chain = estimator.chain if estimator.chain is not None else Chain(n)
+def _planned(session: Session, n: int, forced: Any, unknown: Any, links: Any = (), **settings: Any) -> Any:
+    """A regressor; what the excitation can identify with it is said in words, before any number is produced."""
+    from ...estimation.regressor import NRFRegressor
+
+    chain = Chain(n, links)
+    estimator = NRFRegressor(**settings, chain=chain if links else None)
+    masses = estimator.known_masses or {}
     plan = chain.identifiability(forced, unknown=unknown, known_masses=masses, strategy=estimator.strategy)
     session.headed(f"What this excitation can identify ({plan.strategy})", textwrap.indent(str(plan), "  "))
+    return estimator
 
 
 def _given(option: str) -> bool:
@@ -206,8 +203,7 @@ def run_test(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
     """
     context = click.get_current_context()
     if context.params["output"] is None:
-        said = opt.said_of(options)[0]
-        named = files or tuple(said.files)
+        named = [*files, *opt.said_of(options)[0].files]
         home, name = Path("nrf_runs"), named[0].stem if named else "run"
         folders = (home / (name if k == 1 else f"{name}-{k}") for k in itertools.count(1))
         context.params["output"] = next(path for path in folders if not path.exists())
@@ -239,15 +235,11 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
     """Close the loop, say what was found, and write it."""
     from ...data.io import describe
     from ...discrepancy import close_loop as run
-    from ...estimation.regressor import NRFRegressor
     from ...signals.channel_checks import data_warnings
     from ..report.content import band_source, band_text, lead, standing
     from .outcome import exit_code
 
-    baseline = NRFRegressor(
-        degree=options["degree"], laws=opt.laws_of(options["laws"], options["degree"]),
-        known_masses=options["masses"] or None,
-    )  # fmt: skip
+    baseline = opt.regressor_of(options).set_params(band=None)  # the loop itself takes the band
     readings = opt.readings_of(files, options)
     kept = opt.readings_of(options["heldout"], options) if options["heldout"] else []
     session.measured(*map(describe, (*readings, *kept)))
@@ -397,8 +389,7 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     with session.listening():
         found = compare_with_sindy(readings[0].record, **given)
     session.headed(f"On the last {100 * options['heldout']:g} % of the record (errors: percent NRMSE)")
-    shown = found.drop(columns=[c for c in found if found[c].isna().all()])
-    session.say(opt.table(shown.drop(columns="note")))
+    session.say(opt.table(found.drop(columns=["note", *(c for c in found if found[c].isna().all())])))
     for name, note in found["note"].items():
         if note:
             session.say(f"  {name}: {note}")

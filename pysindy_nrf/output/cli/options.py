@@ -1,6 +1,5 @@
 """What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
 
-import contextlib
 import functools
 import itertools
 import json
@@ -12,7 +11,7 @@ import textwrap
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -212,10 +211,10 @@ def plain(data: Any) -> Any:
 
 
 class Text(click.ParamType):
-    """A text that ``read`` turns into a value; its ValueError becomes a usage error with the same words."""
+    """A text that ``read`` turns into a value; its ValueError becomes a usage error, in words of what is ``wanted``."""
 
-    def __init__(self, name: str, read: Callable[[str], Any]) -> None:
-        self.name, self.read = name, read
+    def __init__(self, name: str, read: Callable[[str], Any], wanted: str = "") -> None:
+        self.name, self.read, self.wanted = name, read, wanted
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """The value; one that was converted before is left alone."""
@@ -224,14 +223,14 @@ class Text(click.ParamType):
         try:
             return self.read(value)
         except ValueError as error:
-            self.fail(str(error), param, ctx)
+            self.fail(f"{value!r} is not {self.wanted}" if self.wanted else str(error), param, ctx)
 
 
 def _pair(form: str) -> Callable[[str], tuple[str, str]]:
     """A reader of ``KEY=VALUE``, split at the first ``=``."""
 
     def read(text: str) -> tuple[str, str]:
-        with contextlib.suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
+        with suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
             text = os.fsencode(text).decode("utf-8")
         key, sign, value = text.partition("=")
         if not sign or not key.strip() or not value.strip():
@@ -267,18 +266,13 @@ def _link(text: str) -> str:
 def _mass(text: str) -> tuple[int, float]:
     """A DOF and its mass, kg."""
     key, _, value = text.partition("=")
-    with contextlib.suppress(ValueError):
-        return int(key), float(value)
-    raise ValueError(f"{text!r} is not a floor and its mass in kg, e.g. 2=12.4")
+    return int(key), float(value)
 
 
 def _band(text: str) -> tuple[float | None, float | None]:
     """Two frequencies, Hz; ``none`` is an open end."""
-    parts = [p.strip().lower() for p in text.split(",")]
-    with contextlib.suppress(ValueError):
-        low, high = (None if p in ("none", "", "inf") else float(p) for p in parts)
-        return low, high
-    raise ValueError(f"{text!r} is not a band, e.g. 0.5,30 (Hz)")
+    low, high = (None if p.strip().lower() in ("none", "", "inf") else float(p) for p in text.split(","))
+    return low, high
 
 
 def _degree(text: str) -> int | tuple[int, int]:
@@ -293,13 +287,6 @@ def _site_degree(text: str) -> tuple[str, int | tuple[int, int]]:
     """A site and its degree or box."""
     site, degree = _pair(_ORDER)(text)
     return site, _degree(degree)
-
-
-def _numbers(text: str) -> list[float]:
-    """Numbers with commas between them."""
-    with contextlib.suppress(ValueError):
-        return [float(p) for p in text.split(",")]
-    raise ValueError(f"{text!r} is not numbers with commas between them, e.g. 0.001,0,0")
 
 
 def _range(text: str) -> list[int]:
@@ -332,7 +319,9 @@ def once(ctx: Any, param: Any, pairs: Any) -> dict:
 
 _LAWS, _ORDER = "SITE=NAME+NAME", "SITE=DEGREE"
 FLOORS = Text("I,J,...", lambda text: [] if text.strip().lower() == "none" else _range(text))  # 1,3 or 1-4 or none
-NUMBERS = Text("A,B,...", _numbers)
+NUMBERS = Text(
+    "A,B,...", lambda text: [float(p) for p in text.split(",")], "numbers with commas between them, e.g. 0.001,0,0"
+)
 RANGE = Text("A-B|A,B,...", _range)
 PATH = click.Path(path_type=Path)
 
@@ -398,12 +387,13 @@ link_option = repeated(
     "--link", "links", Text("SITE", _link), 'A further link between floors: "link 3-1", "ground 2".', keyed=False
 )
 mass_option = repeated(
-    "--known-mass", "masses", Text("DOF=KG", _mass),
+    "--known-mass", "masses", Text("DOF=KG", _mass, "a floor and its mass in kg, e.g. 2=12.4"),
     "A mass that is known: 2=12.4. Needed where no force is measured.",
 )  # fmt: skip
 band_option = click.option(
-    "--band", type=Text("LO,HI", _band), help="Frequency band in Hz in which everything is fitted and judged: 0.5,30."
-)
+    "--band", type=Text("LO,HI", _band, "a band, e.g. 0.5,30 (Hz)"),
+    help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.",
+)  # fmt: skip
 figures_option = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
 order_option = repeated("--order", "orders", Text(_ORDER, _site_degree), 'Another degree at a site: "storey 2=5".')
 
@@ -467,3 +457,12 @@ def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
         made = [laws.PowerSeries(degree) if name == "power_series" else known[name]() for name in names]
         out.setdefault(site, []).extend(made)
     return out
+
+
+def regressor_of(options: dict[str, Any]) -> Any:
+    """The regressor that the options describe."""
+    from ...estimation.regressor import NRFRegressor
+
+    degree, masses = options["degree"], options["masses"] or None
+    laws = laws_of(options["laws"], degree)
+    return NRFRegressor(degree=degree, laws=laws, known_masses=masses, band=options["band"])

@@ -16,7 +16,6 @@ from ...diagnostics.verdict import FreeRuns, Verdict, shares_of, verdict_on
 from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
 from ...regression.input_arrays import from_arrays
-from ...regression.segments import SegmentSet
 from ...signals.zero_phase_filter import filters_of
 from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
@@ -41,7 +40,6 @@ class Outcome:
     frf: tuple[FrequencyResponse, np.ndarray] | None = None
     used: Any = None
     warnings: list[str] = field(default_factory=list)
-    data: SegmentSet | None = None
 
     @property
     def response_error(self) -> list[float] | None:
@@ -67,7 +65,7 @@ def identify_records(records: Sequence[Record], estimator: Any, raw: bool) -> Ou
     with warned() as messages, working("fitting, running free, checking"):
         data = estimator.fit(from_arrays(records, smooth=False) if raw else records).fit_data("")
         shares = shares_of(estimator.model_, data)
-        outcome = Outcome(estimator, estimator.verdict(), estimator.free_runs(), shares, data=data)
+        outcome = Outcome(estimator, estimator.verdict(), estimator.free_runs(), shares)
     outcome.warnings = [one for one in messages() if one not in outcome.verdict.reasons]
     return outcome
 
@@ -204,17 +202,14 @@ def coefficients(model: Any) -> pd.DataFrame:
 
 def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
     """Draw the restoring forces and the free run, or the frequency responses."""
-    written = []
     if outcome.frf is not None:
         (frf, found), used = outcome.frf, outcome.used
         title = f"Accelerance, force on DOF {frf.excited}, {band_text(band)}"
         responses = response_figures(frf.f[used], frf.H[used], found[used])
         return save(folder / "frequency_response.png", responses, title=title)
-    if outcome.data is not None:
-        data = outcome.data
-        model = outcome.estimator.model_
-        loops = loop_figures(model, loops_of(model, data, filters_of(band, data)))
-        written += save(folder / "restoring_forces.png", loops, columns=2)
+    model, data = outcome.estimator.model_, outcome.estimator.fit_data("")
+    loops = loop_figures(model, loops_of(model, data, filters_of(band, data)))
+    written = save(folder / "restoring_forces.png", loops, columns=2)
     return written + save(folder / "free_run.png", free_run_figure(outcome.free))
 
 

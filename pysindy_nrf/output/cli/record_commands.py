@@ -31,8 +31,8 @@ def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, 
       pysindy-nrf inspect tower.csv --write-mapping tower.toml
       pysindy-nrf inspect --mapping campaign.toml
     """
-    from ...data.io import describe
-    from ...data.io.summary import summary
+    from ...data.io import describe, read_table
+    from ...data.io.summary import contents, summary
     from ...signals.channel_checks import data_warnings
 
     session = Session(as_json)
@@ -43,7 +43,9 @@ def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, 
     try:
         readings = opt.readings_of(files, options)
     except NRFError:
-        _say_contents(session, files)
+        with suppress(NRFError, MissingExtraError):  # the columns of the file, so that they can be mapped
+            for path in files[:1]:
+                session.say(contents(read_table(path)) + "\n")
         raise
     for reading in readings:
         with session.listening():
@@ -79,16 +81,6 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
     session.say(f"{ask}; then: pysindy-nrf run --mapping {path}", "")
 
 
-def _say_contents(session: Session, files: tuple[Path, ...]) -> None:
-    """The columns of a file that could not be understood as a record, so that they can be mapped."""
-    from ...data.io import read_table
-    from ...data.io.summary import contents
-
-    with suppress(NRFError, MissingExtraError):
-        for path in files[:1]:
-            session.say(contents(read_table(path)) + "\n")
-
-
 @click.command("laws", short_help="List the force laws that storeys may have.")
 @click.argument("words", nargs=-1)
 @opt.json_option
@@ -112,8 +104,7 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
         row = {"name": name, "family": law.family, "formula": formula, "describes": about}
         if all(word.lower() in " ".join(row.values()).lower() for word in words):
             rows.append(row)
-    for row in rows:
-        session.say(f"{row['name']}  ({row['family']})", f"    {row['describes']}", f"    {row['formula']}")
+            session.say(f"{name}  ({law.family})", f"    {about}", f"    {formula}")
     session.say("\nThe page 'Catalogue of force laws' of the documentation draws each of them.")
     session.emit({"laws": rows})
 

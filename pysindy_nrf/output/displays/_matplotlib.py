@@ -93,8 +93,7 @@ def _subplots(sheet: Any, figures: Sequence[Figure], columns: int) -> list[Any]:
     sheet.set_size_inches(columns * width, rows * height + (0.6 if height < 2.5 else 0.0))
     out: list[Any] = []
     for k in range(len(figures)):
-        shared = out[0] if out and columns == 1 else None
-        out.append(sheet.add_subplot(rows, columns, k + 1, sharex=shared))
+        out.append(sheet.add_subplot(rows, columns, k + 1, sharex=out[0] if out and columns == 1 else None))
         if columns == 1 and k < rows - 1:
             out[-1].tick_params(labelbottom=False)
     return out
@@ -195,8 +194,7 @@ def _map(ax: Any, found: Map, fx: float, fy: float) -> None:
         from matplotlib.patches import Patch
 
         doubt = ax.contourf(x, y, found.hatched, levels=[0.5, 1.5], colors="none", hatches=["////"])
-        doubt.set_edgecolor("0.6")
-        doubt.set_linewidth(0.0)
+        doubt.set(edgecolor="0.6", linewidth=0.0)
         mark = Patch(facecolor="none", edgecolor="0.6", hatch="////", label=found.doubt)
         ax.legend(handles=[mark], frameon=False, fontsize="x-small", loc="lower right", bbox_to_anchor=(1, 0.99))
     if found.bar:

@@ -18,7 +18,9 @@ _CAMERA = {"eye": {"x": -1.5, "y": -1.72, "z": 0.95}, "center": {"x": 0, "y": 0,
 def as_plotly(figure: Figure) -> dict[str, Any]:
     """Data and layout of a figure."""
     scales = [unit_of(_along(figure, side), axis.unit) for side, axis in zip("xyz", _axes(figure))]
-    data = [trace for mark in figure.marks for trace in _trace(mark, figure, [factor for factor, _ in scales])]
+    factors = [factor for factor, _ in scales]
+    drawn: dict[type, Any] = {Bars: _bars, Line: _line, Surface: _surface}  # a map has no trace
+    data = [drawn[type(mark)](mark, figure, factors) for mark in figure.marks if type(mark) in drawn]
     titles = [plain(x.label + (f" ({unit})" if unit else "")) for x, (_, unit) in zip(_axes(figure), scales)]
     shown = ((plain(axis.label), f"%{{{x}{':.4g' if axis.ticks is None else ''}}}", plain(unit))
              for x, axis, (_, unit) in zip("xyz", _axes(figure), scales))  # fmt: skip
@@ -89,16 +91,7 @@ def _axis(title: str, axis: Axis) -> dict[str, Any]:
     return out
 
 
-def _trace(mark: Any, figure: Figure, scales: list[float]) -> list[dict[str, Any]]:
-    """Plotly's traces of one mark; a thin upright line or a map has none."""
-    if isinstance(mark, Bars):
-        return [_bars(mark, figure)]
-    if isinstance(mark, Surface):
-        return [_surface(mark, figure, scales)]
-    return [_line(mark, scales)] if isinstance(mark, Line) else []
-
-
-def _line(line: Line, scales: list[float]) -> dict[str, Any]:
+def _line(line: Line, figure: Figure, scales: list[float]) -> dict[str, Any]:
     color = f"var(--{line.color})"
     mode = "+".join(["lines"] * bool(line.dash) + ["markers"] * bool(line.marker))
     out: dict[str, Any] = {
@@ -118,7 +111,7 @@ def _line(line: Line, scales: list[float]) -> dict[str, Any]:
     return out
 
 
-def _bars(bars: Bars, figure: Figure) -> dict[str, Any]:
+def _bars(bars: Bars, figure: Figure, scales: list[float]) -> dict[str, Any]:
     values = np.asarray(bars.values, dtype=float)
     colors = f"var(--{bars.color})" if isinstance(bars.color, str) else [f"var(--{c})" for c in bars.color]
     long, across = ("x", "y") if figure.lying else ("y", "x")

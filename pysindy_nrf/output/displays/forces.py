@@ -114,8 +114,7 @@ def _loop_table(loop: SiteLoop, spring: Any = 0.0) -> Table:
     forces = {"identified": loop.identified - spring}
     if loop.measured is not None:
         forces |= {"measured": loop.measured - spring, "difference": loop.measured - loop.identified}
-    sizes = ((n, rms(R), np.abs(R).max(), np.trapezoid(R * loop.v, loop.t)) for n, R in forces.items())
-    rows = [[name, *map(float, of)] for name, *of in sizes]
+    rows = [[n, rms(R), float(np.abs(R).max()), float(np.trapezoid(R * loop.v, loop.t))] for n, R in forces.items()]
     head = ["force", "rms (N)", "peak (N)", "energy taken out (J)"]
     return Table(f"Forces of {loop.site} in the stretch drawn", head, rows)
 

@@ -113,9 +113,8 @@ def of_loop(report: Any, title: str | None = None) -> Content:
     content.measured = [(m, _channels(m)) for m in report.measured]
     content.chapters = chapters(report)
     content.effects = effects(report)
-    guilty = {s.site: _effect(s) for s in held}
     opened = [j for j in range(1, report.model.n_dof + 1) if last.get(f"held-out dof {j}", 0.0) > OPEN]
-    content.frame = _frame(report.model, report.bounds, guilty, opened, report.measured)
+    content.frame = _frame(report.model, report.bounds, {s.site: _effect(s) for s in held}, opened, report.measured)
     content.picture = pictures(report)
     content.errors = [errors(report)]
     content.audit.insert(1, _settings(report.settings or settings_of(loop={"band": report.band})))
@@ -164,7 +163,7 @@ def of_model(
     band = band if band is not None else None if known is None else tuple(known)
     notes = list(notes)
     data, filters = _data(subject, records, band)
-    loops, sizes = [], None
+    loops, sizes = [], pd.DataFrame()
     if data is not None:
         loops = loops_of(model, data, filters)
         try:
@@ -173,8 +172,7 @@ def of_model(
             notes.append(str(error))
     bounds = subject.bounds()[0] if hasattr(subject, "bounds") else {}
     content = _model_part(model, loops, bounds)
-    figure = None if sizes is None else residual_figure(sizes)
-    content.picture = [] if figure is None else [figure]
+    content.picture = [] if (figure := residual_figure(sizes)) is None else [figure]
     given = [records] if isinstance(records, Record) else list(records or ())
     seen, opened = [measured(record, seg.noise) for record, seg in zip(given, data.segments if given else ())], []
     if hasattr(subject, "errors_"):

@@ -9,7 +9,8 @@ the rate is unreliable, must not change the coefficient of a force that jumps th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
@@ -401,14 +402,6 @@ class JumpBias:
         left_out = grams.leave_one_out()
         return self._solved(grams.sum()), np.array([self._solved(left_out[g]) for g in range(_GROUPS)])
 
-    def _settling(self, kept: list[BlockGrams]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The same from fewer and fewer samples, as long as they tell all terms apart."""
-        for grams in kept:
-            try:
-                yield self._with_chance(grams)
-            except (NRFError, np.linalg.LinAlgError):
-                return
-
     def table(self) -> pd.DataFrame:
         """``jump_bias_`` of a regressor; empty where nothing jumps or too few samples are left."""
         if not self.places:
@@ -418,7 +411,10 @@ class JumpBias:
         try:
             with warnings.catch_warnings(action="ignore", category=RankWarning):  # the fit has warned
                 found, without = self._with_chance(all_windows)
-                kept = list(self._settling(fewer))
+                kept = []
+                with suppress(NRFError, np.linalg.LinAlgError):  # as long as fewer samples tell all terms apart
+                    for grams in fewer:
+                        kept.append(self._with_chance(grams))
         except (NRFError, np.linalg.LinAlgError):
             return _NO_JUMPS.copy()
         whole = _rms(total, self.places)
@@ -438,11 +434,8 @@ class JumpBias:
 
 def _rms(total: BlockGrams, places: list[tuple[Site, int, str]]) -> np.ndarray:
     """Of the columns of some terms, in the balances that they act on first."""
-    out = []
-    for site, at, _ in places:
-        column = total.positions((site.p,))[0][site].start + at
-        out.append(np.sqrt(total.matrices[site.p,][column, column] / max(total.sizes[site.p,], 1)))
-    return np.array(out)
+    columns = [(site.p, total.positions((site.p,))[0][site].start + at) for site, at, _ in places]
+    return np.array([np.sqrt(total.matrices[j,][k, k] / max(total.sizes[j,], 1)) for j, k in columns])
 
 
 def _weights(total: BlockGrams, places: list[tuple[Site, int, str]], masses: np.ndarray) -> np.ndarray:

@@ -252,7 +252,6 @@ def plan(
         for name, given in (("can_hit", can_hit), ("sensors", sensors), ("unknown", unknown))
     )
     blind = sorted(set(every) - set(seen))
-    advice: list[str] = []
     total = chain.n_dof + len(chain.sites)
     rows = []
     for count in range(1, most + 1):
@@ -262,8 +261,7 @@ def plan(
             rows.append((floors, 1 - len(left) / total, _depth(order), _modal_response(model, floors), ", ".join(left)))
     table = pd.DataFrame(rows, columns=["hit", "identifies", "depth", "response", "left"])
     if not len(table):
-        advice.append("No floor can be hit with a known force; give a mass (known_masses=) to scale the chain.")
-        return Plan(table, advice)
+        return Plan(table, ["No floor can be hit with a known force; give a mass (known_masses=) to scale the chain."])
     by = {"identifies": False, "count": True, "response": False, "depth": True}
     table = table.assign(count=table["hit"].map(len)).sort_values([*by], ascending=[*by.values()], ignore_index=True)
     table = table.drop(columns="count")
@@ -279,7 +277,7 @@ def plan(
         text = f"Hit floor {where}: out of reach remain {best['left']}."
     if model is not None:
         text += f" The weakest mode still gets {100 * best['response']:.0f} % of what the best floor would give it."
-    advice.append(text)
+    advice = [text]
     if blind:
         advice.append(f"Floor {', '.join(map(str, blind))} has no sensor: the free run is then fitted to the others.")
         if seen:
@@ -297,8 +295,7 @@ def _depth(solve_order: Any) -> int:
     after: dict[Any, int] = {}
     for step in solve_order.steps:
         depth = 1 + max((after.get(s, 0) for s in step.known_sites), default=0)
-        after |= {s: depth for s in step.sites}
-        after[step.name] = depth
+        after |= dict.fromkeys([*step.sites, step.name], depth)
     return max(after.values(), default=0)
 
 

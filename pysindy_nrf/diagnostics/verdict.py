@@ -243,8 +243,8 @@ def verdict_on(
     """
     bounds, known = dict(bounds or {}), set(known_masses)
     error = float("nan") if free is None else free.error
-    unclosed = {j: e for j, e in balances.items() if e > OPEN}
-    red = [f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained." for j, e in unclosed.items()]
+    left = {j: f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained." for j, e in balances.items()}
+    red = [left[j] for j, e in balances.items() if e > OPEN]
     wrong = [f"m{j} = {m:.4g} kg" for j, m in enumerate(model.masses, 1) if m <= 0 and j not in known]
     red += [f"{', '.join(wrong)}: no structure has a mass that is not positive."] if wrong else []
     soft = [str(site) for site in _negative_stiffness(model, bounds)]
@@ -264,8 +264,7 @@ def verdict_on(
     asked = red or faults or max(poor.values(), default=0.0) > DOUBTFUL
     cause = wiring() if wiring is not None and asked else ""
     if red or cause:
-        red = red or [f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained." for j, e in poor.items()]
-        red = list(dict.fromkeys([*red, *(faults or ())]))
+        red = list(dict.fromkeys([*(red or [left[j] for j in poor]), *(faults or ())]))
         more = red if cause else [*red, *doubts]
         named = cause or next((text for text, sure in (faults or {}).items() if sure), red[0])
         return Verdict("red", f"Do not use this model. {named}", tuple(x for x in dict.fromkeys(more) if x != named))
@@ -281,8 +280,7 @@ def verdict_on(
     if damping.min() < 0 and not shown < ASTRAY:
         amber.append(creates_energy(damping.idxmin(), damping.min()))
     if np.isfinite(shown):
-        over = " over ten periods" if shown < error else ""
-        what += f"; the free run predicts the motion to {shown:.2g} %{over}"
+        what += f"; the free run predicts the motion to {shown:.2g} %{' over ten periods' if shown < error else ''}"
         if shown > ASTRAY:
             amber.append(
                 f"The free run misses the measured motion by {shown:.3g} %. A model can be right and still drift (a "

@@ -1,7 +1,7 @@
 """Results of a fitted estimator: forces, errors, intervals, modes, free runs."""
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,9 @@ from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
 from ..regression.errors import explained_accelerations, judge
 from ..regression.input_arrays import from_arrays, holds_records
-from ..regression.layout import Block
 from ..regression.segments import SegmentSet, feature_names
 from . import intervals
-from .problem import Estimate, Problem, flexible_laws
+from .problem import Estimate, Problem, blocks_of, flexible_laws
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
 # interpolation, which no further sample averages out.
@@ -144,12 +143,7 @@ class FittedChain:
         """
         data = self._judged(X, y, **given)
         layout, filters = self.problem_.layout, self.problem_.filters(data)
-
-        def blocks() -> Iterator[Block]:
-            for seg, filter in zip(data.segments, filters):
-                yield from seg.blocks(layout, filter=filter)
-
-        return judge(self.model_, layout, self.solve_order_, blocks)
+        return judge(self.model_, layout, self.solve_order_, lambda: blocks_of(data, filters, layout))
 
     def modes(self) -> pd.DataFrame:
         """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
@@ -319,10 +313,9 @@ class FittedChain:
         """The mapping of channels that closes the balances, in words."""
         given = self._given
         if given is None and self._records is not None:
-            step = self.dt or 1.0
             given = [
                 Record(seg.F[seg.valid], seg.a[seg.valid], np.cumsum(seg.v[seg.valid], axis=1),
-                       np.cumsum(seg.s[seg.valid], axis=1), 1.0 / (seg.dt or step), name=seg.name,
+                       np.cumsum(seg.s[seg.valid], axis=1), 1.0 / (seg.dt or self.dt or 1.0), name=seg.name,
                        base_acceleration=None if seg.ag is None else seg.ag[seg.valid])
                 for seg in self._records.segments
             ]  # fmt: skip

@@ -24,7 +24,7 @@ from ..regression.layout import LawLayout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from ..simulation.api import classical_run, linear_run
 from .intervals import InfluenceResolver, Resolver
-from .iv import IVResult, fits_one_step, instrumental_variables, with_shapes
+from .iv import IVResult, fits_one_step, instrumental_variables, spread_out, with_shapes
 from .noise_spectra import NoiseModel, common_band, corrected, noise_model, spectrum, velocities
 from .problem import Estimate, Problem
 
@@ -93,14 +93,8 @@ class Shot:
 
 def placed(segment: Segment, motion: Mapping[str, np.ndarray]) -> Segment:
     """A segment with the motion of a run in its valid rows."""
-
-    def rows(values: np.ndarray) -> np.ndarray:
-        out = np.full((segment.n_samples, segment.n_dof), np.nan)
-        out[segment.valid] = values
-        return out
-
-    v, s = (np.diff(motion[kind], axis=1, prepend=0.0) for kind in "vx")
-    return replace(segment, a=rows(motion["a"]), v=rows(v), s=rows(s))
+    v, s = (spread_out(segment, np.diff(motion[kind], axis=1, prepend=0.0)) for kind in "vx")
+    return replace(segment, a=spread_out(segment, motion["a"]), v=v, s=s)
 
 
 def linear_matrices(model: ChainModel) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -456,9 +450,7 @@ def shots_of(data: SegmentSet, has_memory: bool) -> list[Shot]:
 
 def _half(shots: Sequence[Shot], which: int) -> list[slice]:
     """The first or second half of every record, which may be several shots."""
-    total = {s.number: 0 for s in shots}
-    for shot in shots:
-        total[shot.number] += shot.n_samples
+    total = {number: sum(s.n_samples for s in shots if s.number == number) for number in {s.number for s in shots}}
     at, out = dict.fromkeys(total, 0), []
     for shot in shots:
         middle = min(max(total[shot.number] // 2 - at[shot.number], 0), shot.n_samples)

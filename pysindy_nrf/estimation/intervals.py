@@ -71,16 +71,12 @@ def statistic_of(
     of: Any, known_masses: Mapping[int, float], layout: LawLayout, data: SegmentSet | None = None
 ) -> Statistic:
     """The function of a model that a user requests."""
-
-    def parameters(m: ChainModel) -> pd.Series:
-        return parameters_of(m, known_masses)
-
     if callable(of):
         return lambda m: pd.Series(of(m), dtype=float)
     if of == "parameters":
-        return parameters
+        return lambda m: parameters_of(m, known_masses)
     if of in ("masses", "coefficients"):
-        return lambda m: parameters(m)[lambda p: p.index.str.contains(":") == (of == "coefficients")]
+        return lambda m: parameters_of(m, known_masses)[lambda p: p.index.str.contains(":") == (of == "coefficients")]
     if of == "modes":
         names = ("frequency", "damping")  # Hz, and ratio
         return lambda m: pd.Series({f"{k} {i}": x for k in names for i, x in m.modes()[k].items()}, dtype=float)
@@ -127,17 +123,12 @@ class Resolver:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
-    def _enough(self) -> int:
-        """Number of pieces; a ChannelError if they are too few."""
+    def influences(self, statistic: Statistic) -> np.ndarray:
+        """Influence of each piece on the statistics, shape (n_pieces, n_statistics): what they are without it."""
         n = len(self.record)
         if n < FEWEST:
             cure = "Use a longer record, or more records."
             raise ChannelError(f"{n} pieces of data are too few for an interval", cure)
-        return n
-
-    def influences(self, statistic: Statistic) -> np.ndarray:
-        """Influence of each piece on the statistics, shape (n_pieces, n_statistics): what they are without it."""
-        n = self._enough()
         try:
             values = np.array([statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)])
         except IdentifiabilityError as error:

@@ -7,8 +7,9 @@ must not be shrunk towards a prior, as the joint step of :class:`~pysindy_nrf.Ki
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,13 +23,13 @@ from ..regression.chain_solve import Solution, groups_of, model_of, scales_of, s
 from ..regression.errors import free_run_of
 from ..regression.gram_pass import pieces_of, rows_of, whole_block
 from ..regression.grams import BlockGrams
-from ..regression.layout import Block, LawLayout, Layout, with_coefficients
+from ..regression.layout import LawLayout, Layout, with_coefficients
 from ..regression.segments import Segment, SegmentSet
 from ..regression.shape_search import ShapeSearch
 from ..signals.zero_phase_filter import FairFilter, filters_of
 from ..simulation.api import classical_run
 from . import noise_spectra as spectra
-from .problem import Problem
+from .problem import Problem, blocks_of
 
 _Weights = dict[tuple[int, ...], spectra.Whitener]  # by the DOFs of a balance
 STEADY = 1e-3  # least damping ratio of every mode of an instrument
@@ -78,16 +79,17 @@ def run_of(model: ChainModel, segment: Segment, delay: int = 0, limited: bool = 
     smooth = None
     if limited and segment.resolved is not None and segment.resolved < 0.45 / dt:
         smooth = FairFilter((None, segment.resolved), 1.0 / dt)
+    v, s = (np.diff(np.asarray(y), axis=1, prepend=0.0) for y in (record.velocity, record.displacement))
+    lines = (y if smooth is None else smooth.apply(y) for y in (np.asarray(record.acceleration), v, s))
+    a, v, s = (spread_out(segment, line[shift]) for line in lines)
+    return replace(segment, a=a, v=v, s=s)
 
-    def place(values: np.ndarray) -> np.ndarray:
-        """Values in the rows of the record, NaN outside."""
-        out = np.full((segment.n_samples, segment.n_dof), np.nan)
-        out[rows] = (values if smooth is None else smooth.apply(values))[shift]
-        return out
 
-    a, v, x = (np.asarray(y) for y in (record.acceleration, record.velocity, record.displacement))
-    v, s = (np.diff(y, axis=1, prepend=0.0) for y in (v, x))
-    return replace(segment, a=place(a), v=place(v), s=place(s))
+def spread_out(segment: Segment, values: np.ndarray) -> np.ndarray:
+    """Values in the valid rows of a segment, NaN outside."""
+    out = np.full((segment.n_samples, segment.n_dof), np.nan)
+    out[segment.valid] = values
+    return out
 
 
 def correlation_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
@@ -133,12 +135,8 @@ class IVResult:
         pairs = [(seg, run) for seg, run in zip(data.segments, self.runs) if run is not None]
         measured, simulated = (SegmentSet([p[k] for p in pairs], data.n_samples) for k in (0, 1))
         parts = zip(pairs, self.model.balance_forces(measured), self.model.balance_forces(simulated))
-        segments = []
-        for (seg, run), along, free in parts:
-            force = np.full(seg.F.shape, np.nan)
-            force[seg.valid] = seg.F[seg.valid] - along + free
-            segments.append(replace(run, F=force))
-        return SegmentSet(segments, data.n_samples)
+        forces = (spread_out(seg, seg.F[seg.valid] - along + free) for (seg, _), along, free in parts)
+        return SegmentSet([replace(run, F=force) for (_, run), force in zip(pairs, forces)], data.n_samples)
 
 
 def instrumental_variables(
@@ -389,11 +387,7 @@ class _Instruments:
 
     def _least_squares(self, layout: LawLayout, filters: Sequence[Any]) -> ChainModel:
         """Least-squares model of a layout."""
-
-        def blocks() -> Iterator[Block]:
-            for seg, filter in zip(self.data.segments, filters):
-                yield from seg.blocks(layout, filter=filter)
-
+        blocks = partial(blocks_of, self.data, filters, layout)
         with warnings.catch_warnings(action="ignore", category=RankWarning):
             solution, _ = solve_blocks(layout, self.order, blocks, self.problem.known_masses)
         return model_of(layout, solution)

@@ -41,8 +41,7 @@ class Smooth:
     def __call__(self, f: np.ndarray) -> np.ndarray:
         """Values at frequencies, shape (len(f), p); constant beyond the ends."""
         at = np.log(np.maximum(f, 1e-300))
-        tiny = 1e-300
-        logs = np.log(np.maximum(self.values, tiny))
+        logs = np.log(np.maximum(self.values, 1e-300))
         return np.exp(np.column_stack([np.interp(at, np.log(self.f), y) for y in logs.T]))
 
 
@@ -243,11 +242,9 @@ def _signal_band(
 
 def _force_density(data: Sequence[Segment], j: int) -> float:
     """Density of the white noise of a force; 0 without a force."""
-    found = []
-    for seg in data:
-        line = seg.ag if j == seg.n_dof else seg.F[:, j]
-        if line is not None and np.any(line[seg.valid]):
-            found.append(white_density(line[seg.valid], seg.step))
+    channels = ((seg, seg.ag if j == seg.n_dof else seg.F[:, j]) for seg in data)
+    lines = [(line[seg.valid], seg.step) for seg, line in channels if line is not None and np.any(line[seg.valid])]
+    found = [white_density(line, step) for line, step in lines]
     return float(np.mean(found)) if found else 0.0
 
 

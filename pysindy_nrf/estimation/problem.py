@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -192,12 +192,14 @@ def _least_squares(
     problem: Problem, layout: LawLayout, order: SolveOrder, data: SegmentSet, filters: list[FairFilter | None]
 ) -> tuple[chain_solve.Solution, BlockGrams]:
     """Solution for a layout whose laws have all their shape parameters."""
-
-    def blocks() -> Iterator[Block]:
-        for segment, filter in zip(data.segments, filters):
-            yield from segment.blocks(layout, filter=filter, states={} if filter is None else None)
-
+    blocks = partial(blocks_of, data, filters, layout, in_pieces=True)
     return chain_solve.solve_blocks(layout, order, blocks, problem.known_masses, problem.optimizer)
+
+
+def blocks_of(data: SegmentSet, filters: Iterable[Any], layout: LawLayout, in_pieces: bool = False) -> Iterator[Block]:
+    """Columns of all balances, record by record; ``in_pieces`` also where laws have memory and nothing is filtered."""
+    for segment, filter in zip(data.segments, filters):
+        yield from segment.blocks(layout, filter=filter, states={} if in_pieces and filter is None else None)
 
 
 def wrong_masses(problem: Problem, data: SegmentSet, error: float) -> list[str]:

@@ -351,8 +351,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.chain_, self.solve_order_ = layout.chain, solve_order
         self.masses_ = model.masses
         self.errors_ = balance_errors(model, grams)
-        conditions = {fit.step.name: fit.condition for fit in solution.fits}
-        self.condition_ = pd.Series(conditions, name="condition", dtype=float)
+        self.condition_ = pd.Series({f.step.name: f.condition for f in solution.fits}, name="condition", dtype=float)
         self.n_samples_ = int(grams.n_samples)
         self.third_law_gap_ = third_law_gap(solution, grams)
         model.visited = visited_regions(data, layout)
@@ -367,10 +366,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def _examine(self, found: Estimate, data: SegmentSet, judged: SegmentSet, least_squares: bool) -> None:
         """Say what may be wrong with the channels, the forces and the laws."""
-        problem, solve_order, model, solution, grams = found
-        layout = problem.layout
+        problem, solve_order, model, solution, _ = found
         silent = self.band is not None or self.model_.info.get("estimation", {}).get("found", "ls") != "ls"
-        held = layout if least_squares else None  # the shapes of its laws are those of the model
+        held = problem.layout if least_squares else None  # the shapes of its laws are those of the model
         terms = bias.MissingTerms(model, solve_order, held)
         jumps = bias.JumpBias(model, solve_order, problem.known_masses, problem.optimizer, silent, held)
         # fusion costs far more; of arrays, whose fit may take milliseconds, it would double the time

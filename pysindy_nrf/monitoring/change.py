@@ -302,7 +302,13 @@ def track(
     [40000, 32000]
     """
     data = as_segments(estimator, X, F, **options)
-    resolver, spans = resolver_in_time(_problem(estimator, masses), data, length=step)
+    if isinstance(masses, str):
+        if masses != "fitted":
+            raise ChainError(f"masses={masses!r} is unknown", "Give 'fitted', None, or kg by DOF.")
+        masses = {j + 1: float(m) for j, m in enumerate(estimator.masses_)}
+    problem: Problem = estimator.problem_
+    problem = problem if masses is None else problem.with_known_masses(masses)
+    resolver, spans = resolver_in_time(problem, data, length=step)
     pieces, record = resolver.pieces, resolver.record
     width = max(1, int(round(window / step)))
     rows = []
@@ -316,15 +322,3 @@ def track(
         raise ChainError(f"No window of {window:g} s fits into the records", "Use a shorter one.")
     names = [f"{term}{j}" for term in "kc" for j in range(1, estimator.model_.n_dof + 1)]
     return pd.DataFrame(rows, columns=["record", "t", *names])
-
-
-def _problem(estimator: Any, masses: Any) -> Problem:
-    """The problem that was solved, with these masses known."""
-    problem: Problem = estimator.problem_
-    if masses is None:
-        return problem
-    if isinstance(masses, str):
-        if masses != "fitted":
-            raise ChainError(f"masses={masses!r} is unknown", "Give 'fitted', None, or kg by DOF.")
-        masses = {j + 1: float(m) for j, m in enumerate(estimator.masses_)}
-    return problem.with_known_masses(masses)

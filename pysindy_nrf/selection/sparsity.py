@@ -103,10 +103,8 @@ def select_sparsity(
     steps = [(name, one.layout.n_terms, 100 * e.mean(), 100 * standard_error(e)) for name, one, e in rows]
     table = pd.DataFrame(steps, columns=["left_out", "terms", "error", "standard_error"])
     found = held.fit(order, None)[0].coefficients
-    coefficients = {}
-    for site in whole.layout.acting:
-        kept = dict(zip(order.layout.labels(site), found[site]))
-        coefficients[site] = {label: kept.get(label, 0.0) for label in whole.layout.labels(site)}
+    kept = {site: dict(zip(order.layout.labels(site), found[site])) for site in whole.layout.acting}
+    coefficients = {s: {label: own.get(label, 0.0) for label in whole.layout.labels(s)} for s, own in kept.items()}
     return SparsitySelection(table, order, coefficients, estimator)
 
 

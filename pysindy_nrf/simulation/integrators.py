@@ -389,7 +389,6 @@ def newmark(system, drive, k, w, x, v, z, out):
         for j in range(n_inputs):
             middle[j] = 0.5 * (was[j] + row[j])
         ops.put(a1, a, n)
-        converged = False
         for iteration in range(40):
             for j in range(n):
                 x1[j] = x[j] + dt * v[j] + 0.25 * dt * dt * (a[j] + a1[j])
@@ -423,10 +422,9 @@ def newmark(system, drive, k, w, x, v, z, out):
                 if not (abs(a1[j]) < 1e100 and abs(x1[j]) < 1e100):
                     return DIVERGED, i, j, i, iterations, forced
             if largest <= 1e-13 * top:
-                converged = True
                 break
             iterations += 1
-        if not converged:
+        else:
             forced += 1
         # the accepted end, its states and the accelerations that balance it
         for j in range(n):

@@ -60,9 +60,7 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
             changes[_LINES[name]] = column
         else:
             key = OF_LETTER[name[0]]
-            if key not in changes:
-                changes[key] = np.array(getattr(record, key), dtype=float)
-            changes[key][:, int(name[1:]) - 1] = column
+            changes.setdefault(key, np.array(getattr(record, key), dtype=float))[:, int(name[1:]) - 1] = column
     return record.replace(**changes)
 
 

@@ -259,8 +259,7 @@ def _mass_solve(system, w, vector):
     for i in range(system.n_sites):
         site, b = address_of(system.sites, i * SITE), w.inertia[i]
         if b != 0.0 and not site[ON_DOF]:
-            p, q = site[UPPER], site[LOWER]
-            add_between(w.matrix, p, q, n, b)
+            add_between(w.matrix, site[UPPER], site[LOWER], n, b)
     solve(w.matrix, vector, n)
 
 

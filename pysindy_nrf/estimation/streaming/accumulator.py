@@ -70,11 +70,17 @@ def joined(runs: Iterable[Run]) -> list[Run]:
     """Runs in order; adjacent ones of a record are joined."""
     out: list[Run] = []
     for run in sorted(runs, key=lambda r: r.first):
-        if out and run.follows(out[-1]):
-            out[-1] = out[-1].join(run)
-        else:
-            out.append(run)
+        _append(out, run)
     return out
+
+
+def _append(runs: list[Run], run: Run) -> bool:
+    """Append a run; True if it continues the last one."""
+    if runs and run.follows(runs[-1]):
+        runs[-1] = runs[-1].join(run)
+        return True
+    runs.append(run)
+    return False
 
 
 def is_empty(x: Any) -> bool:
@@ -106,9 +112,8 @@ class Model:
         require_streamable(estimator, self.layout)
         n = self.chain.n_dof
         singles = [(j,) for j in range(1, n + 1)]
-        sums = [
-            tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))
-        ]  # for base excitation, see plan_solve_order
+        # for base excitation, see plan_solve_order
+        sums = [tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))]
         self.groups: list[Group] = [self.layout.group(dofs) for dofs in singles + sums]
 
 
@@ -159,7 +164,7 @@ class Accumulator:
     def _add(self, key: Key, chunk: Chunk, ends: bool) -> int:
         """Add samples of one record and return the number of the next piece."""
         if is_empty(chunk.X):
-            self._append(Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), chunk.n_samples))
+            _append(self.runs, Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), chunk.n_samples))
             return key[1] + 1
         segments = self._segments(chunk)
         for i, segment in enumerate(segments):  # more than one where the clock has gaps
@@ -167,19 +172,12 @@ class Accumulator:
             unknown = tuple(j + 1 for j in range(segment.n_dof) if np.isnan(segment.F[inside.start, j]))
             trimmed = inside.start > 0, inside.stop < size
             starts, stops = chunk.first or i > 0, ends or i < len(segments) - 1
-            goes_on = self._append(Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size))
+            run = Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size)
+            goes_on = _append(self.runs, run)
             self.extent = segment.extent if self.extent is None else self.extent.merge(segment.extent)
             self._accumulate(segment, here, goes_on)
             self._offer_windows(here, segment)
         return key[1] + len(segments)
-
-    def _append(self, run: Run) -> bool:
-        """Append a run; True if it continues the last one."""
-        if self.runs and run.follows(self.runs[-1]):
-            self.runs[-1] = self.runs[-1].join(run)
-            return True
-        self.runs.append(run)
-        return False
 
     def _segments(self, chunk: Chunk) -> list[Segment]:
         model, time = self.model, chunk.time

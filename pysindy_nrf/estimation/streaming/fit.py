@@ -307,15 +307,13 @@ def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, int] 
             if meta["open"]:
                 held_open = acc.blocks.pop()
                 acc._open = held_open.key, held_open.record, acc.sums(held_open.grams)
-            for i, (key, name) in enumerate(meta["windows"]):
-                acc.windows.append((tuple(key), _segment(name, data, f"window{i}")))
+            windows = enumerate(meta["windows"])
+            acc.windows = [(tuple(key), _segment(name, data, f"window{i}")) for i, (key, name) in windows]
         if "low" in data:
             acc.extent = Extent(data["low"], data["high"], data["finite"])
         if meta["carry"] is not None:
-            states = {}
-            for name in (k for k in data if k.startswith("state ")):
-                site, _, law = name[6:].rpartition(" ")
-                states[Site(site), int(law)] = data[name]
+            names = {k: k[6:].rpartition(" ") for k in data if k.startswith("state ")}
+            states = {(Site(site), int(law)): data[k] for k, (site, _, law) in names.items()}
             last = _segment("last", data, "last") if "last.a" in data else None
             acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
         return acc, int(meta["following"]), int(meta["used"])

@@ -25,33 +25,21 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.ConstantForce(), laws.AddedMass(), laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
         laws.LinkSpringDashpot(), laws.BendingCoupling(), laws.ChannelDelay(), laws.GainError(), laws.SensorOffset(),
     ]  # fmt: skip
-    for name in covariates:
-        if name == "ag":
-            plain.append(laws.BaseMotion(covariate=name))
-        elif name == "vg":
-            plain.append(laws.GroundFriction(covariate=name))
-        else:
-            plain += [
-                laws.CovariateFriction(covariate=name),
-                laws.LaggedCovariateFriction(covariate=name),
-                laws.CovariateDahl(covariate=name),
-            ]
-    return plain
+    of_base: dict[str, list[type[Any]]] = {"ag": [laws.BaseMotion], "vg": [laws.GroundFriction]}
+    usual = [laws.CovariateFriction, laws.LaggedCovariateFriction, laws.CovariateDahl]
+    return plain + [law(covariate=name) for name in covariates for law in of_base.get(name, usual)]
 
 
 def as_laws(catalogue: Iterable[Any] | None, covariates: Sequence[str]) -> list[ForceLaw]:
     """The catalogue a user passed, or the default one."""
     if catalogue is None:
         return default_catalogue(covariates)
-    chosen = []
+    cure = "Use those of pysindy_nrf.laws, or your own."
     if not isinstance(catalogue, Iterable):
-        raise LawError(f"catalogue={catalogue!r} is not a list of laws", "Use those of pysindy_nrf.laws, or your own.")
-    for item in catalogue:
-        law = item() if isinstance(item, type) and issubclass(item, ForceLaw) else item
-        if not isinstance(law, ForceLaw):
-            cure = "Use those of pysindy_nrf.laws, or your own."
-            raise LawError(f"The catalogue holds {item!r}, which is not a force law", cure)
-        chosen.append(law)
+        raise LawError(f"catalogue={catalogue!r} is not a list of laws", cure)
+    chosen = [item() if isinstance(item, type) and issubclass(item, ForceLaw) else item for item in catalogue]
+    if wrong := [item for item in chosen if not isinstance(item, ForceLaw)]:
+        raise LawError(f"The catalogue holds {wrong[0]!r}, which is not a force law", cure)
     return chosen
 
 
@@ -94,8 +82,7 @@ def candidates(
             places += [s for s in new_links if s not in places]
         if "two storeys" in law.acts_at:
             places += [s for s in new_links if s.p - s.q == 2]
-        for site in places:
-            yield law, site
+        yield from ((law, site) for site in places)
 
 
 def general_laws(work: Any, site: Site) -> tuple[ForceLaw, ForceLaw]:

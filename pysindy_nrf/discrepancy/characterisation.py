@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import block_diag
 
 from ..exceptions import ChannelError
 from ..laws import Jenkins
@@ -88,9 +89,8 @@ class Basis:
     def __init__(self, motions: Sequence[Motion]) -> None:
         self.s, self.v = (_scale([getattr(m, name) for m in motions]) for name in "sv")
         self.timed = all(m.t is not None for m in motions)
-        shared = set.intersection(*(set(m.covariates) for m in motions))
-        self.covariates = [c for c in motions[0].covariates if c in shared]
-        self.covariates = [c for c in self.covariates if any(np.ptp(m.covariates[c]) > 0 for m in motions)]
+        shared = [c for c in motions[0].covariates if all(c in m.covariates for m in motions)]
+        self.covariates = [c for c in shared if any(np.ptp(m.covariates[c]) > 0 for m in motions)]
         counts = [("s", 9), ("s", 4), ("v", 9), ("v", 4), *[("t", 7)] * self.timed, *((c, 5) for c in self.covariates)]
         self._knots = {
             (name, count): knots_of(np.concatenate([self._line(m, name) for m in motions]), count)
@@ -230,18 +230,13 @@ class _Work:
 
     def _line(self) -> list[np.ndarray]:
         """Cosine and sine of the line, with a phase of their own in every record."""
-        out = []
-        for i, (m, f) in enumerate(zip(self.motions, self.filters)):
-            columns = np.zeros((m.n_samples, 2 * len(self.motions)))
-            angle = 2 * np.pi * self.frequency * np.asarray(m.t)
-            columns[:, 2 * i : 2 * i + 2] = filtered(np.column_stack([np.cos(angle), np.sin(angle)]), f)
-            out.append(columns)
-        return out
+        angles = [2 * np.pi * self.frequency * np.asarray(m.t) for m in self.motions]
+        waves = [filtered(np.column_stack([np.cos(x), np.sin(x)]), f) for x, f in zip(angles, self.filters)]
+        return np.split(block_diag(*waves), np.cumsum([len(wave) for wave in waves[:-1]]))
 
     def odd(self, row: str) -> float:
         """Odd share of the fitted function of one row of the table, along the motion and its mirror image."""
-        names = self.rows.get(row, [])
-        names = [name for name in names if name not in ("constant", "beside")]
+        names = [name for name in self.rows.get(row, []) if name not in ("constant", "beside")]
         if len(names) < 2 or "line" in names:
             return float("nan")
         found = self.regression.coefficients("force", self.rows[row])
@@ -257,8 +252,7 @@ class _Work:
         """Marks of the shape of a function of the rate or of the drift."""
         share = self.regression.share
         if dependence == Dependence.RATE:
-            jump = share("force", ["jump"], [*self.base, "rate powers"])[0]
-            return [Feature.JUMP] * (jump > TENTH)
+            return [Feature.JUMP] * (share("force", ["jump"], [*self.base, "rate powers"])[0] > TENTH)
         if dependence != Dependence.DRIFT:
             return []
         # straight lines with a gap that explain more than a smooth curve does are a kink
@@ -287,16 +281,13 @@ def conditional_mean(x: np.ndarray, force: np.ndarray, bins: int = 30) -> pd.Dat
 
 def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
     """Frequency of the highest line of a residual that stands out of its surroundings, Hz; NaN if none does."""
-    longest = int(np.argmax([len(p) for p in parts]))
-    e, t = parts[longest], motions[longest].t
+    e, t = max(((part, m.t) for part, m in zip(parts, motions)), key=lambda pair: len(pair[0]))
     n = len(e)
-    if t is None or n < 64:
-        return float("nan")
-    dt = (t[-1] - t[0]) / (n - 1)
     window = np.hanning(n)
     power = np.abs(np.fft.rfft(e * window)) ** 2
-    if not power.any():
+    if t is None or n < 64 or not power.any():
         return float("nan")
+    dt = (t[-1] - t[0]) / (n - 1)
     from scipy.ndimage import median_filter
     from scipy.signal import zoom_fft
 

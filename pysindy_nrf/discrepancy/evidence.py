@@ -67,9 +67,7 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
     draws = [] if floor is None else floor.draws  # their model may be one of fewer sites
     sides = [_Motion(r, residual.model.chain, every) for r in (residual, *draws)]
     rows: dict[str, dict[str, Any]] = {}
-    for where, size in residual.sizes.iterrows():
-        if not np.isfinite(size["rms"]):
-            continue
+    for where, size in residual.sizes[np.isfinite(residual.sizes["rms"])].iterrows():
         ratio = size["rms"] / floor.at(where) if floor is not None and floor.at(where) > 0 else np.nan
         row = {"verdict": ResidualKind.NOISE, "percent": size["percent"], "floor ratio": ratio}
         if size["rms"] > FLOOR * size["reference"]:
@@ -199,8 +197,7 @@ class Localiser:
         for seg, filter in zip(residual.data.segments, residual.filters):
             blocks = list(seg.blocks(layout, filter=filter))
             self.columns.append(np.hstack([np.vstack([block.terms, block.acceleration]) for block in blocks]).T)
-        rows = [np.hstack([c, np.nan_to_num(e)]) for c, e in zip(self.columns, residual.balance)]
-        pieces = in_blocks(rows)
+        pieces = in_blocks([np.hstack([c, np.nan_to_num(e)]) for c, e in zip(self.columns, residual.balance)])
         self.grams = np.array([piece.T @ piece for piece in pieces])
         self.sizes = np.array([len(piece) for piece in pieces], dtype=float)
 
@@ -212,26 +209,22 @@ class Localiser:
         told = {keys[site]: b for site, b in patterns.items() if b is not None}
         before = self.left(None)
         shares = {key: 100 * np.array(share_of(before, self.left(b))) for key, b in told.items()}
-        table = pd.DataFrame(
-            [shares.get(keys[site], (np.nan, np.nan)) for site in patterns], list(patterns), ["share", "error"]
-        )
+        rows = {site: shares.get(keys[site], (np.nan, np.nan)) for site in patterns}
+        table = pd.DataFrame.from_dict(rows, orient="index", columns=["share", "error"])
         best = table["share"].max()
-        table["own"] = np.nan
         near = [] if nothing else [Site(s) for s in table.index[table["share"] >= best - 100 * NEARLY]]
-        for site in near:
-            table.loc[site, "own"] = self.own(site, patterns[site])
+        own = {site: self.own(site, patterns[site]) for site in near}
         for site in (site for site in near if site.kind == "dof"):
             # a force at a DOF from outside is what follows none of the motions and channels with its pattern
-            alike = [s for s in near if s.kind != "dof" and keys[s] == keys[site]]
-            followed = table.loc[alike, "own"].max() if alike else 0.0
-            table.loc[site, "own"] = 100.0 - np.clip(np.nan_to_num(followed), 0.0, 100.0)
+            alike = [own[s] for s in near if s.kind != "dof" and keys[s] == keys[site]]
+            own[site] = 100.0 - np.nanmax([0.0, *alike])
+        table["own"] = [own.get(site, np.nan) for site in patterns]
         # equal patterns have equal shares; the force's own motion puts them in order
         table = table.sort_values(["share", "own"], ascending=False, kind="stable", na_position="last")
-        for name, sign in (("low", -2), ("high", 2)):
-            table[name] = (table["share"] + sign * table["error"]).clip(0.0, 100.0)
-        table["share"] = table["share"].clip(0.0, 100.0)
-        rows = (_incidence(self.chain, Site(site)) for site in table.index)
-        table["balances"] = [", ".join(f"{'+' if x > 0 else '-'}{j}" for j, x in enumerate(b, 1) if x) for b in rows]
+        table["low"], table["high"] = table["share"] - 2 * table["error"], table["share"] + 2 * table["error"]
+        table[["share", "low", "high"]] = table[["share", "low", "high"]].clip(0.0, 100.0)
+        signs = (_incidence(self.chain, Site(site)) for site in table.index)
+        table["balances"] = [", ".join(f"{'+' if x > 0 else '-'}{j}" for j, x in enumerate(b, 1) if x) for b in signs]
         order = [keys[Site(site)] for site in table.index]
         table["pattern"] = [order.index(key) for key in order]
         first = table.iloc[0]
@@ -356,14 +349,11 @@ class Localiser:
 
 def all_sites(residual: Residual) -> list[Site]:
     """Sites of the chain, all storeys, links, ground links and DOFs, and the sensors felt in one balance."""
-    chain = residual.model.chain
-    n = chain.n_dof
-    names: list[Any] = [*chain.sites, *range(1, n + 1)]
-    names += [f"link {p}-{q}" for p in range(3, n + 1) for q in range(1, p - 1)]
-    names += [f"ground {j}" for j in range(2, n + 1)]
-    names += [f"dof {j}" for j in range(1, n + 1)]
-    names += [f"sensor a{j}" for j in range(1, n + 1)] + [f"sensor F{j}" for j in residual.data.forced]
-    return list(dict.fromkeys(Site(s) for s in names))
+    each = range(1, residual.n_dof + 1)
+    names: list[Any] = [*residual.model.chain.sites, *each]
+    names += [f"link {p}-{q}" for p in each for q in range(1, p - 1)]
+    names += [f"{place}{j}" for place in ("ground ", "dof ", "sensor a") for j in each]
+    return list(dict.fromkeys(map(Site, [*names, *(f"sensor F{j}" for j in residual.data.forced)])))
 
 
 def _incidence(chain: Chain, site: Site) -> np.ndarray:
@@ -403,7 +393,8 @@ class Evidence:
     @property
     def sentences(self) -> dict[str, str]:
         """The answer to each question, in words."""
-        return {question: getattr(words, question)(self) for question in words.QUESTIONS}
+        told = {question: getattr(self, question) is not None for question in words.QUESTIONS}
+        return {q: getattr(words, q)(self) if known else words.not_possible(q, self) for q, known in told.items()}
 
     def __str__(self) -> str:
         return "\n".join(self.sentences.values())

@@ -20,8 +20,7 @@ def share_of(trial: Trial, without: Trial, site: Site) -> float:
 
     def force(of: Site) -> tuple[np.ndarray, np.ndarray]:
         with_, less = np.zeros(len(grams)), np.zeros(len(grams))
-        at = trial.layout.slices[of].start if of in trial.layout.slices else 0
-        old = without.layout.slices[of].start if of in without.layout.slices else 0
+        at, old = (one.layout.slices.get(of, slice(0, 0)).start for one in (trial, without))
         left = list(without.laws.get(of, ()))
         for law in trial.laws.get(of, ()):
             width = len(law.terms())
@@ -88,8 +87,7 @@ def is_clear(finding: Finding, state: State) -> bool:
     if finding.is_fault:
         return finding.witnessed
     gain = over(finding, state)
-    beyond = gain is not None and gain.lower >= LARGE_GAIN
-    return beyond and max(_shares(finding, state).values()) >= LEAST_SHARE
+    return gain is not None and gain.lower >= LARGE_GAIN and max(_shares(finding, state).values()) >= LEAST_SHARE
 
 
 def over(finding: Finding, state: State) -> Gain | None:
@@ -103,26 +101,21 @@ def ranked(found: Sequence[Finding], state: State) -> list[tuple[Finding, Gain]]
     return sorted(((f, g) for f, g in pairs if g is not None), key=lambda pair: -pair[1].value)
 
 
+def _near(pairs: Sequence[tuple[Finding, Gain]], number: int, most: float = np.inf) -> list[int]:
+    """Numbers of the findings whose gain is within a standard error (and so many dB) of that of one of them."""
+    gaps = [difference(pairs[number][1], gain) for _, gain in pairs]
+    return [k for k, (gap, error) in enumerate(gaps) if gap <= min(max(error, LEAST_GAIN), most)]
+
+
 def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
     """The simplest finding within a standard error of the best (a tenth of its gain at most), linear first."""
-    best = pairs[0][1]
-    near = []
-    for k, (f, gain) in enumerate(pairs):
-        gap, error = difference(best, gain)
-        if gap <= min(max(error, LEAST_GAIN), TENTH * best.value):
-            near.append((f.size, -gain.value, k))
-    return min(near)[-1]
+    near = _near(pairs, 0, TENTH * pairs[0][1].value)
+    return min(near, key=lambda k: (pairs[k][0].size, -pairs[k][1].value))
 
 
 def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
     """Findings that the data cannot tell from the one that is taken: within a standard error of it."""
-    own = pairs[number][1]
-    out = []
-    for k, (f, gain) in enumerate(pairs):
-        gap, error = difference(own, gain)
-        if k != number and gap <= max(error, LEAST_GAIN):
-            out.append(f)
-    return out
+    return [pairs[k][0] for k in _near(pairs, number) if k != number]
 
 
 def admissible(law: ForceLaw, coefficients: np.ndarray, sizes: np.ndarray) -> bool:

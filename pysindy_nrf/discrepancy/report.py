@@ -13,7 +13,7 @@ from ..diagnostics.verdict import FreeRuns, Verdict
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..signals.channel_checks import Measured
-from . import words
+from . import constants, words
 from .evidence import Evidence
 from .prepare import Prepared
 from .residual import SiteLoop
@@ -112,10 +112,9 @@ class Step:
         """The step in words."""
         held = ((k, v, self.units.get(k, "")) for k, v in self.parameters.items() if v is not None)
         values = ", ".join(f"{k} = {v:.4g} {unit}".rstrip() for k, v, unit in held)
-        name = (
-            f"{self.law} at {self.site}" if self.sure
-            else f"closest law {self.law} at {self.site}, unexplained remainder {100 * self.remainder:.0f} %"
-        )  # fmt: skip
+        name = f"{self.law} at {self.site}"
+        if not self.sure:
+            name = f"closest law {name}, unexplained remainder {100 * self.remainder:.0f} %"
         text = f"{name} ({values}): {self.evidence}; {words.confirmation(self)}."
         if self.alternatives:
             text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
@@ -218,8 +217,7 @@ class LoopReport:
     @property
     def verdict(self) -> Verdict:
         """Whether the model may be used, what was found, and why not; see :mod:`pysindy_nrf.diagnostics.verdict`."""
-        verdict: Verdict = Hook.LOOP_VERDICT(self)
-        return verdict
+        return Hook.LOOP_VERDICT(self)
 
     def __str__(self) -> str:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
@@ -258,8 +256,6 @@ class LoopReport:
 
 def audit(settings: Mapping[str, Any], ready: Prepared) -> dict[str, dict[str, str]]:
     """Every setting of a run of the loop: its arguments, the declared model, the constants of the decisions."""
-    from . import constants
-
     held = ready.heldout
     band = settings["band"]
     return settings_of(

@@ -140,12 +140,8 @@ class Axes:
             start, spacing = max(near, key=lambda u: gain(self.at(u))), 0.1 * spacing
         step = reach * spacing * np.ones(len(start))
         away = np.where(start + step > self.high, -step, step)
-
-        def cost(u: np.ndarray) -> float:
-            return -max(gain(self.at(u)), -1e6)
-
         best = minimize(
-            cost, start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),
+            lambda u: -max(gain(self.at(u)), -1e6), start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),
             options={
                 "initial_simplex": np.vstack([start, start + np.diag(away)]), "xatol": 1e-4, "fatol": 1e-4,
                 "maxfev": _EVALUATIONS * len(start),

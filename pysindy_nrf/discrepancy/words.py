@@ -98,8 +98,6 @@ def not_possible(question: str, evidence: Any) -> str:
 
 def detection(evidence: Any) -> str:
     """Whether the residual is noise."""
-    if evidence.detection is None:
-        return not_possible("detection", evidence)
     table = evidence.detection.verdicts
     ratio = table["floor ratio"].max()
     times = f"at most {ratio:.2g} times the noise floor" if np.isfinite(ratio) else "the noise is not known"
@@ -121,19 +119,14 @@ def detection(evidence: Any) -> str:
 
 def _listed(places: Sequence[str]) -> str:
     """Balances and storeys in one phrase."""
-    numbers: dict[str, list[str]] = {"dof": [], "storey": []}
-    for place in places:
-        kind, number = place.split()
-        numbers[kind].append(number)
-    phrases = {"dof": "the balance of DOF", "storey": "storey"}
-    return " and ".join(f"{phrases[kind]} {', '.join(found)}" for kind, found in numbers.items() if found)
+    phrases = {"the balance of DOF": "dof ", "storey": "storey "}
+    numbers = {phrase: [p.removeprefix(kind) for p in places if p.startswith(kind)] for phrase, kind in phrases.items()}
+    return " and ".join(f"{phrase} {', '.join(found)}" for phrase, found in numbers.items() if found)
 
 
 def localisation(evidence: Any) -> str:
     """Where the missing force acts, and what the loop chose."""
     found = evidence.localisation
-    if found is None:
-        return not_possible("localisation", evidence)
     if found.verdict == Location.NOTHING:
         ratio = found.over_floor
         much = f"{ratio:.2g} times what noise leaves" if np.isfinite(ratio) else "no more than any measurement does"
@@ -170,8 +163,6 @@ def _located(table: pd.DataFrame) -> str:
 
 def characterisation(evidence: Any) -> str:
     """What the missing force depends on."""
-    if evidence.characterisation is None:
-        return not_possible("characterisation", evidence)
     said = characterised(evidence.characterisation)
     return f"The force missing at {evidence.site} {said[0].lower()}{said[1:]}"
 
@@ -215,13 +206,11 @@ def band(found: tuple[float | None, float | None]) -> str:
 
 def acceptance(step: Any) -> str:
     """Why an effect was accepted, and whether held-out data confirm it."""
-    text = (
+    changes = f"; it changes {100 * step.share:.0f} % of the force at its site" if np.isfinite(step.share) else ""
+    return (
         f"lowers the residual on folds left out of the fit by {step.gain:.2g} dB (standard error "
-        f"{step.gain_error:.2g}, {step.gain_least:.2g} without the fold that speaks most for it)"
+        f"{step.gain_error:.2g}, {step.gain_least:.2g} without the fold that speaks most for it){changes}"
     )
-    if np.isfinite(step.share):
-        text += f"; it changes {100 * step.share:.0f} % of the force at its site"
-    return text
 
 
 def confirmation(step: Any) -> str:
@@ -236,10 +225,9 @@ def best_refused(last: Any) -> str:
     if last is None:
         return "no law of the catalogue lowers the error at any site"
     finding, gain = last
-    where = f"{finding.proposal.law.name} at {', '.join(map(str, finding.proposal.sites))}"
     said = (
-        f"no further effect is there and matters: the best candidate, {where}, gains {gain.value:.2g} dB (standard "
-        f"error {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
+        f"no further effect is there and matters: the best candidate, {finding.proposal.name}, gains {gain.value:.2g} "
+        f"dB (standard error {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
     )
     if finding.chance is not None and np.isfinite(finding.chance):
         return f"{said}; where nothing is missing the search gains {finding.chance:.2g} dB by chance"

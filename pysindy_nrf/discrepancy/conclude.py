@@ -1,9 +1,10 @@
 """The end of the search: confirmation on held-out data, intervals, certainty, safeguards, the report."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, Windows, split, window_length
 
 LEVEL = 0.95
-FLOORS = 4  # draws of noise, of which one tells what it leaves of a balance to a fifth: 0.8 to 1.3 of the mean
+# Draws of noise, of which one tells what it leaves of a balance to a fifth: 0.8 to 1.3 of the mean.
+FLOORS, LEAST_DRAW = 4, 0.8
 RUN = 3 * MOST  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
 
 
@@ -99,21 +101,24 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
         stopped, at = f"{no_claim}. Nothing is claimed", 0
         steps, stands = ([], stands[:1]) if unfit else ([replace(s, confirmed=False) for s in steps], stands)
     confirmed = stands[at]
-    general = _general(confirmed, forward)
+    assert forward.state.ready is not None
+    draws = (ruler for _, ruler in simulated(forward.state.ready, confirmed.trial.on_part(), rng, FLOORS))
+    noise = next(draws, None)
+    beyond = _say_how_sure(steps, confirmed, draws if noise is None else chain([noise], draws))
+    fewer = len(forward.state.effects) < settings["max_steps"] and not no_claim
+    general = _general(confirmed, forward, fewer or any(step.sure for step in steps))
     there = general[general["there"]]
-    if len(there) and not no_claim and len(forward.state.effects) < settings["max_steps"]:
-        stopped += f". {words.not_in_catalogue(there)}"
-    ready, draws = forward.state.ready, FLOORS if any(step.sure for step in steps) else 1
-    made = [ruler for _, ruler in simulated(ready, confirmed.trial.on_part(), rng, draws)] if ready is not None else []
-    beyond = _say_how_sure(steps, confirmed, made, [Site(site) for site, _ in there.index])
-    report = _report(forward, first, settings, steps, stands, at, made[0] if made else None, stopped)
+    stopped += f". {words.not_in_catalogue(there)}" if len(there) and fewer else ""
+    for step in steps:  # no name is sure where a law is lacking
+        step.sure &= balances_of(Site(step.site)) not in [balances_of(Site(site)) for site, _ in there.index]
+    report = _report(forward, first, settings, steps, stands, at, noise, stopped)
     report.lack_of_fit, report.beyond_noise = general.drop(columns="there"), beyond
     report.bounds = _bounds(confirmed.trial)
     return report
 
 
-def _general(final: Stand, forward: Forward) -> pd.DataFrame:
-    """What the general law without memory and the general hysteresis still gain at each storey and tie, dB."""
+def _general(final: Stand, forward: Forward, asked: bool) -> pd.DataFrame:
+    """What the general laws still gain at each storey and tie, dB; where ``asked``, whether errors explain it."""
     trial = final.trial.on_part()
     rows = {}
     for site in trial.chain.sites:
@@ -123,7 +128,7 @@ def _general(final: Stand, forward: Forward) -> pd.DataFrame:
             except NRFError:  # its columns depend on those of the model
                 continue
             gain = after.gain_over(trial)
-            there = judge.is_there(gain) and gain.bound > 0 and forward.beyond_errors(after, trial, law)[1]
+            there = asked and judge.is_there(gain) and gain.bound > 0 and forward.beyond_errors(after, trial, law)[1]
             words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
             rows[str(site), words_of] = gain.value, gain.error, there
     index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None
@@ -280,27 +285,34 @@ def _no_claim(trial: Trial) -> str:
     return words.cancelled_masses(cancelled) if cancelled else ""
 
 
-def _say_how_sure(steps: list[Step], final: Stand, made: list[Ruler], lacking: Sequence[Site]) -> np.ndarray:
-    """Say how much of an effect its worst balance keeps, and if its name is sure (not where a law is lacking)."""
-    trial = final.trial
+def _say_how_sure(steps: list[Step], final: Stand, noises: Iterable[Ruler]) -> np.ndarray:
+    """Say how much of an effect its worst balance keeps, and if its name is sure."""
+    trial, at = final.trial, [Site(step.site) for step in steps]
     left = trial.ruler.errors(trial.powers)
-    floors = []
-    for noise in made:
+    wholes = []
+    for step, site in zip(steps, at):
+        own = [j for j in range(len(left)) if site.kind != "sensor" and site.incidence(j + 1)] or np.arange(len(left))
+        wholes.append(max(step.validation_before, float(np.sqrt(np.mean(left[own] ** 2))), 1e-300))
+        there = (s for s, other in zip(steps, at) if s is not step and balances_of(other) == balances_of(site))
+        step.company = [s.law for s in there if s.confirmed]
+        step.sure &= step.confirmed and not (step.alternatives or step.company)
+    most = COMPLETE * max((whole for step, whole in zip(steps, wholes) if step.sure), default=0.0)
+    floors: list[np.ndarray] = []
+
+    def beyond(share: float) -> np.ndarray:
+        """What is left beyond noise, if the draws so far hold some share of the mean."""
+        floor = np.mean(np.square(floors), axis=0) / share**2 if floors else 0.0
+        return np.sqrt(np.maximum(left**2 - BY_NOISE**2 * floor, 0.0))
+
+    for noise in noises:
         with suppress(NRFError):
             floors.append(np.nan_to_num(noise.errors(Trial(noise, trial.base, trial.laws).powers)))
-    floor = np.mean(np.square(floors), axis=0) if floors else 0.0
-    beyond = np.sqrt(np.maximum(left**2 - BY_NOISE**2 * floor, 0.0))
-    for step in steps:
-        site = Site(step.site)
-        own = [j for j in range(len(left)) if site.kind != "sensor" and site.incidence(j + 1)] or np.arange(len(left))
-        whole = max(step.validation_before, float(np.sqrt(np.mean(left[own] ** 2))), 1e-300)
-        step.remainder = float(np.nanmax(beyond)) / whole
-        step.sure &= step.confirmed and not step.alternatives and step.remainder <= COMPLETE
-    for step in steps:
-        here = balances_of(Site(step.site))
-        step.company = [s.law for s in steps if s is not step and s.confirmed and balances_of(Site(s.site)) == here]
-        step.sure = step.sure and not (step.company or here in map(balances_of, lacking))
-    return beyond
+        if np.nanmax(beyond(LEAST_DRAW)) > most:  # no name can be sure
+            break
+    for step, whole in zip(steps, wholes):
+        step.remainder = float(np.nanmax(beyond(1.0))) / whole
+        step.sure &= step.remainder <= COMPLETE
+    return beyond(1.0)
 
 
 def _report(

@@ -64,8 +64,9 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
         raise NRFError(f"{type(residual).__name__} is not a residual", "Make one with residual_of(model, data).")
     segments = residual.data.segments
     every = min(thinning([seg.s[seg.valid, i] for seg in segments]) for i in range(residual.n_dof))
-    draws = [] if floor is None else floor.draws  # their model may be one of fewer sites
-    sides = [_Motion(r, residual.model.chain, every) for r in (residual, *draws)]
+    chain, noise = residual.model.chain, NoiseFloor(np.empty(0), np.empty(0)) if floor is None else floor
+    draws = [_Motion(r, chain, every) for r in noise.draws]  # their model may be one of fewer sites
+    sides = [_Motion(residual, chain, every), *noise.motions.setdefault((chain.sites, every), draws)]
     rows: dict[str, dict[str, Any]] = {}
     for where, size in residual.sizes[np.isfinite(residual.sizes["rms"])].iterrows():
         ratio = size["rms"] / floor.at(where) if floor is not None and floor.at(where) > 0 else np.nan
@@ -410,7 +411,7 @@ def look(
         out.not_possible |= dict.fromkeys(words.QUESTIONS, out.not_possible["residual"])
         return out
     out.sizes = residual.sizes
-    out.floor = None if floor is None else replace(floor, draws=[])
+    out.floor = None if floor is None else replace(floor, draws=[], motions={})
     out.detection = _tried(out, "detection", lambda: detect(residual, floor))
     where = _tried(out, "localisation", lambda: Localiser(residual, floor, work.known_masses))
     out.localisation = None if where is None else _tried(out, "localisation", where.found)

@@ -238,13 +238,14 @@ class Workspace:
     def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
         """Columns of laws along one record, from the raw motion."""
         motion = self.motion(site, segment)
-        return np.vstack([law.features(motion).T for law in laws])
+        each = [law.features(motion).T for law in laws]
+        return np.vstack(each) if len(each) > 1 else each[0]
 
-    def fixed(self, segment: int) -> np.ndarray:
-        """Accelerations and forces of one record, shape (2 n_dof, n_valid_samples); unknown forces are zero."""
+    def fixed(self, segment: int) -> list[np.ndarray]:
+        """Accelerations of one record, then its forces, 2 n_dof rows of (n_valid,); unknown forces are zero."""
         seg = self.data.segments[segment]
-        force = np.nan_to_num(seg.F[seg.valid].astype(float).T)
-        return np.vstack([seg.a[seg.valid].astype(float).T, force])
+        forces = (force if np.isfinite(force[0]) else np.zeros(len(force)) for force in seg.F[seg.valid].T)
+        return [*seg.a[seg.valid].T, *forces]
 
     def runs(self, record: int) -> list[slice]:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""

@@ -13,7 +13,7 @@ of every link and ground link that crosses the cut, and of the DOF sites above i
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -164,6 +164,7 @@ class NoiseFloor:
     balance: np.ndarray
     storey: np.ndarray
     draws: list[Residual] = field(default_factory=list)  # residuals of noise alone; may be empty
+    motions: dict[Any, list[Any]] = field(default_factory=dict)  # and what detection makes of them
 
     def at(self, name: str) -> float:
         """Rms at one balance (``"dof 2"``) or storey (``"storey 2"``), N."""
@@ -191,24 +192,27 @@ def floor_of(model: ChainModel, noise: Workspace | None) -> NoiseFloor | None:
     return None if noise is None else NoiseFloor.from_draws([residual_of(model, *searched(noise))])
 
 
-def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> list[tuple[Prepared, Ruler]]:
+def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> Iterator[tuple[Prepared, Ruler]]:
     """Records, and the rulers on them, that the model of a trial, freed of the bias of noise, would have produced.
 
     The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
-    that the model produced, less the model. Empty where the model has no free run.
+    that the model produced, less the model. None where the model has no free run.
     """
     held = ((ready.records[i], ready.noise[i], trial.ruler.work.seen_rows(i)) for i in trial.ruler.work.searched)
     noise = [levels_of(*one) for one in held]
     quiet = [quiet_drive(ready.records[i], levels) for i, levels in zip(trial.ruler.work.searched, noise)]
     first = _produced(ready, trial, trial.model(), rng, noise, quiet)
     if first is None:
-        return []
+        return
     try:
         again = Trial(first[1], trial.base, trial.laws)
     except NRFError:
-        return [first]
+        yield first
+        return
     unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
-    return [made for _ in range(draws) if (made := _produced(ready, trial, unbiased, rng, noise, quiet))] or [first]
+    made = (_produced(ready, trial, unbiased, rng, noise, quiet) for _ in range(draws))
+    yield next(made) or first
+    yield from filter(None, made)
 
 
 def _produced(

@@ -19,7 +19,7 @@ from ..estimation.fewer_sensors import Linearised
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..mechanics.chain import Chain
-from ..mechanics.identifiability import plan_solve_order
+from ..mechanics.identifiability import SolveOrder, plan_solve_order
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..regression.chain_solve import Solution, model_of
@@ -28,13 +28,15 @@ from ..regression.layout import LawLayout, Layout
 from ..regression.many_fits import ChainFit, ChannelFit
 from ..regression.segments import SegmentSet
 from .constants import ENERGY, EXPLAINED, FAR, FLOOR, TENTH
-from .prepare import Workspace
+from .prepare import MOST, Workspace
 from .windows import Windows
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
 Placed = Sequence[tuple[Site, ForceLaw]]
-# Spectra kept from one step to the next, bytes.
-_CACHE = 200_000_000
+# Spectra of laws of models that are kept for the next model, bytes.
+_CACHE = 64_000_000
+# Numbers in the spectra of a scan that are held at once.
+_AT_ONCE = 500_000
 # Iterations of bands and of weights; both settle in three or four.
 ROUNDS = 6
 
@@ -133,30 +135,35 @@ class Ruler:
     ) -> None:  # fmt: skip
         self.work, self.windows = work, windows
         self.segments = sorted({b.segment for b in windows.blocks})
-        self.fixed = windows.spectra({i: work.fixed(i) for i in self.segments})
+        # those of all samples of long records are large: half as many bytes tell a millionth of a force
+        self.kind: Any = float if windows.size < 10 * MOST else np.float32
+        self.fixed = windows.spectra({i: work.fixed(i) for i in self.segments}, self.kind)
         self.known = work.known[[b.segment for b in windows.blocks]]  # (n_folds, n_dof)
         shape = work.n_dof, len(windows.edges) - 1
         self.informative = np.ones(shape, dtype=bool) if informative is None else informative
         self.clear = self.informative if clear is None else clear
-        self.grids: dict[Any, list[tuple[ForceLaw, ...]]] = {}  # laws that a scan tries, by proposal
+        # By proposal, the laws that a scan tries, and the products of their columns with each row.
+        self.scans: dict[Any, tuple[Sequence[tuple[ForceLaw, ...]], dict[Any, np.ndarray]]] = {}
+        self.keys: dict[Any, int] = {}  # numbers of rows: hashes of laws take long
         self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
-        self._held = 0  # bytes
+        self._orders: dict[tuple[Site, ...], SolveOrder] = {}
         self.part: Ruler | None = None  # on excerpts, where this is one on all samples of long records
 
-    def columns(self, site: Site, laws: Sequence[ForceLaw]) -> np.ndarray:
-        """Spectra of the columns of laws at one site; those of a scan are kept for the next step."""
-        held = {law: rows for law in laws if (rows := self._cache.get((site, law))) is not None}
-        missing = [law for law in dict.fromkeys(laws) if law not in held] if len(held) < len(laws) else []
-        if missing:
-            found = self.windows.spectra({i: self.work.columns(site, missing, i) for i in self.segments})
-            if not np.isfinite(found).all():
-                raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
-            kept = found.astype(np.float32) if len(missing) > 1 else found  # single precision ranks points of a scan
-            if self._held + kept.nbytes <= _CACHE:  # a scan comes by in the same order each time: the first stay
-                self._held += kept.nbytes
-                self._cache |= {(site, law): rows for law, rows in zip(missing, np.split(kept, len(missing)))}
-            held |= dict(zip(missing, np.split(kept, len(missing))))
-        return np.concatenate([held[law] for law in laws], dtype=float)
+    def columns(self, site: Site, laws: Sequence[ForceLaw], kind: Any = float) -> np.ndarray:
+        """Spectra of the columns of laws at one site."""
+        found = self.windows.spectra({i: self.work.columns(site, laws, i) for i in self.segments}, kind)
+        if not np.isfinite(found).all():
+            raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
+        return found
+
+    def rows(self, site: Site, law: ForceLaw) -> np.ndarray:
+        """Spectra of the columns of a law of a model, kept for the next model."""
+        found = self._cache.pop((site, law), None)
+        found = self.columns(site, [law], self.kind) if found is None else found
+        self._cache[site, law] = found
+        while len(self._cache) > 1 and sum(rows.nbytes for rows in self._cache.values()) > _CACHE:
+            del self._cache[next(iter(self._cache))]
+        return found
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
         """The solve of a set of columns."""
@@ -164,8 +171,9 @@ class Ruler:
         # Balances one by one locate a missing law; each is fitted beside the laws that the balances before it found, as
         # it is judged (laws that are found twice would be judged where the other one was not fitted).
         given = work.forced, work.unknown, dict(work.known_masses), "sequential", layout.acting
-        order = plan_solve_order(layout.chain, *given).require_complete()
-        return ChainFit(layout, order, work.known_masses, where, at, work.forced)
+        if layout.acting not in self._orders:
+            self._orders[layout.acting] = plan_solve_order(layout.chain, *given).require_complete()
+        return ChainFit(layout, self._orders[layout.acting], work.known_masses, where, at, work.forced)
 
     def find_bands(self, models: Sequence[tuple[Chain, Mapping[Site, Sequence[ForceLaw]]]]) -> Ruler:
         """Find the informative bands and cut the spectra above the last of them.
@@ -205,7 +213,7 @@ class Ruler:
         w, work = self.windows, self.work.whole
         windows = Windows(work.data, work.search, w.length, w.edges, w.centred)
         out = Ruler(work, windows, self.informative, self.clear)
-        out.part, self._cache, self._held = self, {}, 0  # the scans are over
+        out.part, self._cache = self, {}
         return out
 
     def band(self) -> tuple[float | None, float | None]:
@@ -279,12 +287,12 @@ class ChannelWork(Workspace):
         ends = self.ends @ [site.incidence(j) for j in range(1, self.n_dof + 1)]
         return self.seen.through(super().columns(site, laws, segment), ends, segment)
 
-    def fixed(self, segment: int) -> np.ndarray:
+    def fixed(self, segment: int) -> list[np.ndarray]:
         """What inertias do to the channels; what the forces do, less what the run misses of them; the channels."""
         rows = zip(super().fixed(segment), [*self.ends, *self.ends])
         each = [self.seen.through(row[None], end, segment) for row, end in rows]
         force = np.sum(each[self.n_dof :], axis=0) - self.seen.gaps[segment]
-        return np.vstack([*each[: self.n_dof], force, self.seen.measured[segment]])
+        return list(np.vstack([*each[: self.n_dof], force, self.seen.measured[segment]]))
 
 
 class ChannelRuler(Ruler):
@@ -359,9 +367,21 @@ class Trial:
         """Spectra of the columns of the laws, then of accelerations and forces."""
         return np.vstack(self._columns())
 
+    @cached_property
+    def keys(self) -> list[Any]:
+        """What the rows of the spectra are, whatever the model."""
+        laws = [(s, law, k) for s in self.layout.sites for law in self.laws.get(s, ()) for k in range(len(law.terms()))]
+        kept = self.ruler.keys
+        return [kept.setdefault(one, len(kept)) for one in [*laws, *range(len(self.ruler.fixed))]]
+
+    @cached_property
+    def heavy(self) -> np.ndarray:
+        """Weighted sums of the products over all folds and bands, by balance, (n_dof, p, p)."""
+        return np.tensordot(self.weights, self.summed, 1)
+
     def _columns(self) -> list[np.ndarray]:
-        columns = [self.ruler.columns(s, [law]) for s in self.layout.sites for law in self.laws.get(s, ())]
-        return [*columns, self.ruler.fixed]
+        held = [self.ruler.rows(s, law) for s in self.layout.sites for law in self.laws.get(s, ())]
+        return [*held, self.ruler.fixed]
 
     def on_part(self) -> Trial:
         """The same laws on the excerpts of long records."""
@@ -464,7 +484,12 @@ class Slot:
                 at += width
             layout = Layout(chain, {s: len(where.get(s, ())) for s in laws})
             trial.slots[kind] = trial.ruler.fit_of(layout, {s: where.get(s, []) for s in layout.sites}, trial.at)
-        self.fit = trial.slots[kind]
+        self.fit, size = trial.slots[kind], trial.summed.shape[-1]
+        self.beside = [row for row in self.fit.beside(range(size, size + sum(self.widths))) if row < size]
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        return self.trial.spectra[self.beside]
 
     def left_out(self, columns: np.ndarray) -> np.ndarray:
         """Coefficients of the columns of one law (n_columns, size) with each fold left out of the fit."""
@@ -474,17 +499,38 @@ class Slot:
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
         return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]
 
-    def gains(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gains on the samples of the fit, dB, coefficients and sizes, of columns (n_trials, n_columns, size)."""
-        trial, windows = self.trial, self.trial.ruler.windows
-        count, width, _ = columns.shape
-        size, bands = len(trial.spectra), len(windows.bands)
-        wide = columns.reshape(count * width, -1)
-        cross = np.array([trial.spectra[:, band] @ wide[:, band].T for band in windows.bands])
-        cross, inside = cross.reshape(bands, size, count, width), windows.products(columns)
+    def _products(self, points: Sequence[tuple[ForceLaw, ...]], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Products of columns with some rows, (n_rows, n_bands, n_points, n_columns), and with each other, by band."""
+        ruler, windows = self.trial.ruler, self.trial.ruler.windows
+        each = (ruler.columns(s, [laws[k] for laws in points]) for k, s in enumerate(self.sites))
+        parts = [found.reshape(len(points), width, -1) for found, width in zip(each, self.widths)]
+        columns = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        wide = columns.reshape(-1, columns.shape[-1])
+        cross = np.array([rows[:, band] @ wide[:, band].T for band in windows.bands]).swapaxes(0, 1)
+        return cross.reshape(len(rows), len(windows.bands), *columns.shape[:2]), windows.products(columns)
+
+    def gains(
+        self, points: Sequence[tuple[ForceLaw, ...]], kept: dict[Any, np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gains of laws on the samples of the fit, dB, their coefficients and the sizes of their columns.
+
+        Products that are ``kept`` from another model on the same ruler are not formed again.
+        """
+        trial, windows, kept = self.trial, self.trial.ruler.windows, {} if kept is None else kept
+        missing = [row for row in self.beside if trial.keys[row] not in kept]
+        width, count, size, bands = sum(self.widths), len(points), len(trial.keys), len(windows.bands)
+        if missing or None not in kept:
+            rows = self._rows if missing == self.beside else trial.spectra[missing]
+            few = max(1, _AT_ONCE // (width * windows.size))
+            parts = [self._products(points[at : at + few], rows) for at in range(0, count, few)]
+            kept[None] = np.concatenate([inside for _, inside in parts])
+            kept |= zip([trial.keys[row] for row in missing], np.concatenate([new for new, _ in parts], axis=2))
+        inside, cross = kept[None], np.zeros((bands, size, count, width))
+        for row in self.beside:
+            cross[:, row] = kept[trial.keys[row]]
         weights = trial.weights_of(self.fit)
         total = np.empty((count, len(weights), size + width, size + width))
-        total[..., :size, :size] = np.tensordot(weights, trial.summed, 1)
+        total[..., :size, :size] = trial.heavy[[g.dofs[0] - 1 for g in self.fit.groups]]
         total[..., :size, size:] = np.tensordot(weights, cross, 1).transpose(2, 0, 1, 3)
         total[..., size:, :size] = total[..., :size, size:].swapaxes(-1, -2)
         total[..., size:, size:] = (weights @ inside.reshape(count, bands, -1)).reshape(count, -1, width, width)

@@ -39,18 +39,21 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     segment = work.data.segments[record]
     start, stop = work.runs(record)[0].start, work.runs(record)[-1].stop
     whole = slice(start, min(stop, start + 10 * MOST))  # ten times as sharp as what the search can tell
-    inside, size = np.zeros(segment.n_valid), whole.stop - whole.start
+    begun = slice(segment.valid.start, segment.valid.start + whole.stop)
+    inside, size = np.zeros(whole.stop), whole.stop - whole.start
     for part in work.runs(record):
         inside[part] = 1.0  # a line is as sharp as the record is long: what is held out is zero, not cut away
     few = next_fast_len(int(2.2 * size * segment.step * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
     few = few if 3 * MOST < size > few else size
     seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
     rows = np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
-    for s in (None, *(s for s in trial.layout.group((j,)).sites if trial.laws.get(s))):
-        own = work.columns(s, trial.laws[s], record) if s else work.fixed(record)[j - 1 :: work.n_dof]
-        for row, line in zip(rows[trial.layout.slices[s] if s else slice(trial.at + j - 1, None, work.n_dof)], own):
-            line = line[whole] * seen  # noqa: PLW2901
-            row[:] = line if few == size else resample(line, few) * left
+    fixed = [segment.a[begun, j - 1], np.nan_to_num(segment.F[begun, j - 1])]
+    own = [*zip(rows[trial.at + j - 1 :: work.n_dof], fixed)]
+    for s in trial.layout.group((j,)).sites:
+        motion = segment.motion(s, begun)
+        own += zip(rows[trial.layout.slices[s]], (y for law in trial.laws[s] for y in law.features(motion).T))
+    for row, line in own:
+        row[:] = line[whole] * seen if few == size else resample(line[whole] * seen, few) * left
     weighed, dt = j in work.known_masses, segment.step * size / few
     given = weighed or j in work.forced, weighed, driven_at(segment, run)
     return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
@@ -93,12 +96,13 @@ class Search:
         """Findings on top of a state, each at ``most`` sites and ``near`` one, the best first, cross-validated."""
         found: list[Finding] = []
         tried = [p for p in self.proposals if near is None or any({s.p, s.q} & {near.p, near.q} - {0} for s in p.sites)]
-        promised = self._promised(state, tried)
+        promised, best = self._promised(state, tried), 0.0
         for proposal in sorted(tried, key=lambda p: len(p.law.free_shape)):
             self.progress()
-            if len(proposal.sites) <= most and _worth_a_scan(proposal, found, promised):
+            if len(proposal.sites) <= most and _worth_a_scan(proposal, found, promised, best):
                 scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
-                found += [scan for scan in scans if scan is not None]
+                found += (new := [scan for scan in scans if scan is not None])
+                best = max([best, *(f.screen for f in new)])
         found.sort(key=lambda f: -f.screen)
         return sorted(filter(None, map(self.judged, _varied(found, top))), key=lambda f: -_value(f))
 
@@ -108,7 +112,8 @@ class Search:
         for site in dict.fromkeys(s for p in tried if _of_motion(p.law) for s in p.sites):
             try:
                 slots = [(law, Slot(state.trial, [(site, law)])) for law in general_laws(ruler.work, site)]
-                out[site] = max(float(slot.gains(ruler.columns(site, [law])[None])[0][0]) for law, slot in slots)
+                scans = {law: ruler.scans.setdefault((law, site), ([(law,)], {})) for law, _ in slots}
+                out[site] = max(float(slot.gains(*scans[law])[0][0]) for law, slot in slots)
             except NRFError:  # their columns depend on those of the model
                 out[site] = np.inf
         return out
@@ -136,16 +141,17 @@ class Search:
 
     def _scanned(self, base: State, proposal: Proposal, state: State) -> Finding | None:
         ruler = base.trial.ruler
-        points = ruler.grids.get(proposal, [])
+        points, kept = ruler.scans.get(proposal, ((), {}))
         if not points:
             axes = Axes(proposal.law, ruler.work, proposal.sites)
             points = [axes.at(u) for u in axes.grid(lines_at(base.trial, proposal) if axes.of_frequency else ())]
-            ruler.grids |= {} if axes.of_frequency else {proposal: points}  # lines of a residual change with the model
+            if not axes.of_frequency:  # lines of a residual change with the model
+                ruler.scans[proposal] = points, kept
         if not points:
             return None
         try:
             slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
-            gains = _gains(slot, points)
+            gains = _gains(slot, points, kept)
         except NRFError:
             return None
         best = int(np.argmax(gains))
@@ -154,15 +160,19 @@ class Search:
         lost = 0.0 if base is state else state.trial.gain_over(base.trial).value
         return Finding(proposal, points[best], base, float(gains[best]) - lost)
 
+    @staticmethod
+    def _refined(base: State, proposal: Proposal, laws: Sequence[ForceLaw], reach: float) -> tuple[Any, Trial]:
+        """Laws with refined shape parameters, beside those of a state."""
+        axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
+        slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
+        laws = axes.at(axes.refined(lambda some: float(_gains(slot, [some])[0]), axes.point(laws[0]), reach))
+        return laws, base.trial.with_laws(list(zip(proposal.sites, laws)))
+
     def judged(self, finding: Finding) -> Finding | None:
         """The finding with refined shape parameters and its cross-validated gain."""
         base, proposal = finding.state, finding.proposal
-        axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
         try:
-            slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
-            u = axes.refined(lambda laws: float(_gains(slot, [laws])[0]), axes.point(finding.laws[0]), 0.5)
-            laws = axes.at(u)
-            trial = base.trial.with_laws(list(zip(proposal.sites, laws)))
+            laws, trial = self._refined(base, proposal, finding.laws, 0.5)
         except NRFError:
             return None
         effects = (*base.effects, *(Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)))
@@ -174,15 +184,11 @@ class Search:
             if not effect.template.free_shape or effect.is_fault:
                 continue
             base = self.without(state, [effect])
-            axes = Axes(effect.template, base.trial.ruler.work, [effect.site])
-            slot = Slot(base.trial, [(effect.site, effect.template)])
             with suppress(NRFError):
-                u = axes.refined(lambda laws: float(_gains(slot, [laws])[0]), axes.point(effect.law), 0.2)  # noqa: B023
-                new = replace(effect, law=axes.at(u)[0])
-                trial = base.trial.with_laws([(effect.site, new.law)])
-                if trial.gain_over(state.trial).value <= 0:
-                    continue
-                state = State(trial, tuple(new if e is effect else e for e in state.effects), state.ready)
+                (law,), trial = self._refined(base, Proposal(effect.template, (effect.site,)), (effect.law,), 0.2)
+                if trial.gain_over(state.trial).value > 0:
+                    effects = (replace(effect, law=law) if e is effect else e for e in state.effects)
+                    state = State(trial, tuple(effects), state.ready)
         return state
 
 
@@ -208,10 +214,12 @@ class Forward:
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
         self.rivals: dict[Effect, list[Finding]] = {}
         self.last: list[tuple[Finding, Gain]] = []
+        self._searched: list[tuple[Effect, ...]] = []  # models beside which every candidate was tried
 
     def run(self, most: int) -> None:
         """Add effects until none is accepted or there are ``most`` of them."""
         while len(self.state.effects) < most:
+            self._searched.append(self.state.effects)
             forces = self.search.candidates(self.state, most - len(self.state.effects))
             self.last = judge.ranked(forces + findings_of_faults(self.state, self.faults), self.state)
             found = self._choice(self.state, self.last)
@@ -236,6 +244,7 @@ class Forward:
         state = self.search.polished(replace(self.state, trial=end))
         self.rivals = {e: self.rivals.get(old, []) for old, e in zip(self.state.effects, state.effects)}
         self.state, self.whole = replace(state, ready=self.state.ready), ready
+        self._errors, self._freed = None, {}  # large, and hardly asked again
         return replace(first, trial=start)
 
     def _choice(self, state: State, pairs: Any, sure: bool = False) -> tuple[Finding, list[Finding]] | None:
@@ -304,10 +313,10 @@ class Forward:
     def _by_chance(self, state: State, faults: bool) -> float:
         """Gain of the whole search where the state is the truth, dB; infinite where its model has no free run."""
         assert state.ready is not None
-        made = simulated(state.ready, state.trial, self.rng)
-        if not made:
+        made = next(simulated(state.ready, state.trial, self.rng), None)
+        if made is None:
             return np.inf
-        ready, ruler = made[0]
+        ready, ruler = made
         try:
             null = State(Trial(ruler, state.trial.base, state.trial.laws), state.effects, ready)
             best = findings_of_faults(null, self.faults) if faults else self.search.candidates(null, top=3)
@@ -381,6 +390,8 @@ class Forward:
                 base = self.search.without(self.state, [effect])
             except NRFError:
                 continue
+            if base.effects in self._searched:  # from which it was chosen
+                continue
             own = self.state.trial.gain_over(base.trial)
             pairs = judge.ranked(self.search.candidates(base, 1, near=effect.site), base)
             better = [f for f, gain in pairs if np.greater(*judge.difference(gain, own))]
@@ -402,24 +413,20 @@ def _of_motion(law: ForceLaw) -> bool:
     return bool(law.free_shape) and not (law.covariates or law.uses_time or law.uses_acceleration or law.mimics_inertia)
 
 
-def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mapping[Site, float]) -> bool:
+def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mapping[Site, float], best: float) -> bool:
     """Whether general laws, and what a law of three shape parameters refines, promise something at the same sites."""
     law, sites = proposal.law, proposal.sites
-    simple = [f.screen for f in found if f.proposal.sites == sites and law.contains(f.proposal.law)]
     hopes = [sum(max(promised[s], 0.0) for s in sites)] if _of_motion(law) else []
-    hopes += [max(simple)] if simple and len(law.free_shape) > 2 else []
-    least = max(LEAST_GAIN / 4, PROMISED * max((f.screen for f in found), default=0.0))
+    if len(law.free_shape) > 2:
+        simple = [f.screen for f in found if f.proposal.sites == sites and law.contains(f.proposal.law)]
+        hopes += [max(simple)] if simple else []
+    least = max(LEAST_GAIN / 4, PROMISED * best)
     return all(hope >= least for hope in hopes)
 
 
-def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]]) -> np.ndarray:
+def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]], kept: Any = None) -> np.ndarray:
     """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
-    ruler = slot.trial.ruler
-    parts = [
-        ruler.columns(site, [laws[k] for laws in points]).reshape(len(points), slot.widths[k], -1)
-        for k, site in enumerate(slot.sites)
-    ]
-    gains, theta, sizes = slot.gains(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1))
+    gains, theta, sizes = slot.gains(points, kept)
     for i, laws in enumerate(points):
         at = 0
         for law, width in zip(laws, slot.widths):

@@ -219,7 +219,7 @@ class Errors:
         if missing := [(key, at) for key, at in touched if key not in new]:
             moved = self.work.with_data(_faulty(self.work, self.readings, [(error, 0.1 * error.deviation)]))
             rows: dict[int, list[np.ndarray]] = {
-                i: [moved.columns(s, [law], i) if law else moved.fixed(i)[[own]] for (_, s, law), _ in missing]
+                i: [moved.columns(s, [law], i) if law else moved.fixed(i)[own][None] for (_, s, law), _ in missing]
                 for i in self.ruler.segments
             }
             ends = np.cumsum([len(each) for each in rows[self.ruler.segments[0]]])
@@ -244,10 +244,7 @@ class _Fit:
                 here = slice(*np.searchsorted(thin, [columns.start, columns.stop]))
                 self.used[:, here], self.band[here] = each[:, None], k
         self.bands = np.eye(trial.weights.shape[1])[self.band].T
-        # Rows that stand in each group of balances, and the changes of these.
-        fixed = [[trial.at + k + j - 1 for k in (0, self.fit.n) for j in g.dofs] for g in self.fit.groups]
-        terms = ([c for s in g.sites for c in self.fit.where[s]] for g in self.fit.groups)
-        self.own = [np.array(more + held) for more, held in zip(fixed, terms)]
+        self.own = [np.array(own) for own in self.fit.own]  # and the changes of these
         self.inside = [np.flatnonzero(np.isin(rows, own)) for own in self.own]
 
     def fitted(self, start: np.ndarray) -> np.ndarray:
@@ -272,7 +269,8 @@ class _Fit:
 
     def _sums(self, some: np.ndarray, rows: np.ndarray, factors: np.ndarray, count: int) -> np.ndarray:
         """Sums of some changes times their factors, by the row to which each is added."""
-        return csr_array((factors, (rows, some)), (count, len(self.changes))) @ self.changes
+        held = np.flatnonzero(factors)
+        return csr_array((factors[held], (rows[held], some[held])), (count, len(self.changes))) @ self.changes
 
     def _grams(self, at: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Weighted products of the rows that stand in each group of balances; those of others are zero."""

@@ -74,12 +74,12 @@ def split(
 
 def _energy(segment: Segment, hop: int) -> np.ndarray:
     """Energy of rates and forces in each cell, (n_cells, n_channels)."""
-    rows = [np.asarray(y[segment.valid], dtype=float) for y in (segment.v, segment.F)]
-    y = np.nan_to_num(np.hstack(rows))[hop:]
-    if len(y) < 2 * hop:
-        return np.zeros((1, y.shape[1]))
-    y = y - y.mean(axis=0)
-    return np.add.reduceat(y**2, hop * np.arange(max(1, len(y) // hop - 1)), axis=0)
+    parts = [y[segment.valid][hop:].T for y in (segment.v, segment.F)]
+    if parts[0].shape[1] < 2 * hop:
+        return np.zeros((1, sum(map(len, parts))))
+    lines = (np.nan_to_num(line) for part in parts for line in part.astype(float, copy=False))
+    starts = hop * np.arange(max(1, parts[0].shape[1] // hop - 1))
+    return np.column_stack([np.add.reduceat((line - line.mean()) ** 2, starts) for line in lines])
 
 
 def _cut(
@@ -188,9 +188,10 @@ class Windows:
         self.spans = [[slice(int(a), int(a + w)) for a, w in zip(lo, width)] for lo, width in zip(first, widths)]
         self.bands = [slice(int(a), int(b)) for a, b in zip(first[0], [*first[0, 1:], ends[-1]])]
         self.size = int(ends[-1])
-        # Samples of all windows of each record, and where the spectral values of a column stand among those of these.
-        self._samples: dict[int, np.ndarray] = {}
-        self._order, at = np.empty(self.size // 2, dtype=int), 0
+        # Some windows of a record at a time: their starts, their lines, and the places of these in a row of all; the
+        # order in which the spectral values of a column stand there.
+        self._some: list[tuple[int, np.ndarray, slice, slice]] = []
+        self._order, at = np.empty(self.size // 2, dtype=np.int32), 0
         for i in dict.fromkeys(b.segment for b in self.blocks):
             starts, size, count = [], self.sizes[i], int(np.ptp(self._lines[i]))
             for block, spans in ((b, spans) for b, spans in zip(self.blocks, self.spans) if b.segment == i):
@@ -199,7 +200,10 @@ class Windows:
                 places = (at + count * each + np.arange(count)).T.ravel()  # line by line, window by window
                 self._order[np.concatenate([np.arange(s.start // 2, s.stop // 2) for s in spans])] = places
                 at += len(places)
-            self._samples[i] = np.concatenate(starts) + np.arange(size)
+            every, stop = np.concatenate(starts), at - sum(map(len, starts)) * count
+            for part in np.array_split(every, -(-len(every) * size // _AT_ONCE)):
+                begin, stop = stop, stop + len(part) * count
+                self._some.append((i, part, slice(self._lines[i][0], self._lines[i][-1]), slice(begin, stop)))
         self._ones: list[np.ndarray] = []
         if centred and edges[0] == 0:  # the mean of a fold stands in the first lines
             ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
@@ -227,34 +231,36 @@ class Windows:
         """The same windows, spectra cut above a band."""
         return Windows(self.data, self.blocks, self.length, self.edges[: band + 2], self.centred)
 
-    def spectra(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
+    def spectra(self, rows: Mapping[int, Any], kind: Any = float) -> np.ndarray:
         """Spectra of rows of each record, real and imaginary parts beside each other, (n_rows, size)."""
-        out = self._transformed(rows)
+        out = self._transformed(rows, kind)
         for spans, ones in zip(self.spans, self._ones):
             part = out[:, spans[0]]
             part -= np.outer(part @ ones, ones)
         return out
 
-    def _transformed(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
-        count = next(iter(rows.values())).shape[0]
-        out = np.empty((count, self.size // 2), dtype=complex)
-        few = max(1, _AT_ONCE // sum(samples.size for samples in self._samples.values()))
+    def _transformed(self, rows: Mapping[int, Any], kind: Any = float) -> np.ndarray:
+        count = len(next(iter(rows.values())))
+        out = np.empty((count, self.size // 2), dtype=np.result_type(kind, 1j))
+        few = max(1, _AT_ONCE // sum(len(starts) * self.sizes[i] for i, starts, *_ in self._some))
+        every, within = np.empty((few, self.size // 2), dtype=complex), {i: np.arange(self.sizes[i]) for i in rows}
         for some in (slice(at, at + few) for at in range(0, count, few)):
-            found = []
-            for i, samples in self._samples.items():
-                windows = rows[i][some].take(samples, axis=1)
+            lines = every[: min(few, count - some.start)]
+            y = {i: np.asarray(own[some], dtype=float) for i, own in rows.items()}
+            for i, starts, inside, places in self._some:
+                windows = y[i].take(starts + within[i], axis=1)
                 windows *= self._hann[i]
-                lines = rfft(windows, axis=-1, overwrite_x=True)[..., self._lines[i][0] : self._lines[i][-1]]
-                found.append(lines.reshape(len(lines), -1))
-            every = found[0] if len(found) == 1 else np.concatenate(found, axis=1)
-            every.take(self._order, axis=1, out=out[some], mode="clip")
-        return out.view(float)
+                into = lines[:, places].reshape(len(lines), len(starts), -1)
+                into[:] = rfft(windows, axis=-1, overwrite_x=True)[..., inside]
+            out[some] = lines.take(self._order, axis=1)
+        return out.view(kind)
 
     def grams(self, *spectra: np.ndarray) -> np.ndarray:
         """Products of the rows of some spectra by fold and band, (n_folds, n_bands, n_rows, n_rows)."""
 
         def of(columns: slice) -> np.ndarray:
-            part = np.vstack([rows[:, columns] for rows in spectra]) if len(spectra) > 1 else spectra[0][:, columns]
+            each = [rows[:, columns].astype(float, copy=False) for rows in spectra]
+            part = np.vstack(each) if len(each) > 1 else each[0]
             return part @ part.T
 
         return np.array([[of(columns) for columns in spans] for spans in self.spans])
@@ -275,6 +281,6 @@ class ChannelWindows(Windows):
         )
         self.channels = channels
 
-    def spectra(self, rows: Mapping[int, np.ndarray]) -> np.ndarray:
+    def spectra(self, rows: Mapping[int, Any], kind: Any = float) -> np.ndarray:
         """Spectra of rows, those of all channels beside each other, (n_rows, n_channels * size)."""
-        return super().spectra(rows).reshape(-1, self.channels * self.size)
+        return super().spectra(rows, kind).reshape(-1, self.channels * self.size)

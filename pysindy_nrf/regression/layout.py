@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -56,8 +56,13 @@ class Layout:
 
     def group(self, dofs: Sequence[int]) -> Group:
         """The group of columns of one balance, or of several summed."""
-        signs = {s: sign for s in self.acting if (sign := sum(s.incidence(j) for j in dofs))}
-        return Group(tuple(dofs), tuple(signs), tuple(signs.values()))
+        return _group(tuple(dofs), self.acting)
+
+
+@lru_cache(4096)
+def _group(dofs: tuple[int, ...], acting: tuple[Site, ...]) -> Group:
+    signs = {s: sign for s in acting if (sign := sum(s.incidence(j) for j in dofs))}
+    return Group(dofs, tuple(signs), tuple(signs.values()))
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,11 @@ class ChainFit:
         self.layout, self.order, self.known_masses, self.where, self.at = layout, order, dict(known_masses), where, at
         n = self.n = layout.n_dof
         self.groups = groups_of(layout, order)
+        # Rows that stand in each group of balances.
+        self.own = [
+            [*(at + k + j - 1 for k in (0, n) for j in g.dofs), *(int(c) for s in g.sites for c in where[s])]
+            for g in self.groups
+        ]
         index = {g.dofs: u for u, g in enumerate(self.groups)}
         self._known = np.array([self.known_masses.get(j, 0.0) for j in range(1, n + 1)])
         entries: list[tuple[int, int, int, int]] = []
@@ -70,6 +75,10 @@ class ChainFit:
                 held += [(below, c, n + 1 + c, sign) for c, sign in given.get(seen, [])]
         self._held = np.array(held, dtype=int).T
 
+    def beside(self, rows: Sequence[int]) -> list[int]:
+        """The rows that stand in a balance with some of these."""
+        return sorted(set().union(*(own for own in self.own if not set(own).isdisjoint(rows))))
+
     def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, n_groups, p, p)."""
         masses = np.tile(self._known, (len(fit), 1))
@@ -97,6 +106,7 @@ class ChannelFit(ChainFit):
         self._known = np.array([known_masses.get(j, 0.0) for j in range(1, n + 1)])
         self._terms = [int(c) for s in layout.sites for c in where[s]]
         self._free = [j for j in range(n) if j + 1 not in known_masses]
+        self.own = [[*range(at, at + n + 2), *self._terms]]
 
     def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, 1, p, p)."""

@@ -237,13 +237,13 @@ class Segment:
             line = part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64)
             return np.ascontiguousarray(line, dtype=np.float64)
 
-        top = self.a[rows, high - 1].astype(np.float64)
+        a = self.a[rows, high - 1].astype(np.float64)
         if low > 0:
-            below: Any = self.a[rows, low - 1]
-        else:
-            below = 0.0 if self.ag is None or site.kind == "dof" else self.ag[rows]
+            a -= self.a[rows, low - 1]
+        elif self.ag is not None and site.kind != "dof":
+            a -= self.ag[rows]
         return Motion(
-            along(self.s), along(self.v), top - below, None if self.t is None else self.t[rows],
+            along(self.s), along(self.v), a, None if self.t is None else self.t[rows],
             {k: c[rows] for k, c in self.covariates.items()},
         )  # fmt: skip
 
@@ -257,7 +257,7 @@ class Segment:
 
     def strongest(self, rows: slice, size: int) -> int:
         """Where, in some valid rows, the stretch of a length begins that holds most energy of rates and forces."""
-        y = np.nan_to_num(np.hstack([self.v, self.F])[self.valid][rows])
+        y = np.nan_to_num(np.hstack([part[self.valid][rows] for part in (self.v, self.F)]))
         energy = np.cumsum(np.append(0.0, (y**2 / np.maximum(y.var(axis=0), 1e-300)).sum(axis=1)))
         return rows.start + int(np.argmax(energy[size:] - energy[: len(energy) - size]))
 

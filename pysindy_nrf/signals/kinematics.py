@@ -61,7 +61,8 @@ def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple
     table, n = np.hstack([a, v, x]), record.n_dof
     table[:, n + 1 : 2 * n] -= v[:, :-1]
     table[:, 2 * n + 1 :] -= x[:, :-1]
-    X = pd.DataFrame(table, index=index, columns=columns)
+    X, force = pd.DataFrame(table, index=index, columns=columns, copy=False), fused.force
+    del fused, v, x  # long motions are not held twice
     if smoother is not None and smoother.spacing_.max() > 1.0:
         # an accelerometer resolves the whole band; what a displacement sensor cannot resolve is smoothed away
         blind = [h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0]
@@ -74,7 +75,7 @@ def to_features(record: Record, smooth: Any = True, check: bool = True) -> tuple
         X.attrs["band"] = check_band(smoother.band_, record.fs)
     if messages:
         X.attrs["doubts"] = messages
-    return X, pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
+    return X, pd.DataFrame(force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)])
 
 
 def base_acceleration(record: Record) -> np.ndarray:

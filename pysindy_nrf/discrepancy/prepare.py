@@ -27,6 +27,8 @@ from .windows import period_of
 
 # Samples on which a search decides. A gain is a ratio of powers: more samples make it no larger.
 MOST = 10_000
+# Rows that are longer are held in single precision, or formed again when they are asked for.
+LONG = 10 * MOST
 
 
 @dataclass
@@ -212,7 +214,7 @@ class Workspace:
         seg, found = self.data.segments[segment], self._motions.get((site, segment))
         if found is None:
             found = seg.motion(site, seg.valid)
-            if seg.n_valid < 10 * MOST:  # in place of longer ones excerpts are searched
+            if seg.n_valid < LONG:  # in place of longer ones excerpts are searched
                 self._motions[site, segment] = found
         return found
 

@@ -28,7 +28,7 @@ from ..regression.layout import LawLayout, Layout
 from ..regression.many_fits import ChainFit, ChannelFit
 from ..regression.segments import SegmentSet
 from .constants import ENERGY, EXPLAINED, FAR, FLOOR, TENTH
-from .prepare import MOST, Workspace
+from .prepare import LONG, Workspace
 from .windows import Windows
 
 Laws = Mapping[Site, tuple[ForceLaw, ...]]
@@ -135,8 +135,8 @@ class Ruler:
     ) -> None:  # fmt: skip
         self.work, self.windows = work, windows
         self.segments = sorted({b.segment for b in windows.blocks})
-        # those of all samples of long records are large: half as many bytes tell a millionth of a force
-        self.kind: Any = float if windows.size < 10 * MOST else np.float32
+        # what single precision loses of the spectra of long records is far below the share that counts as zero
+        self.kind: Any = float if windows.size < LONG else np.float32
         self.fixed = windows.spectra({i: work.fixed(i) for i in self.segments}, self.kind)
         self.known = work.known[[b.segment for b in windows.blocks]]  # (n_folds, n_dof)
         shape = work.n_dof, len(windows.edges) - 1

@@ -18,7 +18,7 @@ from . import judge
 from .catalogue import general_laws
 from .constants import DRAWS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, LIKELY, TENTH
 from .judge import admissible
-from .prepare import MOST, Prepared
+from .prepare import LONG, MOST, Prepared
 from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
 from .sensors import Errors, findings_of_faults
@@ -38,7 +38,7 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     record, run = max(runs, key=lambda one: one[1].stop - one[1].start)
     segment = work.data.segments[record]
     start, stop = work.runs(record)[0].start, work.runs(record)[-1].stop
-    whole = slice(start, min(stop, start + 10 * MOST))  # ten times as sharp as what the search can tell
+    whole = slice(start, min(stop, start + LONG))  # ten times as sharp as what the search can tell
     begun = slice(segment.valid.start, segment.valid.start + whole.stop)
     inside, size = np.zeros(whole.stop), whole.stop - whole.start
     for part in work.runs(record):

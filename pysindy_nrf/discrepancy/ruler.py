@@ -489,6 +489,7 @@ class Slot:
 
     @cached_property
     def _rows(self) -> np.ndarray:
+        """Spectra of the rows beside which the columns stand."""
         return self.trial.spectra[self.beside]
 
     def left_out(self, columns: np.ndarray) -> np.ndarray:

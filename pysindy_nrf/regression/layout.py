@@ -61,6 +61,7 @@ class Layout:
 
 @lru_cache(4096)
 def _group(dofs: tuple[int, ...], acting: tuple[Site, ...]) -> Group:
+    """The group of some balances where laws act at some sites; a search asks for the same ones again and again."""
     signs = {s: sign for s in acting if (sign := sum(s.incidence(j) for j in dofs))}
     return Group(dofs, tuple(signs), tuple(signs.values()))
 

@@ -244,9 +244,9 @@ class Workspace:
         return np.vstack(each) if len(each) > 1 else each[0]
 
     def fixed(self, segment: int) -> list[np.ndarray]:
-        """Accelerations of one record, then its forces, 2 n_dof rows of (n_valid,); unknown forces are zero."""
+        """Accelerations of one record, then its forces, 2 n_dof rows of (n_valid,); what is unknown of them is zero."""
         seg = self.data.segments[segment]
-        forces = (force if np.isfinite(force[0]) else np.zeros(len(force)) for force in seg.F[seg.valid].T)
+        forces = (force if np.isfinite(force).all() else np.nan_to_num(force) for force in seg.F[seg.valid].T)
         return [*seg.a[seg.valid].T, *forces]
 
     def runs(self, record: int) -> list[slice]:

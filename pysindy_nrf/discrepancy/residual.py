@@ -196,7 +196,7 @@ def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> Iterat
     """Records, and the rulers on them, that the model of a trial, freed of the bias of noise, would have produced.
 
     The bias is found by the bootstrap itself (Efron and Tibshirani 1993, chapter 10): what the fit makes of records
-    that the model produced, less the model. None where the model has no free run.
+    that the model produced, less the model. There is no draw where the model has no free run.
     """
     held = ((ready.records[i], ready.noise[i], trial.ruler.work.seen_rows(i)) for i in trial.ruler.work.searched)
     noise = [levels_of(*one) for one in held]

@@ -418,7 +418,8 @@ def _require_moving(dof: int, channels: Mapping[str, np.ndarray]) -> None:
     """Raise an error for constant channels, which would pass for perfect ones; a DOF of zeros is at standstill."""
     if not any(y.any() for y in channels.values()):
         return
-    dead = [name for name, y in channels.items() if np.ptp(y) <= 1e-12 * np.abs(y).max()]
+    ends = {name: (y.min(), y.max()) for name, y in channels.items()}
+    dead = [name for name, (lo, hi) in ends.items() if hi - lo <= 1e-12 * max(-lo, hi)]
     if dead:
         cure = "A dead sensor, or a record without motion; leave the channel out (a column of NaN), or excite the "
         raise ChannelError(f"Channel {dead[0]} of DOF {dof} is constant", f"{cure}structure.")

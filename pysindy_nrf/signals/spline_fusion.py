@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polyder
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import LinAlgError, solveh_banded
 from scipy.linalg.blas import dsbmv
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import welch
 from scipy.sparse import csr_array
 from scipy.special import erfinv
@@ -30,7 +31,8 @@ from ..exceptions import ChannelError
 DEGREE = 7
 # The eight splines over one interval between knots: coefficients of the powers of the place in it, (power, spline).
 PIECES = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0))).c[::-1, -DEGREE - 1 : DEGREE - 1 : -1]
-# Weight of the roughness that settles the ends, where fewer samples than coefficients speak.
+# Share of the roughness (8th difference of the coefficients) that settles the ends, where fewer samples than
+# coefficients speak.
 END_WEIGHT = 1e-8
 
 
@@ -51,6 +53,10 @@ class SplineBasis:
         return tuple(csr_array((y.ravel(), columns, ends), (self.n, self.size)) for y in self._near[1])
 
     @cached_property
+    def _transposed(self) -> tuple[Any, ...]:
+        return tuple(matrix.T for matrix in self.matrices)
+
+    @cached_property
     def _near(self) -> tuple[np.ndarray, list[np.ndarray]]:
         """The first of the eight splines that are not zero at each sample; values and derivatives of these, (n, 8)."""
         count, last = self.size - DEGREE, self.n - 1
@@ -61,16 +67,13 @@ class SplineBasis:
 
     @cached_property
     def grams(self) -> np.ndarray:
-        """Normal matrices of value, first and second derivative, upper banded form, (3, 9, size)."""
+        """Normal matrices of value, first and second derivative with a roughness each, upper banded, (3, 9, size)."""
         starts = np.searchsorted(self._near[0], np.arange(self.size - DEGREE))
-        return np.stack([_banded(np.ascontiguousarray(y.T), starts, self.size) for y in self._near[1]])
-
-    @cached_property
-    def roughness(self) -> np.ndarray:
-        """Normal matrix of the 8th difference of the coefficients, upper banded form, (9, size)."""
-        k = DEGREE + 1
-        rows = [np.full(max(self.size - k, 0), float((-1) ** i * comb(k, i))) for i in range(k + 1)]
-        return _banded(rows, np.arange(len(rows[0])), self.size)
+        grams = np.stack([_banded(np.ascontiguousarray(y.T), starts, self.size) for y in self._near[1]])
+        k, count = DEGREE + 1, max(self.size - DEGREE - 1, 0)
+        differences = [np.full(count, float((-1) ** i * comb(k, i))) for i in range(k + 1)]
+        rough = END_WEIGHT * _banded(differences, np.arange(count), self.size)
+        return grams + grams[:, -1].mean(axis=1)[:, None, None] * rough
 
     @cached_property
     def _inner(self) -> np.ndarray:
@@ -82,14 +85,18 @@ class SplineBasis:
         k = np.arange(DEGREE + 1, 0, -1)
         return self._inner[:, -1:] + 2 * self._inner[:, :-1] @ np.cos(k[:, None] * w)
 
+    @cached_property
+    def spectrum(self) -> np.ndarray:
+        """These symbols at 512 frequencies, evenly over all, not negative."""
+        return np.maximum(self.symbols(np.pi * (np.arange(512) + 0.5) / 512), 0.0)
+
     def project(self, order: int, values: np.ndarray) -> np.ndarray:
         """Right-hand side of the normal equations of one channel, shape (size, ...)."""
-        return self.matrices[order].T @ values
+        return self._transposed[order] @ values
 
     def normal_matrix(self, weights: np.ndarray) -> np.ndarray:
         """Weighted sum of the normal matrices, upper banded form, (9, size)."""
-        band = np.tensordot(weights, self.grams, 1)
-        return band + END_WEIGHT * band[-1].mean() * self.roughness
+        return np.tensordot(weights, self.grams, 1)
 
     def solve(self, weights: np.ndarray, rhs: np.ndarray) -> np.ndarray:
         """Coefficients that minimise the weighted squares, shape (size, ...)."""
@@ -271,8 +278,6 @@ def _fit(
 ) -> tuple[float, np.ndarray, np.ndarray]:  # fmt: skip
     """Criterion, coefficients and noise levels for one distance of the knots."""
     n = basis.n
-    w = np.pi * (np.arange(512) + 0.5) / 512
-    symbols = np.maximum(basis.symbols(w), 0.0)
     levels = start.copy()
     free = [o for o in measured if np.isnan(given[o])]
     projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
@@ -281,7 +286,7 @@ def _fit(
         weights = weights_of(levels, corner)
         rhs = sum(weights[o] * projections[o] for o in measured)
         c = basis.solve(weights / weights.max(), rhs / weights.max())
-        shares = weights[:, None] * symbols
+        shares = weights[:, None] * basis.spectrum
         spent = basis.size * (shares / shares.sum(axis=0)).mean(axis=1)
         left = np.maximum(n - spent, 1e-3 * n)
         squares, typical = np.zeros(3), np.zeros(3)
@@ -359,6 +364,9 @@ GROUP = 6  # neighbouring degrees of freedom treated together
 # 4 % less exact than with twice as many, in sweeps up to 14 %; DOFs fused one by one lose a third to a half.
 MEMORY = 40
 NEGLIGIBLE = 1e-4  # share of a motion below which its noise is left alone
+# Length of the filter of the joint pass, steps, and the share of its largest value that counts as its reach: of 24
+# simulated records no sample differs from that of banded equations throughout by more than 0.5 % of the rms error left.
+LONGEST, TAIL = 1024, 1e-3
 
 
 def fuse_jointly(
@@ -382,34 +390,84 @@ def fuse_jointly(
 
 def _group(views: Any, single: Any, basis: Any, order: int) -> np.ndarray | None:
     """Coefficients of the motions of a group, (size, n_dof); None if their noise is negligible."""
-    n, size = len(views), basis.size
-    weights = [weights_of(m.noise, 0.0) for m in single]
     own = [m.spline[1] if m.spline[0] is basis else _solve(y, basis, m.noise, 0.0) for y, m in zip(views, single)]
     mean = np.array([m.spline[0].mean @ m.spline[1] for m in single])  # the prior describes the motion about its mean
     c = np.stack(own, axis=1) - mean
     scale = c.std(axis=0)
-    found = _prediction(c / scale, np.array(weights) * scale[:, None] ** 2, basis, order)
-    if found is None:
-        return None
-    prediction, noise = found
-    width = max(order * n + n - 1, (DEGREE + 1) * n)
-    # normal matrix of the prediction errors  sum_i G_i c(k - i),  k = order .. size - 1, each over its variance
-    weight = np.zeros(size + order)
-    weight[order:size] = 1.0 / _innovations((c - c.mean(axis=0)) / scale, prediction, noise)
-    shares = np.zeros((order + 1, n, width + 1))  # of each error in a column of the band
-    for lag in range(order + 1):
-        blocks = np.einsum("iab,iac->ibc", prediction[lag:], prediction[: order + 1 - lag])
+    c /= scale
+    weights = np.array([weights_of(m.noise, 0.0) for m in single]) * scale[:, None] ** 2
+    found = _prediction(c, weights, basis, order)
+    return None if found is None else (c + _correction(c, weights, basis, *found)) * scale + mean
+
+
+def _correction(c: np.ndarray, weights: np.ndarray, basis: Any, filters: np.ndarray, noise: float) -> np.ndarray:
+    """What the prior changes in the coefficients: they minimise  data + sum_k w(k) |sum_i G_i c(k - i)|^2.
+
+    Inside the record, where w is one, the change is the prediction error through a filter. Where w is not, at the
+    ends, and as far from there as the filter reaches, banded normal equations are solved.
+    """
+    order, (size, n) = len(filters) - 1, c.shape
+    errors, weight = _errors(c, filters), np.zeros(size + order)
+    weight[order:size] = 1.0 / _innovations(errors - c.mean(axis=0) @ filters.sum(axis=0).T, noise)
+    taps, far = _taps(filters, weights, basis)
+    change = np.zeros((size, n))
+    apart = maximum_filter1d(np.r_[weight[: size - 1] != 1.0, True].astype(np.uint8), 2 * far + 1)
+    if not apart.all():
+        padded = next_fast_len(size + len(taps), real=True)
+        lines = rfft(taps, padded, axis=0) @ rfft(errors * weight[order:size, None], padded, axis=0)[:, :, None]
+        change -= irfft(lines[:, :, 0], padded, axis=0)[len(taps) // 2 - order :][:size]
+    reach = max(order, DEGREE + 1)
+    matrices = [basis.normal_matrix(w) for w in weights]
+    shares = _shares(filters, max((order + 1) * n, (DEGREE + 1) * n + 1))
+    for lo, hi in np.flatnonzero(np.diff(np.r_[0, apart, 0])).reshape(-1, 2):
+        a, b = max(lo - reach, 0), min(hi + reach, size)
+        error = np.zeros((b - a + order, n))
+        error[order : b - a] = _errors(c[a:b] + change[a:b], filters) * weight[a + order : b, None]
+        right = -sum(error[i : i + b - a] @ g for i, g in enumerate(filters))
+        band = np.tensordot(sliding_window_view(weight[lo : hi + order], order + 1), shares, 1)
+        for j, matrix in enumerate(matrices):
+            band[:, j, -1 - n * (DEGREE + 1) :: n] += matrix[:, lo:hi].T  # as LAPACK wants it
+            right[:, j] -= dsbmv(DEGREE + 1, 1.0, matrix[:, a:b], change[a:b, j])
+        flat = band.reshape((hi - lo) * n, -1).T, right[lo - a : hi - a].ravel()
+        change[lo:hi] += solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(hi - lo, n)
+    return change
+
+
+def _taps(filters: np.ndarray, weights: np.ndarray, basis: Any) -> tuple[np.ndarray, int]:
+    """The filter from prediction errors to changes of the coefficients, (length, n, n), and how far it reaches."""
+    half = min(LONGEST, basis.size) // 2
+    f = np.fft.rfftfreq(2 * half)
+    forth = _response(filters, f)
+    back = forth.conj().swapaxes(1, 2)
+    data = (weights @ np.maximum(basis.symbols(2 * np.pi * f), 0.0)).T
+    normal = back @ forth + data[:, :, None] * np.eye(len(weights))
+    taps = np.fft.fftshift(np.fft.irfft(np.linalg.solve(normal, back), 2 * half, axis=0), axes=0)
+    height = np.abs(taps).max(axis=(1, 2))
+    far = np.abs(np.flatnonzero(height > TAIL * height.max()) - half).max()
+    return taps, max(int(far), len(filters) - 1)
+
+
+def _shares(filters: np.ndarray, rows: int) -> np.ndarray:
+    """What the prediction error of a later step adds to a column of the band, (order + 1, n, rows)."""
+    count, n = filters.shape[:2]
+    shares = np.zeros((count, n, rows))
+    for lag in range(count):
+        blocks = np.einsum("iab,iac->ibc", filters[lag:], filters[: count - lag])
         for row in range(n):
             column = np.arange(max(0, row - lag * n), n)
-            shares[: order + 1 - lag, column, width - (lag * n + column - row)] = blocks[:, row, column]
-    band = (sliding_window_view(weight, order + 1) @ shares.reshape(order + 1, -1)).reshape(size, n, width + 1)
-    right = np.empty((size, n))
-    for j in range(n):
-        matrix = basis.normal_matrix(weights[j])
-        band[:, j, width - n * (DEGREE + 1) :: n] += matrix.T * scale[j] ** 2  # as LAPACK wants it
-        right[:, j] = dsbmv(DEGREE + 1, scale[j], matrix, c[:, j])
-    flat = band.reshape(size * n, width + 1).T, right.ravel()
-    return solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(size, n) * scale + mean
+            shares[: count - lag, column, rows - 1 - (lag * n + column - row)] = blocks[:, row, column]
+    return shares
+
+
+def _errors(c: np.ndarray, filters: np.ndarray) -> np.ndarray:
+    """Whitened errors of the prediction of every step that has a past, (size - order, n)."""
+    order = len(filters) - 1
+    return sum(c[order - i : len(c) - i] @ g.T for i, g in enumerate(filters))
+
+
+def _response(filters: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """The filters at some frequencies, (n_lines, n, n)."""
+    return np.tensordot(np.exp(-2j * np.pi * np.outer(f, np.arange(len(filters)))), filters, 1)
 
 
 def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> tuple[np.ndarray, float] | None:
@@ -430,10 +488,9 @@ def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> t
     signal = (vectors * clear[:, None, :]) @ vectors.conj().transpose(0, 2, 1) * root[:, :, None] * root[:, None, :]
     r = np.fft.irfft(signal, axis=0)[: order + 1]  # r[k] = E c(t) c(t + k)^T
 
-    def lagged(k: int) -> np.ndarray:
-        return r[k] if k >= 0 else r[-k].T
-
-    past = np.block([[lagged(k - m) for m in range(order)] for k in range(order)])
+    lagged = np.concatenate([r[order - 1 : 0 : -1].swapaxes(1, 2), r[:order]])  # from lag 1 - order on
+    lags = np.arange(order)[:, None] - np.arange(order) + order - 1
+    past = lagged[lags].swapaxes(1, 2).reshape(order * n, order * n)
     past[np.diag_indices(len(past))] *= 1 + 1e-10
     cross = np.vstack([r[k + 1] for k in range(order)])
     steps = np.linalg.solve(past, cross).T
@@ -441,8 +498,7 @@ def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> t
     values, vectors = np.linalg.eigh((left + left.T) / 2)
     white = (vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))).T
     filters = np.stack([white, *(-white @ steps[:, k * n : (k + 1) * n] for k in range(order))])
-    response = np.tensordot(np.exp(-2j * np.pi * np.outer(f, np.arange(order + 1))), filters, 1)
-    return filters, float((np.abs(response) ** 2 * noise[:, None]).sum(axis=(1, 2)).mean() / n)
+    return filters, float((np.abs(_response(filters, f)) ** 2 * noise[:, None]).sum(axis=(1, 2)).mean() / n)
 
 
 def _cross_spectra(c: np.ndarray, length: int) -> np.ndarray:
@@ -453,16 +509,13 @@ def _cross_spectra(c: np.ndarray, length: int) -> np.ndarray:
     return (lines.conj() @ lines.swapaxes(1, 2)) / (len(pieces) * (window @ window))
 
 
-def _innovations(c: np.ndarray, filters: np.ndarray, noise: float) -> np.ndarray:
+def _innovations(errors: np.ndarray, noise: float) -> np.ndarray:
     """Variance of the prediction errors from step to step: in a sweep or after a blow it is not that of the record.
 
     Meaned over 200 values, which tell a variance to a tenth; three standard errors tell it from that of the record,
     which is one and the noise. Without it the prior takes the frequencies that a sweep passes last for noise.
     """
-    order, (size, n) = len(filters) - 1, c.shape
-    errors = sum(c[order - i : size - i] @ g.T for i, g in enumerate(filters))
-    width = -(-200 // n)
-    local = uniform_filter1d((errors**2).mean(axis=1), width, mode="nearest")
+    local = uniform_filter1d((errors**2).mean(axis=1), -(-200 // errors.shape[1]), mode="nearest")
     clear = local > (1.0 + noise) * (1.0 + 3.0 * np.sqrt(2.0 / 200))
     return np.where(clear, local - noise, 1.0)
 

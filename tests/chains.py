@@ -1,7 +1,5 @@
 """Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for hysteresis."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Nothing here comes from the package: a case holds the channels that the loop may see, and the truth for the assertion.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass, field
 from functools import cache

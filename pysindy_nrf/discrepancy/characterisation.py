@@ -5,8 +5,6 @@ of the force and judged on the others: the share of its variance that they expla
 ask the same regression.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Builders that the tests of records and files share."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

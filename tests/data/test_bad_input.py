@@ -1,7 +1,5 @@
 """Every bad input gets an error that names the channel and the cure, or a warning; never a silent number."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from pathlib import Path

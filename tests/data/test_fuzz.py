@@ -1,7 +1,5 @@
 """Damaged files are read or refused by name: no other exception, no dead process, no hang, no hunger for memory."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Records and the arrays they are made of: clocks, gaps, values that stand for "not measured"."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A wrong force channel under complete excitation: every balance fits by itself, and no two agree."""
 
-from __future__ import annotations
-
 import re
 import warnings
 

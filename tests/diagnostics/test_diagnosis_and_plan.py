@@ -1,7 +1,5 @@
 """Guidance names the true limit, and plans agree with what can be identified."""
 
-from __future__ import annotations
-
 import functools
 import warnings
 

@@ -1,7 +1,5 @@
 """A force that comes late against the motion is found to a fraction of a sample."""
 
-from __future__ import annotations
-
 import functools
 import pickle
 

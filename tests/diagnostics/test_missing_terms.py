@@ -1,7 +1,5 @@
 """A missing law is warned of, in every kind of record; noise alone raises no alarm."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Displacements that read a wrong zero, or drift: asked for by name, and not where a force or a law makes the mean."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the search tries and where, and effects that are no force of the chain: faulty sensors, unknown starts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The loop gets the channels; the assertions alone read the truth.
 """
 
-from __future__ import annotations
-
 import pytest
 from simulated_cases import Plan, simulated
 

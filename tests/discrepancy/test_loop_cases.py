@@ -1,7 +1,5 @@
 """Effects that stand in for each other, unusual sites, few sensors, faults beside effects: what the loop makes of them."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

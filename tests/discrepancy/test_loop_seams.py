@@ -1,7 +1,5 @@
 """What one part of the loop hands to the next, on real short runs: search, evidence, decision, report, pages, files."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The closed loop on measured records, from their undeclared baselines: what is published of them must come out."""
 
-from __future__ import annotations
-
 import sys
 import warnings
 from pathlib import Path

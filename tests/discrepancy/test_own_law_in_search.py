@@ -1,7 +1,5 @@
 """A law declared outside the package takes part in the search with all rights."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

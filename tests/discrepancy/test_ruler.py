@@ -1,7 +1,5 @@
 """What every decision of the loop stands on: folds, spectra, the compiled solve, gains and the judge."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Fits on Dask collections, on a cluster of two processes: the answer of the arrays, also when a worker dies."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

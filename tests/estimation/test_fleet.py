@@ -1,7 +1,5 @@
 """The page on fleets runs as it is printed, and what it promises comes out."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """NRFRegressor: what a user passes in and reads out."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 

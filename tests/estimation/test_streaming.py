@@ -1,7 +1,5 @@
 """Fits of data in chunks: the same answer as in memory for every source and chunk size, and after an interruption."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

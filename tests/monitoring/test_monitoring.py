@@ -1,7 +1,5 @@
 """Changes between two tests, parameters that vary with time, and the onset of a change."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from paper_cases import model_agreement

@@ -1,7 +1,5 @@
 """Full disk, unwritable folder, killed process, Ctrl-C: the old file survives, nothing half-written is taken for a result."""
 
-from __future__ import annotations
-
 import ast
 import errno
 import os

@@ -1,7 +1,5 @@
 """The solve on ready columns: what each balance gives, by hand and by NumPy's least squares."""
 
-from __future__ import annotations
-
 import chains
 import numpy as np
 import pysindy as ps
@@ -45,7 +43,7 @@ class Test:
     def reaction(self, dof: int, laws: dict) -> np.ndarray:
         return sum(sign * self.terms[site] @ np.asarray(laws[site]) for site, sign in BALANCES[dof])
 
-    def unforced(self, known: dict[int, float], noise: float = 0.0) -> Test:
+    def unforced(self, known: dict[int, float], noise: float = 0.0) -> "Test":
         """The same laws without force: the accelerations follow from the balances."""
         self.F = np.zeros_like(self.F)
         self.a = np.column_stack([-self.reaction(j, LAWS) / known[j] for j in (1, 2, 3)])

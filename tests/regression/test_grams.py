@@ -1,7 +1,5 @@
 """Gram matrices of blocks of samples: the products of the columns, their triangular factors, and sums of blocks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

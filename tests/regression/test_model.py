@@ -1,7 +1,5 @@
 """ChainModel: what follows from masses and laws."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

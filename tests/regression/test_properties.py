@@ -1,7 +1,5 @@
 """What must hold for every chain, excitation and set of laws: units, order, symmetry, Newton's laws, energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

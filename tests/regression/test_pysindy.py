@@ -1,7 +1,5 @@
 """One solve behind three entrances, and PySINDy's own tools on chains."""
 
-from __future__ import annotations
-
 import chains
 import numpy as np
 import pysindy as ps

@@ -1,7 +1,5 @@
 """The contract that PySINDy's own tests ask of a feature library and of an optimizer, asked of ours."""
 
-from __future__ import annotations
-
 import warnings
 
 import chains

@@ -1,7 +1,5 @@
 """The seam to PySINDy: one layout for library and optimizer, honest optimizers, settings and scores."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The one solve: exact where theory says exact, and that of NumPy where the model is wrong."""
 
-from __future__ import annotations
-
 import warnings
 
 import chains

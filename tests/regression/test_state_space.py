@@ -1,7 +1,5 @@
 """A chain as a true ps.SINDy, and back."""
 
-from __future__ import annotations
-
 import warnings
 
 import chains

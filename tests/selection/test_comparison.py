@@ -1,7 +1,5 @@
 """Plain SINDy and this package side by side: the same data, one ruler, and plain SINDy used as documented."""
 
-from __future__ import annotations
-
 import chains
 import numpy as np
 import pandas as pd

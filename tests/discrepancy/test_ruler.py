@@ -327,6 +327,16 @@ def test_errors_of_the_channels_can_undo_a_fault_that_was_found_at_a_wrong_size(
     assert stuck.gain_over(state.trial).value < -constants.LEAST_GAIN
 
 
+def test_a_force_with_some_unknown_samples_counts_where_it_is_known():
+    """A corrected delay leaves samples at an end unknown: they are zero for the spectra, the others as measured."""
+    state, _ = searched(Plan(2, (1, 2), seed=75, n_samples=2000), [])
+    work = state.trial.ruler.work
+    whole, cut = work.fixed(0)[2], work.data.segments[0].F.copy()
+    cut[work.data.segments[0].valid][:3, 0] = np.nan
+    found = work.with_data(SegmentSet([replace(work.data.segments[0], F=cut)], work.data.n_samples)).fixed(0)[2]
+    assert not found[:3].any() and (found[3:] == whole[3:]).all()
+
+
 def test_a_gain_common_to_all_forces_explains_nothing():
     """No mass is known: it scales the chain, and what is left of the force with it."""
     state, _ = searched(Plan(3, (1, 2, 3), noise=0.01, seed=75, n_samples=4000), [])

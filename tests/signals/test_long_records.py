@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import chirp
 
 from pysindy_nrf import ChainModel, KinematicSmoother, Record, laws, simulate
+from pysindy_nrf.signals import spline_fusion
 
 
 @pytest.mark.parametrize("n", [61_440, 65_535])
@@ -79,3 +80,22 @@ def test_a_blow_of_five_samples_is_kept():
     noisy = [y + 1e-3 * y.std(axis=0) * rng.standard_normal(y.shape) for y in (x, a)]
     fused = KinematicSmoother().fit_transform(Record(displacement=noisy[0], acceleration=noisy[1], fs=500.0))
     assert (np.std(fused.acceleration - a, axis=0) < 2e-3 * a.std(axis=0)).all()
+
+
+def test_prediction_changes_a_motion_as_the_least_squares_of_all_its_coefficients_does():
+    """Two floors that ring and are hit once: filter, and banded equations about the blow and at the ends, are exact."""
+    rng, basis = np.random.default_rng(0), spline_fusion.SplineBasis(2000, 2.0)
+    filters = np.array([np.eye(2), [[-1.5, 0.2], [0.1, -1.3]], [[0.9, -0.1], [0.0, 0.8]]])
+    weights = np.array([[0.2, 0.0, 5.0], [0.1, 0.0, 9.0]])
+    force, size = rng.standard_normal((basis.size, 2)), basis.size
+    force[500:504] *= 40.0
+    ahead = sum(np.kron(np.eye(size - 2, size, k=2 - i), g) for i, g in enumerate(filters))
+    c = np.linalg.solve(np.vstack([np.eye(4, 2 * size), ahead]), force.ravel()) + rng.standard_normal(2 * size)
+    errors = (ahead @ (c - np.tile(c.reshape(-1, 2).mean(axis=0), size))).reshape(-1, 2)
+    noise = float((filters**2).sum() / 2)
+    prior = (ahead.T / np.repeat(spline_fusion._innovations(errors, noise), 2)) @ ahead
+    seen = [sum(w * (m.T @ m).toarray() for w, m in zip(own, basis.matrices)) for own in weights]
+    both = prior + sum(np.kron(one, np.diag(np.eye(2)[j])) for j, one in enumerate(seen))
+    exact = np.linalg.solve(both, -prior @ c)
+    found = spline_fusion._correction(c.reshape(-1, 2), weights, basis, filters, noise).ravel()
+    assert np.abs(exact).max() > 0.3 and np.abs(found - exact).max() < 2e-3 * np.abs(exact).max()

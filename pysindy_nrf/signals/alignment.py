@@ -258,7 +258,8 @@ def _wrong_frame(
     n = min(int(good.sum()), LONGEST)
     if n < 64 or not np.any(ag[good]):
         return ""
-    y, a, g = (np.fft.rfft(hann_window(n) * (line[good][:n] - line[good][:n].mean())) for line in (pair[kind], pair["a"], ag))
+    lines = (line[good][:n] for line in (pair[kind], pair["a"], ag))
+    y, a, g = (np.fft.rfft(hann_window(n) * (line - line.mean())) for line in lines)
     y = y * (2j * np.pi * np.fft.rfftfreq(n, 1 / record.fs)) ** (ORDER["a"] - ORDER[kind])
     use = np.arange(len(y)) > 4
     use &= (np.abs(a) ** 2 > STRONG * (np.abs(a[use]) ** 2).max()) & (np.arange(len(y)) < 0.8 * len(y))

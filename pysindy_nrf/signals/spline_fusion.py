@@ -375,9 +375,7 @@ def fuse_jointly(
     """Improve motions that were fused one by one."""
     able = [j for j, m in enumerate(single) if m.spline and m.high_pass == 0.0]
     out = list(single)
-    if not able:
-        return out
-    for group in np.array_split(able, -(-len(able) // GROUP)):
+    for group in _groups(able):
         basis = ladder[min(single[j].spacing for j in group)]
         order = min(20, MEMORY // len(group), basis.size // (16 * len(group)))
         if order < 2:
@@ -386,6 +384,11 @@ def fuse_jointly(
         for j, c in zip(group, () if found is None else found.T):
             out[j] = FusedMotion(single[j].noise, basis.h, 0.0, (basis, c))
     return out
+
+
+def _groups(able: list[int]) -> list[np.ndarray]:
+    """Neighbouring degrees of freedom that are treated together."""
+    return np.array_split(able, -(-len(able) // GROUP)) if able else []
 
 
 def _group(views: Any, single: Any, basis: Any, order: int) -> np.ndarray | None:
@@ -512,11 +515,12 @@ def _cross_spectra(c: np.ndarray, length: int) -> np.ndarray:
 def _innovations(errors: np.ndarray, noise: float) -> np.ndarray:
     """Variance of the prediction errors from step to step: in a sweep or after a blow it is not that of the record.
 
-    Meaned over 200 values, which tell a variance to a tenth; three standard errors tell it from that of the record,
-    which is one and the noise. Without it the prior takes the frequencies that a sweep passes last for noise.
+    Meaned over 200 values, which tell a variance to a tenth; six standard errors tell it from that of the record, which
+    is one and the noise (chance reaches three in one of 700 steps, and a record has thousands). Without it the prior
+    takes the frequencies that a sweep passes last for noise.
     """
     local = uniform_filter1d((errors**2).mean(axis=1), -(-200 // errors.shape[1]), mode="nearest")
-    clear = local > (1.0 + noise) * (1.0 + 3.0 * np.sqrt(2.0 / 200))
+    clear = local > (1.0 + noise) * (1.0 + 6.0 * np.sqrt(2.0 / 200))
     return np.where(clear, local - noise, 1.0)
 
 
@@ -555,6 +559,9 @@ def fuse_all(
     first = one_by_one([_telling(view, units, size) for view in views], ladder_of(size), levels, each, knots)
     levels, corners = np.array([m.noise for m in first]), [m.high_pass for m in first]
     knots = [None if m.clean else m.spacing for m in first]  # channels without noise are looked at block by block
+    for group in _groups([j for j, m in enumerate(first) if not m.clean and m.high_pass == 0.0]):
+        if joint and kept is None:  # the finest knots of a group are those of all its members
+            knots = [min(knots[i] for i in group) if j in group else h for j, h in enumerate(knots)]
     motion = [np.zeros((3, n)) for _ in views]
     spacing, total = np.zeros(len(views)), np.zeros(n)
     weight = np.minimum(BLOCK / 2 - np.abs(np.arange(BLOCK) + 0.5 - BLOCK / 2), OVERLAP)

@@ -360,9 +360,9 @@ def _lowest_frequency(channels: Any, levels: np.ndarray, n: int) -> float:
 # a motion below its noise becomes its expectation given all channels, and such regressors do not bias a linear
 # regression (Berkson). Neither a model of the structure nor periodicity is assumed.
 GROUP = 6  # neighbouring degrees of freedom treated together
-# Past values in one prediction: 10 steps of 4 degrees of freedom, say. Of 24 simulated records accelerations are up to
-# 4 % less exact than with twice as many, in sweeps up to 14 %; DOFs fused one by one lose a third to a half.
-MEMORY = 40
+# Steps of the past in one prediction. Of 24 simulated records of two to five floors, accelerations are up to 4 % less
+# exact with half as many, in sweeps up to 14 %; DOFs fused one by one lose a third to a half.
+STEPS = 20
 NEGLIGIBLE = 1e-4  # share of a motion below which its noise is left alone
 # Length of the filter of the joint pass, steps, and the share of its largest value that counts as its reach: of 24
 # simulated records no sample differs from that of banded equations throughout by more than 0.5 % of the rms error left.
@@ -377,7 +377,7 @@ def fuse_jointly(
     out = list(single)
     for group in _groups(able):
         basis = ladder[min(single[j].spacing for j in group)]
-        order = min(20, MEMORY // len(group), basis.size // (16 * len(group)))
+        order = min(STEPS, basis.size // (16 * len(group)))
         if order < 2:
             continue
         found = _group([views[j] for j in group], [single[j] for j in group], basis, order)

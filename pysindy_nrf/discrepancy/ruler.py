@@ -510,25 +510,32 @@ class Slot:
         cross = np.array([rows[:, band] @ wide[:, band].T for band in windows.bands]).swapaxes(0, 1)
         return cross.reshape(len(rows), len(windows.bands), *columns.shape[:2]), windows.products(columns)
 
-    def gains(
-        self, points: Sequence[tuple[ForceLaw, ...]], kept: dict[Any, np.ndarray] | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gains of laws on the samples of the fit, dB, their coefficients and the sizes of their columns.
+    def _with_model(self, points: Any, kept: dict[Any, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Products of columns with all rows of the model (zero where they do not meet), and with each other, by band.
 
         Products that are ``kept`` from another model on the same ruler are not formed again.
         """
-        trial, windows, kept = self.trial, self.trial.ruler.windows, {} if kept is None else kept
+        trial, windows = self.trial, self.trial.ruler.windows
         missing = [row for row in self.beside if trial.keys[row] not in kept]
-        width, count, size, bands = sum(self.widths), len(points), len(trial.keys), len(windows.bands)
+        width, count = sum(self.widths), len(points)
         if missing or None not in kept:
             rows = self._rows if missing == self.beside else trial.spectra[missing]
             few = max(1, _AT_ONCE // (width * windows.size))
             parts = [self._products(points[at : at + few], rows) for at in range(0, count, few)]
             kept[None] = np.concatenate([inside for _, inside in parts])
             kept |= zip([trial.keys[row] for row in missing], np.concatenate([new for new, _ in parts], axis=2))
-        inside, cross = kept[None], np.zeros((bands, size, count, width))
+        cross = np.zeros((len(windows.bands), len(trial.keys), count, width))
         for row in self.beside:
             cross[:, row] = kept[trial.keys[row]]
+        return cross, kept[None]
+
+    def gains(
+        self, points: Sequence[tuple[ForceLaw, ...]], kept: dict[Any, np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gains of laws on the samples of the fit, dB, their coefficients and the sizes of their columns."""
+        trial = self.trial
+        cross, inside = self._with_model(points, {} if kept is None else kept)
+        bands, size, count, width = cross.shape
         weights = trial.weights_of(self.fit)
         total = np.empty((count, len(weights), size + width, size + width))
         total[..., :size, :size] = trial.heavy[[g.dofs[0] - 1 for g in self.fit.groups]]

@@ -191,7 +191,16 @@ class Windows:
         # Some windows of a record at a time: their starts, their lines, and the places of these in a row of all; the
         # order in which the spectral values of a column stand there.
         self._some: list[tuple[int, np.ndarray, slice, slice]] = []
-        self._order, at = np.empty(self.size // 2, dtype=np.int32), 0
+        self._order = np.empty(self.size // 2, dtype=np.int32)
+        self._place_windows()
+        self._ones: list[np.ndarray] = []
+        if centred and edges[0] == 0:  # the mean of a fold stands in the first lines
+            ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
+            self._ones = [part / np.sqrt(part @ part) for part in (ones[spans[0]] for spans in self.spans)]
+
+    def _place_windows(self) -> None:
+        """Divide the windows of each record into those transformed at once, and find the places of their lines."""
+        at = 0
         for i in dict.fromkeys(b.segment for b in self.blocks):
             starts, size, count = [], self.sizes[i], int(np.ptp(self._lines[i]))
             for block, spans in ((b, spans) for b, spans in zip(self.blocks, self.spans) if b.segment == i):
@@ -204,10 +213,6 @@ class Windows:
             for part in np.array_split(every, -(-len(every) * size // _AT_ONCE)):
                 begin, stop = stop, stop + len(part) * count
                 self._some.append((i, part, slice(self._lines[i][0], self._lines[i][-1]), slice(begin, stop)))
-        self._ones: list[np.ndarray] = []
-        if centred and edges[0] == 0:  # the mean of a fold stands in the first lines
-            ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
-            self._ones = [part / np.sqrt(part @ part) for part in (ones[spans[0]] for spans in self.spans)]
 
     def within(self, low: float | None, high: float | None) -> Windows:
         """The same windows with the lines of one frequency band, Hz, alone."""

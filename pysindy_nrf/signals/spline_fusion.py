@@ -216,9 +216,9 @@ def fuse(
             return _as_measured(channels, measured, ladder, given, floor, fits[0][2], corner)
     best = min(range(len(spacings)), key=lambda k: abs(spacings[k] - near))
     lowest, first = fitted(best, start)[0], best
-    for way, patience in ((1, 2), (-1, 1)):  # coarser knots, then finer ones, which cost more
+    for way in (1, -1):  # coarser knots, then finer ones; one worse step is no end: a blow may show on the finest alone
         k, worse = first + way, 0
-        while 0 <= k < len(spacings) and worse < patience:
+        while 0 <= k < len(spacings) and worse < 2:
             value = fitted(k, fits[k - way][2])[0]
             best, lowest, worse = (k, value, 0) if value < lowest else (best, lowest, worse + 1)
             k += way
@@ -550,12 +550,14 @@ def fuse_all(
     finish = fuse_jointly if joint else refine
     n, each = len(next(y for y in views[0] if y is not None)), [corner] * len(views)
     knots = knots or [None] * len(views)
-    if n <= 3 * BLOCK // 2:
+    size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
+    if n <= max(8 * SEARCH, 3 * (size // 2)):
         views = _part(views, 0, units, n)
         return finish(views, one_by_one(views, ladder_of(n), levels, each, knots), ladder_of(n))
-    starts = np.linspace(0, n - BLOCK, -(-(n - OVERLAP) // (BLOCK - OVERLAP))).astype(int)
-    ladder = ladder_of(BLOCK)
-    size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
+    count = -(-(n - OVERLAP) // (BLOCK - OVERLAP)) if n > 3 * BLOCK // 2 else 1
+    length = BLOCK if count > 1 else n
+    starts = np.linspace(0, n - length, count).astype(int)
+    ladder = ladder_of(length)
     first = one_by_one([_telling(view, units, size) for view in views], ladder_of(size), levels, each, knots)
     levels, corners = np.array([m.noise for m in first]), [m.high_pass for m in first]
     knots = [None if m.clean else m.spacing for m in first]  # channels without noise are looked at block by block
@@ -564,13 +566,13 @@ def fuse_all(
             knots = [min(knots[i] for i in group) if j in group else h for j, h in enumerate(knots)]
     motion = [np.zeros((3, n)) for _ in views]
     spacing, total = np.zeros(len(views)), np.zeros(n)
-    weight = np.minimum(BLOCK / 2 - np.abs(np.arange(BLOCK) + 0.5 - BLOCK / 2), OVERLAP)
+    weight = np.minimum(length / 2 - np.abs(np.arange(length) + 0.5 - length / 2), OVERLAP)
     for start in starts:
-        part = _part(views, start, units)
+        part = _part(views, start, units, length)
         block = finish(part, one_by_one(part, ladder, levels, corners, knots), ladder)
-        total[start : start + BLOCK] += weight
+        total[start : start + length] += weight
         for j, m in enumerate(block):
-            motion[j][:, start : start + BLOCK] += weight * m.motion
+            motion[j][:, start : start + length] += weight * m.motion
             spacing[j] = max(spacing[j], m.spacing)
     for values in motion:
         values /= total  # three blocks may overlap
@@ -585,5 +587,5 @@ def _telling(view: Views, units: Sequence[float], size: int) -> Views:
     return _part([view], starts[np.argmax(squares[starts + size - 4] - squares[starts])], units, size)[0]
 
 
-def _part(views: list[Views], start: int, units: Sequence[float], size: int = BLOCK) -> list[Views]:
+def _part(views: list[Views], start: int, units: Sequence[float], size: int) -> list[Views]:
     return [[None if y is None else y[start : start + size] * unit for y, unit in zip(view, units)] for view in views]

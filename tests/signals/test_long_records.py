@@ -82,6 +82,21 @@ def test_a_blow_of_five_samples_is_kept():
     assert (np.std(fused.acceleration - a, axis=0) < 2e-3 * a.std(axis=0)).all()
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_a_blow_in_noise_is_kept(seed):
+    """A hammer at the top, 5 % noise: knots 1.5 samples apart may be no better than two; those of one keep the blow."""
+    rng, F = np.random.default_rng(seed), np.zeros((20_000, 2))
+    for start in rng.integers(0, 19_900, 7):
+        F[start : start + 5, 1] = 2000 * np.hanning(5)
+    storeys = {i: [laws.LinearElastic(5e4), laws.LinearViscous(30.0)] for i in (1, 2)}
+    exact = simulate(ChainModel([10.0, 8.0], storeys), F, 1 / 500)
+    names = ("displacement", "acceleration")
+    truth = [getattr(exact, name) for name in names]
+    noisy = [y + 0.05 * y.std(axis=0) * rng.standard_normal(y.shape) for y in truth]
+    fused = KinematicSmoother().fit_transform(Record(**dict(zip(names, noisy)), fs=500.0))
+    assert (np.std(fused.acceleration - truth[1], axis=0) < 0.05 * truth[1].std(axis=0)).all()
+
+
 def test_prediction_changes_a_motion_as_the_least_squares_of_all_its_coefficients_does():
     """Two floors that ring and are hit once: filter, and banded equations about the blow and at the ends, are exact."""
     rng, basis = np.random.default_rng(0), spline_fusion.SplineBasis(2000, 2.0)

@@ -174,7 +174,7 @@ class BasisLadder(dict[float, SplineBasis]):
         return self.setdefault(spacing, SplineBasis(self.n, spacing))
 
 
-@lru_cache(maxsize=2)  # the records of a search and those held out; a length has an upper bound, BLOCK
+@lru_cache(maxsize=3)  # the records of a search, those held out and SEARCH; a length has an upper bound
 def ladder_of(n: int) -> BasisLadder:
     """Spline bases of a record length, kept for the next records of that length."""
     return BasisLadder(n)
@@ -446,8 +446,8 @@ def _taps(filters: np.ndarray, weights: np.ndarray, basis: Any) -> tuple[np.ndar
     normal = back @ forth + data[:, :, None] * np.eye(len(weights))
     taps = np.fft.fftshift(np.fft.irfft(np.linalg.solve(normal, back), 2 * half, axis=0), axes=0)
     height = np.abs(taps).max(axis=(1, 2))
-    far = np.abs(np.flatnonzero(height > TAIL * height.max()) - half).max()
-    return taps, max(int(far), len(filters) - 1)
+    far = int(np.abs(np.flatnonzero(height > TAIL * height.max()) - half).max())
+    return taps, max(far, len(filters) - 1) if far < half - 1 else basis.size  # no filter of this length holds it
 
 
 def _shares(filters: np.ndarray, rows: int) -> np.ndarray:

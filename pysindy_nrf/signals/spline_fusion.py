@@ -551,7 +551,8 @@ def fuse_all(
     n, each = len(next(y for y in views[0] if y is not None)), [corner] * len(views)
     knots = knots or [None] * len(views)
     size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
-    if n <= max(8 * SEARCH, 3 * (size // 2)):
+    several = min(sum(y is not None for y in view) for view in views) > 1  # one alone is searched whole
+    if n <= (8 * SEARCH if several and size == SEARCH else 3 * BLOCK // 2):
         views = _part(views, 0, units, n)
         return finish(views, one_by_one(views, ladder_of(n), levels, each, knots), ladder_of(n))
     count = -(-(n - OVERLAP) // (BLOCK - OVERLAP)) if n > 3 * BLOCK // 2 else 1

@@ -552,7 +552,7 @@ def fuse_all(
     knots = knots or [None] * len(views)
     size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
     several = min(sum(y is not None for y in view) for view in views) > 1  # one alone is searched whole
-    if n <= (8 * SEARCH if several and size == SEARCH else 3 * BLOCK // 2):
+    if n <= (4 * SEARCH if several and size == SEARCH else 3 * BLOCK // 2):
         views = _part(views, 0, units, n)
         return finish(views, one_by_one(views, ladder_of(n), levels, each, knots), ladder_of(n))
     count = -(-(n - OVERLAP) // (BLOCK - OVERLAP)) if n > 3 * BLOCK // 2 else 1

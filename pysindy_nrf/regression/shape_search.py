@@ -220,7 +220,7 @@ def balance_lines(
 
 def driven_at(segment: Segment, rows: slice = slice(None)) -> float:
     """Frequency of a harmonic test, Hz; NaN for any other."""
-    drive = np.nan_to_num(segment.F[segment.valid].T.astype(float))[:, rows]
+    drive = np.nan_to_num(segment.F[segment.valid][rows].T.astype(float))
     drive = drive[drive.any(axis=1)]
     if not len(drive) and segment.ag is not None:
         drive = segment.ag[segment.valid].astype(float)[None, rows]

@@ -178,6 +178,7 @@ class Workspace:
         self.forced, self.unknown = seen.forced, seen.unknown
         self._motions: dict[tuple[Site, int], Motion] = {}
         self._scales: dict[Site, Scales] = {}
+        self.thinned: dict[Any, np.ndarray] = {}  # columns of the longest record as often as a ruler sees them
         self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
         self.whole = self  # all samples, where these are excerpts of long records
 
@@ -206,7 +207,7 @@ class Workspace:
         out = copy(self)
         out.whole = out if self.whole is self else self.whole
         out.data, out.search, out.held = data, same(self.search), same(self.held)
-        out._motions, out._scales = {}, {}
+        out._motions, out._scales, out.thinned = {}, {}, {}
         return out
 
     def motion(self, site: Site, segment: int) -> Motion:

@@ -511,10 +511,7 @@ class Slot:
         return cross.reshape(len(rows), len(windows.bands), *columns.shape[:2]), windows.products(columns)
 
     def _with_model(self, points: Any, kept: dict[Any, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Products of columns with all rows of the model (zero where they do not meet), and with each other, by band.
-
-        Products that are ``kept`` from another model on the same ruler are not formed again.
-        """
+        """Products of columns with all rows of the model, and with each other, by band; ``kept`` ones not anew."""
         trial, windows = self.trial, self.trial.ruler.windows
         missing = [row for row in self.beside if trial.keys[row] not in kept]
         width, count = sum(self.widths), len(points)

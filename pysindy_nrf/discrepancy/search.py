@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -46,17 +47,21 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     few = next_fast_len(int(2.2 * size * segment.step * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
     few = few if 3 * MOST < size > few else size
     seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
-    rows = np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
-    fixed = [segment.a[begun, j - 1], np.nan_to_num(segment.F[begun, j - 1])]
-    own = [*zip(rows[trial.at + j - 1 :: work.n_dof], fixed)]
+    held, rows = work.thinned, np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
+
+    def thin(key: Any, columns: Callable[[], np.ndarray]) -> np.ndarray:
+        if (key, few) not in held:
+            parts = columns()[whole].T * seen
+            held[key, few] = parts if few == size else resample(parts, few, axis=1) * left
+        return held[key, few]
+
+    fixed = partial(np.nan_to_num, np.column_stack([segment.a[begun, j - 1], segment.F[begun, j - 1]]))
+    rows[trial.at + j - 1 :: work.n_dof] = thin(j, fixed)
     for s in trial.layout.group((j,)).sites:
-        motion = segment.motion(s, begun)
-        own += zip(rows[trial.layout.slices[s]], (y for law in trial.laws[s] for y in law.features(motion).T))
-    for row, line in own:
-        row[:] = line[whole] * seen if few == size else resample(line[whole] * seen, few) * left
-    weighed, dt = j in work.known_masses, segment.step * size / few
-    given = weighed or j in work.forced, weighed, driven_at(segment, run)
-    return balance_lines(rows, trial.layout, trial.solution(), j, dt, *given)
+        own = [thin((s, law), partial(law.features, segment.motion(s, begun))) for law in trial.laws[s]]
+        rows[trial.layout.slices[s]] = np.vstack(own)
+    weighed, dt, driven = j in work.known_masses, segment.step * size / few, driven_at(segment, run)
+    return balance_lines(rows, trial.layout, trial.solution(), j, dt, weighed or j in work.forced, weighed, driven)
 
 
 def proposals_of(candidates: Iterable[tuple[ForceLaw, Site]], storeys: Sequence[Site]) -> list[Proposal]:

@@ -258,8 +258,7 @@ def _wrong_frame(
     n = min(int(good.sum()), LONGEST)
     if n < 64 or not np.any(ag[good]):
         return ""
-    lines = (line[good][:n] for line in (pair[kind], pair["a"], ag))
-    y, a, g = (np.fft.rfft(hann_window(n) * (line - line.mean())) for line in lines)
+    y, a, g = (np.fft.rfft(hann(n) * (line[good][:n] - line[good][:n].mean())) for line in (pair[kind], pair["a"], ag))
     y = y * (2j * np.pi * np.fft.rfftfreq(n, 1 / record.fs)) ** (ORDER["a"] - ORDER[kind])
     use = np.arange(len(y)) > 4
     use &= (np.abs(a) ** 2 > STRONG * (np.abs(a[use]) ** 2).max()) & (np.arange(len(y)) < 0.8 * len(y))
@@ -302,7 +301,7 @@ def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lin
     good = np.isfinite(first) & np.isfinite(second)
     y, z = (_detrended(line[good][:LONGEST]) for line in (first, second))
     length = len(y)
-    bell = hann_window(length)
+    bell = hann(length)
     f = np.fft.rfftfreq(length, 1 / fs)
     Y, Z = np.fft.rfft(bell * y), np.fft.rfft(bell * z)
     # derived line by line before lines are averaged: however steep the spectra, nothing leaks then
@@ -328,7 +327,7 @@ def _in_runs(first: np.ndarray, second: np.ndarray, order: int, fs: float, runs:
         y, z = (_derived(line[good], max(k, 0), fs) for line, k in zip(pair, (order, -order)))
         if len(y) < 2 * NEIGHBOURS:
             continue
-        U, Z = (np.fft.rfft(hann_window(len(line)) * _detrended(line), dense) for line in (y, z))
+        U, Z = (np.fft.rfft(hann(len(line)) * _detrended(line), dense) for line in (y, z))
         if order:
             U, Z = (U / true, Z) if order > 0 else (U, Z / true)
         for part, more in zip(total, (np.conj(U) * Z, np.abs(U) ** 2, np.abs(Z) ** 2)):
@@ -345,7 +344,7 @@ def _derived(y: np.ndarray, order: int, fs: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def hann_window(length: int) -> np.ndarray:
+def hann(length: int) -> np.ndarray:
     """Hann window, sampled at the middles of its intervals, of height two."""
     return np.asarray(1 - np.cos(2 * np.pi * (np.arange(length) + 0.5) / length))
 

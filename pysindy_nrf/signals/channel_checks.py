@@ -15,7 +15,7 @@ from ..data.io.reading import SLOW
 from ..data.io.summary import kind_of, summary
 from ..data.record import Record
 from ..exceptions import DataQualityWarning, NRFError
-from .alignment import channel_alignment, hann_window
+from .alignment import channel_alignment, hann
 
 _MOTION = re.compile(r"[avx]\d+")
 CLIPPED = 5  # samples in a row at an extreme
@@ -202,7 +202,7 @@ def _stands(name: str, y: np.ndarray, channels: Mapping[str, np.ndarray]) -> boo
 def _hum(name: str, y: np.ndarray, fs: float) -> tuple[float, str] | None:
     """Share of a line at the frequency of the mains, and the message."""
     known = [mains for mains in (50.0, 60.0) if mains * 1.1 <= fs / 2 and len(y) >= 4 * fs]
-    power = np.abs(np.fft.rfft(y * hann_window(len(y)))) ** 2 if known else np.zeros(0)
+    power = np.abs(np.fft.rfft(y * hann(len(y)))) ** 2 if known else np.zeros(0)
     f = np.arange(len(power)) * fs / len(y)
     for mains in known:
         off = (f - mains) * len(y) / fs  # lines away from it

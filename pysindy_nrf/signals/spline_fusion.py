@@ -31,8 +31,7 @@ from ..exceptions import ChannelError
 DEGREE = 7
 # The eight splines over one interval between knots: coefficients of the powers of the place in it, (power, spline).
 PIECES = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0))).c[::-1, -DEGREE - 1 : DEGREE - 1 : -1]
-# Share of the roughness (8th difference of the coefficients) that settles the ends, where fewer samples than
-# coefficients speak.
+# Share of the roughness that settles the ends, where fewer samples than coefficients speak.
 END_WEIGHT = 1e-8
 
 

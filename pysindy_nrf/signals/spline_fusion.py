@@ -527,7 +527,7 @@ Views = list[np.ndarray | None]
 
 BLOCK = 32768  # samples fused at a time
 OVERLAP = 4096  # samples over which neighbouring blocks are cross-faded
-SEARCH = 2048  # samples of the pieces from which noise levels (to 1.6 %) and knots of all blocks are found
+SEARCH = 2048  # samples of the pieces that tell noise levels (to 1.6 %) and knots of records four times as long
 
 
 @threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads slow each other down

@@ -527,7 +527,7 @@ Views = list[np.ndarray | None]
 
 BLOCK = 32768  # samples fused at a time
 OVERLAP = 4096  # samples over which neighbouring blocks are cross-faded
-SEARCH = 2048  # samples of the pieces that tell noise levels (to 1.6 %) and knots of records four times as long
+SEARCH = 2048  # samples of the pieces that tell noise levels (to 1.6 %) and knots of records eight times as long
 
 
 @threadpool_limits.wrap(limits=1)  # the banded matrices are narrow: threads slow each other down
@@ -550,8 +550,7 @@ def fuse_all(
     n, each = len(next(y for y in views[0] if y is not None)), [corner] * len(views)
     knots = knots or [None] * len(views)
     size = SEARCH if all(view[0] is not None for view in views) else BLOCK  # a lowest frequency takes its time
-    several = min(sum(y is not None for y in view) for view in views) > 1  # one alone is searched whole
-    if n <= (4 * SEARCH if several and size == SEARCH else 3 * BLOCK // 2):
+    if n <= max(8 * SEARCH, 3 * (size // 2)):
         views = _part(views, 0, units, n)
         return finish(views, one_by_one(views, ladder_of(n), levels, each, knots), ladder_of(n))
     count = -(-(n - OVERLAP) // (BLOCK - OVERLAP)) if n > 3 * BLOCK // 2 else 1

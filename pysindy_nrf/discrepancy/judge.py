@@ -118,8 +118,7 @@ def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
     return [pairs[k][0] for k in _near(pairs, number) if k != number]
 
 
-def admissible(law: ForceLaw, coefficients: np.ndarray, sizes: np.ndarray) -> bool:
-    """Whether the coefficients of an undeclared effect can be real: none is clearly negative."""
-    held = [term.symbol in law.nonnegative for term in law.terms()]
-    parts = (coefficients * sizes)[held]
-    return bool((parts >= -TENTH * np.abs(coefficients * sizes).max()).all())
+def admissible(law: ForceLaw, forces: np.ndarray) -> np.ndarray:
+    """Where forces of the terms of an undeclared effect, (n_points, n_terms), can be real: none is clearly negative."""
+    held = forces[:, [term.symbol in law.nonnegative for term in law.terms()]]
+    return (held >= -TENTH * np.abs(forces).max(axis=1, keepdims=True)).all(axis=1)

@@ -101,10 +101,8 @@ def _zeroed(record: Record) -> Record:
 
 def measured_of(ready: Prepared) -> list[Measured]:
     """What the records of a closed loop hold."""
-    held = ready.heldout
-    roles = ["searched, but for a quarter that is held out" if held is None else "searched" for _ in ready.records]
-    for i in held or ():
-        roles[i] = "held out"
+    seen = "searched, but for a quarter that is held out" if ready.heldout is None else "searched"
+    roles = ["held out" if i in (ready.heldout or ()) else seen for i in range(len(ready.records))]
     return [measured(rec, noise, role) for rec, noise, role in zip(ready.records, ready.noise, roles)]
 
 

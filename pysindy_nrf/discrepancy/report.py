@@ -256,8 +256,7 @@ class LoopReport:
 
 def audit(settings: Mapping[str, Any], ready: Prepared) -> dict[str, dict[str, str]]:
     """Every setting of a run of the loop: its arguments, the declared model, the constants of the decisions."""
-    held = ready.heldout
-    band = settings["band"]
+    held, band = ready.heldout, settings["band"]
     return settings_of(
         loop={
             "band": "found from the data" if band is None else f"{band} Hz", "random_state": settings["random_state"],

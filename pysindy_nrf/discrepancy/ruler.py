@@ -55,10 +55,7 @@ class Powers:
 
     @property
     def shares(self) -> np.ndarray:
-        """Residual over reference, and what no measurement tells from zero.
-
-        A share: where no force scales a balance, model and reference may shrink together.
-        """
+        """Residual over reference: where no force scales a balance, both may shrink together."""
         return share(self.residual, self.reference)
 
 
@@ -529,7 +526,7 @@ class Slot:
     def gains(
         self, points: Sequence[tuple[ForceLaw, ...]], kept: dict[Any, np.ndarray] | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gains of laws on the samples of the fit, dB, their coefficients and the sizes of their columns."""
+        """Gains of laws on the samples of the fit, dB, all coefficients and the sizes of their columns."""
         trial = self.trial
         cross, inside = self._with_model(points, {} if kept is None else kept)
         bands, size, count, width = cross.shape
@@ -548,4 +545,4 @@ class Slot:
         power, whole = np.split(power, 2, axis=1)
         shares = share(np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf), whole)
         sizes = np.sqrt(inside.diagonal(0, 2, 3).sum(axis=1))
-        return fall(trial.shares, shares, trial.ruler.informative), theta[:, size:], sizes
+        return fall(trial.shares, shares, trial.ruler.informative), theta, sizes

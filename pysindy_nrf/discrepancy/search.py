@@ -84,14 +84,7 @@ def exclude(one: ForceLaw, other: ForceLaw) -> bool:
 
 
 class Search:
-    """Forward, backward and exchange from one state.
-
-    Parameters
-    ----------
-    proposals : sequence of Proposal
-    progress : callable
-        Called once for each proposal.
-    """
+    """Candidates beside a state, and what refines them; ``progress`` is called once for each proposal."""
 
     def __init__(self, proposals: Sequence[Proposal], progress: Callable[[], Any] = lambda: None) -> None:
         self.constants = [p for p in proposals if p.law.variable == "1"]
@@ -432,13 +425,10 @@ def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mappin
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]], kept: Any = None) -> np.ndarray:
     """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
     gains, theta, sizes = slot.gains(points, kept)
-    for i, laws in enumerate(points):
-        at = 0
-        for law, width in zip(laws, slot.widths):
-            if not admissible(law, theta[i, at : at + width], sizes[i, at : at + width]):
-                gains[i] = -np.inf
-            at += width
-    return gains
+    real, forces = np.ones(len(points), dtype=bool), theta[:, -sizes.shape[1] :] * sizes
+    for law, own in zip(points[0], np.split(forces, np.cumsum(slot.widths)[:-1], axis=1)):
+        real &= admissible(law, own)
+    return np.where(real, gains, -np.inf)
 
 
 def _value(finding: Finding) -> float:

@@ -497,6 +497,14 @@ class Slot:
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
         return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]
 
+    def is_passive(self, theta: np.ndarray) -> np.ndarray:
+        """Whether springs and dashpots beside the laws keep their sign, (n_points,): what is added takes none over."""
+        trial = self.trial
+        every = [(s, t.label) for s in trial.layout.sites for law in trial.laws.get(s, ()) for t in law.terms()]
+        there = np.array([s in self.sites and label in ("s", "v") for s, label in every], dtype=bool)
+        linear = np.flatnonzero(there & (trial.theta[0, : trial.at] > 0))
+        return (theta[:, linear] >= -TENTH * trial.theta[0, linear]).all(axis=1)
+
     def _products(self, points: Sequence[tuple[ForceLaw, ...]], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of columns with some rows, (n_rows, n_bands, n_points, n_columns), and with each other, by band."""
         ruler, windows = self.trial.ruler, self.trial.ruler.windows

@@ -171,10 +171,15 @@ class Search:
         base, proposal = finding.state, finding.proposal
         try:
             laws, trial = self._refined(base, proposal, finding.laws, 0.5)
+            new = [Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)]
+            known = [e for e in new if judge.differs_from_zero(trial, e)]
+            if 1 < len(known) < len(new):  # a law of all storeys stands where its force is known
+                proposal, new = replace(proposal, sites=tuple(e.site for e in known)), known
+                trial = base.trial.with_laws([(e.site, e.law) for e in known])
         except NRFError:
             return None
-        effects = (*base.effects, *(Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)))
-        return replace(finding, laws=laws, after=State(trial, effects, base.ready), gain=trial.gain_over(base.trial))
+        after, laws = State(trial, (*base.effects, *new), base.ready), tuple(e.law for e in new)
+        return replace(finding, proposal=proposal, laws=laws, after=after, gain=trial.gain_over(base.trial))
 
     def polished(self, state: State) -> State:
         """The shape parameters of all effects refined once more, one effect after the other."""
@@ -425,7 +430,7 @@ def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mappin
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]], kept: Any = None) -> np.ndarray:
     """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
     gains, theta, sizes = slot.gains(points, kept)
-    real, forces = np.ones(len(points), dtype=bool), theta[:, -sizes.shape[1] :] * sizes
+    real, forces = slot.is_passive(theta), theta[:, -sizes.shape[1] :] * sizes
     for law, own in zip(points[0], np.split(forces, np.cumsum(slot.widths)[:-1], axis=1)):
         real &= admissible(law, own)
     return np.where(real, gains, -np.inf)

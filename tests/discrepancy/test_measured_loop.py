@@ -67,13 +67,23 @@ def test_bouc_wen_benchmark_gives_the_published_parameters(monkeypatch):
     np.testing.assert_allclose(found, [2.0, 10.0, 5e4, 5e4, 800.0, -1.375, 1.0], rtol=0.03)
 
 
-def test_a_strongly_shaken_frame_yields_in_every_storey(monkeypatch):
+@pytest.mark.parametrize("test, first", [("fbgm162s5", 0), ("fbgm152s4", 229)])
+def test_a_strongly_shaken_frame_yields_in_every_storey(test, first, monkeypatch):
+    """Also where the force of one storey is not known before those of the others are found."""
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
-    report = loop(measured_sets.load_nees_three_storey("fbgm162s5"), known_masses=EQUAL)
+    report = loop(measured_sets.load_nees_three_storey(test).rows(slice(first, None)), known_masses=EQUAL)
     yielding = {s.site for s in confirmed(report) if "hysteresis" in {s.family, *s.alternatives}}
     assert yielding == {"storey 1", "storey 2", "storey 3"}
     errors = [s.error_after for s in confirmed(report)]
     assert errors == sorted(errors, reverse=True)
+
+
+def test_an_effect_takes_over_no_spring(monkeypatch):
+    """Sliders beside -214 N/m, where the storey has 420, explained the search and not what was held out."""
+    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
+    report = loop(measured_sets.load_nees_three_storey("fbgm162s5").rows(slice(113, None)), known_masses=EQUAL)
+    springs = [[force.linear_part()["k"] for force in m.restoring_forces.values()] for m in report.models]
+    assert report.steps and np.min(springs) > 0
 
 
 def test_what_errors_of_channels_explain_better_is_no_inerter():

@@ -28,7 +28,7 @@ from ..regression.segments import VisitedRegion
 from ..signals.channel_checks import measured
 from . import judge, words
 from .catalogue import as_laws, balances_of, candidates, general_laws
-from .constants import BY_NOISE, CLAIMED, COMPLETE, HOPELESS, LARGE_GAIN, PERIODS, TENTH
+from .constants import BY_NOISE, CLAIMED, COMPLETE, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
 from .evidence import look
 from .prepare import MOST, Prepared, Workspace, measured_of
 from .report import LoopReport, Step, audit
@@ -157,9 +157,10 @@ def _judged(forward: Forward, confirmed: Stand, effect: Effect) -> tuple[Stand, 
 
 
 def _confirms(effect: Effect, before: Stand, after: Stand) -> bool:
-    """Whether the held-out error falls, and what is left by a tenth."""
+    """Whether the held-out error falls, and what is left, there or in the search, by a tenth."""
     gain = after.trial.gain_over(before.trial)
-    return bool(after.error < before.error and judge.is_there(gain, effect.law, CLAIMED))
+    least = LEAST_GAIN if after.error <= (1.0 - TENTH) * before.error else CLAIMED
+    return bool(after.error < before.error and judge.is_there(gain, effect.law, least))
 
 
 def _stand(name: str, trial: Trial) -> Stand:

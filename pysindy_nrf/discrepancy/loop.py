@@ -53,7 +53,8 @@ def close_loop(
     if errors of the channels within their tolerances do not explain it as well.
     After each effect all shape parameters are refined and effects that became needless are taken out; at the end
     effects are exchanged where another does better beside the rest. Held-out data have the last word: an effect that
-    does not lower their error, or what is left by a tenth, is not confirmed, and the model does not hold it.
+    does not lower their error, or takes a tenth neither of it nor of what the search leaves, is not confirmed, and the
+    model does not hold it.
 
     Parameters
     ----------

@@ -242,7 +242,7 @@ def _produced(
     fake.filters = [work.filters[i] for i in work.searched]
     windows = trial.ruler.windows
     other = Windows(data, blocks, windows.length, windows.edges, windows.centred)
-    return made, Ruler(fake, other, trial.ruler.informative, trial.ruler.clear)
+    return made, Ruler(fake, other, trial.ruler.informative, trial.ruler.clear, strict=False)
 
 
 def _record(

@@ -129,6 +129,7 @@ class Ruler:
 
     def __init__(
         self, work: Workspace, windows: Windows, informative: np.ndarray | None = None, clear: np.ndarray | None = None,
+        strict: bool = True,
     ) -> None:  # fmt: skip
         self.work, self.windows = work, windows
         self.segments = sorted({b.segment for b in windows.blocks})
@@ -145,6 +146,7 @@ class Ruler:
         self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
         self._orders: dict[tuple[Site, ...], SolveOrder] = {}
         self.part: Ruler | None = None  # on excerpts, where this is one on all samples of long records
+        self.strict = strict  # refuse laws whose columns depend on others; in simulated records they may not act
 
     def columns(self, site: Site, laws: Sequence[ForceLaw], kind: Any = float) -> np.ndarray:
         """Spectra of the columns of laws at one site."""
@@ -387,7 +389,7 @@ class Trial:
     def _fitted(self, grams: np.ndarray) -> np.ndarray:
         """Power of the residual and of the reference where all folds are fitted, (2, n_dof, n_bands)."""
         sums = np.einsum("uk,ukpq->upq", self.weights_of(self.fit), grams, optimize=True)
-        rows = np.concatenate(self.fit.rows(*self.fit.solve(sums[None])))[:, :, None, None]
+        rows = np.concatenate(self.fit.rows(*self.fit.solve(sums[None], self.ruler.strict)))[:, :, None, None]
         power = ((rows @ grams[self.fit.judged]) * rows).sum(axis=(-2, -1))
         return np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
 
@@ -395,7 +397,8 @@ class Trial:
         """Power of the residual on each fold, which the fit did not see, (n_folds, n_dof, n_bands)."""
         fit, grams, used = self.fit, self.grams, self.used(self.fit)
         sums = np.einsum("uk,fkpq->fupq", self.weights_of(fit), grams, optimize=True) * used[:, :, None, None]
-        self.masses, self.theta = fit.solve(np.concatenate([sums.sum(axis=0, keepdims=True), leave_one_out(sums)]))
+        sums = np.concatenate([sums.sum(axis=0, keepdims=True), leave_one_out(sums)])
+        self.masses, self.theta = fit.solve(sums, self.ruler.strict)
         rows = fit.rows(self.masses[1:], self.theta[1:])[0][:, None]
         part = ((rows @ grams) * rows).sum(axis=-1).swapaxes(1, 2)
         part = np.where(np.isfinite(part), np.maximum(part, 0.0), np.inf)
@@ -497,13 +500,13 @@ class Slot:
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
         return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]
 
-    def is_passive(self, theta: np.ndarray) -> np.ndarray:
-        """Whether springs and dashpots beside the laws keep their sign, (n_points,): what is added takes none over."""
+    def keeps_springs(self, theta: np.ndarray) -> np.ndarray:
+        """Whether no spring beside the laws turns clearly negative, (n_points,): what is added takes none over."""
         trial = self.trial
         every = [(s, t.label) for s in trial.layout.sites for law in trial.laws.get(s, ()) for t in law.terms()]
-        there = np.array([s in self.sites and label in ("s", "v") for s, label in every], dtype=bool)
-        linear = np.flatnonzero(there & (trial.theta[0, : trial.at] > 0))
-        return (theta[:, linear] >= -TENTH * trial.theta[0, linear]).all(axis=1)
+        there = np.array([s in self.sites and label == "s" for s, label in every], dtype=bool)
+        springs = np.flatnonzero(there & (trial.theta[0, : trial.at] > 0))
+        return (theta[:, springs] >= -TENTH * trial.theta[0, springs]).all(axis=1)
 
     def _products(self, points: Sequence[tuple[ForceLaw, ...]], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of columns with some rows, (n_rows, n_bands, n_points, n_columns), and with each other, by band."""
@@ -544,7 +547,7 @@ class Slot:
         total[..., :size, size:] = np.tensordot(weights, cross, 1).transpose(2, 0, 1, 3)
         total[..., size:, :size] = total[..., :size, size:].swapaxes(-1, -2)
         total[..., size:, size:] = (weights @ inside.reshape(count, bands, -1)).reshape(count, -1, width, width)
-        masses, theta = self.fit.solve(total)
+        masses, theta = self.fit.solve(total, trial.ruler.strict)
         rows = np.concatenate(self.fit.rows(masses, theta), axis=1)[:, None]
         held, new = rows[..., :size], rows[..., size:]
         flat = held.reshape(-1, size)

@@ -102,7 +102,9 @@ class Search:
                 found += (new := [scan for scan in scans if scan is not None])
                 best = max([best, *(f.screen for f in new)])
         found.sort(key=lambda f: -f.screen)
-        return sorted(filter(None, map(self.judged, _varied(found, top))), key=lambda f: -_value(f))
+        judged = sorted(filter(None, map(self.judged, _varied(found, top))), key=_value)
+        distinct = {(f.proposal, f.state.effects): f for f in judged}  # of equal ones, the best
+        return sorted(distinct.values(), key=lambda f: -_value(f))
 
     def _promised(self, state: State, tried: Sequence[Proposal]) -> dict[Site, float]:
         """What the general laws gain at each site beside a state, dB: hardly less than any law of the motion there."""
@@ -173,7 +175,7 @@ class Search:
             laws, trial = self._refined(base, proposal, finding.laws, 0.5)
             new = [Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)]
             known = [e for e in new if judge.differs_from_zero(trial, e)]
-            if 1 < len(known) < len(new):  # a law of all storeys stands where its force is known
+            if 0 < len(known) < len(new):  # a law of all storeys stands where its force is known
                 proposal, new = replace(proposal, sites=tuple(e.site for e in known)), known
                 trial = base.trial.with_laws([(e.site, e.law) for e in known])
         except NRFError:
@@ -196,14 +198,7 @@ class Search:
 
 
 class Forward:
-    """The course of a search: forward steps, each followed by refinement and backward elimination; exchange at the end.
-
-    Attributes
-    ----------
-    state : State
-    last : list of (Finding, Gain)
-        Candidates of the last forward step, the best first.
-    """
+    """The course of a search: forward steps, each refined and followed by backward elimination; exchange at the end."""
 
     def __init__(
         self, search: Search, state: State, ready: Prepared, faults: Sequence[SensorFault], rng: np.random.Generator,
@@ -216,7 +211,7 @@ class Forward:
         self.whole: Prepared | None = None  # all samples of long records
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
         self.rivals: dict[Effect, list[Finding]] = {}
-        self.last: list[tuple[Finding, Gain]] = []
+        self.last: list[tuple[Finding, Gain]] = []  # candidates of the last forward step, the best first
         self._searched: list[tuple[Effect, ...]] = []  # models beside which every candidate was tried
 
     def run(self, most: int) -> None:
@@ -430,7 +425,7 @@ def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mappin
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]], kept: Any = None) -> np.ndarray:
     """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
     gains, theta, sizes = slot.gains(points, kept)
-    real, forces = slot.is_passive(theta), theta[:, -sizes.shape[1] :] * sizes
+    real, forces = slot.keeps_springs(theta), theta[:, -sizes.shape[1] :] * sizes
     for law, own in zip(points[0], np.split(forces, np.cumsum(slot.widths)[:-1], axis=1)):
         real &= admissible(law, own)
     return np.where(real, gains, -np.inf)

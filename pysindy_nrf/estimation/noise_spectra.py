@@ -27,9 +27,6 @@ LEAST = 0.1  # smallest share of the error in a bin that is noise of the motion
 # Least share of what a model misses of a channel that is no force on a floor: a tenth of it, squared. (Hidden floors of
 # three_storey_frf and nees_three_storey: 7 to 15 % off; 10 to 17 with a hundredth of this, 6 to 18 with ten times it.)
 OWN = 0.01
-# A covariance of channels is known to the rounding of its diagonal: near a resonance with hardly any damping the motion
-# has more digits than a number holds, and without this share S is singular.
-ROUNDING = 1e-12
 LINES = 4096  # processed at a time; bounds the memory
 _LN2 = float(np.log(2.0))  # median over mean of an exponential variable
 
@@ -87,7 +84,8 @@ class NoiseModel:
             G = self.transfer(f[rows])
             S = (G * self.force) @ G.conj().transpose(0, 2, 1)
             diagonal = np.arange(S.shape[1])
-            S[:, diagonal, diagonal] = S[:, diagonal, diagonal] * (1.0 + ROUNDING) + self.motion(f[rows])
+            S[:, diagonal, diagonal] *= 1.0 + 1e-12  # near an undamped resonance rounding makes S singular
+            S[:, diagonal, diagonal] += self.motion(f[rows])
             yield rows, G, S
 
 

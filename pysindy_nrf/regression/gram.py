@@ -204,17 +204,17 @@ OWN, KNOWN, MASS = range(3)  # roles of a column in a step of the solve order
 
 @cache
 def compiled_solve() -> Callable[..., None]:
-    """For each stack of Gram matrices: masses (known ones preset) and coefficients; NaN where it cannot be done."""
+    """Masses (known ones preset) and coefficients by fit; columns that depend on others: NaN if strict, else zero."""
     from ..laws.compiled import address_of, addresses, jit, part
 
-    def least_squares(gram, p, columns, width, target, values, work):
+    def least_squares(gram, p, columns, width, target, values, work, strict):
         """Solve for columns scaled to unit length; False where they depend on each other."""
         scale = address_of(work, p * p)
         for i in range(width):
             size = gram[columns[i] * (p + 1)]
-            if not (size > 0.0 and size < np.inf):
+            if not (size < np.inf and (size > 0.0 or not strict)):
                 return False
-            scale[i] = 1.0 / math.sqrt(size)
+            scale[i] = 1.0 / math.sqrt(size) if size > 0.0 else 0.0
         for i in range(width):
             row, products = address_of(work, i * p), address_of(gram, columns[i] * p)
             dot = 0.0
@@ -231,6 +231,8 @@ def compiled_solve() -> Callable[..., None]:
                     row[j] = part / above[j]
                 elif part > 9e-16 * (width + 1):
                     row[i] = math.sqrt(part)
+                elif not strict:
+                    row[i] = np.inf  # its coefficient becomes zero
                 else:
                     return False
             for k in range(i):
@@ -246,7 +248,7 @@ def compiled_solve() -> Callable[..., None]:
 
     solved = part(least_squares)
 
-    def chain(fit, n, at, steps, entries, dofs, masses, theta, scratch, columns):
+    def chain(fit, strict, n, at, steps, entries, dofs, masses, theta, scratch, columns):
         n_fits, n_groups, p, n_steps = fit.shape[0], fit.shape[1], fit.shape[2], steps.shape[0]
         fit, steps, entries, dofs, masses, theta, target, columns = addresses(
             (fit, steps, entries, dofs, masses, theta, scratch, columns)
@@ -271,7 +273,7 @@ def compiled_solve() -> Callable[..., None]:
                         columns[width] = entry[0]
                         width += 1
                 gram = address_of(fit, (b * n_groups + step[0]) * p * p)
-                if not solved(gram, p, columns, width, target, values, work):
+                if not solved(gram, p, columns, width, target, values, work, strict):
                     for k in range(p):
                         own[k] = np.nan
                     break

@@ -79,11 +79,11 @@ class ChainFit:
         """The rows that stand in a balance with some of these."""
         return sorted(set().union(*(own for own in self.own if not set(own).isdisjoint(rows))))
 
-    def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, fit: np.ndarray, strict: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, n_groups, p, p)."""
         masses = np.tile(self._known, (len(fit), 1))
         theta = np.zeros((len(fit), fit.shape[2]))
-        compiled_solve()(np.ascontiguousarray(fit), self.n, self.at, *self._plan, masses, theta)
+        compiled_solve()(np.ascontiguousarray(fit), strict, self.n, self.at, *self._plan, masses, theta)
         return masses, theta
 
     def rows(self, masses: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +108,7 @@ class ChannelFit(ChainFit):
         self._free = [j for j in range(n) if j + 1 not in known_masses]
         self.own = [[*range(at, at + n + 2), *self._terms]]
 
-    def solve(self, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def solve(self, fit: np.ndarray, strict: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices (n_fits, 1, p, p)."""
         grams, at, n = fit[:, 0], self.at, self.n
         columns = self._terms + [at + j for j in self._free]

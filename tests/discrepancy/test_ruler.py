@@ -13,12 +13,12 @@ from pysindy_nrf.discrepancy.catalogue import candidates, general_laws
 from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import simulated as bootstrap
-from pysindy_nrf.discrepancy.ruler import Gain, Powers, Slot, Trial
+from pysindy_nrf.discrepancy.ruler import Gain, Powers, Ruler, Slot, Trial
 from pysindy_nrf.discrepancy.search import Search, proposals_of
 from pysindy_nrf.discrepancy.sensors import Errors, _shifted, on
 from pysindy_nrf.discrepancy.state import Effect, State
 from pysindy_nrf.discrepancy.windows import Windows, split, window_length
-from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.exceptions import ChannelError, NRFError
 from pysindy_nrf.mechanics.identifiability import plan_solve_order
 from pysindy_nrf.regression.chain_solve import groups_of, solve
 from pysindy_nrf.regression.gram_pass import total_gram
@@ -313,6 +313,16 @@ def test_what_a_scan_keeps_from_one_model_serves_the_next():
     for trial in (state.trial, state.trial.with_laws([(Site("storey 3"), SMALL[0])]), state.trial):
         slot = Slot(trial, [(Site("storey 2"), law)])
         assert slot.gains([(law,)], kept)[0] == pytest.approx(slot.gains([(law,)])[0], rel=1e-9)
+
+
+def test_a_law_that_does_not_act_is_refused_but_left_out_of_simulated_records():
+    trial, site = searched(Plan(3, (1, 2, 3), noise=0.02, seed=75, n_samples=4000), [])[0].trial, Site("storey 2")
+    ruler, held = trial.ruler, (*trial.laws[site], laws.TwoSidedGap(gap=1e3))
+    with pytest.raises(NRFError, match="depend on each other"):
+        Trial(ruler, trial.base, {**trial.laws, site: held})
+    made = Ruler(ruler.work, ruler.windows, ruler.informative, ruler.clear, strict=False)
+    less, more = (Trial(made, trial.base, {**trial.laws, site: own}) for own in (trial.laws[site], held))
+    assert more.powers.residual == pytest.approx(less.powers.residual, rel=1e-9)
 
 
 def test_errors_of_the_channels_can_undo_a_fault_that_was_found_at_a_wrong_size():

@@ -500,13 +500,13 @@ class Slot:
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
         return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]
 
-    def keeps_springs(self, theta: np.ndarray) -> np.ndarray:
-        """Whether no spring beside the laws turns clearly negative, (n_points,): what is added takes none over."""
+    def springs(self, theta: np.ndarray) -> np.ndarray:
+        """Sizes of the forces of springs at its sites, (n_points, n_springs); negative where one gives way."""
         trial = self.trial
         every = [(s, t.label) for s in trial.layout.sites for law in trial.laws.get(s, ()) for t in law.terms()]
         there = np.array([s in self.sites and label == "s" for s, label in every], dtype=bool)
-        springs = np.flatnonzero(there & (trial.theta[0, : trial.at] > 0))
-        return (theta[:, springs] >= -TENTH * trial.theta[0, springs]).all(axis=1)
+        held = np.flatnonzero(there & (trial.theta[0, : trial.at] > 0))
+        return theta[:, held] * np.sqrt(trial.summed[:, held, held].sum(axis=0))
 
     def _products(self, points: Sequence[tuple[ForceLaw, ...]], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Products of columns with some rows, (n_rows, n_bands, n_points, n_columns), and with each other, by band."""

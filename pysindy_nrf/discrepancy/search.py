@@ -425,7 +425,8 @@ def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mappin
 def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]], kept: Any = None) -> np.ndarray:
     """Gains of laws at the sites of a slot; minus infinity where a law may not have such coefficients."""
     gains, theta, sizes = slot.gains(points, kept)
-    real, forces = slot.keeps_springs(theta), theta[:, -sizes.shape[1] :] * sizes
+    forces = theta[:, -sizes.shape[1] :] * sizes
+    real = (slot.springs(theta) >= -TENTH * np.abs(forces).max(axis=1, keepdims=True)).all(axis=1)
     for law, own in zip(points[0], np.split(forces, np.cumsum(slot.widths)[:-1], axis=1)):
         real &= admissible(law, own)
     return np.where(real, gains, -np.inf)

@@ -356,11 +356,10 @@ def test_a_gain_common_to_all_forces_explains_nothing():
     assert len(forces) == 3 and np.abs(forces).max() < 0.2  # standard deviations
 
 
-def test_a_law_at_every_storey_is_no_effect_where_its_coefficients_may_be_zero():
+def test_a_law_at_every_storey_stands_where_its_coefficient_is_known():
     state, found = searched(Plan(3, (1, 2, 3), noise=0.02, effects=(("cubic", 2, 1, 0.12),), seed=72), SMALL[2:3])
-    everywhere = next(f for f in found if len(f.proposal.sites) == 3)
-    there = [judge.differs_from_zero(everywhere.after.trial, effect) for effect in everywhere.after.effects]
-    assert there == [False, True, False] and everywhere.gain.value > 5 and not judge.accepts(everywhere, state)
+    assert [f.proposal.sites for f in found if judge.accepts(f, state)] == [(Site("storey 2"),)]
+    assert found[0].gain.value > 5 and not any(len(f.proposal.sites) == 3 for f in found)
 
 
 def test_records_of_the_bootstrap_are_those_of_the_model_with_the_noise_of_the_channels():

@@ -52,7 +52,7 @@ class Step:
     share : float
         What the effect changes of the force at its site, as a share of the storey force; NaN for a sensor.
     confirmed : bool
-        Whether the held-out error falls, and what is left, there or in the search, by a tenth; else no model holds it.
+        Whether held-out errors fall, and there or in the search by a tenth; the model holds confirmed effects only.
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool

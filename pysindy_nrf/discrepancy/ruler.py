@@ -501,7 +501,7 @@ class Slot:
         return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]
 
     def springs(self, theta: np.ndarray) -> np.ndarray:
-        """Sizes of the forces of springs at its sites, (n_points, n_springs); negative where one gives way."""
+        """Forces of the springs beside the laws, (n_points, n_springs); negative where a law replaces one."""
         trial = self.trial
         every = [(s, t.label) for s in trial.layout.sites for law in trial.laws.get(s, ()) for t in law.terms()]
         there = np.array([s in self.sites and label == "s" for s, label in every], dtype=bool)

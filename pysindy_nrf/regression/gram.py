@@ -204,7 +204,7 @@ OWN, KNOWN, MASS = range(3)  # roles of a column in a step of the solve order
 
 @cache
 def compiled_solve() -> Callable[..., None]:
-    """Masses (known ones preset) and coefficients by fit; columns that depend on others: NaN if strict, else zero."""
+    """Masses (known ones preset) and coefficients by fit; dependent columns: NaN if strict, else zero for one."""
     from ..laws.compiled import address_of, addresses, jit, part
 
     def least_squares(gram, p, columns, width, target, values, work, strict):

@@ -58,12 +58,7 @@ def test_bouc_wen_benchmark_gives_the_published_parameters(monkeypatch):
     report = loop(measured_sets.load_bouc_wen_benchmark())
     step, linear = report.steps[0], report.model.restoring_forces["storey 1"].linear_part()
     assert step.law == "bouc_wen" and step.error_after <= 1.0
-    found = [
-        report.model.masses[0],
-        linear["c"],
-        linear["k"],
-        *(step.parameters[k] for k in ("alpha", "beta", "rho", "n")),
-    ]
+    found = [report.model.masses[0], *linear[["c", "k"]], *map(step.parameters.get, ("alpha", "beta", "rho", "n"))]
     np.testing.assert_allclose(found, [2.0, 10.0, 5e4, 5e4, 800.0, -1.375, 1.0], rtol=0.03)
 
 
@@ -84,6 +79,14 @@ def test_an_effect_takes_over_no_spring(monkeypatch):
     report = loop(measured_sets.load_nees_three_storey("fbgm162s5").rows(slice(113, None)), known_masses=EQUAL)
     springs = [[force.linear_part()["k"] for force in m.restoring_forces.values()] for m in report.models]
     assert report.steps and np.min(springs) > 0
+
+
+def test_an_effect_that_takes_a_tenth_of_the_held_out_error_is_confirmed(monkeypatch):
+    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
+    report = loop(measured_sets.load_nees_three_storey("fbgm162s3"), known_masses=EQUAL)
+    small = [step for step in report.steps if step.gain < 0.915]  # they take less than a tenth in the search
+    assert {s.confirmed for s in small} == {True, False}
+    assert all(s.confirmed == (s.error_after <= 0.9 * s.error_before) for s in small)
 
 
 def test_what_errors_of_channels_explain_better_is_no_inerter():

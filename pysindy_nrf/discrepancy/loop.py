@@ -51,10 +51,9 @@ def close_loop(
     gain of a candidate is the fall of the cross-validated residual in dB, meaned over informative bands. An effect
     is accepted if its gain stands whichever fold is left out, if it changes the force at its site enough to matter, and
     if errors of the channels within their tolerances do not explain it as well.
-    After each effect all shape parameters are refined and effects that became needless are taken out; at the end
-    effects are exchanged where another does better beside the rest. Held-out data have the last word: an effect that
-    does not lower their error, or takes a tenth neither of it nor of what the search leaves, is not confirmed, and the
-    model does not hold it.
+    After each effect all shape parameters are refined and effects that became needless are taken out. Held-out data
+    have the last word: an effect that does not lower their error, or takes a tenth neither of it nor of what the search
+    leaves, is not confirmed, and the model does not hold it.
 
     Parameters
     ----------

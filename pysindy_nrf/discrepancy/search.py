@@ -1,4 +1,4 @@
-"""The search: forward by the largest gain, backward, exchange; every decision on the ruler."""
+"""The search: forward by the largest gain, backward; every decision on the ruler."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -90,12 +90,11 @@ class Search:
         self.constants = [p for p in proposals if p.law.variable == "1"]
         self.proposals, self.progress = [p for p in proposals if p.law.variable != "1"], progress
 
-    def candidates(self, state: State, most: float = np.inf, top: int = FINALISTS, near: Any = None) -> list[Finding]:
-        """Findings on top of a state, each at ``most`` sites and ``near`` one, the best first, cross-validated."""
+    def candidates(self, state: State, most: float = np.inf, top: int = FINALISTS) -> list[Finding]:
+        """Findings on top of a state, each at ``most`` sites, the best first, cross-validated."""
         found: list[Finding] = []
-        tried = [p for p in self.proposals if near is None or any({s.p, s.q} & {near.p, near.q} - {0} for s in p.sites)]
-        promised, best = self._promised(state, tried), 0.0
-        for proposal in sorted(tried, key=lambda p: len(p.law.free_shape)):
+        promised, best = self._promised(state), 0.0
+        for proposal in sorted(self.proposals, key=lambda p: len(p.law.free_shape)):
             self.progress()
             if len(proposal.sites) <= most and _worth_a_scan(proposal, found, promised, best):
                 scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
@@ -106,10 +105,10 @@ class Search:
         distinct = {(f.proposal, f.state.effects): f for f in judged}  # of equal ones, the best
         return sorted(distinct.values(), key=lambda f: -_value(f))
 
-    def _promised(self, state: State, tried: Sequence[Proposal]) -> dict[Site, float]:
+    def _promised(self, state: State) -> dict[Site, float]:
         """What the general laws gain at each site beside a state, dB: hardly less than any law of the motion there."""
         ruler, out = state.trial.ruler, {}
-        for site in dict.fromkeys(s for p in tried if _of_motion(p.law) for s in p.sites):
+        for site in dict.fromkeys(s for p in self.proposals if _of_motion(p.law) for s in p.sites):
             try:
                 slots = [(law, Slot(state.trial, [(site, law)])) for law in general_laws(ruler.work, site)]
                 scans = {law: ruler.scans.setdefault((law, site), ([(law,)], {})) for law, _ in slots}
@@ -198,7 +197,7 @@ class Search:
 
 
 class Forward:
-    """The course of a search: forward steps, each refined and followed by backward elimination; exchange at the end."""
+    """The course of a search: forward steps, each refined and followed by backward elimination."""
 
     def __init__(
         self, search: Search, state: State, ready: Prepared, faults: Sequence[SensorFault], rng: np.random.Generator,
@@ -212,12 +211,10 @@ class Forward:
         self.rulers: dict[Effect, Ruler] = {}  # on the records freed of a fault
         self.rivals: dict[Effect, list[Finding]] = {}
         self.last: list[tuple[Finding, Gain]] = []  # candidates of the last forward step, the best first
-        self._searched: list[tuple[Effect, ...]] = []  # models beside which every candidate was tried
 
     def run(self, most: int) -> None:
         """Add effects until none is accepted or there are ``most`` of them."""
         while len(self.state.effects) < most:
-            self._searched.append(self.state.effects)
             forces = self.search.candidates(self.state, most - len(self.state.effects))
             self.last = judge.ranked(forces + findings_of_faults(self.state, self.faults), self.state)
             found = self._choice(self.state, self.last)
@@ -231,8 +228,6 @@ class Forward:
             ):
                 self.state = before
                 break
-        if len(self.state.effects) > 1:
-            self._exchange()
         self._constants(most)
 
     def on_all(self, first: State, ready: Prepared) -> State:
@@ -245,8 +240,8 @@ class Forward:
         self._errors, self._freed = None, {}  # large, and hardly asked again
         return replace(first, trial=start)
 
-    def _choice(self, state: State, pairs: Any, sure: bool = False) -> tuple[Finding, list[Finding]] | None:
-        """The finding to add (it exceeds chance unless ``sure``), and what the data cannot tell from it; or None."""
+    def _choice(self, state: State, pairs: Any) -> tuple[Finding, list[Finding]] | None:
+        """The finding to add, which exceeds chance, and what the data cannot tell from it; or None."""
         good = [pair for pair in pairs if judge.accepts(pair[0], state)]
         chance: dict[bool, list[float]] = {True: [], False: []}  # gains of faults, and of laws
         while good:
@@ -254,7 +249,7 @@ class Forward:
             finding, gain = good[number]
             if not self._by_errors(finding, state):
                 draws = chance[finding.is_fault]
-                if sure or judge.is_clear(finding, state) or self._exceeds(draws, gain, state, finding.is_fault):
+                if judge.is_clear(finding, state) or self._exceeds(draws, gain, state, finding.is_fault):
                     return finding, judge.rivals(good, number)
                 finding.chance = max(draws, default=None)
             good.pop(number)
@@ -378,32 +373,6 @@ class Forward:
             laws.remove((law, site))
             effect = Effect(law, site, law)
             self.state = replace(self.state, effects=(*self.state.effects, effect))
-
-    def _exchange(self) -> None:
-        """Replace an effect where another on one of its floors does better beside the rest."""
-        for effect in self.state.effects:
-            if effect.is_fault or effect not in self.state.effects:
-                continue
-            try:
-                base = self.search.without(self.state, [effect])
-            except NRFError:
-                continue
-            if base.effects in self._searched:  # from which it was chosen
-                continue
-            own = self.state.trial.gain_over(base.trial)
-            pairs = judge.ranked(self.search.candidates(base, 1, near=effect.site), base)
-            better = [f for f, gain in pairs if np.greater(*judge.difference(gain, own))]
-            found = self._choice(base, pairs, sure=True) if better else None
-            if found is not None and found[0] in better:
-                before, self.state = self.state, base
-                self._take(found)
-                effects = self.state.effects
-                place = min(before.effects.index(effect), len(effects) - 1)  # the report follows the order of discovery
-                effects = (*effects[:place], effects[-1], *effects[place:-1])
-                self.state = replace(self.state, effects=effects)
-                self._eliminate()
-                if self.state.trial.gain_over(before.trial).value <= 0:
-                    self.state = before
 
 
 def _of_motion(law: ForceLaw) -> bool:

@@ -7,8 +7,8 @@
 Of a case of the battery the held-out record is replaced by noise of the same size in every channel; of a measured
 record the forces and inertias that the balances hold in the held-out rows. (The states of laws with memory run through
 the motion between two searched pieces; with --motion it is replaced, too.) Effects, sites, parameters with
-their intervals, gains and errors of the search must then be the same to the last digit; only what held-out data say
-may differ.
+their intervals, gains and the error before each must then be the same to the last digit; only what held-out data say
+may differ, and the order of effects, which is that of their confirmation.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ FOUND = (
     "law", "site", "shape", "tied", "parameters", "intervals", "gain", "gain_error", "gain_least", "share",
     "validation_before",
 )  # fmt: skip
-ERRORS = ["search", "validation"]
 CASES = (("coulomb",), ("cubic",), ("bouc_wen",), (), ("coulomb", "cubic"))
 
 
@@ -100,10 +99,9 @@ def differences(one: Any, other: Any) -> list[str]:
     out = []
     if len(one.steps) != len(other.steps):
         out.append(f"{len(one.steps)} and {len(other.steps)} effects")
-    for k, (a, b) in enumerate(zip(one.steps, other.steps), 1):
-        out += [f"{name} of effect {k}" for name in FOUND if not _same(getattr(a, name), getattr(b, name))]
-    rows = zip(one.table[ERRORS].to_numpy(), other.table[ERRORS].to_numpy())
-    out += [f"errors with {k} effects" for k, (a, b) in enumerate(rows) if not np.array_equal(a, b)]
+    pairs = zip(*(sorted(report.steps, key=lambda s: (s.site, s.law)) for report in (one, other)))
+    for a, b in pairs:
+        out += [f"{name} of {a.law} at {a.site}" for name in FOUND if not _same(getattr(a, name), getattr(b, name))]
     if one.band != other.band:
         out.append("band")
     return out

@@ -75,26 +75,28 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     while waiting:  # what held-out data do not confirm alone may be confirmed beside the rest
         refused = []
         for effect in waiting:
-            pair = _judged(forward, confirmed, effect)
+            held.pop(effect, None)  # they stand in the order in which they are confirmed
+            held[effect] = pair = _judged(forward, confirmed, effect)
             if _confirms(effect, *pair):
-                held[effect], confirmed = pair, pair[1]
+                confirmed = pair[1]
             else:
-                held.setdefault(effect, pair)
                 refused.append(effect)
-        waiting = refused if len(refused) < len(waiting) else []
-    steps = [_step(forward.rivals.get(effect, []), effect, *held[effect], found[effect]) for effect in found]
+        group = _together(forward, confirmed, refused) if len(refused) == len(waiting) else {}
+        held = {e: pair for e, pair in held.items() if e not in group} | group
+        confirmed = [confirmed, *(after for _, after in group.values())][-1]
+        waiting = [e for e in refused if e not in group] if group or len(refused) < len(waiting) else []
+    steps = [_step(forward.rivals.get(effect, []), effect, *held[effect], found[effect]) for effect in held]
     stands = [baseline, *(after for _, after in held.values())]
     at = stands.index(confirmed)
     stopped = words.best_refused(forward.last[0] if forward.last else None)
     if len(forward.state.effects) >= (most := settings["max_steps"]):
         stopped = f"{most} effects were added, as many as were asked for" if most else "no effect was asked for"
-    if not trials[-1].ruler.windows.centred:  # one ruler for the table
-        trials = [_as_measured(trial) for trial in trials]
+    if not trials[-1].ruler.windows.centred:
         stopped += f". {words.MEANS_LEFT_IN}" if len(steps) > 1 else ""
+        for stand in stands:  # one ruler for the table
+            stand.row |= _of_search(_as_measured(stand.trial))
     if not confirmed.trial.ruler.windows.centred:
         stands = [_stand(stand.name, _as_measured(stand.trial)) for stand in stands]
-    for stand, trial in zip(stands, trials):
-        stand.row = stand.row | _of_search(trial)
     unfit = _no_claim(trials[-1])
     no_claim = unfit or _no_claim(confirmed.trial)
     if no_claim:
@@ -161,6 +163,18 @@ def _confirms(effect: Effect, before: Stand, after: Stand) -> bool:
     gain = after.trial.gain_over(before.trial)
     least = LEAST_GAIN if after.error <= (1.0 - TENTH) * before.error else CLAIMED
     return bool(after.error < before.error and judge.is_there(gain, effect.law, least))
+
+
+def _together(forward: Forward, confirmed: Stand, effects: list[Effect]) -> dict[Effect, tuple[Stand, Stand]]:
+    """Effects of which none is confirmed alone, each judged beside the others: a law hands its error on to a storey."""
+    pairs, effects = {}, [e for e in effects if not e.is_fault and e.law.variable != "1"]
+    with suppress(NRFError):  # columns may depend on each other
+        while len(effects) > 1 and len(pairs) != len(effects):
+            others = [[(o.site, o.law) for o in effects if o is not e] for e in effects]
+            stands = [_stand(confirmed.name, confirmed.trial.with_laws(placed)) for placed in others]
+            pairs = {e: _judged(forward, stand, e) for e, stand in zip(effects, stands)}
+            effects = [e for e in effects if _confirms(e, *pairs[e])]
+    return pairs if effects and len(pairs) == len(effects) else {}
 
 
 def _stand(name: str, trial: Trial) -> Stand:

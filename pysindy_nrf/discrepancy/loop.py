@@ -39,7 +39,7 @@ from .windows import Windows, split, window_length
 
 def close_loop(
     records: Any, baseline: NRFRegressor | None = None, catalogue: Iterable[Any] | None = None, heldout: Any = None,
-    band: tuple[float | None, float | None] | None = None, random_state: Any = 0, *, max_steps: int = 4,
+    band: tuple[float | None, float | None] | None = None, random_state: Any = 0, *, max_steps: int | None = None,
     calibration: Mapping[str, float] | None = None, progress: Any = False,
 ) -> LoopReport:  # fmt: skip
     """Find the effects a model lacks, add them, and report the error before and after.
@@ -69,8 +69,8 @@ def close_loop(
         Frequency band, Hz, outside of which no band is informative; the baseline's if None.
     random_state : int, Generator or None
         For the parametric bootstrap.
-    max_steps : int
-        Effects at most.
+    max_steps : int, optional
+        Effects at most; if None, one more than there are storeys, or four in a chain of up to three.
     calibration : mapping, optional
         Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another DOF's motion that it reads) as
         shares, 0.02 where nothing is known, and ``delay`` in s, 0.4 of a sampling step. What is none beyond them
@@ -104,7 +104,7 @@ def close_loop(
         baseline = NRFRegressor(degree=1) if clock else NRFRegressor(laws={1: [LinearElastic()]}, massless=True)
     if not isinstance(baseline, NRFRegressor):
         raise NRFError(f"baseline={baseline!r} is not a model to begin with", "Give e.g. NRFRegressor(degree=1).")
-    max_steps = whole("max_steps", max_steps)
+    max_steps = max(4, mine[0].n_dof + 1) if max_steps is None else whole("max_steps", max_steps)
     rng = generator(random_state)
     band = band if band is not None else baseline.band
     with threadpool_limits(1):  # the matrices are small: threads only get in each other's way

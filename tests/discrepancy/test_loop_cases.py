@@ -122,15 +122,23 @@ def test_an_effect_is_found_though_calibrations_scatter():
     assert {site for _, site in found} <= {"storey 2", *(f"sensor {c}{j}" for c in "axF" for j in (1, 2, 3))}
 
 
-def test_friction_in_every_storey_is_found_though_none_stands_out():
-    storeys = {
-        i: [laws.LinearElastic(k), laws.LinearViscous(c), laws.CoulombFriction(R)]
-        for i, (k, c, R) in enumerate(zip(K, C, (4.0, 3.0, 2.5)), 1)
-    }
-    F = excitation.band_limited_random(3, 12.0, FS, excited=[1, 2, 3], rms=36.0, band=(1, 35), random_state=0)
-    tried = [laws.CoulombFriction(), laws.QuadraticDamping()]
-    report = loop(simulate(ChainModel(M, storeys), F, 1 / FS), tried, 0.01)
-    assert set(steps(report)) == {("coulomb_friction", f"storey {i}") for i in (1, 2, 3)}
+@pytest.mark.parametrize(
+    ("forced", "rms", "held"),
+    [
+        ([1, 2, 3, 4, 5], 36.0, [laws.CoulombFriction(3.0)] * 5),  # none stands out
+        ([6], 60.0, [*[laws.CubicStiffness(4e9)] * 4, laws.CoulombFriction(15.0), laws.CubicStiffness(4e9)]),
+    ],
+)
+def test_laws_in_every_storey_are_found_and_confirmed(forced, rms, held):
+    """With one floor forced, a law hands its error on to the balance below until the law of that storey is there."""
+    n = len(held)
+    springs = enumerate(zip(np.linspace(1e5, 5e4, n), held), 1)
+    storeys = {i: [laws.LinearElastic(k), laws.LinearViscous(8e-4 * k), law] for i, (k, law) in springs}
+    F = excitation.band_limited_random(n, 12.0, FS, excited=forced, rms=rms, band=(1, 35), random_state=0)
+    record = simulate(ChainModel(np.linspace(6.0, 4.0, n), storeys), F, 1 / FS)
+    report = loop(record, [laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping()], 0.01, max_steps=None)
+    assert set(steps(report)) == {(law.name, f"storey {i}") for i, law in enumerate(held, 1)}
+    assert all(step.error_after < step.error_before for step in report.steps)
 
 
 def test_accelerations_alone_of_a_linear_chain_give_its_masses_and_no_effect():

@@ -62,9 +62,6 @@ def sentences(evidence):
     return list(evidence.sentences.values())
 
 
-# -- excerpts to all samples ----------------------------------------------------------------------
-
-
 def test_a_long_record_is_searched_by_excerpts_and_fitted_on_all_of_it():
     """What one sample in four is enough to find, all samples confirm, with parameters from all of them."""
     linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
@@ -80,9 +77,6 @@ def test_a_long_record_is_searched_by_excerpts_and_fitted_on_all_of_it():
     assert [(s.law, s.site, s.confirmed) for s in report.steps] == [("coulomb_friction", "storey 1", True)]
     assert report.steps[0].parameters["Fc"] == pytest.approx(20.0, rel=0.05)  # noise biases it low
     assert report.model.masses == pytest.approx([10.0, 10.0], rel=0.01)
-
-
-# -- catalogue to search ----------------------------------------------------------------------------
 
 
 def test_the_law_of_a_user_takes_part_in_the_search(found):
@@ -181,9 +175,6 @@ def test_the_command_writes_the_report_as_json_and_a_model_that_is_read_again(tm
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "manifest.json", "closed_loop.json", "closed_loop.md", "closed_loop.png", "closed_loop.html", "closed_loop.csv",
     }  # fmt: skip
-
-
-# -- held-out data to report ------------------------------------------------------------------------
 
 
 def test_the_held_out_error_is_the_error_of_the_model_on_the_held_out_record(found, records):

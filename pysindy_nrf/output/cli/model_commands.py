@@ -179,7 +179,7 @@ _loop_options = opt.together(
     click.option("--heldout", multiple=True, type=opt.PATH, help="A file that only the last line may see."),
     opt.degree_option(1, "Total degree of the declared storeys, or box k,q."),
     opt.law_option, opt.mass_option, opt.band_option,
-    click.option("--steps", type=click.IntRange(0), default=4, help="Effects at most."),
+    click.option("--steps", type=click.IntRange(0), show_default="storeys + 1, at least 4", help="Effects at most."),
     click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap."), opt.figures_option,
 )  # fmt: skip
 

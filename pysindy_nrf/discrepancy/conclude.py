@@ -90,7 +90,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     at = stands.index(confirmed)
     stopped = words.best_refused(forward.last[0] if forward.last else None)
     if len(forward.state.effects) >= (most := settings["max_steps"]):
-        stopped = f"{most} effects were added, as many as were asked for" if most else "no effect was asked for"
+        stopped = f"{most} effects were added, as many as max_steps allows" if most else "no effect was asked for"
     if not trials[-1].ruler.windows.centred:
         stopped += f". {words.MEANS_LEFT_IN}" if len(steps) > 1 else ""
         for stand in stands:  # one ruler for the table

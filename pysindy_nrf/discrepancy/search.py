@@ -381,9 +381,13 @@ def _of_motion(law: ForceLaw) -> bool:
 
 
 def _worth_a_scan(proposal: Proposal, found: Sequence[Finding], promised: Mapping[Site, float], best: float) -> bool:
-    """Whether general laws, and what a law of three shape parameters refines, promise something at the same sites."""
+    """Whether general laws, and what a law of three shape parameters refines, promise something at the same sites.
+
+    At several sites that is what they promise beyond the best site, which the law has by itself.
+    """
     law, sites = proposal.law, proposal.sites
-    hopes = [sum(max(promised[s], 0.0) for s in sites)] if _of_motion(law) else []
+    each = sorted(max(promised[s], 0.0) for s in sites) if _of_motion(law) else []
+    hopes = [sum(each[:-1] or each)] if each else []
     if len(law.free_shape) > 2:
         simple = [f.screen for f in found if f.proposal.sites == sites and law.contains(f.proposal.law)]
         hopes += [max(simple)] if simple else []

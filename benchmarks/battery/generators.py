@@ -391,6 +391,7 @@ def make_case(
     excitation: str | None = None,
     accelerations_only: bool = False,
     sensors: str = "",
+    every: bool = False,
 ) -> Case:
     """Draw one case; the same arguments always give the same case.
 
@@ -415,6 +416,8 @@ def make_case(
         One force and the accelerations of all DOFs are all that is measured.
     sensors : str
         One of ``sensors.FAULTS``: an imperfection that all sensors share.
+    every : bool
+        The effect is in every storey, of four at least.
 
     Returns
     -------
@@ -431,8 +434,10 @@ def make_case(
         if len(kinds) > 1
         else 1
     )
+    one = kinds
     for _ in range(200):
-        n = int(rng.integers(least, most + 1))
+        n = int(rng.integers(4 if every else least, most + 1))
+        kinds = one * n if every else one
         structure, f = draw_structure(rng, n)
         fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
         how = excitation or str(rng.choice(EXCITATIONS if not base else ("random", "earthquake", "earthquake")))
@@ -444,7 +449,7 @@ def make_case(
             plain = simulate(structure, [], *loads, fs)
             s = np.diff(plain.x, axis=1, prepend=0.0)
             structure.k3 = rng.uniform(0.03, 0.12, n) * structure.k / np.mean(s**2, axis=0)
-        places = [draw_place(rng, kind, n, base) for kind in kinds]
+        places = [(i, i - 1) if every else draw_place(rng, kind, n, base) for i, kind in enumerate(kinds, 1)]
         if len({(p, q) for p, q in places}) < len(places):
             continue
         targets = np.exp(rng.uniform(np.log(1.05 * SHARE[0]), np.log(0.9 * SHARE[1]), len(kinds)))

@@ -37,7 +37,7 @@ from .ruler import ChannelRuler, ChannelWork, Gain, Laws, Powers, Ruler, Slot, T
 from .search import Forward, Search
 from .sensors import contradictions
 from .state import Axes, Effect, Finding, Proposal, State
-from .windows import ChannelWindows, Windows, split, window_length
+from .windows import ChannelWindows, split, window_length
 
 LEVEL = 0.95
 # Draws of noise, of which one tells what it leaves of a balance to a fifth: 0.8 to 1.3 of the mean.
@@ -65,6 +65,9 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     instants = [float(e.law.shape[p.name] or 0.0) for e in forward.state.effects for p in e.law.shapes if p.instant]
     for ruler in (first.trial.ruler, *forward.rulers.values()):
         ruler.work.leave_out(instants, ruler.windows.length / 2)  # the ends of a fold show next to nothing
+    last = forward.state.trial
+    last.ruler.grams(last)  # which serve the models of some of its laws
+    last.powers_on(last.ruler.held)
     baseline = confirmed = _stand("baseline", first.trial)
     trials, found, held = [first.trial], {}, {}
     for effect in forward.state.effects:  # what the search says: each effect beside all those found before it
@@ -179,16 +182,13 @@ def _together(forward: Forward, confirmed: Stand, effects: list[Effect]) -> dict
 
 def _stand(name: str, trial: Trial) -> Stand:
     """A trial judged on the search and on the held-out data."""
-    ruler, work, windows = trial.ruler, trial.ruler.work, trial.ruler.windows
-    rows = Windows(work.data, work.held, windows.length, windows.edges, windows.centred)
-    held = Ruler(work, rows, ruler.informative, ruler.clear)
-    powers = trial.powers_on(held)
-    driven, usual = held.clear_power(powers.reference) / rows.size, ruler.clear_power(trial.powers.reference)
-    errors = np.where(driven < TENTH * usual / windows.size, np.nan, held.errors(powers))  # none where nothing drives
+    ruler, held = trial.ruler, trial.ruler.held
+    powers, usual = trial.powers_on(held), ruler.clear_power(trial.powers.reference)
+    undriven = held.clear_power(powers.reference) / held.windows.size < TENTH * usual / ruler.windows.size
     row = _of_search(trial) | {
-        "held-out": held.error(powers, ruler.clear_power(trial.powers.reference)),
-        "free run": free_run_error(trial.model(), work),
-        **{f"held-out dof {j}": float(e) for j, e in enumerate(errors, 1)},
+        "held-out": held.error(powers, usual),
+        "free run": free_run_error(trial.model(), ruler.work),
+        **{f"held-out dof {j}": float(e) for j, e in enumerate(np.where(undriven, np.nan, held.errors(powers)), 1)},
     }  # fmt: skip
     return Stand(name, trial, powers, row)
 

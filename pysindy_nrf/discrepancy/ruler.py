@@ -144,6 +144,7 @@ class Ruler:
         self.scans: dict[Any, tuple[Sequence[tuple[ForceLaw, ...]], dict[Any, np.ndarray]]] = {}
         self.keys: dict[Any, int] = {}  # numbers of rows: hashes of laws take long
         self._cache: dict[tuple[Site, ForceLaw], np.ndarray] = {}
+        self._known: tuple[list[int], np.ndarray] = [], np.empty(0)  # rows of a model, and their products
         self._orders: dict[tuple[Site, ...], SolveOrder] = {}
         self.part: Ruler | None = None  # on excerpts, where this is one on all samples of long records
         self.strict = strict  # refuse laws whose columns depend on others; in simulated records they may not act
@@ -163,6 +164,20 @@ class Ruler:
         while len(self._cache) > 1 and sum(rows.nbytes for rows in self._cache.values()) > _CACHE:
             del self._cache[next(iter(self._cache))]
         return found
+
+    def grams(self, trial: Trial) -> np.ndarray:
+        """Products of the rows of a model by fold and band; those of the last model that had others serve its parts."""
+        if not set(trial.keys) <= set(self._known[0]):
+            self._known = trial.keys, self.windows.grams(*trial.columns())
+        known, products = self._known
+        at = [known.index(key) for key in trial.keys]
+        return products if trial.keys == known else products[:, :, at][..., at]
+
+    @cached_property
+    def held(self) -> Ruler:
+        """The same bands on held-out samples."""
+        w, work = self.windows, self.work
+        return Ruler(work, Windows(work.data, work.held, w.length, w.edges, w.centred), self.informative, self.clear)
 
     def fit_of(self, layout: Layout, where: Mapping[Site, Sequence[int]], at: int) -> ChainFit:
         """The solve of a set of columns."""
@@ -337,8 +352,7 @@ class Trial:
         self.laws = {s: tuple(held) for s, held in laws.items() if held}
         self.chain = chain.with_links(self.laws)
         self.layout = LawLayout(self.chain, self.laws)
-        # those of all samples of long records are large, and hardly read again
-        self.grams = ruler.windows.grams(*([self.spectra] if ruler.part is None else self._columns()))
+        self.grams = ruler.grams(self)
         self.summed = self.grams.sum(axis=0)
         self.at = self.layout.n_terms
         self.slots: dict[Any, ChainFit] = {}  # solves with further columns, by their sites and numbers
@@ -364,7 +378,7 @@ class Trial:
     @cached_property
     def spectra(self) -> np.ndarray:
         """Spectra of the columns of the laws, then of accelerations and forces."""
-        return np.vstack(self._columns())
+        return np.vstack(self.columns())
 
     @cached_property
     def keys(self) -> list[Any]:
@@ -378,7 +392,8 @@ class Trial:
         """Weighted sums of the products over all folds and bands, by balance, (n_dof, p, p)."""
         return np.tensordot(self.weights, self.summed, 1)
 
-    def _columns(self) -> list[np.ndarray]:
+    def columns(self) -> list[np.ndarray]:
+        """The same, law by law."""
         held = [self.ruler.rows(s, law) for s in self.layout.sites for law in self.laws.get(s, ())]
         return [*held, self.ruler.fixed]
 
@@ -456,7 +471,7 @@ class Trial:
         other = Trial.__new__(Trial)
         other.ruler, other.base, other.laws = ruler, self.base, self.laws
         other.layout = self.layout
-        grams = ruler.windows.grams(*other._columns())
+        grams = ruler.grams(other)
         residual, reference = (rows[0] for rows in self.fit.rows(self.masses[:1], self.theta[:1]))
         known = other.used(self.fit)[:, self.fit.judged, None]
         part, whole = (np.einsum("ip,fkpq,iq->fik", x, grams, x, optimize=True) for x in (residual, reference))
@@ -495,7 +510,7 @@ class Slot:
     def left_out(self, columns: np.ndarray) -> np.ndarray:
         """Coefficients of the columns of one law (n_columns, size) with each fold left out of the fit."""
         trial = self.trial
-        grams = trial.ruler.windows.grams(*trial._columns(), columns)
+        grams = trial.ruler.windows.grams(*trial.columns(), columns)
         weights = trial.weights_of(self.fit)
         sums = np.einsum("uk,fkpq->fupq", weights, grams, optimize=True) * trial.used(self.fit)[:, :, None, None]
         return self.fit.solve(leave_one_out(sums))[1][:, trial.summed.shape[-1] :]

@@ -69,7 +69,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     last.ruler.grams(last)  # which serve the models of some of its laws
     last.powers_on(last.ruler.held)
     baseline = confirmed = _stand("baseline", first.trial)
-    trials, found, held = [first.trial], {}, {}
+    trials, found, held = [first.trial], {}, dict[Effect, tuple[Stand, Stand]]()
     for effect in forward.state.effects:  # what the search says: each effect beside all those found before it
         with suppress(NRFError):
             found[effect] = _pair(forward, trials[-1], effect)
@@ -168,9 +168,9 @@ def _confirms(effect: Effect, before: Stand, after: Stand) -> bool:
     return bool(after.error < before.error and judge.is_there(gain, effect.law, least))
 
 
-def _together(forward: Forward, confirmed: Stand, effects: list[Effect]) -> dict[Effect, tuple[Stand, Stand]]:
+def _together(forward: Forward, confirmed: Stand, some: list[Effect]) -> dict[Effect, tuple[Stand, Stand]]:
     """Effects of which none is confirmed alone, each judged beside the others: a law hands its error on to a storey."""
-    pairs, effects = {}, [e for e in effects if not e.is_fault and e.law.variable != "1"]
+    pairs, effects = dict[Effect, tuple[Stand, Stand]](), [e for e in some if not e.is_fault and e.law.variable != "1"]
     with suppress(NRFError):  # columns may depend on each other
         while len(effects) > 1 and len(pairs) != len(effects):
             others = [[(o.site, o.law) for o in effects if o is not e] for e in effects]

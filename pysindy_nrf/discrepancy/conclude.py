@@ -66,7 +66,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     for ruler in (first.trial.ruler, *forward.rulers.values()):
         ruler.work.leave_out(instants, ruler.windows.length / 2)  # the ends of a fold show next to nothing
     last = forward.state.trial
-    last.ruler.grams(last)  # which serve the models of some of its laws
+    last.ruler.grams(last)  # these products serve all smaller models below
     last.powers_on(last.ruler.held)
     baseline = confirmed = _stand("baseline", first.trial)
     trials, found, held = [first.trial], {}, dict[Effect, tuple[Stand, Stand]]()
@@ -169,7 +169,7 @@ def _confirms(effect: Effect, before: Stand, after: Stand) -> bool:
 
 
 def _together(forward: Forward, confirmed: Stand, some: list[Effect]) -> dict[Effect, tuple[Stand, Stand]]:
-    """Effects of which none is confirmed alone, each judged beside the others: a law hands its error on to a storey."""
+    """Effects of which none is confirmed alone, each judged beside the others: errors pass to the storey below."""
     pairs, effects = dict[Effect, tuple[Stand, Stand]](), [e for e in some if not e.is_fault and e.law.variable != "1"]
     with suppress(NRFError):  # columns may depend on each other
         while len(effects) > 1 and len(pairs) != len(effects):

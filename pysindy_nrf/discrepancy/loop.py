@@ -70,7 +70,7 @@ def close_loop(
     random_state : int, Generator or None
         For the parametric bootstrap.
     max_steps : int, optional
-        Effects at most; if None, one more than there are storeys, or four in a chain of up to three.
+        Effects at most; if None, one more than there are storeys, at least four, so that the search can end by itself.
     calibration : mapping, optional
         Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another DOF's motion that it reads) as
         shares, 0.02 where nothing is known, and ``delay`` in s, 0.4 of a sampling step. What is none beyond them

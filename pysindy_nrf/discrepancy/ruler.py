@@ -166,7 +166,7 @@ class Ruler:
         return found
 
     def grams(self, trial: Trial) -> np.ndarray:
-        """Products of the rows of a model by fold and band; those of the last model that had others serve its parts."""
+        """Products of the rows of a model by fold and band, taken from those of a larger model that came before."""
         if not set(trial.keys) <= set(self._known[0]):
             self._known = trial.keys, self.windows.grams(*trial.columns())
         known, products = self._known
@@ -175,7 +175,7 @@ class Ruler:
 
     @cached_property
     def held(self) -> Ruler:
-        """The same bands on held-out samples."""
+        """The same windows and bands on the held-out samples."""
         w, work = self.windows, self.work
         return Ruler(work, Windows(work.data, work.held, w.length, w.edges, w.centred), self.informative, self.clear)
 

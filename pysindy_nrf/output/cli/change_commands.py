@@ -11,26 +11,13 @@ from . import options as opt
 from .options import Session
 
 
-def _read(files: list[Path], options: dict[str, Any], session: Session) -> list[Any]:
-    """One record of each file; what they hold is said."""
-    from ...data.io import describe
-
-    readings = [reading for file in files for reading in opt.readings_of([file], options)]
-    session.measured(*map(describe, readings))
-    return [reading.record for reading in readings]
-
-
 @click.command(short_help="Storey forces, the force of a damper, dissipated energy.")
 @click.argument("file", type=opt.PATH)
 @opt.record_options
 @click.option("--bare", type=opt.PATH, help="A test of the structure without its damper: the damper's force (eq. 21).")
 @opt.degree_option(3, "Total degree of the power series, or box k,q.")
-@opt.law_option
-@opt.mass_option
-@opt.band_option
-@opt.output_option
-@opt.figures_option
-@opt.json_option
+@opt.model_options
+@opt.written_options
 def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None:
     """Storey forces along a record, the energy that each storey dissipates, and the force of a damper.
 
@@ -47,7 +34,7 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
     from ...regression.chain_model import as_segments, storey_names
 
     session = Session(as_json)
-    records = _read([file, *([bare] if bare else [])], options, session)
+    records = opt.records_of(session, options, [file], *([[bare]] if bare else []))
     with session.listening():
         estimator = opt.regressor_of(options).fit(records[0])
         linear = None if bare is None else opt.regressor_of(options).set_params(degree=1, laws=None).fit(records[1])
@@ -62,7 +49,6 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
     table["dissipated (J)" if device is None else "dissipated by the damper (J)"] = last = energy.iloc[-1]
     table["share (%)"] = 100 * last / last.sum()
     session.headed("Forces of the storeys", opt.table(table))
-    session.take_care()
     with session.aside() as folder:
         written = [
             write_table((found if device is None else found.join(device)).rename_axis("t"), folder / "forces.csv"),
@@ -85,15 +71,11 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
 @click.argument("after", type=opt.PATH)
 @opt.record_options
 @opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
-@opt.law_option
-@opt.mass_option
-@opt.band_option
+@opt.model_options
 @click.option("--least", type=float, default=1.0, help="Smallest change of interest, % of the spring or mass.")
 @click.option("--level", type=float, default=0.01, help="Level of significance, of all places and terms together.")
 @click.option("--blocks", type=click.IntRange(5), default=20, help="Pieces of each test, left out in turn.")
-@opt.output_option
-@opt.figures_option
-@opt.json_option
+@opt.written_options
 def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     """Say which storey's force, or which mass, changed between two tests of one structure.
 
@@ -109,7 +91,7 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     from ...monitoring import compare_tests
 
     session = Session(as_json)
-    records = _read([before, after], options, session)
+    records = opt.records_of(session, options, [before], [after])
     with session.listening():
         limits = {key: options[key] for key in ("level", "least")}
         report = compare_tests(opt.regressor_of(options), *records, n_blocks=options["blocks"], **limits)
@@ -117,7 +99,6 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     if len(report.changed):
         session.say("", opt.table(report.changed))
     session.headed("The tests fitted apart", opt.table(report.table))
-    session.take_care()
     with session.aside() as folder:
         tables = {"changed": report.changed, "fitted_apart": report.table}
         written = [write_table(frame, folder / f"{name}.csv") for name, frame in tables.items()]

@@ -25,24 +25,22 @@ def demo(as_json: bool, **options: Any) -> int:
     truth is printed beside what was found. No network, a few seconds.
     """
     from ...data.io import describe
-    from ...data.io.summary import summary
     from ...datasets import demo_truth, read_demo
+    from ...estimation.regressor import NRFRegressor
     from .outcome import finish, identify_records
 
     session = Session(as_json)
     reading = read_demo()
     session.measured(describe(reading))
-    record = reading.record
-    estimator = _planned(session, 3, record.forced, record.unknown, degree=3)
-    outcome = identify_records([record], estimator, raw=False)
-    code = finish(session, outcome, None, True, [summary(record)], demo_truth(), records=[record])
+    records = [reading.record]
+    estimator = _planned(session, NRFRegressor(degree=3), 3, records[0].forced, records[0].unknown)
+    code = finish(session, identify_records(records, estimator, raw=False), True, records, demo_truth())
     session.say("\nNext: pysindy-nrf inspect YOUR_TEST.csv, then run YOUR_TEST.csv   (pysindy-nrf --help)")
     return code
 
 
 @click.command(short_help="Find masses and restoring forces from records.")
-@opt.files_argument
-@opt.record_options
+@opt.files_options
 @opt.degree_option(3, "Total degree of the power series, or box k,q.")
 @opt.order_option
 @opt.law_option
@@ -70,9 +68,7 @@ def demo(as_json: bool, **options: Any) -> int:
     "--kind", ["accelerance", "mobility", "receptance"],
     "With --frf: acceleration, velocity or displacement over force.", "accelerance",
 )  # fmt: skip
-@opt.output_option
-@opt.figures_option
-@opt.json_option
+@opt.written_options
 def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> int:
     """Find masses and restoring forces from the records of one chain.
 
@@ -99,40 +95,30 @@ def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) 
       pysindy-nrf identify shaker.csv --frf --excited 1 --band 4,32
     """
     session = Session(as_json)
-    degree, band = options["degree"], options["band"]
-    settings: dict[str, Any] = {
-        "degree": degree, "orders": options["orders"] or None, "strategy": options["strategy"],
-        "estimation": options["estimation"], "laws": opt.laws_of(options["laws"], degree),
-        "known_masses": options["masses"] or None, "band": band,
-    }  # fmt: skip
     if frf:
-        return _identify_frf(session, files, settings, options)
+        return _identify_frf(session, files, options)
     for name in ("excited", "kind"):
         if _given(name):
             raise click.UsageError(f"--{name} goes with --frf only.")
-    from ...data.io import describe
-    from ...data.io.summary import summary
     from .outcome import finish, identify_records
 
-    readings = opt.readings_of(files, options)
-    records = [reading.record for reading in readings]
-    session.measured(*map(describe, readings))
-    n, understood = records[0].n_dof, [summary(rec) for rec in records]
+    records = opt.records_of(session, options, files)
+    n = records[0].n_dof
     for rec in records:
         if rec.n_dof != n:
             cure = "Files given together are tests of one chain; identify others by themselves."
             raise ChannelError(f"{rec.name!r} has {rec.n_dof} DOFs, {records[0].name!r} has {n}", cure)
     forced = sorted({j for rec in records for j in rec.forced})
     unknown = sorted(set.intersection(*(set(rec.unknown) for rec in records)))
-    estimator = _planned(session, n, forced, unknown, options["links"], **settings)
-    outcome = identify_records(records, estimator, options["raw"])
-    code = finish(session, outcome, band, options["figures"], understood, records=records)
+    estimator = _planned(session, opt.regressor_of(options), n, forced, unknown, options["links"])
+    code = finish(session, identify_records(records, estimator, options["raw"]), options["figures"], records)
     if not code and estimator.missing_terms_["biased"].any():
         session.say("\nNext: pysindy-nrf close-loop, with the same files and channels, looks for the missing law.")
     return code
 
 
-def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str, Any], options: dict[str, Any]) -> int:
+def _identify_frf(session: Session, files: tuple[Path, ...], options: dict[str, Any]) -> int:
+    """Find a linear chain from its frequency responses."""
     from ...data.io import read_frf
     from .outcome import finish, identify_frf
 
@@ -143,29 +129,23 @@ def _identify_frf(session: Session, files: tuple[Path, ...], settings: dict[str,
         if options[name]:
             raise click.UsageError(f"--{option} does not go with --frf.")
     if not _given("degree"):
-        settings["degree"] = 1
-    if settings["degree"] != 1 or settings["orders"] or settings["laws"]:
+        options["degree"] = 1
+    if options["degree"] != 1 or options["orders"] or options["laws"]:
         raise click.UsageError(
             "Frequency responses identify linear laws only: leave out --order and --law, and --degree or set it to 1."
         )
     frf = read_frf(files[0], excited=options["excited"], kind=options["kind"])
-    band = options["band"]
-    session.measured(frf.describe(band))
-    estimator = _planned(session, frf.n_dof, [frf.excited], [], options["links"], **settings)
-    understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
-    return finish(session, identify_frf(frf, estimator), band, options["figures"], understood)
+    session.measured(frf.describe(options["band"]))
+    estimator = _planned(session, opt.regressor_of(options), frf.n_dof, [frf.excited], [], options["links"])
+    return finish(session, identify_frf(frf, estimator), options["figures"])
 
 
-def _planned(session: Session, n: int, forced: Any, unknown: Any, links: Any = (), **settings: Any) -> Any:
-    """A regressor; what the excitation can identify with it is said in words, before any number is produced."""
-    from ...estimation.regressor import NRFRegressor
-
-    chain = Chain(n, links)
-    estimator = NRFRegressor(**settings, chain=chain if links else None)
-    masses = estimator.known_masses or {}
+def _planned(session: Session, estimator: Any, n: int, forced: Any, unknown: Any, links: Any = ()) -> Any:
+    """The regressor for n floors; what the excitation can identify with it is said before any number is produced."""
+    chain, masses = Chain(n, links), estimator.known_masses or {}
     plan = chain.identifiability(forced, unknown=unknown, known_masses=masses, strategy=estimator.strategy)
     session.headed(f"What this excitation can identify ({plan.strategy})", textwrap.indent(str(plan), "  "))
-    return estimator
+    return estimator.set_params(chain=chain if links else None)
 
 
 def _given(option: str) -> bool:
@@ -175,17 +155,16 @@ def _given(option: str) -> bool:
 
 # of the commands that close the loop
 _loop_options = opt.together(
-    opt.record_options,
+    opt.files_options,
     click.option("--heldout", multiple=True, type=opt.PATH, help="A file that only the last line may see."),
     opt.degree_option(1, "Total degree of the declared storeys, or box k,q."),
-    opt.law_option, opt.mass_option, opt.band_option,
+    opt.model_options,
     click.option("--steps", type=click.IntRange(0), show_default="storeys + 1, at least 4", help="Effects at most."),
     click.option("--seed", type=int, default=0, help="Seed of the parametric bootstrap."), opt.figures_option,
 )  # fmt: skip
 
 
 @click.command("run", short_help="Inspect, close the loop, report: the verdict on a test.")
-@opt.files_argument
 @_loop_options
 @opt.run_option
 @opt.json_option
@@ -211,7 +190,6 @@ def run_test(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
 
 
 @click.command("close-loop", short_help="Find the effects that a model lacks.")
-@opt.files_argument
 @_loop_options
 @opt.output_option
 @opt.json_option
@@ -259,7 +237,6 @@ def _close(session: Session, files: tuple[Path, ...], options: dict[str, Any], i
         shown["held-out data"] = ["", *map(standing, report.steps)]
     session.headed(f"Errors, percent NRMSE, {band} (balance errors, but for the free run)", opt.table(shown))
     session.headed("Model" + " (not to be used)" * (verdict.state == "red"), str(report.model))
-    session.take_care()
     steps = [asdict(step) | {"sentence": step.sentence} for step in report.steps]
     data = {"steps": steps, "table": report.table, "stopped_because": report.stopped_because, "band_hz": report.band}
     report.model.info.update(session.provenance())
@@ -286,8 +263,7 @@ def _write(report: Any, folder: Path, figures: bool) -> list[Path]:
 
 
 @click.command("select-order", short_help="Find the order of the power series that the records support.")
-@opt.files_argument
-@opt.record_options
+@opt.files_options
 @click.option("--degrees", type=opt.RANGE, default="1-7", help="Total degrees to try: 1-7, or 1,3,5.")
 @click.option("--box", "boxes", multiple=True, type=opt.RANGE, help="A box k,q to try as well: 1,3.")
 @click.option("--folds", type=click.IntRange(2), default=5, help="Blocks in time, each judged by a fit to the others.")
@@ -311,15 +287,13 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
       pysindy-nrf select-order shaker.csv
       pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3 --band 0.5,40
     """
-    from ...data.io import describe, write_table
+    from ...data.io import write_table
     from ...data.io.summary import summary
     from ...laws.power_series import exponents_of
     from ...selection import select_order as run
 
     session = Session(as_json)
-    readings = opt.readings_of(files, options)
-    session.measured(*map(describe, readings))
-    records = [reading.record for reading in readings]
+    records = opt.records_of(session, options, files)
     boxes = [tuple(box) for box in options["boxes"]]
     for box in boxes:
         if len(box) != 2:
@@ -338,7 +312,6 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
         if len(exponents_of(value)) < len(exponents_of(found.best_order)):
             shown = _as_option(value)
             session.say(f"  {site} needs no more than {shown}: --order '{site}={shown}'")
-    session.take_care()
     with session.aside() as folder:
         written = [write_table(listed, folder / "orders.csv")]
         if options["figures"]:
@@ -393,7 +366,6 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     for name, note in found["note"].items():
         if note:
             session.say(f"  {name}: {note}")
-    session.take_care()
     with session.aside() as folder:
         written = [write_table(found, folder / "comparison.csv")]
     session.finish({"record": summary(readings[0].record), "table": found}, written)

@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import NRFWarning
+from ...mechanics.sites import Site
 from .results import Results
 
 
@@ -35,7 +36,8 @@ class Session:
         for value in (value for name, value in run.params.items() if name != "output"):
             inputs += [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, Path)]
         force = run.meta.get(_FORCE, False)
-        self._results = None if place is None else Results(run.params["output"], place.file_okay, inputs, force)
+        # where the running command writes; it has the option --output
+        self.results: Any = place and Results(run.params["output"], place.file_okay, inputs, force)
 
     def say(self, *words: str) -> None:
         """Print words for people, each on lines of its own."""
@@ -54,9 +56,8 @@ class Session:
     def emit(self, data: dict[str, Any], files: Iterable[Path] = ()) -> None:
         """Print plain data for machines: strict JSON, a number that does not exist as null."""
         if self.as_json:
-            whole = data | ({"warnings": self.warnings} if "warnings" not in data else {})
-            whole |= {"files": [str(p) for p in files]}
-            click.echo(json.dumps(plain(whole), indent=2, allow_nan=False))
+            data = data | {"warnings": data.get("warnings", self.warnings), "files": [str(p) for p in files]}
+            click.echo(json.dumps(plain(data), indent=2, allow_nan=False))
 
     @contextmanager
     def listening(self, label: str = "working") -> Iterator[Callable[[], None]]:
@@ -72,12 +73,6 @@ class Session:
         if self.warnings:
             self.headed("Take care", paragraphs(self.warnings))
 
-    @property
-    def results(self) -> Results:
-        """Where the running command writes."""
-        assert self._results is not None  # the command has the option --output
-        return self._results
-
     def provenance(self) -> dict[str, Any]:
         """What a model and its page say of the run: the command, and the files it read with their SHA-256."""
         words = click.get_current_context().obj or []
@@ -85,7 +80,8 @@ class Session:
 
     @contextmanager
     def aside(self) -> Iterator[Path]:
-        """A folder for the results of the running command, moved into place when all are written."""
+        """A folder for the results of the running command, moved into place when all are written; says the warnings."""
+        self.take_care()
         run = click.get_current_context()
         about = {"command": run.info_name, "arguments": run.obj, "settings": plain(run.params)}
         with working("writing"), self.results.aside(about) as folder:
@@ -226,41 +222,29 @@ class Text(click.ParamType):
             self.fail(f"{value!r} is not {self.wanted}" if self.wanted else str(error), param, ctx)
 
 
-def _pair(form: str) -> Callable[[str], tuple[str, str]]:
-    """A reader of ``KEY=VALUE``, split at the first ``=``."""
+def _pair(form: str, read: Callable[[str], Any] = str) -> Text:
+    """A text ``KEY=VALUE``, split at the first ``=``, whose value ``read`` turns into what is wanted."""
 
-    def read(text: str) -> tuple[str, str]:
+    def parts(text: str) -> tuple[str, Any]:
         with suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
             text = os.fsencode(text).decode("utf-8")
         key, sign, value = text.partition("=")
         if not sign or not key.strip() or not value.strip():
             raise ValueError(f"{text!r} is not of the form {form}")
-        return key.strip(), value.strip()
+        return key.strip(), read(value.strip())
 
-    return read
+    return Text(form, parts)
 
 
-def _law_names(text: str) -> tuple[str, list[str]]:
-    """A site and the names of its laws."""
+def _law_names(listed: str) -> list[str]:
+    """Names of the laws of a site."""
     from ... import laws
 
-    site, listed = _pair(_LAWS)(text)
     known, names = laws.registry(), [name.strip() for name in listed.split("+")]
     for name in names:
         if name not in known:
             raise ValueError(f"there is no law {name!r}. Known are {', '.join(sorted(known))}.")
-    return site, names
-
-
-def _link(text: str) -> str:
-    """A link between floors, in the one grammar of sites."""
-    from ...exceptions import ChainError
-    from ...mechanics.sites import Site
-
-    try:
-        return str(Site(text))
-    except ChainError as error:
-        raise ValueError(str(error)) from error
+    return names
 
 
 def _mass(text: str) -> tuple[int, float]:
@@ -281,12 +265,6 @@ def _degree(text: str) -> int | tuple[int, int]:
     if len(numbers) not in (1, 2) or any(n < 0 for n in numbers):
         raise ValueError(f"{text!r} is not a degree (3) or a box k,q (2,3)")
     return numbers[0] if len(numbers) == 1 else (numbers[0], numbers[1])
-
-
-def _site_degree(text: str) -> tuple[str, int | tuple[int, int]]:
-    """A site and its degree or box."""
-    site, degree = _pair(_ORDER)(text)
-    return site, _degree(degree)
 
 
 def _range(text: str) -> list[int]:
@@ -317,20 +295,20 @@ def once(ctx: Any, param: Any, pairs: Any) -> dict:
     return out
 
 
-_LAWS, _ORDER = "SITE=NAME+NAME", "SITE=DEGREE"
 FLOORS = Text("I,J,...", lambda text: [] if text.strip().lower() == "none" else _range(text))  # 1,3 or 1-4 or none
 NUMBERS = Text(
     "A,B,...", lambda text: [float(p) for p in text.split(",")], "numbers with commas between them, e.g. 0.001,0,0"
 )
 RANGE = Text("A-B|A,B,...", _range)
+SITE = Text("SITE", lambda text: str(Site(text)))
 PATH = click.Path(path_type=Path)
 
-files_argument = click.argument("files", nargs=-1, metavar="FILE...", type=PATH)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 
 
-def _output(kind: click.Path, name: str | None, words: str) -> Callable[[Any], Any]:
-    """Where results go, and whether they may take the place of files that no earlier run made."""
+def output(name: str | None, words: str, single: bool = False) -> Callable[[Any], Any]:
+    """The folder, or ``single`` file, of results, and whether they may replace files that no earlier run made."""
+    kind = click.Path(path_type=Path, file_okay=single, dir_okay=not single)
 
     def options(command: Any) -> Any:
         force = click.option(
@@ -342,14 +320,9 @@ def _output(kind: click.Path, name: str | None, words: str) -> Callable[[Any], A
     return options
 
 
-def _folder(name: str | None, words: str) -> Any:
-    """The option of a command that writes a folder."""
-    words = f"Folder for the model, tables and figures{words}."
-    return _output(click.Path(path_type=Path, file_okay=False), name, words)
-
-
-output_option, demo_option = _folder("nrf_output", ""), _folder("nrf_demo", "")
-run_option = _folder(None, "; nrf_runs/FILE, or the next that is free, if left out")
+_FOLDER = "Folder for the model, tables and figures"
+output_option, demo_option = output("nrf_output", f"{_FOLDER}."), output("nrf_demo", f"{_FOLDER}.")
+run_option = output(None, f"{_FOLDER}; nrf_runs/FILE, or the next that is free, if left out.")
 
 
 def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:
@@ -367,25 +340,21 @@ mapping_option = click.option(
     help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
 )  # fmt: skip
 map_option = repeated(
-    "--map", "mapping", Text("CHANNEL=COLUMN", _pair("CHANNEL=COLUMN")),
+    "--map", "mapping", _pair("CHANNEL=COLUMN"),
     'Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
     "for a force that acts and was not measured.",
 )  # fmt: skip
-unit_option = repeated(
-    "--unit", "units", Text("CHANNEL=UNIT", _pair("CHANNEL=UNIT")), "Unit of a channel (x3=in) or kind (a=g, F=kN)."
-)
+unit_option = repeated("--unit", "units", _pair("CHANNEL=UNIT"), "Unit of a channel (x3=in) or kind (a=g, F=kN).")
 rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
 coordinates_option = choice(
     "--coordinates", ["relative", "absolute"],
     "Whether velocities and displacements are relative to the base (what you get if nothing is said).",
 )  # fmt: skip
 law_option = repeated(
-    "--law", "laws", Text(_LAWS, _law_names),
+    "--law", "laws", _pair("SITE=NAME+NAME", _law_names),
     'Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".', keyed=False,
 )  # fmt: skip
-link_option = repeated(
-    "--link", "links", Text("SITE", _link), 'A further link between floors: "link 3-1", "ground 2".', keyed=False
-)
+link_option = repeated("--link", "links", SITE, 'A further link between floors: "link 3-1", "ground 2".', keyed=False)
 mass_option = repeated(
     "--known-mass", "masses", Text("DOF=KG", _mass, "a floor and its mass in kg, e.g. 2=12.4"),
     "A mass that is known: 2=12.4. Needed where no force is measured.",
@@ -395,7 +364,7 @@ band_option = click.option(
     help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.",
 )  # fmt: skip
 figures_option = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-order_option = repeated("--order", "orders", Text(_ORDER, _site_degree), 'Another degree at a site: "storey 2=5".')
+order_option = repeated("--order", "orders", _pair("SITE=DEGREE", _degree), 'Another degree at a site: "storey 2=5".')
 
 
 def together(*options: Any) -> Callable[[Any], Any]:
@@ -405,11 +374,9 @@ def together(*options: Any) -> Callable[[Any], Any]:
 
 # of every command that reads records: channels, units, clock, coordinates
 record_options = together(map_option, unit_option, rate_option, coordinates_option, mapping_option)
-
-
-def output_file(name: str, words: str) -> Any:
-    """The option of a command that writes one file."""
-    return _output(click.Path(path_type=Path, dir_okay=False), name, words)
+files_options = together(click.argument("files", nargs=-1, metavar="FILE...", type=PATH), record_options)
+model_options = together(law_option, mass_option, band_option)
+written_options = together(output_option, figures_option, json_option)
 
 
 def degree_option(default: int, words: str) -> Any:
@@ -430,6 +397,15 @@ def readings_of(files: Any, options: dict[str, Any], needed: bool = True) -> lis
     names = [said.name if len(tests) == 1 else None] * len(tests)
     with working("reading"):
         return [inspect_record(test, name=name, **how) for test, name in zip(tests, names)]
+
+
+def records_of(session: Session, options: dict[str, Any], *groups: Any) -> list[Any]:
+    """The records of some groups of files, each read as by :func:`readings_of`; what they hold is said."""
+    from ...data.io import describe
+
+    readings = [reading for files in groups for reading in readings_of(files, options)]
+    session.measured(*map(describe, readings))
+    return [reading.record for reading in readings]
 
 
 def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
@@ -463,6 +439,7 @@ def regressor_of(options: dict[str, Any]) -> Any:
     """The regressor that the options describe."""
     from ...estimation.regressor import NRFRegressor
 
-    degree, masses = options["degree"], options["masses"] or None
-    laws = laws_of(options["laws"], degree)
-    return NRFRegressor(degree=degree, laws=laws, known_masses=masses, band=options["band"])
+    laws = laws_of(options["laws"], options["degree"])
+    settings = {name: options[name] for name in ("degree", "band", "strategy", "estimation") if name in options}
+    masses, orders = options["masses"] or None, options.get("orders") or None
+    return NRFRegressor(laws=laws, known_masses=masses, orders=orders, **settings)

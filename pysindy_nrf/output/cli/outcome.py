@@ -11,6 +11,7 @@ import pandas as pd
 
 from ...data.io import write_table
 from ...data.io.frf import FrequencyResponse, in_band
+from ...data.io.summary import summary
 from ...data.record import Record
 from ...diagnostics.verdict import FreeRuns, Verdict, shares_of, verdict_on
 from ...discrepancy.residual import loops_of
@@ -24,7 +25,7 @@ from ..displays.motion import free_run_figure, response_figures
 from ..report import available as pages_available
 from ..report import write_html
 from ..report.content import band_text, listed
-from .options import Session, heading, paragraphs, table, verdict_words, warned, working
+from .options import Session, heading, table, verdict_words, warned, working
 
 RED = 4  # exit code
 
@@ -37,8 +38,8 @@ class Outcome:
     verdict: Verdict
     free: FreeRuns | None = None
     shares: dict[str, pd.Series] = field(default_factory=dict)
-    frf: tuple[FrequencyResponse, np.ndarray] | None = None
-    used: Any = None
+    frf: FrequencyResponse | None = None
+    responses: tuple[np.ndarray, ...] = ()  # frequencies in the band (Hz), measured and found responses there
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -46,7 +47,7 @@ class Outcome:
         """Percent NRMSE of the model's frequency responses in the band, by DOF."""
         if self.frf is None:
             return None
-        measured, found = (H[self.used] for H in (self.frf[0].H, self.frf[1]))
+        _, measured, found = self.responses
         ratio = (np.abs(found - measured) ** 2).mean(axis=0) / (np.abs(measured) ** 2).mean(axis=0)
         return [float(e) for e in 100 * np.sqrt(ratio)]
 
@@ -76,12 +77,13 @@ def identify_frf(frf: FrequencyResponse, estimator: Any) -> Outcome:
         estimator.fit(frf)
     mobility = transfer(estimator.model_.matrices(), frf.f)[:, :, frf.excited - 1]
     response, used = 2j * np.pi * frf.f[:, None] * mobility, in_band(frf.f, estimator.band)
+    responses = tuple(x[used] for x in (frf.f, frf.H, response))
     known = estimator.problem_.known_masses
     verdict = verdict_on(estimator.model_, {}, [], None, estimator.bounds()[0], known_masses=known)
-    return Outcome(estimator, verdict, frf=(frf, response), used=used, warnings=messages())
+    return Outcome(estimator, verdict, frf=frf, responses=responses, warnings=messages())
 
 
-def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
+def result(outcome: Outcome, truth: Any = None) -> str:
     """Masses, equations, errors and modes of an outcome; ``truth`` is the model behind a simulated record."""
     est, model = outcome.estimator, outcome.estimator.model_
     known = dict(est.known_masses or {})
@@ -97,7 +99,7 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
             said.append(f"    carried by {_carriers(outcome.shares[str(site)])}")
         if truth is not None:
             said.append(f"    truth: {truth.restoring_forces[site]}")
-    said.append(heading(f"Errors, percent NRMSE, {band_text(band)}"))
+    said.append(heading(f"Errors, percent NRMSE, {band_text(est.band)}"))
     gaps = listed(f"{site} {gap:.3g} %" for site, gap in est.third_law_gap_.items())
     third = [f"Newton's third law, the two estimates of one storey differ by: {gaps}"] if gaps else []
     said += [f"  {line}" for line in (*_balance(est.errors_), *third, *_free(outcome))]
@@ -105,8 +107,6 @@ def result(outcome: Outcome, band: Any, truth: Any = None) -> str:
     if modes is not None:
         said.append(heading("Modes of the linear part (Hz, share of critical damping, shape)"))
         said.append(textwrap.indent(table(modes), "  "))
-    if outcome.warnings:
-        said += [heading("Take care"), paragraphs(outcome.warnings)]
     return "\n".join(said)
 
 
@@ -144,12 +144,15 @@ def _free(outcome: Outcome) -> list[str]:
     return lines + ([f"no free run: {outcome.free.why_not}"] if outcome.free.why_not else [])
 
 
-def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[str, Any]:
-    """The same as plain data, for ``--json``; ``records`` is what was understood."""
-    est, model = outcome.estimator, outcome.estimator.model_
+def as_data(outcome: Outcome, records: Sequence[Record]) -> dict[str, Any]:
+    """The same as plain data, for ``--json``."""
+    est, model, frf = outcome.estimator, outcome.estimator.model_, outcome.frf
+    understood = [summary(record) for record in records]
+    if frf is not None:
+        understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
     runs = outcome.free or FreeRuns(pd.DataFrame())
     return {
-        "verdict": asdict(outcome.verdict), "records": records, "band_hz": None if band is None else list(band),
+        "verdict": asdict(outcome.verdict), "records": understood, "band_hz": est.band,
         "solve_order": str(est.solve_order_).splitlines(), "masses_kg": [float(m) for m in model.masses],
         "equations": model.equations(6), "balance_error_percent": est.errors_["error"],
         "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()},
@@ -160,7 +163,7 @@ def as_data(outcome: Outcome, band: Any, records: list[dict[str, Any]]) -> dict[
     }  # fmt: skip
 
 
-def write_all(outcome: Outcome, folder: Path, band: Any, figures: bool, records: Any = None) -> list[Path]:
+def write_all(outcome: Outcome, folder: Path, figures: bool, records: Sequence[Record]) -> list[Path]:
     """Write model, tables, figures (with matplotlib), the page of the records, and what was asked for beside them."""
     est, model = outcome.estimator, outcome.estimator.model_
     written = [folder / "model.json"]
@@ -176,10 +179,10 @@ def write_all(outcome: Outcome, folder: Path, band: Any, figures: bool, records:
         frames["free_run_errors"] = outcome.free.table.add_suffix("_percent").reset_index(names="record")
     written += [write_table(frame, folder / f"{name}.csv") for name, frame in frames.items()]
     if figures:
-        written += _figures(outcome, folder, band)
+        written += _figures(outcome, folder)
     if outcome.frf is None:
-        notes = tuple(outcome.warnings)
-        written += page(lambda path: write_html(path, est, records, notes=notes, band=band), folder / "report.html")
+        said = {"notes": tuple(outcome.warnings), "band": est.band}
+        written += page(lambda path: write_html(path, est, records, **said), folder / "report.html")
     return written
 
 
@@ -200,29 +203,26 @@ def coefficients(model: Any) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["site", "term", "value", "unit"])
 
 
-def _figures(outcome: Outcome, folder: Path, band: Any) -> list[Path]:
+def _figures(outcome: Outcome, folder: Path) -> list[Path]:
     """Draw the restoring forces and the free run, or the frequency responses."""
+    band = outcome.estimator.band
     if outcome.frf is not None:
-        (frf, found), used = outcome.frf, outcome.used
-        title = f"Accelerance, force on DOF {frf.excited}, {band_text(band)}"
-        responses = response_figures(frf.f[used], frf.H[used], found[used])
-        return save(folder / "frequency_response.png", responses, title=title)
+        title = f"Accelerance, force on DOF {outcome.frf.excited}, {band_text(band)}"
+        return save(folder / "frequency_response.png", response_figures(*outcome.responses), title=title)
     model, data = outcome.estimator.model_, outcome.estimator.fit_data("")
     loops = loop_figures(model, loops_of(model, data, filters_of(band, data)))
     written = save(folder / "restoring_forces.png", loops, columns=2)
     return written + save(folder / "free_run.png", free_run_figure(outcome.free))
 
 
-def finish(
-    session: Session, outcome: Outcome, band: Any, figures: bool, understood: list[dict], truth: Any = None,
-    records: Any = None,
-) -> int:  # fmt: skip
-    """Say what was found and write it; ``understood`` are the records in words. The exit code by the verdict."""
-    session.say(result(outcome, band, truth))
+def finish(session: Session, outcome: Outcome, figures: bool, records: Sequence[Record] = (), truth: Any = None) -> int:
+    """Say what was found in the records, if it is not from frequency responses, and write it. The exit code."""
+    session.say(result(outcome, truth))
+    session.warnings += outcome.warnings
     outcome.estimator.model_.info.update(session.provenance())
     with session.aside() as folder:
-        written = write_all(outcome, folder, band, figures, records)
-    session.finish(as_data(outcome, band, understood), written)
+        written = write_all(outcome, folder, figures, records)
+    session.finish(as_data(outcome, records), written)
     if figures and not available():
         session.say("No figures: matplotlib is not installed; pip install 'pysindy-nrf[plot]' brings it.")
     if outcome.frf is None and not any(p.suffix == ".html" for p in written):

@@ -14,8 +14,7 @@ from .options import Session
 
 
 @click.command(short_help="Say what a file holds and how it was understood.")
-@opt.files_argument
-@opt.record_options
+@opt.files_options
 @click.option("--write-mapping", type=opt.PATH, help="Propose a channel for every column, in a new TOML file.")
 @opt.json_option
 def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, **options: Any) -> None:
@@ -122,7 +121,7 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
 )  # fmt: skip
 @click.option("--x0", type=opt.NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
 @click.option("--v0", type=opt.NUMBERS, help="Velocities at the start, m/s.")
-@opt.output_file("simulation.csv", "File of the record: .csv, .parquet or .uff.")
+@opt.output("simulation.csv", "File of the record: .csv, .parquet or .uff.", single=True)
 @opt.json_option
 def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
     """Run a model alone under the forces of a file and write the motion.
@@ -155,7 +154,6 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     run.t0 = load.t0
     session.say(describe(run))
     session.warnings += _beyond(structure, run)
-    session.take_care()
     path = options["output"]
     with session.aside() as folder:
         write_record(run, folder / path.name)
@@ -235,11 +233,10 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
 
 
 @click.command(short_help="Write one page (HTML) of a result or of records.")
-@opt.files_argument
-@opt.record_options
+@opt.files_options
 @opt.band_option
 @click.option("--title", help="Title of the page.")
-@opt.output_file("report.html", "File of the page.")
+@opt.output("report.html", "File of the page.", single=True)
 @opt.json_option
 def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Write one page (HTML, works offline) of a result, over records.

@@ -245,9 +245,8 @@ def _table(models: list[ChainModel], replicates: list[list[ChainModel]], compari
             error[storey, name] = comparison.error_of_shape(Site(storey).p) * abs(change[storey, name])
     with np.errstate(invalid="ignore", divide="ignore"):
         p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)
-    columns = {"storey": [x for x, _ in change.index], "term": [x for _, x in change.index]}
-    values = {"before": before, "after": after, "change": change, "error": error}
-    return pd.DataFrame(columns | {key: y.to_numpy() for key, y in values.items()} | {"p": _holm(p.to_numpy())})
+    columns = {"before": before, "after": after, "change": change, "error": error, "p": _holm(p.to_numpy())}
+    return pd.DataFrame(columns).rename_axis(["storey", "term"]).reset_index()
 
 
 def _holm(p: np.ndarray) -> np.ndarray:

@@ -283,8 +283,6 @@ class Comparison:
 
 def _left(grams: np.ndarray, n: int) -> np.ndarray:
     """Gram matrices (.., p, p) of the columns behind the first n, less what those explain."""
-    if n == 0:
-        return grams
     cross = grams[..., :n, n:]
     return grams[..., n:, n:] - cross.swapaxes(-1, -2) @ _solve(grams[..., :n, :n], cross)
 

@@ -31,8 +31,12 @@ class _Ordered(click.Group):
 
 @click.group(
     cls=_Ordered,
+    commands=[
+        demo, inspect, run_test, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan,
+        list_laws,
+    ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
-)
+)  # fmt: skip
 @click.version_option(__version__, prog_name="pysindy-nrf")
 def cli() -> None:
     """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions.
@@ -53,13 +57,6 @@ def cli() -> None:
     else, 130 stopped by Ctrl-C.
     Results go to the output stream, progress and errors to the error stream.
     """
-
-
-for command in (
-    demo, inspect, run_test, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan,
-    list_laws,
-):  # fmt: skip
-    cli.add_command(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -306,18 +306,21 @@ PATH = click.Path(path_type=Path)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
 
 
+def together(*options: Any) -> Callable[[Any], Any]:
+    """Several options as one decorator, in the order in which help lists them."""
+    return lambda command: functools.reduce(lambda held, option: option(held), reversed(options), command)
+
+
 def output(name: str | None, words: str, single: bool = False) -> Callable[[Any], Any]:
     """The folder, or ``single`` file, of results, and whether they may replace files that no earlier run made."""
     kind = click.Path(path_type=Path, file_okay=single, dir_okay=not single)
-
-    def options(command: Any) -> Any:
-        force = click.option(
+    return together(
+        click.option("--output", "-o", type=kind, default=name and Path(name), help=words),
+        click.option(
             "--force", is_flag=True, expose_value=False, callback=lambda run, _, on: run.meta.update({_FORCE: on}),
             is_eager=True, help="Write over files that no earlier run made, inputs included.",
-        )  # fmt: skip
-        return click.option("--output", "-o", type=kind, default=name and Path(name), help=words)(force(command))
-
-    return options
+        ),
+    )  # fmt: skip
 
 
 _FOLDER = "Folder for the model, tables and figures"
@@ -365,11 +368,6 @@ band_option = click.option(
 )  # fmt: skip
 figures_option = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
 order_option = repeated("--order", "orders", _pair("SITE=DEGREE", _degree), 'Another degree at a site: "storey 2=5".')
-
-
-def together(*options: Any) -> Callable[[Any], Any]:
-    """Several options as one decorator, in the order in which help lists them."""
-    return lambda command: functools.reduce(lambda held, option: option(held), reversed(options), command)
 
 
 # of every command that reads records: channels, units, clock, coordinates
@@ -423,8 +421,6 @@ def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
 
 def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
     """Sites and names of laws, as :data:`law_option` gives them, as laws by site."""
-    if not pairs:
-        return None
     from ... import laws
 
     known = laws.registry()
@@ -432,7 +428,7 @@ def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
     for site, names in pairs:
         made = [laws.PowerSeries(degree) if name == "power_series" else known[name]() for name in names]
         out.setdefault(site, []).extend(made)
-    return out
+    return out or None
 
 
 def regressor_of(options: dict[str, Any]) -> Any:

@@ -18,12 +18,11 @@ from ...discrepancy.residual import loops_of
 from ...estimation.noise_spectra import transfer
 from ...regression.input_arrays import from_arrays
 from ...signals.zero_phase_filter import filters_of
+from .. import report
 from ..displays._figure import dof_words
 from ..displays._matplotlib import available, save
 from ..displays.forces import loop_figures
 from ..displays.motion import free_run_figure, response_figures
-from ..report import available as pages_available
-from ..report import write_html
 from ..report.content import band_text, listed
 from .options import Session, heading, table, verdict_words, warned, working
 
@@ -36,7 +35,7 @@ class Outcome:
 
     estimator: Any
     verdict: Verdict
-    free: FreeRuns | None = None
+    free: FreeRuns = field(default_factory=lambda: FreeRuns(pd.DataFrame()))
     shares: dict[str, pd.Series] = field(default_factory=dict)
     frf: FrequencyResponse | None = None
     responses: tuple[np.ndarray, ...] = ()  # frequencies in the band (Hz), measured and found responses there
@@ -137,8 +136,6 @@ def _free(outcome: Outcome) -> list[str]:
     if outcome.response_error is not None:
         shown = listed(f"H{j} {e:.4g} %" for j, e in enumerate(outcome.response_error, 1))
         return [f"response error (the model's own frequency response against the measured one): {shown}"]
-    if outcome.free is None:
-        return []
     rows = ((name, listed(f"{dof} {e:.4g} %" for dof, e in row.items())) for name, row in outcome.free.table.iterrows())
     lines = [f"free-run error of {name} (the model alone under the measured force): {shown}" for name, shown in rows]
     return lines + ([f"no free run: {outcome.free.why_not}"] if outcome.free.why_not else [])
@@ -150,14 +147,13 @@ def as_data(outcome: Outcome, records: Sequence[Record]) -> dict[str, Any]:
     understood = [summary(record) for record in records]
     if frf is not None:
         understood = [{"name": frf.name, "n_dof": frf.n_dof, "n_lines": len(frf.f), "excited": frf.excited}]
-    runs = outcome.free or FreeRuns(pd.DataFrame())
     return {
         "verdict": asdict(outcome.verdict), "records": understood, "band_hz": est.band,
         "solve_order": str(est.solve_order_).splitlines(), "masses_kg": [float(m) for m in model.masses],
         "equations": model.equations(6), "balance_error_percent": est.errors_["error"],
         "third_law_gap_percent": {str(k): gap for k, gap in est.third_law_gap_.items()},
-        "free_run_error_percent": runs.table.to_dict("index") or None,
-        "response_error_percent": outcome.response_error, "no_free_run": runs.why_not or None,
+        "free_run_error_percent": outcome.free.table.to_dict("index") or None,
+        "response_error_percent": outcome.response_error, "no_free_run": outcome.free.why_not or None,
         "modes": None if outcome.modes is None else outcome.modes.to_dict(orient="records"),
         "warnings": [*outcome.verdict.reasons, *outcome.warnings], "model": model.to_dict(),
     }  # fmt: skip
@@ -175,20 +171,20 @@ def write_all(outcome: Outcome, folder: Path, figures: bool, records: Sequence[R
     frames = {"masses": masses, "coefficients": coefficients(model), "balance_errors": errors}
     if (model.masses > 0).all() and (model.total_masses > 0).all():
         frames["modes"] = model.modes().reset_index().rename(columns={"frequency": "frequency_Hz"})
-    if outcome.free is not None and len(outcome.free.table):
+    if len(outcome.free.table):
         frames["free_run_errors"] = outcome.free.table.add_suffix("_percent").reset_index(names="record")
     written += [write_table(frame, folder / f"{name}.csv") for name, frame in frames.items()]
     if figures:
         written += _figures(outcome, folder)
     if outcome.frf is None:
         said = {"notes": tuple(outcome.warnings), "band": est.band}
-        written += page(lambda path: write_html(path, est, records, **said), folder / "report.html")
+        written += page(lambda path: report.write_html(path, est, records, **said), folder / "report.html")
     return written
 
 
 def page(write: Callable[[Path], Any], path: Path) -> list[Path]:
     """Write a page if the packages of the extra ``report`` are installed."""
-    if not pages_available():
+    if not report.available():
         return []
     write(path)
     return [path]

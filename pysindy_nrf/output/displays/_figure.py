@@ -106,7 +106,7 @@ class Figure:
     marks: list[Mark]
     x: Axis
     y: Axis
-    z: Axis | None = None
+    z: Axis | None = None  # if given, it is drawn in space and can be turned
     alt: str = ""
     caption: str = ""
     heading: str = ""
@@ -116,11 +116,6 @@ class Figure:
     legend: str = "inside"
     size: tuple[float, float] = (4.5, 3.4)
     height: int = 300
-
-    @property
-    def turns(self) -> bool:
-        """Whether it is drawn in space."""
-        return self.z is not None
 
     @property
     def named(self) -> bool:

@@ -27,7 +27,7 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
     hover = "<br>".join(" ".join(filter(None, parts)) for parts in shown)
     for trace in (one for one in data if "hoverinfo" not in one):
         trace["hovertemplate"] = f"{hover}<extra>{trace['name']}</extra>"
-    if figure.turns:
+    if figure.z is not None:
         return {"data": data, "layout": _scene(titles, data, figure.height)}
     x, y = (_axis(title, axis) for title, axis in zip(titles, _axes(figure)))
     height, upright = figure.height, [mark for mark in figure.marks if isinstance(mark, Bars)]

@@ -19,8 +19,7 @@ def surface_figure(
 ) -> Figure:
     """Restoring force over drift and rate; a reference is a net, the path of the data a line."""
     size = int(round(len(grid) ** 0.5))
-    v, s, R = (grid[k].to_numpy().reshape(size, size) for k in ("v", "s", "R"))
-    visited = grid["visited"].to_numpy().reshape(size, size)
+    v, s, R, visited = (grid[k].to_numpy().reshape(size, size) for k in ("v", "s", "R", "visited"))
     inside = R[visited] if visited.any() else R
     spare = 0.15 * float(np.ptp(inside)) or 1.0
     low, high = float(inside.min()) - spare, float(inside.max()) + spare

@@ -50,7 +50,6 @@ class Content:
     equation_text: list[str]
     title: str = ""
     lead: str = ""
-    kind: str = "identification"
     verdict: Verdict | None = None
     care: list[str] = field(default_factory=list)
     frame: Frame | None = None
@@ -97,7 +96,7 @@ def _frame(
 def of_loop(report: Any, title: str | None = None) -> Content:
     """Page of a closed loop."""
     content = _model_part(report.model, report.loops, report.bounds)
-    content.kind, content.verdict = "loop", report.verdict
+    content.verdict = report.verdict
     content.title = title or listed(m.name for m in report.measured[:3]) or "Closing the loop"
     content.lead, content.stopped, content.care = lead(report), report.stopped_because, list(report.verdict.reasons)
     last, held = report.final, confirmed(report)

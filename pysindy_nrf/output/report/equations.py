@@ -134,12 +134,8 @@ def _item(token: str, index: str) -> str:
 
 def as_text(value: Any) -> str:
     """A number in a table: plain, or with a raised power of ten; empty if it is not finite."""
-    try:
-        x = float(value)
-    except (TypeError, ValueError):
-        return str(value)
-    if not np.isfinite(x):
+    if not np.isfinite(value):
         return ""
-    mantissa, _, exponent = f"{x:{getattr(value, 'form', '.4g')}}".partition("e")
+    mantissa, _, exponent = f"{float(value):{getattr(value, 'form', '.4g')}}".partition("e")
     mantissa = mantissa.rstrip(".").replace("-", "−")
     return f"{mantissa}×10{str(int(exponent)).translate(_RAISED)}" if exponent else mantissa

@@ -49,8 +49,6 @@ class Cell(NamedTuple):
 
 def cell(value: Any) -> Cell:
     """Cell of a number or of text; four digits are shown, all are kept for sorting and copying."""
-    if isinstance(value, (bool, np.bool_)):
-        return Cell("yes" if value else "", "1" if value else "0")
     if isinstance(value, (int, np.integer)):
         return Cell(str(value), str(value), True)
     if isinstance(value, (float, np.floating)):

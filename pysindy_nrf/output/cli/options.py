@@ -36,7 +36,7 @@ class Session:
         for value in (value for name, value in run.params.items() if name != "output"):
             inputs += [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, Path)]
         force = run.meta.get(_FORCE, False)
-        # where the running command writes; it has the option --output
+        # where the running command writes, if it has the option --output
         self.results: Any = place and Results(run.params["output"], place.file_okay, inputs, force)
 
     def say(self, *words: str) -> None:

@@ -259,7 +259,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             what = f"The channels {', '.join(names[:9])} are not those of fit, {', '.join(self._names_in[:9])}"
             raise ChannelError(what, "Fit again, or give the same columns in the same order.")
         columns = {n: np.asarray(as_matrix(y, [n], 1)[:, 0], float) for n, y in held.items() if n not in ("t", "time")}
-        live = {n: y for n, y in columns.items() if not np.isnan(y).all()}
+        live = {n: y for n, y in columns.items() if not (np.isnan(y[0]) and np.isnan(y).all())}
         span = finite_span(list(live.values()), list(live), f"record {record.name!r}" if record is not None else "")
         return _Piece(record, X, size, fs, names, columns, {n: y[span] for n, y in live.items()}, span)
 

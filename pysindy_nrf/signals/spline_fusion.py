@@ -1,134 +1,28 @@
 """Weighted least-squares fusion of the measured channels into motions that are splines, noise levels included.
 
-``x(t) = sum_k c_k B((t - t_0) / h - k)``, B the cardinal B-spline of degree 7, knots h samples apart; all in units of
-samples. No periodicity is assumed; everything is banded, so the cost is linear in the number of samples. Degree 7 makes
-the second derivative right to ``(2 pi f / fs)^6 / 30240``.
+All in units of samples; one degree of freedom at a time, then neighbours together.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import combinations_with_replacement
+from functools import cached_property, partial
 from math import comb
 from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.polynomial.polynomial import polyder
-from scipy.fft import irfft, next_fast_len, rfft
-from scipy.interpolate import BSpline, PPoly
-from scipy.linalg import LinAlgError, solveh_banded
+from scipy.fft import irfft, rfft
+from scipy.linalg import solveh_banded
 from scipy.linalg.blas import dsbmv
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import welch
-from scipy.sparse import csr_array
 from scipy.special import erfinv
 from threadpoolctl import threadpool_limits
 
-from ..exceptions import ChannelError
+from .splines import DEGREE, BasisLadder, SplineBasis, ladder_of
 
-DEGREE = 7
-# The eight splines over one interval between knots: coefficients of the powers of the place in it, (power, spline).
-PIECES = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0))).c[::-1, -DEGREE - 1 : DEGREE - 1 : -1]
-# Share of the roughness that settles the ends, where fewer samples than coefficients speak.
-END_WEIGHT = 1e-8
-
-
-class SplineBasis:
-    """B-spline basis on n samples, ``size`` coefficients; knots h <= spacing samples apart divide the record evenly."""
-
-    def __init__(self, n: int, spacing: float = 1.0) -> None:
-        self.n = n
-        intervals = max(1, int(np.ceil((n - 1) / spacing - 1e-9)))
-        self.h = (n - 1) / intervals
-        self.size = intervals + DEGREE
-
-    @cached_property
-    def matrices(self) -> tuple[csr_array, ...]:
-        """Values, first and second derivatives at the samples: sparse (n, size) each."""
-        ends = (DEGREE + 1) * np.arange(self.n + 1)
-        columns = (self._near[0][:, None] + np.arange(DEGREE + 1)).ravel()
-        return tuple(csr_array((y.ravel(), columns, ends), (self.n, self.size)) for y in self._near[1])
-
-    @cached_property
-    def _transposed(self) -> tuple[Any, ...]:
-        return tuple(matrix.T for matrix in self.matrices)
-
-    @cached_property
-    def _near(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """The first of the eight splines that are not zero at each sample; values and derivatives of these, (n, 8)."""
-        count, last = self.size - DEGREE, self.n - 1
-        at = count * np.arange(self.n)
-        first = np.minimum(at // last, count - 1)
-        powers = np.vander((at - first * last) / last, DEGREE + 1, increasing=True)
-        return first, [powers[:, : DEGREE + 1 - o] @ polyder(PIECES, o, 1.0 / self.h) for o in range(3)]
-
-    @cached_property
-    def grams(self) -> np.ndarray:
-        """Normal matrices of value, first and second derivative with a roughness each, upper banded, (3, 9, size)."""
-        starts = np.searchsorted(self._near[0], np.arange(self.size - DEGREE))
-        grams = np.stack([_banded(np.ascontiguousarray(y.T), starts, self.size) for y in self._near[1]])
-        k, count = DEGREE + 1, max(self.size - DEGREE - 1, 0)
-        differences = [np.full(count, float((-1) ** i * comb(k, i))) for i in range(k + 1)]
-        rough = END_WEIGHT * _banded(differences, np.arange(count), self.size)
-        return grams + grams[:, -1].mean(axis=1)[:, None, None] * rough
-
-    @cached_property
-    def _inner(self) -> np.ndarray:
-        """The three normal matrices inside the record, the mean over columns: samples sit differently between knots."""
-        return self.grams[:, :, self.size // 4 : max(self.size // 4 + 1, 3 * self.size // 4)].mean(axis=2)
-
-    def symbols(self, w: np.ndarray) -> np.ndarray:
-        """Fourier symbols of the three normal matrices inside the record."""
-        k = np.arange(DEGREE + 1, 0, -1)
-        return self._inner[:, -1:] + 2 * self._inner[:, :-1] @ np.cos(k[:, None] * w)
-
-    @cached_property
-    def spectrum(self) -> np.ndarray:
-        """These symbols at 512 frequencies, evenly over all, not negative."""
-        return np.maximum(self.symbols(np.pi * (np.arange(512) + 0.5) / 512), 0.0)
-
-    def project(self, order: int, values: np.ndarray) -> np.ndarray:
-        """Right-hand side of the normal equations of one channel, shape (size, ...)."""
-        return self._transposed[order] @ values
-
-    def normal_matrix(self, weights: np.ndarray) -> np.ndarray:
-        """Weighted sum of the normal matrices, upper banded form, (9, size)."""
-        return np.tensordot(weights, self.grams, 1)
-
-    def solve(self, weights: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-        """Coefficients that minimise the weighted squares, shape (size, ...)."""
-        for ridge in (0.0, 1e-13, 1e-11, 1e-9):  # heavily oversampled motion takes the last digits
-            band = self.normal_matrix(weights)
-            band[-1] *= 1.0 + ridge
-            with suppress(LinAlgError):
-                return solveh_banded(band, rhs, overwrite_ab=True, check_finite=False)
-        what = "The motion cannot be determined at this sampling rate: it changes too little between samples"
-        raise ChannelError(what, "Resample to a lower rate, or give noise= levels to KinematicSmoother.")
-
-    def evaluate(self, order: int, coefficients: np.ndarray) -> np.ndarray:
-        """The motion (order 0) or its derivatives per sample at the samples."""
-        return self.matrices[order] @ coefficients
-
-    @cached_property
-    def mean(self) -> np.ndarray:
-        """Mean of every spline over the samples."""
-        return self.project(0, np.full(self.n, 1.0 / self.n))
-
-
-def _banded(rows: Any, starts: np.ndarray, size: int) -> np.ndarray:
-    """Upper banded normal matrix: from each of the starts on, ``rows`` hold neighbouring columns, one further each."""
-    out = np.zeros((DEGREE + 2, size))
-    for i, j in combinations_with_replacement(range(len(rows) if len(starts) else 0), 2):
-        out[DEGREE + 1 - j + i, j : j + len(starts)] += np.add.reduceat(rows[i] * rows[j], starts)
-    return out
-
-
-# Knot distances that are tried, samples.
-LADDER = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
-# Change of a level at which the search for knots takes it for found: from 2,048 samples it is known to 1.6 %.
-ROUGHLY = 0.01
+# Change of a level at which the search for knots takes it for found: from 2,048 samples it is known no better.
+ROUGHLY = 0.016
 # Noise below this share of a channel's rms cannot be distinguished from rounding.
 FLOOR = 1e-9
 # A derivative does not determine the mean position. Its noise level is taken as at least this share of the level of the
@@ -157,26 +51,16 @@ class FusedMotion:
     def motion(self) -> np.ndarray:
         """Displacement, velocity, acceleration, (3, n_samples)."""
         if self.spline is not None:
-            return np.stack([self.spline[0].evaluate(order, self.spline[1]) for order in range(3)])
+            return self.spline[0].evaluate(self.spline[1])
         assert self.values is not None
         return self.values
 
-
-class BasisLadder(dict[float, SplineBasis]):
-    """Spline bases of one record length, built when needed and shared by all degrees of freedom."""
-
-    def __init__(self, n: int) -> None:
-        self.n = n
-        self.spacings = [h for h in LADDER if h == 1.0 or (n - 1) / h >= 12]
-
-    def __missing__(self, spacing: float) -> SplineBasis:
-        return self.setdefault(spacing, SplineBasis(self.n, spacing))
-
-
-@lru_cache(maxsize=3)  # the records of a search, those held out and SEARCH; a length has an upper bound
-def ladder_of(n: int) -> BasisLadder:
-    """Spline bases of a record length, kept for the next records of that length."""
-    return BasisLadder(n)
+    def add(self, weight: np.ndarray, out: np.ndarray) -> None:
+        """Add the motion to ``out``, with a weight for each sample."""
+        if self.spline is not None:
+            self.spline[0].add(self.spline[1], weight, out)
+        else:
+            out += weight * self.motion
 
 
 def fuse(
@@ -186,7 +70,7 @@ def fuse(
     """One motion from the measured channels of one degree of freedom, with knots from ``near`` on if they are None."""
     measured = [o for o in range(3) if channels[o] is not None]
     given = np.full(3, np.nan) if noise is None else np.asarray(noise, dtype=float)
-    scale = np.array([np.sqrt(np.mean(y**2)) if y is not None else np.nan for y in channels])
+    scale = np.array([np.sqrt(y @ y / ladder.n) if y is not None else np.nan for y in channels])
     moving = [o for o in measured if scale[o] > 0]
     if not moving:  # constant channels: the motion is zero
         return FusedMotion(np.where(np.isnan(scale), np.nan, 0.0), 1.0, 0.0, values=np.zeros((3, ladder.n)))
@@ -202,15 +86,18 @@ def fuse(
         return FusedMotion(start, knots, corner, (ladder[knots], c))
     spacings = [h for h in ladder.spacings if len(measured) > 1 or h > 1.0] or [1.0]
     fits: dict[int, tuple[float, np.ndarray, np.ndarray]] = {}
+    changing = [slice(None) if y is None else _changing(y) for y in channels]
+    fit = partial(_fit, channels, changing, given, floor, corner)
 
     def fitted(k: int, levels: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         if k not in fits:
-            fits[k] = _fit(channels, measured, ladder[spacings[k]], levels, given, floor, corner, ROUGHLY)
+            fits[k] = fit(ladder[spacings[k]], levels, ROUGHLY)
         return fits[k]
 
     quiet = [_quiet_level(channels[o]) if np.isnan(given[o]) else given[o] for o in measured]
     if np.all(quiet < (CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED) * scale[measured]):
-        left = [_quietest(ladder[spacings[0]].evaluate(o, fitted(0, start)[1]) - channels[o]) for o in measured]
+        motion = ladder[spacings[0]].evaluate(fitted(0, start)[1])
+        left = [_quietest(motion[o] - channels[o]) for o in measured]
         if np.all(left < CLEAN_CONTRADICTION * scale[measured]):
             return _as_measured(channels, measured, ladder, given, floor, fits[0][2], corner)
     best = min(range(len(spacings)), key=lambda k: abs(spacings[k] - near))
@@ -222,7 +109,7 @@ def fuse(
             best, lowest, worse = (k, value, 0) if value < lowest else (best, lowest, worse + 1)
             k += way
     spacing = spacings[best]
-    levels = _fit(channels, measured, ladder[spacing], fits[best][2], given, floor, corner)[2]
+    levels = fit(ladder[spacing], fits[best][2])[2]
     if len(measured) == 1 and best == 0 and np.isnan(given[measured[0]]):
         spacing = 1.0  # one channel and no sign of noise beyond its band: follow it sample by sample
     c = _solve(channels, ladder[spacing], levels, corner)
@@ -254,11 +141,9 @@ def _as_measured(
 
 def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
     """Weights of displacement, velocity and acceleration; NaN levels = not measured."""
-    levels = np.array(levels, dtype=float)
-    for o in (1, 2):
-        if not np.isnan(levels[o]) and not np.isnan(levels[:o]).all():
-            levels[o] = max(levels[o], REACH * np.nanmax(levels[:o]))
-    weights = np.where(np.isnan(levels), 0.0, 1.0 / np.square(levels))
+    least = np.array(levels, dtype=float)
+    least[1:] = np.fmax(least[1:], REACH * np.fmax.accumulate(least)[:2])
+    weights = np.where(np.isnan(levels), 0.0, least**-2.0)
     if np.isnan(levels[0]):
         wc = 2 * np.pi * corner
         weights[0] = wc**2 * weights[1] + wc**4 * weights[2]
@@ -266,34 +151,27 @@ def weights_of(levels: np.ndarray, corner: float) -> np.ndarray:
 
 
 def _solve(channels: Any, basis: SplineBasis, levels: np.ndarray, corner: float) -> np.ndarray:
-    weights = weights_of(levels, corner)
-    rhs: Any = sum(weights[o] * basis.project(o, y) for o, y in enumerate(channels) if y is not None)
-    return basis.solve(weights / weights.max(), rhs / weights.max())
+    return basis.solve(weights_of(levels, corner), channels)
 
 
 def _fit(
-    channels: Any, measured: list[int], basis: SplineBasis, start: Any, given: Any, floor: Any, corner: float,
+    channels: Any, changing: Any, given: Any, floor: Any, corner: float, basis: SplineBasis, levels: Any,
     settled: float = 1e-3, rounds: int = 40,
 ) -> tuple[float, np.ndarray, np.ndarray]:  # fmt: skip
-    """Criterion, coefficients and noise levels for one distance of the knots."""
-    n = basis.n
-    levels = start.copy()
+    """Criterion, coefficients and noise levels for one distance of the knots, from some levels on."""
+    n, measured = basis.n, [o for o in range(3) if channels[o] is not None]
     free = [o for o in measured if np.isnan(given[o])]
-    projections = [basis.project(o, channels[o]) if o in measured else None for o in range(3)]
-    changing = {o: _changing(channels[o]) for o in free}
     for _ in range(rounds if free else 1):
         weights = weights_of(levels, corner)
-        rhs = sum(weights[o] * projections[o] for o in measured)
-        c = basis.solve(weights / weights.max(), rhs / weights.max())
-        shares = weights[:, None] * basis.spectrum
-        spent = basis.size * (shares / shares.sum(axis=0)).mean(axis=1)
+        c = basis.solve(weights, channels)
+        spent = basis.size * weights * (basis.spectrum / (weights @ basis.spectrum)).mean(axis=1)
         left = np.maximum(n - spent, 1e-3 * n)
-        squares, typical = np.zeros(3), np.zeros(3)
+        squares, typical, motion = np.zeros(3), np.zeros(3), basis.evaluate(c)
         for o in measured:
-            residual = basis.evaluate(o, c) - channels[o]
+            residual = motion[o] - channels[o]
             squares[o] = residual @ residual
             # by the median: the kink that a hammer blow leaves is not noise
-            sizes = np.abs(residual[changing.get(o, slice(None))])
+            sizes = np.abs(residual[changing[o]])
             typical[o] = np.partition(sizes, len(sizes) // 2)[len(sizes) // 2] / 0.6745
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
@@ -394,9 +272,8 @@ def _group(views: Any, single: Any, basis: Any, order: int) -> np.ndarray | None
     """Coefficients of the motions of a group, (size, n_dof); None if their noise is negligible."""
     own = [m.spline[1] if m.spline[0] is basis else _solve(y, basis, m.noise, 0.0) for y, m in zip(views, single)]
     mean = np.array([m.spline[0].mean @ m.spline[1] for m in single])  # the prior describes the motion about its mean
-    c = np.stack(own, axis=1) - mean
-    scale = c.std(axis=0)
-    c /= scale
+    scale = np.array([x.std() for x in own])
+    c = (np.stack(own, axis=1) - mean) / scale
     weights = np.array([weights_of(m.noise, 0.0) for m in single]) * scale[:, None] ** 2
     found = _prediction(c, weights, basis, order)
     return None if found is None else (c + _correction(c, weights, basis, *found)) * scale + mean
@@ -408,68 +285,74 @@ def _correction(c: np.ndarray, weights: np.ndarray, basis: Any, filters: np.ndar
     Inside the record, where w is one, the change is the prediction error through a filter. Where w is not, at the
     ends, and as far from there as the filter reaches, banded normal equations are solved.
     """
-    order, (size, n) = len(filters) - 1, c.shape
-    errors, weight = _errors(c, filters), np.zeros(size + order)
+    order, (size, n), ahead = len(filters) - 1, c.shape, _ahead(filters)
+    errors, weight = _errors(c, ahead), np.zeros(size + order)
     weight[order:size] = 1.0 / _innovations(errors - c.mean(axis=0) @ filters.sum(axis=0).T, noise)
     taps, far = _taps(filters, weights, basis)
     change = np.zeros((size, n))
     apart = maximum_filter1d(np.r_[weight[: size - 1] != 1.0, True].astype(np.uint8), 2 * far + 1)
     if not apart.all():
-        padded = next_fast_len(size + len(taps), real=True)
-        lines = rfft(taps, padded, axis=0) @ rfft(errors * weight[order:size, None], padded, axis=0)[:, :, None]
-        change -= irfft(lines[:, :, 0], padded, axis=0)[len(taps) // 2 - order :][:size]
+        lines, step, out = rfft(taps, 4 * LONGEST, axis=0), 3 * LONGEST, np.zeros((size + 8 * LONGEST, n))
+        for k in range(0, len(errors), step):  # overlap-add
+            part = rfft(errors[k : k + step] * weight[order:size, None][k : k + step], 4 * LONGEST, axis=0)
+            out[k : k + 4 * LONGEST] += irfft((lines @ part[:, :, None])[:, :, 0], axis=0)
+        change -= out[len(taps) // 2 - order :][:size]
     reach = max(order, DEGREE + 1)
-    matrices = [basis.normal_matrix(w) for w in weights]
     shares = _shares(filters, max((order + 1) * n, (DEGREE + 1) * n + 1))
     for lo, hi in np.flatnonzero(np.diff(np.r_[0, apart, 0])).reshape(-1, 2):
         a, b = max(lo - reach, 0), min(hi + reach, size)
         error = np.zeros((b - a + order, n))
-        error[order : b - a] = _errors(c[a:b] + change[a:b], filters) * weight[a + order : b, None]
-        right = -sum(error[i : i + b - a] @ g for i, g in enumerate(filters))
+        error[order : b - a] = _errors(c[a:b] + change[a:b], ahead) * weight[a + order : b, None]
+        right = -_errors(error, ahead[::-1].swapaxes(1, 2))  # the adjoint
         band = np.tensordot(sliding_window_view(weight[lo : hi + order], order + 1), shares, 1)
-        for j, matrix in enumerate(matrices):
-            band[:, j, -1 - n * (DEGREE + 1) :: n] += matrix[:, lo:hi].T  # as LAPACK wants it
-            right[:, j] -= dsbmv(DEGREE + 1, 1.0, matrix[:, a:b], change[a:b, j])
+        for j, own in enumerate(weights):
+            matrix = basis.normal_matrix(own, slice(a, b))
+            band[:, j, : n * (DEGREE + 1) + 1 : n] += matrix[:, lo - a : hi - a].T  # as LAPACK wants it
+            right[:, j] -= dsbmv(DEGREE + 1, 1.0, matrix, change[a:b, j], lower=True)
         flat = band.reshape((hi - lo) * n, -1).T, right[lo - a : hi - a].ravel()
-        change[lo:hi] += solveh_banded(*flat, overwrite_ab=True, check_finite=False).reshape(hi - lo, n)
+        change[lo:hi] += solveh_banded(*flat, overwrite_ab=True, lower=True, check_finite=False).reshape(hi - lo, n)
     return change
 
 
 def _taps(filters: np.ndarray, weights: np.ndarray, basis: Any) -> tuple[np.ndarray, int]:
     """The filter from prediction errors to changes of the coefficients, (length, n, n), and how far it reaches."""
     half = min(LONGEST, basis.size) // 2
-    f = np.fft.rfftfreq(2 * half)
-    forth = _response(filters, f)
+    forth = rfft(filters, 2 * half, axis=0)
     back = forth.conj().swapaxes(1, 2)
-    data = (weights @ np.maximum(basis.symbols(2 * np.pi * f), 0.0)).T
+    data = (weights @ np.maximum(basis.symbols(np.pi * np.arange(half + 1) / half), 0.0)).T
     normal = back @ forth + data[:, :, None] * np.eye(len(weights))
-    taps = np.fft.fftshift(np.fft.irfft(np.linalg.solve(normal, back), 2 * half, axis=0), axes=0)
+    taps = np.fft.fftshift(irfft(np.linalg.solve(normal, back), 2 * half, axis=0), axes=0)
     height = np.abs(taps).max(axis=(1, 2))
     far = int(np.abs(np.flatnonzero(height > TAIL * height.max()) - half).max())
     return taps, max(far, len(filters) - 1) if far < half - 1 else basis.size  # no filter of this length holds it
 
 
 def _shares(filters: np.ndarray, rows: int) -> np.ndarray:
-    """What the prediction error of a later step adds to a column of the band, (order + 1, n, rows)."""
+    """What the prediction error of a later step adds to a column of the lower band, (order + 1, n, rows)."""
     count, n = filters.shape[:2]
     shares = np.zeros((count, n, rows))
     for lag in range(count):
-        blocks = np.einsum("iab,iac->ibc", filters[lag:], filters[: count - lag])
-        for row in range(n):
-            column = np.arange(max(0, row - lag * n), n)
-            shares[: count - lag, column, rows - 1 - (lag * n + column - row)] = blocks[:, row, column]
+        blocks = filters[lag:].swapaxes(1, 2) @ filters[: count - lag]
+        row, column = np.triu_indices(n, -n if lag else 0)
+        shares[lag:, row, lag * n + column - row] = blocks[:, row, column]
     return shares
 
 
-def _errors(c: np.ndarray, filters: np.ndarray) -> np.ndarray:
+def _ahead(filters: np.ndarray) -> np.ndarray:
+    """What the prediction errors of as many steps as the past has take from the steps before and from these."""
+    order, n, at = len(filters) - 1, filters.shape[1], np.arange(len(filters) - 1)
+    shares = np.zeros((2 * order, n, order, n))
+    for i, g in enumerate(filters):
+        shares[at + order - i, :, at] = g.T
+    return shares.reshape(2, order * n, order * n)
+
+
+def _errors(c: np.ndarray, ahead: np.ndarray) -> np.ndarray:
     """Whitened errors of the prediction of every step that has a past, (size - order, n)."""
-    order = len(filters) - 1
-    return sum(c[order - i : len(c) - i] @ g.T for i, g in enumerate(filters))
-
-
-def _response(filters: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """The filters at some frequencies, (n_lines, n, n)."""
-    return np.tensordot(np.exp(-2j * np.pi * np.outer(f, np.arange(len(filters)))), filters, 1)
+    (size, n), width = c.shape, ahead.shape[1]
+    blocks = np.zeros((-(-size * n // width) + 1, width))
+    blocks.ravel()[: size * n] = c.ravel()
+    return (blocks[:-1] @ ahead[0] + blocks[1:] @ ahead[1]).reshape(-1, n)[: size - width // n]
 
 
 def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> tuple[np.ndarray, float] | None:
@@ -500,15 +383,15 @@ def _prediction(c: np.ndarray, weights: np.ndarray, basis: Any, order: int) -> t
     values, vectors = np.linalg.eigh((left + left.T) / 2)
     white = (vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))).T
     filters = np.stack([white, *(-white @ steps[:, k * n : (k + 1) * n] for k in range(order))])
-    return filters, float((np.abs(_response(filters, f)) ** 2 * noise[:, None]).sum(axis=(1, 2)).mean() / n)
+    return filters, float((np.abs(rfft(filters, length, axis=0)) ** 2 * noise[:, None]).sum(axis=(1, 2)).mean() / n)
 
 
 def _cross_spectra(c: np.ndarray, length: int) -> np.ndarray:
     """Two-sided cross spectra of some columns by half-overlapping Hann windows (Welch), (n_lines, n, n)."""
     window = np.sin(np.pi * np.arange(length) / length) ** 2
-    pieces = sliding_window_view(c, length, axis=0)[:: length - length // 2]
-    lines = np.fft.rfft((pieces - pieces.mean(axis=-1, keepdims=True)) * window).transpose(2, 1, 0)
-    return (lines.conj() @ lines.swapaxes(1, 2)) / (len(pieces) * (window @ window))
+    pieces = sliding_window_view(np.ascontiguousarray(c.T), length, axis=1)[:, :: length - length // 2]
+    lines = rfft((pieces - pieces.mean(axis=2, keepdims=True)) * window).transpose(2, 0, 1)
+    return (lines.conj() @ lines.swapaxes(1, 2)) / (pieces.shape[1] * (window @ window))
 
 
 def _innovations(errors: np.ndarray, noise: float) -> np.ndarray:
@@ -518,7 +401,8 @@ def _innovations(errors: np.ndarray, noise: float) -> np.ndarray:
     is one and the noise (chance reaches three in one of 700 steps, and a record has thousands). Without it the prior
     takes the frequencies that a sweep passes last for noise.
     """
-    local = uniform_filter1d((errors**2).mean(axis=1), -(-200 // errors.shape[1]), mode="nearest")
+    n = errors.shape[1]
+    local = uniform_filter1d(np.einsum("ij,ij->i", errors, errors) / n, -(-200 // n), mode="nearest")
     clear = local > (1.0 + noise) * (1.0 + 6.0 * np.sqrt(2.0 / 200))
     return np.where(clear, local - noise, 1.0)
 
@@ -571,7 +455,7 @@ def fuse_all(
         block = finish(part, one_by_one(part, ladder, levels, corners, knots), ladder)
         total[start : start + length] += weight
         for j, m in enumerate(block):
-            motion[j][:, start : start + length] += weight * m.motion
+            m.add(weight, motion[j][:, start : start + length])
             spacing[j] = max(spacing[j], m.spacing)
     for values in motion:
         values /= total  # three blocks may overlap
@@ -582,8 +466,9 @@ def _telling(view: Views, units: Sequence[float], size: int) -> Views:
     """The piece of the channels of a DOF with the largest third derivative: it needs the finest knots."""
     order, y = [(o, y) for o, y in enumerate(view) if y is not None][-1]
     starts = np.linspace(0, len(y) - size, -(-len(y) // size)).astype(int)
-    squares = np.cumsum(np.square(np.diff(y, 3 - order)))
-    return _part([view], starts[np.argmax(squares[starts + size - 4] - squares[starts])], units, size)[0]
+    third = np.diff(y, 3 - order)
+    sizes = [part @ part for part in (third[k : k + size - 3] for k in starts)]
+    return _part([view], starts[np.argmax(sizes)], units, size)[0]
 
 
 def _part(views: list[Views], start: int, units: Sequence[float], size: int) -> list[Views]:

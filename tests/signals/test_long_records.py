@@ -2,10 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 from scipy.signal import chirp
 
 from pysindy_nrf import ChainModel, KinematicSmoother, Record, laws, simulate
 from pysindy_nrf.signals import spline_fusion
+from pysindy_nrf.signals.splines import SplineBasis
+
+
+def measured(x, a, rng, *noise):
+    """Displacement and acceleration of one DOF at 1 kHz, with noise."""
+    x, a = (y + level * rng.standard_normal(len(y)) for y, level in zip((x, a), noise))
+    return Record(displacement=x, acceleration=a, fs=1000.0)
 
 
 @pytest.mark.parametrize("n", [61_440, 65_535])
@@ -14,11 +22,7 @@ def test_three_blocks_that_overlap_by_more_than_half_keep_the_size_of_the_motion
     rng = np.random.default_rng(0)
     x = np.sin(2 * np.pi * 5 * np.arange(n) / 1000)
     a = -((2 * np.pi * 5) ** 2) * x
-    noisy = Record(
-        displacement=x + 0.01 * rng.standard_normal(n),
-        acceleration=a + 0.01 * (2 * np.pi * 5) ** 2 * rng.standard_normal(n),
-        fs=1000.0,
-    )
+    noisy = measured(x, a, rng, 0.01, 0.01 * (2 * np.pi * 5) ** 2)
     fused = KinematicSmoother(joint=False).fit_transform(noisy).displacement[:, 0]
     assert np.abs(fused - x).max() < 0.01
 
@@ -30,11 +34,8 @@ def test_a_record_that_rests_most_of_the_time_keeps_its_noise():
     live = t < 4.0
     x = np.where(live, 1e-3 * np.sin(2 * np.pi * 6 * t) * np.sin(np.pi * t / 4.0) ** 2, 0.0)
     a = np.gradient(np.gradient(x, t), t)
-    noisy = Record(
-        displacement=x + 3e-5 * live * rng.standard_normal(n), acceleration=a + 0.05 * live * rng.standard_normal(n), fs=1000.0
-    )  # fmt: skip
     smoother = KinematicSmoother(joint=False)
-    fused = smoother.fit_transform(noisy).displacement[:, 0]
+    fused = smoother.fit_transform(measured(x, a, rng, 3e-5 * live, 0.05 * live)).displacement[:, 0]
     assert smoother.noise_["x1"] == pytest.approx(3e-5, rel=0.2)
     assert np.sqrt(np.mean((fused - x)[live] ** 2)) < 1e-5
 
@@ -62,10 +63,7 @@ def test_the_end_of_a_long_sweep_tells_the_knots():
     rng, t = np.random.default_rng(0), np.arange(60_000) / 1000
     rate, phase = 2 * np.pi * (1 + 59 * t / 60), 2 * np.pi * (t + 59 * t**2 / 120)
     x, a = np.sin(phase), 2 * np.pi * 59 / 60 * np.cos(phase) - rate**2 * np.sin(phase)
-    noisy = Record(
-        displacement=x + 0.01 * rng.standard_normal(len(t)), acceleration=a + 0.01 * a.std() * rng.standard_normal(len(t)), fs=1000.0
-    )  # fmt: skip
-    fused = KinematicSmoother().fit_transform(noisy).acceleration[:, 0]
+    fused = KinematicSmoother().fit_transform(measured(x, a, rng, 0.01, 0.01 * a.std())).acceleration[:, 0]
     assert np.std(fused - a) < 0.01 * a.std()
 
 
@@ -97,9 +95,20 @@ def test_a_blow_in_noise_is_kept(seed):
     assert (np.std(fused.acceleration - truth[1], axis=0) < 0.05 * truth[1].std(axis=0)).all()
 
 
+def test_a_spline_is_the_weighted_least_squares_of_the_channels_that_are_measured():
+    """Displacement and acceleration that contradict each other; dense least squares on splines of another library."""
+    basis, t = SplineBasis(800, 2.5), np.arange(800)
+    x, a = np.sin(0.15 * t), np.cos(0.23 * t)
+    spline = BSpline(basis.h * np.arange(-7, basis.size + 1), np.eye(basis.size), 7)
+    values = np.array([spline(t, nu=order) for order in range(3)])
+    exact = np.linalg.lstsq(np.vstack([values[0], 3 * values[2]]), np.r_[x, 3 * a], rcond=None)[0]
+    found = basis.evaluate(basis.solve(np.array([1.0, 0.0, 9.0]), [x, None, a]))
+    assert np.abs(found - values @ exact)[:, 100:-100].max() < 1e-6  # apart from what settles the ends
+
+
 def test_prediction_changes_a_motion_as_the_least_squares_of_all_its_coefficients_does():
     """Two floors that ring and are hit once: filter, and banded equations about the blow and at the ends, are exact."""
-    rng, basis = np.random.default_rng(0), spline_fusion.SplineBasis(2000, 2.0)
+    rng, basis = np.random.default_rng(0), SplineBasis(2000, 2.0)
     filters = np.array([np.eye(2), [[-1.5, 0.2], [0.1, -1.3]], [[0.9, -0.1], [0.0, 0.8]]])
     weights = np.array([[0.2, 0.0, 5.0], [0.1, 0.0, 9.0]])
     force, size = rng.standard_normal((basis.size, 2)), basis.size
@@ -109,7 +118,8 @@ def test_prediction_changes_a_motion_as_the_least_squares_of_all_its_coefficient
     errors = (ahead @ (c - np.tile(c.reshape(-1, 2).mean(axis=0), size))).reshape(-1, 2)
     noise = float((filters**2).sum() / 2)
     prior = (ahead.T / np.repeat(spline_fusion._innovations(errors, noise), 2)) @ ahead
-    seen = [sum(w * (m.T @ m).toarray() for w, m in zip(own, basis.matrices)) for own in weights]
+    splines = np.stack([basis.evaluate(one) for one in np.eye(size)])
+    seen = [np.einsum("kot,o,lot->kl", splines, own, splines, optimize=True) for own in weights]
     both = prior + sum(np.kron(one, np.diag(np.eye(2)[j])) for j, one in enumerate(seen))
     exact = np.linalg.solve(both, -prior @ c)
     found = spline_fusion._correction(c.reshape(-1, 2), weights, basis, filters, noise).ravel()

@@ -283,7 +283,7 @@ def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
 def _bounds(trial: Trial) -> dict[str, tuple[float, float]]:
     """95 % intervals of masses and coefficients by name, from fold to fold."""
     known = trial.ruler.work.known_masses
-    found = pd.DataFrame([parameters_of(trial.model_at(m, c), known) for m, c in zip(trial.masses, trial.theta)])
+    found = pd.DataFrame([parameters_of(trial.model(m, c), known) for m, c in zip(trial.masses, trial.theta)])
     half = student.ppf(0.5 + LEVEL / 2, max(len(found) - 2, 1)) * np.sqrt(variance(found.iloc[1:]))
     return {name: (x - h, x + h) for name, x, h in zip(found, found.iloc[0].astype(float), half) if np.isfinite(h)}
 
@@ -398,9 +398,8 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
 
 def _window(seg: Any, rows: slice) -> int:
     """Samples of about ten periods of the first drift, at most the block."""
-    s = np.asarray(seg.s[seg.valid][rows], dtype=float)[:, 0]
-    crossings = np.count_nonzero(np.diff(np.signbit(s - s.mean())))
-    return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(int(crossings), 1))))
+    s = seg.s[seg.valid][rows, 0].astype(float)
+    return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(np.count_nonzero(np.diff(s > s.mean())), 1))))
 
 
 # One law of each kind whose free run takes a second at most (that of a Bouc-Wen law may take minutes); others if named.

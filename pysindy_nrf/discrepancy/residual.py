@@ -209,7 +209,7 @@ def simulated(ready: Prepared, trial: Trial, rng: Any, draws: int = 1) -> Iterat
     except NRFError:
         yield first
         return
-    unbiased = trial.model_at(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
+    unbiased = trial.model(2 * trial.masses[0] - again.masses[0], 2 * trial.theta[0] - again.theta[0])
     made = (_produced(ready, trial, unbiased, rng, noise, quiet) for _ in range(draws))
     yield next(made) or first
     yield from filter(None, made)

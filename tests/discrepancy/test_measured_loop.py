@@ -44,10 +44,11 @@ def test_emps_has_friction_and_an_offset(declared, monkeypatch):
     assert -3.5 <= next(s.parameters["f0"] for s in others if s.law == "constant_force") <= -2.9
 
 
-def test_dry_friction_acts_against_the_ground(monkeypatch):
-    """Lathourakis and Cicirello (2024): the mass rubs on a frame that stands still."""
+@pytest.mark.parametrize("first", [0, 274])
+def test_dry_friction_acts_against_the_ground(first, monkeypatch):
+    """Lathourakis and Cicirello (2024): the mass rubs on a frame that stands still. Only the transient tells it."""
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("dry_friction_storey")))
-    report = loop(dry_friction(), known_masses={1: 1.0})
+    report = loop(dry_friction().rows(slice(first, None)), known_masses={1: 1.0})
     assert (report.steps[0].law, report.steps[0].site) == ("ground_friction", "dof 1")
     assert not any(s.family == "friction" and s.site == "storey 1" for s in report.steps)
 
@@ -62,7 +63,7 @@ def test_bouc_wen_benchmark_gives_the_published_parameters(monkeypatch):
     np.testing.assert_allclose(found, [2.0, 10.0, 5e4, 5e4, 800.0, -1.375, 1.0], rtol=0.03)
 
 
-@pytest.mark.parametrize("test, first", [("fbgm162s5", 0), ("fbgm152s4", 229)])
+@pytest.mark.parametrize("test, first", [("fbgm162s5", 0), ("fbgm152s4", 229), ("fbgm152s3", 0)])
 def test_a_strongly_shaken_frame_yields_in_every_storey(test, first, monkeypatch):
     """Also where the force of one storey is not known before those of the others are found."""
     monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))

@@ -115,8 +115,7 @@ def test_noise_levels_from_one_two_or_three_channels(kinds, share):
 def test_noise_free_motion_comes_back_unchanged(kinds):
     t, a, v, x = analytic()
     measured = [y if kind in kinds else None for kind, y in (("a", a), ("v", v), ("x", x))]
-    record = Record(None, *measured, fs=FS)
-    fused = KinematicSmoother().transform_record(record)
+    fused = KinematicSmoother().transform_record(Record(None, *measured, fs=FS))
     inside = slice(None) if "a" in kinds else slice(40, -40)  # at the very ends a derivative is extrapolation
     for truth, found in ((a, fused.acceleration), (v, fused.velocity), (x, fused.displacement)):
         assert np.abs(found - truth)[inside].max() < 1e-6 * rms(truth).min()

@@ -118,7 +118,7 @@ def compare_tests(
     Raises
     ------
     ChainError
-        If fewer than 5 blocks are asked for, or no storey's force is known in both tests.
+        If fewer than 5 blocks are asked for, the tests differ in their DOFs, or no storey's force is known in both.
 
     Examples
     --------
@@ -134,6 +134,9 @@ def compare_tests(
     if n_blocks < 5:
         raise ChainError(f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual.")
     estimates, tests = zip(*[_fit(estimator, test, dict(options or {})) for test in (before, after)])
+    if len(numbers := dict.fromkeys(est.model.n_dof for est in estimates)) > 1:
+        what = f"The tests have {' and '.join(map(str, numbers))} DOFs"
+        raise ChainError(what, "Compare two tests of one structure, measured on the same floors.")
     problems, models = [est.problem for est in estimates], [est.model for est in estimates]
     masses = np.mean([model.masses for model in models], axis=0)
     free = [j for j in range(1, len(masses) + 1) if j not in problems[0].known_masses]

@@ -111,18 +111,18 @@ def test_window_of_block_moments_is_the_fit_of_its_samples():
 
 def test_pieces_too_short_and_seconds_without_a_step(chain2):
     X, F = chain2.X, chain2.F
-    model = NRFRegressor().fit(X, F)
     with pytest.raises(ChannelError, match="A window in seconds needs the sampling step"):
-        track(model, X, F, window=0.5, step=0.1)
+        track(NRFRegressor().fit(X, F), X, F, window=0.5, step=0.1)
     timed = NRFRegressor(dt=1e-3).fit(X, F)
     with pytest.raises(ChannelError, match="Pieces of 2 samples are too short"):
         track(timed, X, F, window=0.5, step=0.002)
-    with pytest.raises(ChainError, match="No window of 60 s fits into the records"):
-        track(timed, X, F, window=60.0, step=0.5)
+    for words, window, masses in (("No window of 60 s fits into the records", 60.0, None), ("masses='all' is", 0.5, "all")):
+        with pytest.raises(ChainError, match=words):
+            track(timed, X, F, window=window, step=0.5, masses=masses)
     with pytest.raises(ChainError, match="standard error"):
         compare_tests(NRFRegressor(degree=1), None, None, n_blocks=3)
-    with pytest.raises(ChainError, match="masses='all' is unknown"):
-        track(timed, X, F, window=0.5, step=0.1, masses="all")
+    with pytest.raises(ChainError, match="have 2 and 1 DOFs"):
+        compare_tests(timed, (X, F), (X[:, ::2], F[:, :1]))
 
 
 def test_a_window_never_joins_two_records(chain2):

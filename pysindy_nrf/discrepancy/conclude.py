@@ -399,7 +399,7 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
 def _window(seg: Any, rows: slice) -> int:
     """Samples of about ten periods of the first drift, at most the block."""
     s = seg.s[seg.valid][rows, 0].astype(float)
-    return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(np.count_nonzero(np.diff(s > s.mean())), 1))))
+    return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(1, int(np.diff(s > s.mean()).sum())))))
 
 
 # One law of each kind whose free run takes a second at most (that of a Bouc-Wen law may take minutes); others if named.

@@ -250,7 +250,7 @@ def _step(
 
 
 def _intervals(trial: Trial, effect: Effect) -> dict[str, tuple[float, float]]:
-    """95 % intervals of parameters by the delete-one jackknife (Efron 1982); derivatives stand for shape parameters."""
+    """95 % intervals by the jackknife over folds (Efron 1982; see `_by_folds`), those of shapes by derivatives."""
     law, site = effect.law, effect.site
     base = trial.without(site, law)
     axes = Axes(effect.template, trial.ruler.work, [site])

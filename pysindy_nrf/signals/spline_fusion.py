@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from .splines import DEGREE, BasisLadder, SplineBasis, ladder_of
 
-# Change of a level at which the search for knots takes it for found: from 2,048 samples it is known no better.
+# Change of a level at which the search for knots takes it for found: 1 / sqrt(2 n), its error from 2,048 samples.
 ROUGHLY = 0.016
 # Noise below this share of a channel's rms cannot be distinguished from rounding.
 FLOOR = 1e-9
@@ -339,7 +339,7 @@ def _shares(filters: np.ndarray, rows: int) -> np.ndarray:
 
 
 def _ahead(filters: np.ndarray) -> np.ndarray:
-    """What the prediction errors of as many steps as the past has take from the steps before and from these."""
+    """The prediction filter as two matrices, for blocks of ``order`` steps: of the block before and of the block."""
     order, n, at = len(filters) - 1, filters.shape[1], np.arange(len(filters) - 1)
     shares = np.zeros((2 * order, n, order, n))
     for i, g in enumerate(filters):

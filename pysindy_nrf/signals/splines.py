@@ -76,7 +76,7 @@ class SplineBasis:
         """Coefficients that minimise the weighted squares about the channels; None is not measured."""
         seen = np.array([y is not None for y in channels]) * weights
         given = [channels[int(seen.argmax())] if y is None else y for y in channels]
-        rows = self.size + DEGREE + 1  # those after the last coefficient take what has no weight
+        rows = self.size + DEGREE + 1  # elimination writes zeros past the last coefficient
         c, band = np.zeros(rows), np.empty((rows, DEGREE + 2))
         for ridge in (1.0, 1.0 + 1e-13, 1.0 + 1e-11, 1.0 + 1e-9):  # heavily oversampled motion takes the last digits
             if compiled()[0](*self._near, self.grams, weights, seen, *given, ridge, band, c):
@@ -105,7 +105,7 @@ def compiled() -> tuple[Callable[..., bool], Callable[..., None]]:
     """Least squares and values of a spline. LAPACK takes four times as long: it calls a routine for each column."""
     from ..laws.compiled import address_of, addresses, jit
 
-    near_by, width = DEGREE + 1, DEGREE + 2  # splines at a sample, and in a column of the band
+    order, width = DEGREE + 1, DEGREE + 2  # of the splines; of a column of the band
 
     def spline_solve(first, near, grams, weights, seen, x, v, a, ridge, band, c):
         """Eliminate the coefficients in turn; False if the normal matrix is not positive definite."""
@@ -120,10 +120,10 @@ def compiled() -> tuple[Callable[..., bool], Callable[..., None]]:
             row[0] *= ridge
             c[k] = 0.0
         for t in range(first.shape[0]):
-            right, of_x = address_of(c, first[t]), address_of(near, 3 * near_by * t)
-            of_v, of_a = address_of(of_x, near_by), address_of(of_x, 2 * near_by)
+            right, of_x = address_of(c, first[t]), address_of(near, 3 * order * t)
+            of_v, of_a = address_of(of_x, order), address_of(of_x, 2 * order)
             x_t, v_t, a_t = s0 * x[t], s1 * v[t], s2 * a[t]
-            for j in range(near_by):
+            for j in range(order):
                 right[j] += x_t * of_x[j] + v_t * of_v[j] + a_t * of_a[j]
         for k in range(size):
             row = address_of(band, width * k)
@@ -146,10 +146,10 @@ def compiled() -> tuple[Callable[..., bool], Callable[..., None]]:
     def spline_values(first, near, c, weight, out_x, out_v, out_a):
         near, c = addresses((near, c))
         for t in range(first.shape[0]):
-            here, of_x = address_of(c, first[t]), address_of(near, 3 * near_by * t)
-            of_v, of_a = address_of(of_x, near_by), address_of(of_x, 2 * near_by)
+            here, of_x = address_of(c, first[t]), address_of(near, 3 * order * t)
+            of_v, of_a = address_of(of_x, order), address_of(of_x, 2 * order)
             x = v = a = 0.0
-            for j in range(near_by):
+            for j in range(order):
                 x, v, a = x + here[j] * of_x[j], v + here[j] * of_v[j], a + here[j] * of_a[j]
             out_x[t], out_v[t], out_a[t] = out_x[t] + weight[t] * x, out_v[t] + weight[t] * v, out_a[t] + weight[t] * a
 

@@ -222,16 +222,21 @@ class LuGre(ForceLaw):
             return
         sign = math.copysign(1.0, ds)
         a0, a1 = abs(v0), abs(v1)
-        # parts in which the speed changes by a small share of vs; at higher speed h is constant
-        parts = 1 + int(min(16.0 * abs(a1 - a0) / theta[1], 127.0))
-        total = 0.5 * (a0 + a1)
-        for i in range(parts):
-            speed = a0 + (a1 - a0) * (i + 0.5) / parts
-            share = speed / total / parts if total > 0.0 else 1.0 / parts
-            fall = min(speed / theta[1], 26.0)
+        # at more than 5 vs h is constant to 1e-11, below that in parts of a small share of vs
+        bend = max(5.0 * theta[1], min(a0, a1))
+        b0, b1 = min(a0, bend), min(a1, bend)
+        parts = 1 + int(min(16.0 * abs(b1 - b0) / theta[1], 127.0))
+        here = a0
+        for i in range(parts + 2):
+            there = a1 if i > parts else b0 + (b1 - b0) * i / parts
+            if a0 != a1 and there == here:
+                continue
+            share = (there - here) / (a1 - a0) * ((there + here) / (a1 + a0)) if a0 != a1 else 1.0 / (parts + 2)
+            fall = min(0.5 * (here + there) / theta[1], 26.0)
             level = 1.0 + (theta[2] - 1.0) * math.exp(-fall * fall)
             top = sign * level
             z[0] = top + (z[0] - top) * math.exp(-theta[0] * abs(ds) * share / level)
+            here = there
 
 
 class BoucWen(ForceLaw):

@@ -23,7 +23,7 @@ from .prepare import LONG, MOST, Prepared
 from .residual import simulated
 from .ruler import Gain, Ruler, Slot, Trial
 from .sensors import Errors, findings_of_faults
-from .state import Axes, Effect, Finding, Proposal, State
+from .state import BEHIND, Axes, Effect, Finding, Proposal, State
 
 # Candidates that are refined and cross-validated; the right one was among the first three in all battery cases.
 FINALISTS = 8
@@ -101,8 +101,10 @@ class Search:
                 found += (new := [scan for scan in scans if scan is not None])
                 best = max([best, *(f.screen for f in new)])
         found.sort(key=lambda f: -f.screen)
-        judged = sorted(filter(None, map(self.judged, _varied(found, top))), key=_value)
-        distinct = {(f.proposal, f.state.effects): f for f in judged}  # of equal ones, the best
+        judged: list[Finding] = []
+        for f in _varied(found, top):
+            judged += filter(None, [self.judged(f, BEHIND * max(map(_value, judged), default=-np.inf))])
+        distinct = {(f.proposal, f.state.effects): f for f in sorted(judged, key=_value)}  # of equal ones, the best
         return sorted(distinct.values(), key=lambda f: -_value(f))
 
     def _promised(self, state: State) -> dict[Site, float]:
@@ -160,18 +162,20 @@ class Search:
         return Finding(proposal, points[best], base, float(gains[best]) - lost)
 
     @staticmethod
-    def _refined(base: State, proposal: Proposal, laws: Sequence[ForceLaw], reach: float) -> tuple[Any, Trial]:
+    def _refined(
+        base: State, proposal: Proposal, laws: Sequence[ForceLaw], reach: float, least: float = -np.inf
+    ) -> tuple[Any, Trial]:
         """Laws with refined shape parameters, beside those of a state."""
         axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
         slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
-        laws = axes.at(axes.refined(lambda some: float(_gains(slot, [some])[0]), axes.point(laws[0]), reach))
+        laws = axes.at(axes.refined(lambda some: float(_gains(slot, [some])[0]), axes.point(laws[0]), reach, least))
         return laws, base.trial.with_laws(list(zip(proposal.sites, laws)))
 
-    def judged(self, finding: Finding) -> Finding | None:
-        """The finding with refined shape parameters and its cross-validated gain."""
+    def judged(self, finding: Finding, least: float = -np.inf) -> Finding | None:
+        """The finding with refined shape parameters, roughly where less than a gain, and its cross-validated gain."""
         base, proposal = finding.state, finding.proposal
         try:
-            laws, trial = self._refined(base, proposal, finding.laws, 0.5)
+            laws, trial = self._refined(base, proposal, finding.laws, 0.5, least)
             new = [Effect(law, s, proposal.law) for law, s in zip(laws, proposal.sites)]
             known = [e for e in new if judge.differs_from_zero(trial, e)]
             if 0 < len(known) < len(new):  # a law of all storeys stands where its force is known

@@ -16,8 +16,9 @@ from .ruler import Gain, Trial
 
 # Points of a scan along each axis by the number of shape parameters.
 GRID = {1: 9, 2: 5, 3: 4}
-# Evaluations of a refinement for each shape parameter.
-_EVALUATIONS = 25
+# Evaluations of a refinement for each shape parameter, and after how many it ends if it has less than this share of the
+# best gain. Of 46 refinements that came near the best (battery, 52 cases of seed 2901; measured sets) the least had 0.58.
+_EVALUATIONS, _FEW, BEHIND = 25, 8, 0.4
 
 
 @dataclass(frozen=True)
@@ -130,8 +131,13 @@ class Axes:
         shares = [(np.arange(self.count) + 0.5) / self.count if i < 2 else [0.0] for i in range(len(self.shapes))]
         return [self.low + np.array(p) * (self.high - self.low) for p in product(*shares)]
 
-    def refined(self, gain: Callable[[tuple[ForceLaw, ...]], float], start: np.ndarray, reach: float) -> np.ndarray:
-        """The point of the largest gain near a start; ``reach`` is a share of the spacing of the scan."""
+    def refined(
+        self, gain: Callable[[tuple[ForceLaw, ...]], float], start: np.ndarray, reach: float, least: float = -np.inf
+    ) -> np.ndarray:
+        """The point of the largest gain near a start, roughly where it is less than ``least``.
+
+        ``reach`` is a share of the spacing of the scan.
+        """
         if not self.shapes:
             return start
         spacing = 0.002 if self.of_frequency else (self.high - self.low) / self.count
@@ -140,8 +146,18 @@ class Axes:
             start, spacing = max(near, key=lambda u: gain(self.at(u))), 0.1 * spacing
         step = reach * spacing * np.ones(len(start))
         away = np.where(start + step > self.high, -step, step)
+        tried: list[float] = []
+
+        def lost(u: np.ndarray) -> float:
+            tried.append(gain(self.at(u)))
+            return -max(tried[-1], -1e6)
+
+        def go_on(_: np.ndarray) -> None:
+            if len(tried) >= _FEW * len(start) and max(tried) < least:
+                raise StopIteration
+
         best = minimize(
-            lambda u: -max(gain(self.at(u)), -1e6), start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),
+            lost, start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)), callback=go_on,
             options={
                 "initial_simplex": np.vstack([start, start + np.diag(away)]), "xatol": 1e-4, "fatol": 1e-4,
                 "maxfev": _EVALUATIONS * len(start),

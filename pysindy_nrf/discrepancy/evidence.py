@@ -104,6 +104,7 @@ class _Motion:
 
     def __init__(self, residual: Residual, chain: Chain, every: int) -> None:
         self.residual, self.chain, self.every = residual, chain, every
+        self._columns = residual.columns.setdefault((chain.sites, every), {})
         self._fits: dict[tuple[int, ...], Regression] = {}
 
     def laws(self, where: str) -> list[str]:
@@ -120,6 +121,14 @@ class _Motion:
         return self._fits[use]
 
     def _regression(self, use: tuple[int, ...]) -> Regression:
+        residual = self.residual
+        if use not in self._columns:
+            self._columns[use] = self._made(use)
+        targets = {where: [residual.at(where)[i][:: self.every] for i in use] for where in residual.sizes.index}
+        targets = {where: parts for where, parts in targets.items() if all(np.isfinite(part).all() for part in parts)}
+        return Regression.of(self._columns[use] | targets)
+
+    def _made(self, use: tuple[int, ...]) -> dict[str, list[np.ndarray]]:
         residual, n, every = self.residual, self.residual.n_dof, self.every
         segments, filters = [residual.data.segments[i] for i in use], [residual.filters[i] for i in use]
 
@@ -142,11 +151,7 @@ class _Motion:
         for site in dict.fromkeys([*self.chain.sites, *map(Site, range(1, n + 1))]):
             motions = [seg.motion(site, seg.valid) for seg in segments]
             groups[f"law {site}"] = own_columns(motions, filters, every)
-        for where in residual.sizes.index:
-            parts = residual.at(where)
-            if all(np.isfinite(parts[i]).all() for i in use):
-                groups[where] = [parts[i][::every] for i in use]
-        return Regression.of(groups)
+        return groups
 
 
 @dataclass
@@ -263,13 +268,14 @@ class Localiser:
     def fit(self, b: np.ndarray | None) -> Regression:
         """The regression of the residual on the columns of the baseline, beside a free force with a pattern."""
         k, n = self.columns[0].shape[1], self.residual.n_dof
-        joined = np.eye(k + n)[:, : k + 1]
-        joined[k:, k] = 1.0
         free = np.concatenate([np.arange(k - n), k - n + np.flatnonzero(self._free_masses(b))])
         form = self.owners.T @ self._form(b) @ self.owners
         # columns that enter the balances as the force does are its own
         free = free[np.diag(form)[free] > 1e-12 * np.trace(self.weight)]
-        return Regression(joined.T @ (form * self.grams) @ joined, {"baseline": free, "e": np.array([k])})
+        grams = form * self.grams
+        for axis in (1, 2):  # the residuals of all balances together
+            grams = np.add.reduceat(grams, range(k + 1), axis=axis)
+        return Regression(grams, {"baseline": free, "e": np.array([k])})
 
     def left(self, b: np.ndarray | None) -> np.ndarray:
         """Squares left in every block beside a free force with a pattern, without those of noise."""

@@ -174,9 +174,9 @@ class Workspace:
         self.searched = sorted({b.segment for b in search})
         seen = SegmentSet([data.segments[i] for i in self.searched], data.n_samples)
         self.forced, self.unknown = seen.forced, seen.unknown
-        self._motions: dict[tuple[Site, int], Motion] = {}
+        self._motions: dict[tuple[Site, tuple[int, ...]], Motion] = {}
         self._scales: dict[Site, Scales] = {}
-        self.thinned: dict[Any, np.ndarray] = {}  # columns of the longest record as often as a ruler sees them
+        self.made: dict[Any, Any] = {}  # columns of records, whatever the model
         self.known = np.array([~np.isnan(seg.F[seg.valid.start]) for seg in data.segments])
         self.whole = self  # all samples, where these are excerpts of long records
 
@@ -205,16 +205,16 @@ class Workspace:
         out = copy(self)
         out.whole = out if self.whole is self else self.whole
         out.data, out.search, out.held = data, same(self.search), same(self.held)
-        out._motions, out._scales, out.thinned = {}, {}, {}
+        out._motions, out._scales, out.made = {}, {}, {}
         return out
 
-    def motion(self, site: Site, segment: int) -> Motion:
-        """Motion that a law at a site sees in one record."""
-        seg, found = self.data.segments[segment], self._motions.get((site, segment))
+    def motion(self, site: Site, *records: int) -> Motion:
+        """Motion that a law at a site sees in one record, or in some, one after the other."""
+        found = self._motions.get((site, records))
         if found is None:
-            found = seg.motion(site, seg.valid)
-            if seg.n_valid < LONG:  # in place of longer ones excerpts are searched
-                self._motions[site, segment] = found
+            found = Motion.joined([seg.motion(site, seg.valid) for seg in (self.data.segments[i] for i in records)])
+            if found.n_samples < LONG or len(records) > 1:  # in place of longer ones excerpts are searched
+                self._motions[site, records] = found
         return found
 
     def scales(self, site: Site) -> Scales:
@@ -236,17 +236,17 @@ class Workspace:
         """Half the lowest sampling rate of the search, Hz."""
         return half_the_rate(self.data.segments[i] for i in self.searched)
 
-    def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
-        """Columns of laws along one record, from the raw motion."""
-        motion = self.motion(site, segment)
+    def columns(self, site: Site, laws: Sequence[ForceLaw], records: Sequence[int]) -> np.ndarray:
+        """Columns of laws along some records, from the raw motion."""
+        motion = self.motion(site, *records)
         each = [law.features(motion).T for law in laws]
         return np.vstack(each) if len(each) > 1 else each[0]
 
-    def fixed(self, segment: int) -> list[np.ndarray]:
-        """Accelerations of one record, then its forces, 2 n_dof rows of (n_valid,); what is unknown of them is zero."""
-        seg = self.data.segments[segment]
-        forces = (force if np.isfinite(force).all() else np.nan_to_num(force) for force in seg.F[seg.valid].T)
-        return [*seg.a[seg.valid].T, *forces]
+    def fixed(self, records: Sequence[int]) -> list[np.ndarray]:
+        """Accelerations of some records, then forces, 2 n_dof rows of (n_valid,); what is unknown of them is zero."""
+        each = [[*seg.a[seg.valid].T, *seg.F[seg.valid].T] for seg in (self.data.segments[i] for i in records)]
+        rows = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in zip(*each))
+        return [row if np.isfinite(row).all() else np.nan_to_num(row) for row in rows]
 
     def runs(self, record: int) -> list[slice]:
         """Runs of search rows of a record with no held-out piece in them, counted from its first valid row."""

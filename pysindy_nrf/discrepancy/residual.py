@@ -53,13 +53,14 @@ class Residual:
     # no force acts; a storey by the force across its cut, sum_{j >= i} (F_j - m_j a_j).
     reference: pd.DataFrame
     scale: np.ndarray  # rms of the model's force in storey j (of the reference of balance j if that is zero), N
+    columns: dict[Any, Any] = field(default_factory=dict)  # of the motion, for every model
 
     @property
     def n_dof(self) -> int:
         """Number of balances."""
         return self.model.n_dof
 
-    @property
+    @cached_property
     def storey(self) -> list[np.ndarray]:
         """rho_i of each record, N, shape (n_valid_samples, n_dof); NaN if a balance above is not known."""
         return [from_top(e) for e in self.balance]
@@ -147,14 +148,14 @@ def searched_residual(work: Workspace, model: ChainModel) -> Residual:
     """Residual on the search data; laws that remember the path follow it from the start of the record."""
     data, filters = searched(work)
     if not model.has_memory:
-        return residual_of(model, data, filters)
+        return replace(residual_of(model, data, filters), columns=work.made)
     whole = {id(seg.s): (seg, R) for seg, R in zip(work.data.segments, model.site_forces(work.data))}
     forces = []
     for piece in data.segments:
         seg, R = whole[id(piece.s)]
         start = piece.valid.start - seg.valid.start
         forces.append(R[start : start + piece.n_valid])
-    return residual_of(model, data, filters, forces=forces)
+    return replace(residual_of(model, data, filters, forces=forces), columns=work.made)
 
 
 @dataclass

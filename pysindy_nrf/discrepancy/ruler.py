@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -132,10 +132,9 @@ class Ruler:
         strict: bool = True,
     ) -> None:  # fmt: skip
         self.work, self.windows = work, windows
-        self.segments = sorted({b.segment for b in windows.blocks})
         # what single precision loses of the spectra of long records is far below the share that counts as zero
         self.kind: Any = float if windows.size < LONG else np.float32
-        self.fixed = windows.spectra({i: work.fixed(i) for i in self.segments}, self.kind)
+        self.fixed = windows.spectra(work.fixed, self.kind)
         self.known = work.known[[b.segment for b in windows.blocks]]  # (n_folds, n_dof)
         shape = work.n_dof, len(windows.edges) - 1
         self.informative = np.ones(shape, dtype=bool) if informative is None else informative
@@ -151,7 +150,7 @@ class Ruler:
 
     def columns(self, site: Site, laws: Sequence[ForceLaw], kind: Any = float) -> np.ndarray:
         """Spectra of the columns of laws at one site."""
-        found = self.windows.spectra({i: self.work.columns(site, laws, i) for i in self.segments}, kind)
+        found = self.windows.spectra(lambda group: self.work.columns(site, laws, group), kind)
         if not np.isfinite(found).all():
             raise NRFError("The columns of the law overflow", "Leave it out of the catalogue.")
         return found
@@ -289,6 +288,10 @@ def _typical(left: np.ndarray, power: np.ndarray) -> float:
     return max(float(left[middle]), FLOOR**2 * TENTH)
 
 
+def _side_by_side(rows: Mapping[int, np.ndarray], records: Sequence[int]) -> np.ndarray:
+    return np.hstack([rows[i] for i in records])
+
+
 class ChannelWork(Workspace):
     """Records in which floors have no sensor: the free run of a model, and its columns as the sensors see them."""
 
@@ -296,17 +299,20 @@ class ChannelWork(Workspace):
         super().__init__(SegmentSet(seen.runs, sum(run.n_samples for run in seen.runs)), *given)
         self.seen, self.known, self.ends = seen, np.ones_like(self.known), np.eye(self.n_dof)
 
-    def columns(self, site: Site, laws: Sequence[ForceLaw], segment: int) -> np.ndarray:
+    def columns(self, site: Site, laws: Sequence[ForceLaw], records: Sequence[int]) -> np.ndarray:
         """What the forces of laws do to the channels, (n_terms * n_channels, n_samples)."""
-        ends = self.ends @ [site.incidence(j) for j in range(1, self.n_dof + 1)]
-        return self.seen.through(super().columns(site, laws, segment), ends, segment)
+        ends, of = self.ends @ [site.incidence(j) for j in range(1, self.n_dof + 1)], super().columns
+        return np.hstack([self.seen.through(of(site, laws, [i]), ends, i) for i in records])
 
-    def fixed(self, segment: int) -> list[np.ndarray]:
+    def fixed(self, records: Sequence[int]) -> list[np.ndarray]:
         """What inertias do to the channels; what the forces do, less what the run misses of them; the channels."""
-        rows = zip(super().fixed(segment), [*self.ends, *self.ends])
-        each = [self.seen.through(row[None], end, segment) for row, end in rows]
-        force = np.sum(each[self.n_dof :], axis=0) - self.seen.gaps[segment]
-        return list(np.vstack([*each[: self.n_dof], force, self.seen.measured[segment]]))
+        parts = []
+        for i in records:
+            rows = zip(super().fixed([i]), [*self.ends, *self.ends])
+            each = [self.seen.through(row[None], end, i) for row, end in rows]
+            force = np.sum(each[self.n_dof :], axis=0) - self.seen.gaps[i]
+            parts.append(np.vstack([*each[: self.n_dof], force, self.seen.measured[i]]))
+        return list(np.hstack(parts))
 
 
 class ChannelRuler(Ruler):
@@ -320,7 +326,8 @@ class ChannelRuler(Ruler):
 
     def missed(self, windows: Windows) -> Powers:
         """Powers of what the free run misses of the channels, and of the channels, in some windows."""
-        lines = (windows.spectra(rows) for rows in (self.work.seen.gaps, self.work.seen.measured))
+        held = (self.work.seen.gaps, self.work.seen.measured)
+        lines = (windows.spectra(partial(_side_by_side, rows)) for rows in held)
         gap, whole = (np.einsum("fkii->fik", windows.grams(line)) for line in lines)
         return Powers(gap, whole.sum(axis=0))
 

@@ -47,7 +47,7 @@ def lines_at(trial: Trial, proposal: Proposal) -> list[float]:
     few = next_fast_len(int(2.2 * size * segment.step * trial.ruler.windows.edges[-1]))  # as often as the ruler sees
     few = few if 3 * MOST < size > few else size
     seen, left = inside[whole], inside[whole][np.arange(few) * size // few]
-    held, rows = work.thinned, np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
+    held, rows = work.made, np.zeros((trial.at + 2 * work.n_dof, few))  # those of the balance of the DOF
 
     def thin(key: Any, columns: Callable[[], np.ndarray]) -> np.ndarray:
         if (key, few) not in held:

@@ -218,13 +218,14 @@ class Errors:
         new |= {key: held[key] for held in self._changes for key, _ in touched if key in held}
         if missing := [(key, at) for key, at in touched if key not in new]:
             moved = self.work.with_data(_faulty(self.work, self.readings, [(error, 0.1 * error.deviation)]))
-            rows: dict[int, list[np.ndarray]] = {
-                i: [moved.columns(s, [law], i) if law else moved.fixed(i)[own][None] for (_, s, law), _ in missing]
-                for i in self.ruler.segments
-            }
-            ends = np.cumsum([len(each) for each in rows[self.ruler.segments[0]]])
-            spectra = self.ruler.windows.spectra({i: np.vstack(each) for i, each in rows.items()})
-            for (key, at), after in zip(missing, np.split(spectra, ends[:-1])):
+            laws = [(s, law) for (_, s, law), _ in missing]
+            ends = np.cumsum([len(law.terms()) if law else 1 for _, law in laws])
+
+            def rows(group: tuple[int, ...]) -> np.ndarray:
+                each = (moved.columns(s, [law], group) if law else moved.fixed(group)[own][None] for s, law in laws)
+                return np.vstack(list(each))
+
+            for (key, at), after in zip(missing, np.split(self.ruler.windows.spectra(rows), ends[:-1])):
                 new[key] = 10.0 * (after - trial.spectra[at : at + len(after)])[:, self.thin]
         yield from ((change, at + k, number) for key, at in touched for k, change in enumerate(new[key]))
 

@@ -16,8 +16,8 @@ from .ruler import Gain, Trial
 
 # Points of a scan along each axis by the number of shape parameters.
 GRID = {1: 9, 2: 5, 3: 4}
-# Evaluations of a refinement for each shape parameter, and after how many it ends if it has less than this share of the
-# best gain. Of 46 refinements that came near the best (battery, 52 cases of seed 2901; measured sets) the least had 0.58.
+# Evaluations of a refinement for each shape parameter; after how many it ends if it has less than a share of the best
+# gain. Of 46 refinements that came near the best (battery, 52 cases of seed 2901; measured sets) the least had 0.58.
 _EVALUATIONS, _FEW, BEHIND = 25, 8, 0.4
 
 

@@ -11,7 +11,7 @@ column over a fold is taken out: the zero of a sensor drifts, and a constant for
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from ..exceptions import ChannelError
 from ..regression.segments import BlockRows, Segment, SegmentSet
 from .constants import BANDS, EXPLAINED, FOLDS, HELD_OUT, PIECES, SHORTEST_PIECE, WINDOWS
 
+# Rows of some records side by side, (n_rows, n_valid of all), from the numbers of these.
+Rows = Callable[[tuple[int, ...]], Any]
 # Samples of windows that are transformed at once: they stay in the processor's cache.
 _AT_ONCE = 100_000
 _TOO_SHORT = "The records are too short to be split into search and held-out parts", "Give longer records."
@@ -180,6 +182,12 @@ class Windows:
             edges = np.concatenate([[0.0], (cuts - 0.5) / (size * dt)])
         self.edges = edges
         self._lines = [np.searchsorted(np.fft.rfftfreq(size, dt), edges) for size, dt in zip(self.sizes, steps)]
+        # Records whose rows stand side by side: those with the same windows, some samples at a time.
+        ends = np.cumsum([segment.n_valid for segment in data.segments]) // _AT_ONCE
+        alike: dict[tuple, list[int]] = {}
+        for i in dict.fromkeys(b.segment for b in self.blocks):
+            alike.setdefault((self.sizes[i], *self._lines[i], ends[i]), []).append(i)
+        self.groups = [tuple(some) for some in alike.values()]
         self._hann = [np.sin(np.pi * np.arange(n) / n) ** 2 * np.sqrt(2.0 / n / 0.75) for n in self.sizes]
         # Columns of the spectra that hold each band of each fold; the folds of a band stand side by side.
         widths = np.array([2 * self.count(b) * np.diff(self._lines[b.segment]) for b in self.blocks])
@@ -188,31 +196,34 @@ class Windows:
         self.spans = [[slice(int(a), int(a + w)) for a, w in zip(lo, width)] for lo, width in zip(first, widths)]
         self.bands = [slice(int(a), int(b)) for a, b in zip(first[0], [*first[0, 1:], ends[-1]])]
         self.size = int(ends[-1])
-        # Some windows of a record at a time: their starts, their lines, and the places of these in a row of all; the
+        # Some windows of a group at a time: their starts, their lines, and the places of these in a row of all; the
         # order in which the spectral values of a column stand there.
         self._some: list[tuple[int, np.ndarray, slice, slice]] = []
         self._order = np.empty(self.size // 2, dtype=np.int32)
         self._place_windows()
-        self._ones: list[np.ndarray] = []
+        self._means = np.zeros((0, 0))
         if centred and edges[0] == 0:  # the mean of a fold stands in the first lines
-            ones = self._transformed({b.segment: np.ones((1, b.rows.stop)) for b in self.blocks})[0]
-            self._ones = [part / np.sqrt(part @ part) for part in (ones[spans[0]] for spans in self.spans)]
+            ones = self._transformed(lambda some: np.ones((1, sum(data.segments[i].n_valid for i in some))))[0]
+            self._means = np.zeros((self.bands[0].stop, len(self.blocks)))
+            for k, (part, *_) in enumerate(self.spans):
+                self._means[part, k] = ones[part] / np.sqrt(ones[part] @ ones[part])
 
     def _place_windows(self) -> None:
-        """Divide the windows of each record into those transformed at once, and find the places of their lines."""
+        """Divide the windows of each group into those transformed at once, and find the places of their lines."""
         at = 0
-        for i in dict.fromkeys(b.segment for b in self.blocks):
-            starts, size, count = [], self.sizes[i], int(np.ptp(self._lines[i]))
-            for block, spans in ((b, spans) for b, spans in zip(self.blocks, self.spans) if b.segment == i):
+        for k, group in enumerate(self.groups):
+            starts, size, lines = [], self.sizes[group[0]], self._lines[group[0]]
+            count, before = int(np.ptp(lines)), np.cumsum([0, *(self.data.segments[i].n_valid for i in group)])
+            for block, spans in ((b, spans) for b, spans in zip(self.blocks, self.spans) if b.segment in group):
                 each = np.arange(self.count(block))[:, None]
-                starts.append(block.rows.start + size // 2 * each)
+                starts.append(before[group.index(block.segment)] + block.rows.start + size // 2 * each)
                 places = (at + count * each + np.arange(count)).T.ravel()  # line by line, window by window
                 self._order[np.concatenate([np.arange(s.start // 2, s.stop // 2) for s in spans])] = places
                 at += len(places)
             every, stop = np.concatenate(starts), at - sum(map(len, starts)) * count
             for part in np.array_split(every, -(-len(every) * size // _AT_ONCE)):
                 begin, stop = stop, stop + len(part) * count
-                self._some.append((i, part, slice(self._lines[i][0], self._lines[i][-1]), slice(begin, stop)))
+                self._some.append((k, part, slice(lines[0], lines[-1]), slice(begin, stop)))
 
     def within(self, low: float | None, high: float | None) -> Windows:
         """The same windows with the lines of one frequency band, Hz, alone."""
@@ -236,25 +247,25 @@ class Windows:
         """The same windows, spectra cut above a band."""
         return Windows(self.data, self.blocks, self.length, self.edges[: band + 2], self.centred)
 
-    def spectra(self, rows: Mapping[int, Any], kind: Any = float) -> np.ndarray:
-        """Spectra of rows of each record, real and imaginary parts beside each other, (n_rows, size)."""
+    def spectra(self, rows: Rows, kind: Any = float) -> np.ndarray:
+        """Spectra of rows of each group of records, real and imaginary parts beside each other, (n_rows, size)."""
         out = self._transformed(rows, kind)
-        for spans, ones in zip(self.spans, self._ones):
-            part = out[:, spans[0]]
-            part -= np.outer(part @ ones, ones)
+        part = out[:, : len(self._means)]
+        part -= part @ self._means @ self._means.T
         return out
 
-    def _transformed(self, rows: Mapping[int, Any], kind: Any = float) -> np.ndarray:
-        count = len(next(iter(rows.values())))
-        out = np.empty((count, self.size // 2), dtype=np.result_type(kind, 1j))
-        few = max(1, _AT_ONCE // sum(len(starts) * self.sizes[i] for i, starts, *_ in self._some))
-        every, within = np.empty((few, self.size // 2), dtype=complex), {i: np.arange(self.sizes[i]) for i in rows}
-        for some in (slice(at, at + few) for at in range(0, count, few)):
-            lines = every[: min(few, count - some.start)]
-            y = {i: np.asarray(own[some], dtype=float) for i, own in rows.items()}
-            for i, starts, inside, places in self._some:
-                windows = y[i].take(starts + within[i], axis=1)
-                windows *= self._hann[i]
+    def _transformed(self, rows: Rows, kind: Any = float) -> np.ndarray:
+        own = [rows(group) for group in self.groups]
+        sizes = [self.sizes[group[0]] for group in self.groups]
+        out = np.empty((len(own[0]), self.size // 2), dtype=np.result_type(kind, 1j))
+        few = max(1, _AT_ONCE // sum(len(starts) * sizes[k] for k, starts, *_ in self._some))
+        every, within = np.empty((few, self.size // 2), dtype=complex), [np.arange(size) for size in sizes]
+        for some in (slice(at, at + few) for at in range(0, len(out), few)):
+            lines = every[: min(few, len(out) - some.start)]
+            y = [np.asarray(held[some], dtype=float) for held in own]
+            for k, starts, inside, places in self._some:
+                windows = y[k].take(starts + within[k], axis=1)
+                windows *= self._hann[self.groups[k][0]]
                 into = lines[:, places].reshape(len(lines), len(starts), -1)
                 into[:] = rfft(windows, axis=-1, overwrite_x=True)[..., inside]
             out[some] = lines.take(self._order, axis=1)
@@ -286,6 +297,6 @@ class ChannelWindows(Windows):
         )
         self.channels = channels
 
-    def spectra(self, rows: Mapping[int, Any], kind: Any = float) -> np.ndarray:
+    def spectra(self, rows: Rows, kind: Any = float) -> np.ndarray:
         """Spectra of rows, those of all channels beside each other, (n_rows, n_channels * size)."""
         return super().spectra(rows, kind).reshape(-1, self.channels * self.size)

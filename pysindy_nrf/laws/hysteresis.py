@@ -229,9 +229,9 @@ class LuGre(ForceLaw):
         here = a0
         for i in range(parts + 2):
             there = a1 if i > parts else b0 + (b1 - b0) * i / parts
-            if a0 != a1 and there == here:
-                continue
             share = (there - here) / (a1 - a0) * ((there + here) / (a1 + a0)) if a0 != a1 else 1.0 / (parts + 2)
+            if share <= 0.0:
+                continue
             fall = min(0.5 * (here + there) / theta[1], 26.0)
             level = 1.0 + (theta[2] - 1.0) * math.exp(-fall * fall)
             top = sign * level

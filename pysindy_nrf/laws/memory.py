@@ -196,23 +196,30 @@ def memory_path(walk, s, v, a, t, u, theta, state, z, h, at):
 def state_path(
     law: Any, motion: Motion, u: np.ndarray, theta: np.ndarray, state: np.ndarray | None = None
 ) -> np.ndarray:
-    """Internal state of a law along one contiguous record, (n_states, n_samples); ``state`` is moved to its end."""
+    """Internal state of a law along a motion, (n_states, n_samples); ``state`` is moved to the end of its record."""
     none = np.empty(0)
-    state = np.zeros(law.n_states) if state is None else state
     s, v, a, t = (read_only(none if x is None else x) for x in (motion.s, motion.v, motion.a, motion.t))
-    z = np.empty((law.n_states, len(s)))
     if not np.isfinite(s.sum() + v.sum()):
         raise ChannelError("The motion of a law with memory is not finite", "Remove NaN rows at both ends first.")
-    if len(s):
-        try:
-            walk = walk_pointer(type(law).advance, law.n_states, len(u))
-            h, at = np.empty(5 * _STRETCH + 12), np.empty(2 * _STRETCH + _LOOK, dtype=np.int64)
-            memory_path(walk.address, s, v, a, t, read_only(u), read_only(theta), state, z, h, at)
-        except NumbaError as error:
-            raise cannot_compile(law, error) from error
-    if not np.isfinite(state).all():
-        if motion.t is None:
-            raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
-        cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
-        raise LawError(f"The state of {type(law).__name__} diverges on this motion", cure)
-    return z
+    try:
+        walk = walk_pointer(type(law).advance, law.n_states, len(u))
+        h, at = np.empty(5 * _STRETCH + 12), np.empty(2 * _STRETCH + _LOOK, dtype=np.int64)
+        paths, shape, marks = [np.empty((law.n_states, 0))], read_only(theta), [*motion.starts, len(s)]
+        for low, high in zip([0, *motion.starts], marks if len(s) else []):
+            state = np.zeros(law.n_states) if low or state is None else state
+            z, part = np.empty((law.n_states, high - low)), slice(low, high)
+            memory_path(walk.address, s[part], v[part], a[part], t[part], read_only(u[:, part]), shape, state, z, h, at)
+            paths.append(z)
+            if not np.isfinite(state).all():
+                raise _diverges(law, motion)
+    except NumbaError as error:
+        raise cannot_compile(law, error) from error
+    return np.hstack(paths) if motion.starts else paths[-1]
+
+
+def _diverges(law: Any, motion: Motion) -> LawError:
+    """What to do where the state is not finite."""
+    if motion.t is None:
+        return LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
+    cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
+    return LawError(f"The state of {type(law).__name__} diverges on this motion", cure)

@@ -1,15 +1,17 @@
 """Motion at a site, shape parameters of laws and the scale on which they are searched."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 
 @dataclass
 class Motion:
-    """Motion at the site of a law in one contiguous record.
+    """Motion at the site of a law in one contiguous record, or in several, one after the other.
 
     Attributes
     ----------
@@ -21,6 +23,8 @@ class Motion:
         Time on the clock of the record (s).
     covariates : mapping of str to ndarray of shape (n_samples,)
         Further measured channels, e.g. a damper's voltage.
+    starts : tuple of int
+        First samples of further records: there a law with memory starts fresh.
 
     Examples
     --------
@@ -36,11 +40,27 @@ class Motion:
     a: np.ndarray | None = None
     t: np.ndarray | None = None
     covariates: Mapping[str, np.ndarray] = field(default_factory=dict)
+    starts: tuple[int, ...] = ()
 
     @property
     def n_samples(self) -> int:
         """Number of samples."""
         return len(self.s)
+
+    @classmethod
+    def joined(cls, parts: Sequence[Motion]) -> Motion:
+        """Motions of several records, one after the other, with what all of them hold."""
+        if len(parts) == 1:
+            return parts[0]
+
+        def line(name: str) -> Any:
+            held = [getattr(part, name) for part in parts]
+            return None if any(y is None for y in held) else np.concatenate(held)
+
+        shared = [c for c in parts[0].covariates if all(c in part.covariates for part in parts)]
+        covariates = {c: np.concatenate([part.covariates[c] for part in parts]) for c in shared}
+        ends = np.cumsum([part.n_samples for part in parts])
+        return cls(line("s"), line("v"), line("a"), line("t"), covariates, tuple(ends[:-1].tolist()))
 
 Given = float | None  # the value of a parameter; None: to be estimated
 # Scales of a site, bounds are multiples of them: rms drift (m) and rate (m/s), longest record, first and last time (s).

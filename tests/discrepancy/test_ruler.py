@@ -96,7 +96,7 @@ def test_a_band_that_is_given_leaves_no_line_outside():
     windows = Windows(data, [BlockRows(0, slice(0, len(T)))], 0.5)  # the first band ends at 3 Hz
     within = windows.within(5.0, 20.0)
     assert within.edges[0] == 5.0 and within.edges[-1] <= 20.0
-    power = [(within.spectra({0: y[None]}) ** 2).sum() for y in (slow, fast)]
+    power = [(within.spectra(lambda _, y=y: y[None]) ** 2).sum() for y in (slow, fast)]
     assert power[0] < 1e-3 * power[1]
     with pytest.raises(ChannelError, match="No spectral line"):
         windows.within(5.1, 5.9)
@@ -119,7 +119,7 @@ def windows(rows, n=6000, dt=0.01, centred=True):
     seg = Segment("r", slice(0, n), *np.zeros((4, n, 1)), np.arange(n) * dt, valid=slice(0, n))
     blocks = [BlockRows(0, slice(0, 3200)), BlockRows(0, slice(3200, n))]
     found = Windows(SegmentSet([seg], n), blocks, 2.0, centred=centred)
-    return found, found.spectra({0: np.atleast_2d(rows)})
+    return found, found.spectra(lambda _: np.atleast_2d(rows))
 
 
 def test_the_bands_hold_the_inner_products_of_the_windowed_columns():
@@ -341,9 +341,9 @@ def test_a_force_with_some_unknown_samples_counts_where_it_is_known():
     """A corrected delay leaves samples at an end unknown: they are zero for the spectra, the others as measured."""
     state, _ = searched(Plan(2, (1, 2), seed=75, n_samples=2000), [])
     work = state.trial.ruler.work
-    whole, cut = work.fixed(0)[2], work.data.segments[0].F.copy()
+    whole, cut = work.fixed([0])[2], work.data.segments[0].F.copy()
     cut[work.data.segments[0].valid][:3, 0] = np.nan
-    found = work.with_data(SegmentSet([replace(work.data.segments[0], F=cut)], work.data.n_samples)).fixed(0)[2]
+    found = work.with_data(SegmentSet([replace(work.data.segments[0], F=cut)], work.data.n_samples)).fixed([0])[2]
     assert not found[:3].any() and (found[3:] == whole[3:]).all()
 
 

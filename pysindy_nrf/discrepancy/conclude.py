@@ -42,7 +42,7 @@ from .windows import ChannelWindows, split, window_length
 LEVEL = 0.95
 # Draws of noise, of which one tells what it leaves of a balance to a fifth: 0.8 to 1.3 of the mean.
 FLOORS, LEAST_DRAW = 4, 0.8
-RUN = 3 * MOST  # samples of free runs, in all held-out windows or from the start of a record: unstable models crawl
+RUN = 3 * MOST  # samples of free runs from the start of a record: unstable models crawl
 
 
 @dataclass(eq=False)
@@ -378,7 +378,7 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
     if (model.masses <= 0).any():
         return float("nan")
     top, bottom = np.zeros(model.n_dof), np.zeros(model.n_dof)
-    every = -(-sum(b.rows.stop - b.rows.start for b in work.held) // RUN)
+    every = -(-sum(b.rows.stop - b.rows.start for b in work.held) // MOST)
     for block in work.held:
         seg = work.data.segments[block.segment]
         if seg.dt is None or np.isnan(seg.F[seg.valid.start]).any():

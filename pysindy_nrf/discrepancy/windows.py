@@ -273,13 +273,12 @@ class Windows:
 
     def grams(self, *spectra: np.ndarray) -> np.ndarray:
         """Products of the rows of some spectra by fold and band, (n_folds, n_bands, n_rows, n_rows)."""
-
-        def of(columns: slice) -> np.ndarray:
-            each = [rows[:, columns].astype(float, copy=False) for rows in spectra]
-            part = np.vstack(each) if len(each) > 1 else each[0]
-            return part @ part.T
-
-        return np.array([[of(columns) for columns in spans] for spans in self.spans])
+        bands = []
+        for band, *spans in zip(self.bands, *self.spans):
+            part = np.vstack([rows[:, band] for rows in spectra]).astype(float, copy=False)
+            folds = (part[:, span.start - band.start : span.stop - band.start] for span in spans)
+            bands.append(np.array([own @ own.T for own in folds]))
+        return np.stack(bands, axis=1)
 
     def products(self, columns: np.ndarray) -> np.ndarray:
         """Products of the columns of each trial by band, (n_trials, n_columns, size) to (n_trials, n_bands, n, n)."""

@@ -309,7 +309,7 @@ class Regression:
     def coefficients(self, target: str, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Coefficients on all data, by name, in the columns' own units."""
         index = self._index(target, names)
-        w = _solved(self.grams.sum(axis=0)[None, index[:, None], index], self._fit(target, tuple(names))[1])[0]
+        w = _solved(self.grams.sum(axis=0)[index[:, None], index], self._fit(target, tuple(names))[1])
         w = w * self.size[index[-1]] / self.size[index[:-1]]
         ends = np.cumsum([0, *(len(self.at[name]) for name in names)])
         return {name: w[a:b] for name, a, b in zip(names, ends, ends[1:])}
@@ -326,12 +326,12 @@ class Regression:
             count = int(self.folds.max()) + 1
             parts = np.array([grams[self.folds == k].sum(axis=0) for k in range(count)])
             train = parts.sum(axis=0) - parts if count > 1 else parts
-            tried = []
-            for ridge in _RIDGE if len(index) > 1 else _RIDGE[:1]:
-                full = np.column_stack([-_solved(train, ridge), np.ones(count)])[self.folds]
-                left = np.einsum("bi,bi->b", full, (grams @ full[:, :, None])[:, :, 0])
-                tried.append((scale * np.maximum(left, 0.0), ridge))
-            self._fits[target, names] = min(tried, key=lambda one: one[0].sum())
+            ridges = np.array(_RIDGE if len(index) > 1 else _RIDGE[:1])
+            full = np.insert(-_solved(train, ridges[:, None, None, None]), len(index) - 1, 1.0, axis=2)
+            full = full.transpose(1, 2, 0)[self.folds]  # (n_blocks, n_columns, n_ridges)
+            left = scale * np.maximum((full * (grams @ full)).sum(axis=1), 0.0)
+            best = left.sum(axis=0).argmin()
+            self._fits[target, names] = left[:, best], float(ridges[best])
         return self._fits[target, names]
 
 
@@ -342,12 +342,12 @@ def in_blocks(records: Sequence[np.ndarray], n_blocks: int = 25) -> list[np.ndar
     return [block for part, count in zip(records, counts) for block in np.array_split(part, count)]
 
 
-def _solved(grams: np.ndarray, ridge: float) -> np.ndarray:
-    """Ridge regression of the last column on the others, one for each Gram matrix."""
-    A, h = grams[:, :-1, :-1], grams[:, :-1, -1:]
-    eye = np.eye(A.shape[1])
-    sizes = np.maximum(np.einsum("kii->ki", A), 1e-12)[:, None, :] * eye
-    return np.linalg.solve(A + ridge * sizes + 1e-12 * eye, h)[:, :, 0]
+def _solved(grams: np.ndarray, ridge: Any) -> np.ndarray:
+    """Ridge regression of the last column on the others, one for each Gram matrix and ridge."""
+    A, h = grams[..., :-1, :-1], grams[..., :-1, -1:]
+    eye = np.eye(A.shape[-1])
+    sizes = np.maximum(np.einsum("...ii->...i", A), 1e-12)[..., None, :] * eye
+    return np.linalg.solve(A + ridge * sizes + 1e-12 * eye, h)[..., 0]
 
 
 def share_of(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:

@@ -1,5 +1,8 @@
 """What every test file shares."""
 
+import os
+from pathlib import Path
+
 import chains
 import pytest
 from hypothesis import settings
@@ -9,6 +12,8 @@ from pysindy_nrf.simulation.noise import add_noise
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")
+if (BESIDE := Path(__file__).parents[2] / "shared" / "data").is_dir():  # benchmarks that tests call read them, too
+    os.environ.setdefault("PYSINDY_NRF_DATA", str(BESIDE))
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import warnings
 from pathlib import Path
 from unittest.mock import patch
 
+import measured
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,7 +21,6 @@ import discrepancy_battery  # noqa: E402
 import noise  # noqa: E402
 from battery.generators import make_case  # noqa: E402
 
-DATA = BENCHMARKS.parents[1] / "shared" / "data"
 pytestmark = pytest.mark.examples
 
 
@@ -97,14 +97,14 @@ def test_estimates_stay_above_the_cramer_rao_bound_and_near_it():
 
 def test_measured_records_are_searched_without_a_band():
     """One effect of one damper and of two cyclic runs; what the checks find is for the reader, not for this test."""
-    if "PYSINDY_NRF_DATA" not in os.environ and not DATA.is_dir():
-        pytest.skip(f"the measured sets are not in {DATA}")
+    measured.folder("mr_damper_cyclic")
     said = run("measured_records", "--quick")
     assert "| no claim raises the held-out error | none does | PASS |" in said
     assert "## mr_cyclic, 2 runs" in said and "refused" not in said
 
 
 def test_half_of_a_record_holds_the_effect_of_the_whole():
+    measured.folder("friction_damper_with_backlash")
     assert "Kept: 1 of 1" in run("robustness", "--quick")
 
 

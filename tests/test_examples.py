@@ -7,17 +7,15 @@ import sys
 import warnings
 from pathlib import Path
 
+import measured
 import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
-MEASURED = os.environ.get("PYSINDY_NRF_DATA")
 # The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them too, and so does the gallery.
 SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force")
 ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
-pytestmark = pytest.mark.examples
-
-
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "examples" / "notebooks").glob("*.ipynb"))
+pytestmark = pytest.mark.examples
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
@@ -35,8 +33,8 @@ def test_the_notebook_runs(path, tmp_path, monkeypatch):
 def test_the_example_runs_and_draws(path, tmp_path, monkeypatch):
     matplotlib = pytest.importorskip("matplotlib")
     pytest.importorskip("matplotlib.pyplot")
-    if "_measured" in path.stem and not MEASURED:
-        pytest.skip("PYSINDY_NRF_DATA does not name the folder of the measured records")
+    if "_measured" in path.stem:
+        measured.folder("nees_three_storey")
     if path.stem not in SHORT and not ALL:
         pytest.skip("long; PYSINDY_NRF_ALL_EXAMPLES=1 runs it")
     monkeypatch.chdir(tmp_path)

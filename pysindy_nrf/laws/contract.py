@@ -125,7 +125,7 @@ def check_symmetry(law: ForceLaw, rng: np.random.Generator) -> None:
 
 
 def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
-    """Each record starts from a fresh state; blocks that pass on the state give the same columns as the record."""
+    """Each record starts from a fresh state, also beside another; blocks that pass it on are as the whole record."""
     motion = random_motion(law, rng)
     columns = law.features(motion)
     k = motion.n_samples // 2 + 3
@@ -139,6 +139,8 @@ def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
     law.kernel(last.s[:1], last.v[:1], last.a[:1], last.t[:1], u, np.zeros((law.n_states, 1)), law.theta, out)
     _close(fresh[0], out[:, 0], f"{law}: a record does not start from a fresh state")
     _close(law.features(motion), columns, f"{law}: the law remembers an earlier record")
+    both = law.features(Motion.joined([motion, last]))
+    _close(both, np.vstack([columns, fresh]), f"{law}: two records side by side differ from each of them")
 
 
 def check_energy(law: ForceLaw, rng: np.random.Generator) -> None:

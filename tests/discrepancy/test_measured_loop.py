@@ -23,8 +23,7 @@ EQUAL = {1: 1.0, 2: 1.0, 3: 1.0}
 def loop(record, catalogue=None, **options):
     """No band, no trim: channels, units and known masses are all that the loop is told."""
     baseline = NRFRegressor(degree=1, **options) if "laws" not in options else NRFRegressor(**options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         return close_loop(record, baseline, catalogue)
 
 
@@ -33,9 +32,9 @@ def confirmed(report):
 
 
 @pytest.mark.parametrize("declared", [{"laws": {1: laws.LinearViscous()}}, {}], ids=["damper", "spring"])
-def test_emps_has_friction_and_an_offset(declared, monkeypatch):
+def test_emps_has_friction_and_an_offset(declared):
     """Janot, Gautier, Brunot (2019): M = 95.11 kg, 203.5 N s/m, Coulomb 20.39 N, offset -3.16 N."""
-    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("emps")))
+    folder("emps")
     report = loop(measured_sets.load_emps(), **declared)
     first, *others = confirmed(report)
     assert "friction" in {first.family, *first.alternatives}
@@ -45,17 +44,17 @@ def test_emps_has_friction_and_an_offset(declared, monkeypatch):
 
 
 @pytest.mark.parametrize("first", [0, 274])
-def test_dry_friction_acts_against_the_ground(first, monkeypatch):
+def test_dry_friction_acts_against_the_ground(first):
     """Lathourakis and Cicirello (2024): the mass rubs on a frame that stands still. Only the transient tells it."""
-    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("dry_friction_storey")))
+    folder("dry_friction_storey")
     report = loop(dry_friction().rows(slice(first, None)), known_masses={1: 1.0})
     assert (report.steps[0].law, report.steps[0].site) == ("ground_friction", "dof 1")
     assert not any(s.family == "friction" and s.site == "storey 1" for s in report.steps)
 
 
-def test_bouc_wen_benchmark_gives_the_published_parameters(monkeypatch):
+def test_bouc_wen_benchmark_gives_the_published_parameters():
     """Noel and Schoukens (2016), cut out of a running test."""
-    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("bouc_wen_benchmark")))
+    folder("bouc_wen_benchmark")
     report = loop(measured_sets.load_bouc_wen_benchmark())
     step, linear = report.steps[0], report.model.restoring_forces["storey 1"].linear_part()
     assert step.law == "bouc_wen" and step.error_after <= 1.0
@@ -64,9 +63,9 @@ def test_bouc_wen_benchmark_gives_the_published_parameters(monkeypatch):
 
 
 @pytest.mark.parametrize("test, first", [("fbgm162s5", 0), ("fbgm152s4", 229), ("fbgm152s3", 0)])
-def test_a_strongly_shaken_frame_yields_in_every_storey(test, first, monkeypatch):
+def test_a_strongly_shaken_frame_yields_in_every_storey(test, first):
     """Also where the force of one storey is not known before those of the others are found."""
-    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
+    folder("nees_three_storey")
     report = loop(measured_sets.load_nees_three_storey(test).rows(slice(first, None)), known_masses=EQUAL)
     yielding = {s.site for s in confirmed(report) if "hysteresis" in {s.family, *s.alternatives}}
     assert yielding == {"storey 1", "storey 2", "storey 3"}
@@ -74,16 +73,16 @@ def test_a_strongly_shaken_frame_yields_in_every_storey(test, first, monkeypatch
     assert errors == sorted(errors, reverse=True)
 
 
-def test_an_effect_takes_over_no_spring(monkeypatch):
+def test_an_effect_takes_over_no_spring():
     """Sliders beside -214 N/m, where the storey has 420, explained the search and not what was held out."""
-    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
+    folder("nees_three_storey")
     report = loop(measured_sets.load_nees_three_storey("fbgm162s5").rows(slice(113, None)), known_masses=EQUAL)
     springs = [[force.linear_part()["k"] for force in m.restoring_forces.values()] for m in report.models]
     assert report.steps and np.min(springs) > 0
 
 
-def test_an_effect_that_takes_a_tenth_of_the_held_out_error_is_confirmed(monkeypatch):
-    monkeypatch.setenv("PYSINDY_NRF_DATA", str(folder("nees_three_storey")))
+def test_an_effect_that_takes_a_tenth_of_the_held_out_error_is_confirmed():
+    folder("nees_three_storey")
     report = loop(measured_sets.load_nees_three_storey("fbgm162s3"), known_masses=EQUAL)
     small = [step for step in report.steps if step.gain < 0.915]  # they take less than a tenth in the search
     assert {s.confirmed for s in small} == {True, False}

@@ -117,18 +117,15 @@ class _Motion:
         """The regression on all records in which a residual is known."""
         use = tuple(i for i, e in enumerate(self.residual.at(where)) if np.isfinite(e).all())
         if use not in self._fits:
-            self._fits[use] = self._regression(use)
+            if use not in self._columns:
+                self._columns[use] = self._made(use)
+            left = {name: [self.residual.at(name)[i][:: self.every] for i in use] for name in self.residual.sizes.index}
+            known = {name: parts for name, parts in left.items() if all(np.isfinite(part).all() for part in parts)}
+            self._fits[use] = Regression.of(self._columns[use] | known)
         return self._fits[use]
 
-    def _regression(self, use: tuple[int, ...]) -> Regression:
-        residual = self.residual
-        if use not in self._columns:
-            self._columns[use] = self._made(use)
-        targets = {where: [residual.at(where)[i][:: self.every] for i in use] for where in residual.sizes.index}
-        targets = {where: parts for where, parts in targets.items() if all(np.isfinite(part).all() for part in parts)}
-        return Regression.of(self._columns[use] | targets)
-
     def _made(self, use: tuple[int, ...]) -> dict[str, list[np.ndarray]]:
+        """Columns of the motion, by group, along some records."""
         residual, n, every = self.residual, self.residual.n_dof, self.every
         segments, filters = [residual.data.segments[i] for i in use], [residual.filters[i] for i in use]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -288,10 +288,6 @@ def _typical(left: np.ndarray, power: np.ndarray) -> float:
     return max(float(left[middle]), FLOOR**2 * TENTH)
 
 
-def _side_by_side(rows: Mapping[int, np.ndarray], records: Sequence[int]) -> np.ndarray:
-    return np.hstack([rows[i] for i in records])
-
-
 class ChannelWork(Workspace):
     """Records in which floors have no sensor: the free run of a model, and its columns as the sensors see them."""
 
@@ -326,9 +322,10 @@ class ChannelRuler(Ruler):
 
     def missed(self, windows: Windows) -> Powers:
         """Powers of what the free run misses of the channels, and of the channels, in some windows."""
-        held = (self.work.seen.gaps, self.work.seen.measured)
-        lines = (windows.spectra(partial(_side_by_side, rows)) for rows in held)
-        gap, whole = (np.einsum("fkii->fik", windows.grams(line)) for line in lines)
+        seen = self.work.seen
+        gaps = windows.spectra(lambda some: np.hstack([seen.gaps[i] for i in some]))
+        measured = windows.spectra(lambda some: np.hstack([seen.measured[i] for i in some]))
+        gap, whole = (np.einsum("fkii->fik", windows.grams(rows)) for rows in (gaps, measured))
         return Powers(gap, whole.sum(axis=0))
 
     def find_channel_bands(self, band: tuple[float | None, float | None]) -> np.ndarray:

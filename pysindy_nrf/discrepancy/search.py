@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -93,11 +93,11 @@ class Search:
     def candidates(self, state: State, most: float = np.inf, top: int = FINALISTS) -> list[Finding]:
         """Findings on top of a state, each at ``most`` sites, the best first, cross-validated."""
         found: list[Finding] = []
-        promised, best = self._promised(state), 0.0
+        promised, best, base = self._promised(state), 0.0, cache(partial(self.without, state))
         for proposal in sorted(self.proposals, key=lambda p: len(p.law.free_shape)):
             self.progress()
             if len(proposal.sites) <= most and _worth_a_scan(proposal, found, promised, best):
-                scans = (self._scanned(base, proposal, state) for base in self._bases(state, proposal))
+                scans = (self._scanned(base(gone), proposal, state) for gone in self._replaced(state, proposal))
                 found += (new := [scan for scan in scans if scan is not None])
                 best = max([best, *(f.screen for f in new)])
         found.sort(key=lambda f: -f.screen)
@@ -119,26 +119,21 @@ class Search:
                 out[site] = np.inf
         return out
 
-    def _bases(self, state: State, proposal: Proposal) -> list[State]:
-        """The state without the effects whose place a proposal takes, and with those beside which it can stand."""
-        mine = [e for e in state.effects if e.site in proposal.sites]
-        if any((e.template, e.site) == (proposal.law, e.site) and not e.template.superposes for e in mine):
-            return []
-        law = proposal.law
-        must = {e for e in mine if exclude(e.law, law)}
-        may = must | {e for e in mine if e.law.family == law.family and not law.superposes}
-        return [self.without(state, gone) for gone in {frozenset(must), frozenset(may)}]
+    def _replaced(self, state: State, proposal: Proposal) -> set[frozenset[Effect]]:
+        """The effects whose place a proposal must take, and with them those whose place it may take."""
+        mine, law = [e for e in state.effects if e.site in proposal.sites], proposal.law
+        if any(e.template == law and not law.superposes for e in mine):
+            return set()
+        must = frozenset(e for e in mine if exclude(e.law, law))
+        return {must, must | {e for e in mine if e.law.family == law.family and not law.superposes}}
 
     @staticmethod
     def without(state: State, gone: Iterable[Effect]) -> State:
         """The state without some effects."""
-        gone = set(gone)
-        trial = state.trial
-        if not gone:
-            return state
+        trial, gone = state.trial, set(gone)
         for e in gone:
             trial = trial.without(e.site, e.law)
-        return State(trial, tuple(e for e in state.effects if e not in gone), state.ready)
+        return State(trial, tuple(e for e in state.effects if e not in gone), state.ready) if gone else state
 
     def _scanned(self, base: State, proposal: Proposal, state: State) -> Finding | None:
         ruler = base.trial.ruler

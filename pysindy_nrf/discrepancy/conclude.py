@@ -30,12 +30,12 @@ from . import judge, words
 from .catalogue import as_laws, balances_of, candidates, general_laws
 from .constants import BY_NOISE, CLAIMED, COMPLETE, HOPELESS, LARGE_GAIN, LEAST_GAIN, PERIODS, TENTH
 from .evidence import look
-from .prepare import MOST, Prepared, Workspace, measured_of
+from .prepare import MOST, Workspace, measured_of
 from .report import LoopReport, Step, audit
 from .residual import floor_of, loops_of, searched, simulated
 from .ruler import ChannelRuler, ChannelWork, Gain, Laws, Powers, Ruler, Slot, Trial
 from .search import Forward, Search
-from .sensors import contradictions
+from .sensors import SUSPECTS
 from .state import Axes, Effect, Finding, Proposal, State
 from .windows import ChannelWindows, split, window_length
 
@@ -116,7 +116,18 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
     stopped += f". {words.not_in_catalogue(there)}" if len(there) and fewer else ""
     for step in steps:  # no name is sure where a law is lacking
         step.sure &= balances_of(Site(step.site)) not in [balances_of(Site(site)) for site, _ in there.index]
-    report = _report(forward, first, settings, steps, stands, at, noise, stopped)
+    work, ready = confirmed.trial.ruler.work, forward.whole or forward.state.ready
+    if ready.contradictions:
+        stopped += f". {words.contradictions([s.witness for s in ready.contradictions[:SUSPECTS]])}"
+    report = _report(steps, stands, at, stopped, first.trial.ruler.band(), forward.last)
+    model, floor = report.model, floor_of(report.model, None if noise is None else noise.work)
+    for site in model.laws:
+        s, v = work.along(site)
+        model.visited[Site(site)] = VisitedRegion.of(v, s)
+    each = zip(stands, report.models, [*(step.site for step in steps), ""])
+    report.evidence = [look(s.trial.ruler.work, m, s.name, site, floor) for s, m, site in each]
+    report.measured, report.loops = measured_of(ready), loops_of(model, *searched(work))
+    report.settings = audit(settings, [ready.records[i] for i in ready.heldout or ()])
     report.lack_of_fit, report.beyond_noise = general.drop(columns="there"), beyond
     report.bounds = _bounds(confirmed.trial)
     return report
@@ -125,7 +136,7 @@ def concluded(forward: Forward, first: State, settings: Mapping[str, Any], rng: 
 def _general(final: Stand, forward: Forward, asked: bool) -> pd.DataFrame:
     """What the general laws still gain at each storey and tie, dB; where ``asked``, whether errors explain it."""
     trial = final.trial.on_part()
-    rows = {}
+    rows = []
     for site in trial.chain.sites:
         for law in general_laws(trial.ruler.work, site):
             try:
@@ -135,9 +146,9 @@ def _general(final: Stand, forward: Forward, asked: bool) -> pd.DataFrame:
             gain = after.gain_over(trial)
             there = asked and judge.is_there(gain) and gain.bound > 0 and forward.beyond_errors(after, trial, law)[1]
             words_of = "a function of drift and rate" if not law.has_memory else "a hysteresis of sliders"
-            rows[str(site), words_of] = gain.value, gain.error, there
-    index = pd.MultiIndex.from_tuples(rows, names=["site", "general law"]) if rows else None
-    return pd.DataFrame(list(rows.values()), index, columns=["gain (dB)", "standard error", "there"])
+            rows.append((str(site), words_of, gain.value, gain.error, there))
+    columns = ["site", "general law", "gain (dB)", "standard error", "there"]
+    return pd.DataFrame(rows, columns=columns).set_index(columns[:2])
 
 
 def _pair(forward: Forward, trial: Trial, effect: Effect) -> tuple[Trial, Trial]:
@@ -214,16 +225,15 @@ def _step(
     site, (old, trial) = effect.site, searched or (before.trial, after.trial)
     gain = trial.gain_over(old)
     held = Gain(before.held, after.held, before.trial.ruler.informative)
-    families = dict.fromkeys(f.family for f in rivals if f.family != effect.law.family)
-    work = trial.ruler.work
+    families = [f.family for f in rivals]
     if not effect.is_fault:
         low, high = trial.ruler.band()
-        families = dict.fromkeys([effect.law.limit(work.scales(site)[0], (low or 0.0, high or np.inf)), *families])
-    families.pop(effect.law.family, None)
+        families.insert(0, effect.law.limit(trial.ruler.work.scales(site)[0], (low or 0.0, high or np.inf)))
     if effect.law.variable == "1":
-        families = dict.fromkeys(["sensor"])  # the wrong zero of a displacement is the same
+        families = ["sensor"]  # the wrong zero of a displacement is the same
+    others = [family for family in dict.fromkeys(families) if family != effect.law.family]
     step = Step(
-        effect.law.name, effect.law.family, str(site), shape=dict(effect.law.shape), alternatives=list(families)[:2],
+        effect.law.name, effect.law.family, str(site), shape=dict(effect.law.shape), alternatives=others[:2],
         error_before=before.error, error_after=after.error, free_run_before=before.row["free run"],
         free_run_after=after.row["free run"], validation_before=old.ruler.error(old.powers), gain=gain.value,
         gain_error=gain.error, gain_least=gain.least, gain_heldout=held.value,
@@ -331,46 +341,24 @@ def _say_how_sure(steps: list[Step], final: Stand, noises: Iterable[Ruler]) -> n
 
 
 def _report(
-    forward: Forward, first: State, settings: Mapping[str, Any], steps: list[Step], stands: list[Stand],
-    at: int, noise: Ruler | None, stopped: str,
+    steps: list[Step], stands: list[Stand], at: int, stopped: str, band: tuple[float | None, float | None],
+    last: Sequence[tuple[Finding, Gain]],
 ) -> LoopReport:  # fmt: skip
-    work, ready = stands[at].trial.ruler.work, forward.whole or forward.state.ready
-    models = [stand.trial.model() for stand in stands]
-    model = models[at]
-    assert ready is not None
+    """The report on models that were judged, of which the one ``at`` holds the confirmed effects."""
     rows: dict[str, dict[str, float]] = {}
     for stand in stands:
-        name = stand.name if stand.name not in rows else f"{stand.name} ({len(rows)})"
-        rows[name] = stand.row
-    table = pd.DataFrame.from_dict(rows, orient="index")
-    band = first.trial.ruler.band()
-    table["band"] = words.band(band)
-    for site in model.laws:
-        s, v = work.along(site)
-        model.visited[Site(site)] = VisitedRegion.of(v, s)
-    if ready.contradictions:
-        found = contradictions(ready, work)
-        stopped += f". {words.contradictions(found)}" if found else ""
-    model.info = {
+        rows[stand.name if stand.name not in rows else f"{stand.name} ({len(rows)})"] = stand.row
+    table = pd.DataFrame.from_dict(rows, orient="index").assign(band=words.band(band))
+    models = [stand.trial.model() for stand in stands]
+    models[at].info = {
         "band": list(band) if any(band) else None,
         "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed],
         "stopped_because": stopped,
     }
-    floor = floor_of(model, None if noise is None else noise.work)
-    sites = [step.site for step in steps] + [""]
-    evidence = [look(s.trial.ruler.work, m, s.name, site, floor) for s, m, site in zip(stands, models, sites)]
-    data, filters = searched(work)
-    return LoopReport(
-        steps, table, stopped, model, band, _listed(forward.last), models, evidence,
-        measured_of(ready), loops_of(model, data, filters), audit(settings, ready),
-    )  # fmt: skip
-
-
-def _listed(last: Sequence[tuple[Finding, Gain]]) -> pd.DataFrame:
-    """Candidates of the last search, the best first."""
     columns = ["law", "family", "site", "gain (dB)", "standard error", "least"]
     names = [[f.proposal.law.name, f.family, ", ".join(map(str, f.proposal.sites))] for f, _ in last]
-    return pd.DataFrame([[*name, g.value, g.error, g.least] for name, (_, g) in zip(names, last)], columns=columns)
+    listed = pd.DataFrame([[*name, g.value, g.error, g.least] for name, (_, g) in zip(names, last)], columns=columns)
+    return LoopReport(steps, table, stopped, models[at], band, listed, models)
 
 
 def free_run_error(model: ChainModel, work: Workspace) -> float:
@@ -383,7 +371,9 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
         seg = work.data.segments[block.segment]
         if seg.dt is None or np.isnan(seg.F[seg.valid.start]).any():
             return float("nan")
-        size = _window(seg, block.rows)
+        s = seg.s[seg.valid][block.rows, 0].astype(float)
+        crossings = int(np.diff(s > s.mean()).sum())  # of the first drift, two in a period
+        size = max(8, min(len(s), int(PERIODS * 2 * len(s) / max(1, crossings))))
         for start in range(block.rows.start, block.rows.stop - size + 1, every * size):
             rows = slice(seg.valid.start + start, seg.valid.start + start + size)
             try:
@@ -394,12 +384,6 @@ def free_run_error(model: ChainModel, work: Workspace) -> float:
             top += ((run.displacement - x) ** 2).sum(axis=0)
             bottom += ((x - x.mean(axis=0)) ** 2).sum(axis=0)
     return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")
-
-
-def _window(seg: Any, rows: slice) -> int:
-    """Samples of about ten periods of the first drift, at most the block."""
-    s = seg.s[seg.valid][rows, 0].astype(float)
-    return max(8, min(len(s), int(PERIODS * 2 * len(s) / max(1, int(np.diff(s > s.mean()).sum())))))
 
 
 # One law of each kind whose free run takes a second at most (that of a Bouc-Wen law may take minutes); others if named.
@@ -535,16 +519,11 @@ def by_channels(
     except NRFError as error:
         stopped = f"{error.what}. Nothing is claimed"
         steps, stands, stand = [], stands[:1], stands[0]
-    model, ruler = stand.trial.model(), stand.trial.ruler
-    band = ruler.band()
-    model.info = {"band": list(band), "steps": [f"{s.law} at {s.site}" for s in steps if s.confirmed]}
-    model.info["stopped_because"] = stopped = ". ".join([stopped, *(note.rstrip(".") for note in notes)])
-    table = pd.DataFrame.from_dict({s.name: s.row for s in stands}, orient="index").assign(band=words.band(band))
-    left = table.loc[stand.name].filter(like="held-out dof").astype(float)
-    return LoopReport(
-        steps, table, stopped, model, band, _listed(last), [s.trial.model() for s in stands],
-        free_runs=FreeRuns(pd.DataFrame([left.to_numpy()], ["measured channels"], [c[9:] for c in left.index])),
-        measured=[measured(rec) for rec in every], bounds=_bounds(stand.trial),
-        settings=audit(settings | {"catalogue": tried, "calibration": "none: channels are taken as they are"},
-                       Prepared(every, ruler.work.data, heldout=heldout)),
-    )  # fmt: skip
+    stopped = ". ".join([stopped, *(note.rstrip(".") for note in notes)])
+    report = _report(steps, stands, stands.index(stand), stopped, stand.trial.ruler.band(), last)
+    left = {name.removeprefix("held-out "): x for name, x in stand.row.items() if name.startswith("held-out dof")}
+    report.free_runs = FreeRuns(pd.DataFrame(left, ["measured channels"]))
+    report.measured, report.bounds = [measured(rec) for rec in every], _bounds(stand.trial)
+    taken = {"catalogue": tried, "calibration": "none: channels are taken as they are"}
+    report.settings = audit(settings | taken, kept)
+    return report

@@ -17,30 +17,21 @@ def share_of(trial: Trial, without: Trial, site: Site) -> float:
     p = site.p
     informative = trial.ruler.informative[min(p, len(trial.ruler.informative)) - 1]
     grams = (trial.grams * informative[None, :, None, None]).sum(axis=(0, 1))
-
-    def force(of: Site) -> tuple[np.ndarray, np.ndarray]:
-        with_, less = np.zeros(len(grams)), np.zeros(len(grams))
-        at, old = (one.layout.slices.get(of, slice(0, 0)).start for one in (trial, without))
-        left = list(without.laws.get(of, ()))
-        for law in trial.laws.get(of, ()):
-            width = len(law.terms())
-            with_[at : at + width] = trial.theta[0, at : at + width]
-            if law in left:
-                left.remove(law)
-                less[at : at + width] = without.theta[0, old : old + width]
-                old += width
-            at += width
-        return with_, less
-
-    with_, less = force(site)
-    storey = with_ if site == Site(p) else with_ + force(Site(p))[0]
-    change, whole = (max(float(c @ grams @ c), 0.0) for c in (with_ - less, storey))
+    after, storey, before = np.zeros((3, len(grams)))
+    at = trial.layout.slices[site]
+    after[at] = storey[at] = trial.theta[0, at]
+    below = trial.layout.slices.get(Site(p), at)
+    storey[below] = trial.theta[0, below]
+    start, old, left = at.start, without.layout.slices.get(site, at).start, list(without.laws.get(site, ()))
+    for law in trial.laws[site]:
+        width = len(law.terms())
+        if law in left:
+            left.remove(law)
+            before[start : start + width] = without.theta[0, old : old + width]
+            old += width
+        start += width
+    change, whole = (max(float(c @ grams @ c), 0.0) for c in (after - before, storey))
     return float(np.sqrt(change / whole)) if whole > 0 else 1.0
-
-
-def difference(one: Gain, other: Gain) -> tuple[float, float]:
-    """By how much one gain exceeds another over the same model, dB, and the standard error of that over folds."""
-    return one.value - other.value, float(np.sqrt(variance(one.parts - other.parts)))
 
 
 def is_there(gain: Gain, law: ForceLaw | None = None, size: float = LEAST_GAIN) -> bool:
@@ -103,8 +94,10 @@ def ranked(found: Sequence[Finding], state: State) -> list[tuple[Finding, Gain]]
 
 def _near(pairs: Sequence[tuple[Finding, Gain]], number: int, most: float = np.inf) -> list[int]:
     """Numbers of the findings whose gain is within a standard error (and so many dB) of that of one of them."""
-    gaps = [difference(pairs[number][1], gain) for _, gain in pairs]
-    return [k for k, (gap, error) in enumerate(gaps) if gap <= min(max(error, LEAST_GAIN), most)]
+    taken = pairs[number][1]
+    errors = [float(np.sqrt(variance(taken.parts - gain.parts))) for _, gain in pairs]
+    reach = [min(max(error, LEAST_GAIN), most) for error in errors]
+    return [k for k, (_, gain) in enumerate(pairs) if taken.value - gain.value <= reach[k]]
 
 
 def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:

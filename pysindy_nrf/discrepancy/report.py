@@ -1,6 +1,6 @@
 """The report of the loop: steps, table, reason to stop, model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,13 +9,13 @@ import pandas as pd
 
 from ..common.audit import constants_of, settings_of
 from ..common.lazy import Hook
+from ..data.record import Record
 from ..diagnostics.verdict import FreeRuns, Verdict
 from ..mechanics.sites import Site
 from ..regression.chain_model import ChainModel
 from ..signals.channel_checks import Measured
 from . import constants, words
 from .evidence import Evidence
-from .prepare import Prepared
 from .residual import SiteLoop
 
 
@@ -254,14 +254,14 @@ class LoopReport:
         return str(Hook.LOOP_HTML(self))
 
 
-def audit(settings: Mapping[str, Any], ready: Prepared) -> dict[str, dict[str, str]]:
+def audit(settings: Mapping[str, Any], heldout: Sequence[Record]) -> dict[str, dict[str, str]]:
     """Every setting of a run of the loop: its arguments, the declared model, the constants of the decisions."""
-    held, band = ready.heldout, settings["band"]
+    band, names = settings["band"], [record.name for record in heldout]
     return settings_of(
         loop={
             "band": "found from the data" if band is None else f"{band} Hz", "random_state": settings["random_state"],
             "max_steps": settings["max_steps"], "calibration": settings["calibration"],
-            "held out": "a quarter of every record" if held is None else "; ".join(ready.records[i].name for i in held),
+            "held out": "; ".join(names) if names else "a quarter of every record",
             "catalogue": ", ".join(dict.fromkeys(law.name for law in settings["catalogue"])),
         },
         baseline=settings["baseline"].get_params(deep=False), constants=constants_of(constants),

@@ -30,10 +30,9 @@ from ..signals.alignment import channel_alignment
 from ..simulation.api import as_true
 from .constants import FLOOR, LEAST_GAIN, LEAST_SHARE
 from .prepare import Prepared, Workspace, prepare
-from .ruler import Gain, Ruler, Trial, share
+from .ruler import Gain, Ruler, Trial, fall, share
 from .state import Effect, Finding, Proposal, State
 from .windows import Windows
-from .words import Contradiction
 
 
 def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Finding]:
@@ -43,11 +42,11 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
         return []
     work = state.trial.ruler.work
     kinds = tuple(type(law) for law in laws)
-    known = [s for size, s in contradictory(ready, work) if isinstance(s.law, kinds) and size >= LEAST_SHARE]
+    known = [s for s in contradictions(ready, work) if isinstance(s.law, kinds)]
     promising = sorted((_Scan(state.trial, s) for s in _alone(ready, work, laws)), key=lambda scan: -scan.promise)
-    alone = sorted(filter(None, (scan.best() for scan in promising[: 2 * _SUSPECTS])), key=lambda p: -p[0])
+    alone = sorted(filter(None, (scan.best() for scan in promising[: 2 * SUSPECTS])), key=lambda p: -p[0])
     found = []
-    for suspect in [*known[:_SUSPECTS], *(s for _, s in alone[:_SUSPECTS])]:
+    for suspect in [*known[:SUSPECTS], *(s for _, s in alone[:SUSPECTS])]:
         rebuilt = _rebuilt(ready, state.trial, suspect)
         if rebuilt is None:
             continue
@@ -57,7 +56,7 @@ def findings_of_faults(state: State, laws: Sequence[SensorFault]) -> list[Findin
             assert isinstance(before.law, SensorFault)
             fault = before.law.followed_by(fault)
         template = next(law for law in laws if law.name == fault.name)
-        seen = suspect.witness is not None
+        seen = bool(suspect.witness)
         effects = (*(e for e in state.effects if e is not before), Effect(fault, suspect.site, template, seen))
         gain = Gain(state.trial.powers, trial.powers, trial.ruler.informative)
         given = Proposal(template, (suspect.site,)), (fault,), state, gain.value, gain, State(trial, effects, fresh)
@@ -289,8 +288,7 @@ class _Fit:
         )
         level = share(power, whole)
         inside = (weights > 0) & np.isfinite(level)
-        cost = np.where(inside, 10.0 * np.log10(np.where(inside, level, 1.0)), 0.0).sum(axis=1)
-        cost = float((cost / np.maximum(inside.sum(axis=1), 1)).sum())
+        cost = float(fall(level, np.ones_like(level), inside))
         floored = power + FLOOR**2 * whole
         new = np.where(inside & (floored > 0), 1.0 / np.maximum(floored, 1e-300), 0.0)
         return new, cost if np.isfinite(power).all() else np.inf
@@ -435,40 +433,32 @@ class _Readings:
 
 def _rebuilt(ready: Prepared, trial: Trial, suspect: Suspect) -> tuple[Prepared, Trial] | None:
     """Everything again from the corrected records: fusion (which forces take no part in), columns, powers."""
-    held = ready.heldout or []
     work = trial.ruler.work
     try:
         records = [as_true(r, suspect.site, suspect.law) for r in ready.records]
         if suspect.site.channel[0] == "F":
             fresh: Any = replace(ready, records=records, data=_shifted(work, suspect.site, suspect.law))
         else:
-            mine = [i for i in range(len(records)) if i not in held]
-            bands = [ready.bands[i] for i in [*mine, *held]] if ready.bands else None
-            fresh = prepare([records[i] for i in mine], [records[i] for i in held] if held else None, bands=bands)
+            mine = len(records) - len(ready.heldout or ())  # records held out stand last
+            fresh = prepare(records[:mine], records[mine:], bands=ready.bands or None)
         return fresh, on(trial, fresh.data)
     except (NRFError, np.linalg.LinAlgError):  # the corrected channels cannot be fused
         return None
 
 
 # Faults of sensors that are tried on rebuilt records.
-_SUSPECTS = 3
+SUSPECTS = 3
 # Samples below which half a record tells no delay.
 _HALF = 1000
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault at a channel, and the contradiction between channels of its DOF that bears witness of it."""
+    """A fault at a channel, and what bears witness of it: how another channel of its DOF contradicts it, in words."""
 
     law: SensorFault
     site: Site
-    witness: Contradiction | None = None
-
-
-def contradictions(ready: Prepared, work: Workspace) -> list[Contradiction]:
-    """Channels of one DOF that do not show one motion, the largest contradictions first."""
-    found = [s.witness for size, s in contradictory(ready, work) if size >= LEAST_SHARE and s.witness is not None]
-    return list(dict.fromkeys(found[:_SUSPECTS]))
+    witness: str = ""
 
 
 def _runs(work: Workspace) -> tuple[int, list[slice]]:
@@ -479,8 +469,8 @@ def _runs(work: Workspace) -> tuple[int, list[slice]]:
     return chosen, [slice(first + run.start, first + run.stop) for run in runs[chosen]]
 
 
-def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect]]:
-    """Faults that would reconcile the channels of one DOF, with their size as a share of the channel, largest first."""
+def contradictions(ready: Prepared, work: Workspace) -> list[Suspect]:
+    """Faults that would reconcile the channels of one DOF, the largest share of a channel first."""
     if ready.contradictions is not None:
         return ready.contradictions
     try:
@@ -495,8 +485,7 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
     for name, row in table.iterrows():
         if row["aligned"] or not np.isfinite(row["gain"]):
             continue
-        channel, reference = str(name), str(row["reference"])
-        witness = Contradiction(channel, reference, str(row["message"]))
+        channel = str(name)
         gain = float(row["sign"] * row["gain"])
         late = [float(half.loc[name, "delay"]) for half in halves]
         large = [float(half.loc[name, "sign"] * half.loc[name, "gain"]) - 1.0 for half in halves]
@@ -510,12 +499,12 @@ def contradictory(ready: Prepared, work: Workspace) -> list[tuple[float, Suspect
         ]
         for size, seen, own, other in pairs:
             # what one half of the record denies is chance
-            if size < LEAST_SHARE or (any(x > 0 for x in seen) and any(x < 0 for x in seen)):
+            if not size >= LEAST_SHARE or (any(x > 0 for x in seen) and any(x < 0 for x in seen)):
                 continue
-            for law, of in ((own, channel), (other, reference)):
-                sized.append((size, Suspect(law, Site(f"sensor {of}"), witness)))
+            for law, of in ((own, channel), (other, row["reference"])):
+                sized.append((size, Suspect(law, Site(f"sensor {of}"), str(row["message"]))))
     once = {(s.law.name, s.site): (size, s) for size, s in sorted(sized, key=lambda p: p[0])}  # the largest stays
-    ready.contradictions = sorted(once.values(), key=lambda p: -p[0])
+    ready.contradictions = [s for _, s in sorted(once.values(), key=lambda p: -p[0])]
     return ready.contradictions
 
 

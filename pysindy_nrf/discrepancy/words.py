@@ -64,15 +64,6 @@ class Obstacle:
     expected: bool = False
 
 
-@dataclass(frozen=True)
-class Contradiction:
-    """Two channels of one DOF that do not show one motion; ``message`` is that of the alignment."""
-
-    channel: str
-    reference: str
-    message: str
-
-
 QUESTIONS = ("detection", "localisation", "characterisation")
 _DEPENDENCE = {
     Dependence.CONSTANT: "Is constant: an offset or a dead load",
@@ -192,10 +183,10 @@ def _kind(found: Any) -> str:
     return _DEPENDENCE[found.dependence].format(found=found, parity=parity, marks=marks)
 
 
-def contradictions(found: Sequence[Any]) -> str:
-    """Channels of one DOF that do not show one motion; empty if there are none."""
-    said = "; ".join(dict.fromkeys(one.message for one in found))
-    return f"Channels contradict each other, and the fusion made the best of it: {said}" if found else ""
+def contradictions(messages: Sequence[str]) -> str:
+    """Channels of one DOF that do not show one motion."""
+    said = "; ".join(dict.fromkeys(messages))
+    return f"Channels contradict each other, and the fusion made the best of it: {said}"
 
 
 def band(found: tuple[float | None, float | None]) -> str:

@@ -12,8 +12,7 @@ from pysindy_nrf.simulation.noise import add_noise
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")
-if (BESIDE := Path(__file__).parents[2] / "shared" / "data").is_dir():  # benchmarks that tests call read them, too
-    os.environ.setdefault("PYSINDY_NRF_DATA", str(BESIDE))
+os.environ.setdefault("PYSINDY_NRF_DATA", str(Path(__file__).parents[2] / "shared" / "data"))  # benchmarks read it, too
 
 
 @pytest.fixture(scope="session")

@@ -86,10 +86,10 @@ class Basis:
 
     def __init__(self, motions: Sequence[Motion]) -> None:
         self.s, self.v = (_scale([getattr(m, name) for m in motions]) for name in "sv")
-        self.timed = all(m.t is not None for m in motions)
         shared = [c for c in motions[0].covariates if all(c in m.covariates for m in motions)]
-        self.covariates = [c for c in shared if any(np.ptp(m.covariates[c]) > 0 for m in motions)]
-        counts = [("s", 9), ("s", 4), ("v", 9), ("v", 4), *[("t", 7)] * self.timed, *((c, 5) for c in self.covariates)]
+        self.changing = {"time": ("t", 7)} if all(m.t is not None for m in motions) else {}
+        self.changing |= {f"covariate {c}": (c, 5) for c in shared if any(np.ptp(m.covariates[c]) > 0 for m in motions)}
+        counts = [("s", 9), ("s", 4), ("v", 9), ("v", 4), *self.changing.values()]
         self._knots = {
             (name, count): knots_of(np.concatenate([self._line(m, name) for m in motions]), count)
             for name, count in counts
@@ -117,11 +117,7 @@ class Basis:
             "surface": np.column_stack([_products(self._hats(m, "s", 4), self._hats(m, "v", 4)), sign * x]),
             "sliders": _sliders(m, self.s, _YIELD),
         }  # fmt: skip
-        if self.timed:
-            groups["time"] = _products(self._hats(m, "t", 7), carriers)
-        for c in self.covariates:
-            groups[f"covariate {c}"] = _products(self._hats(m, c, 5), carriers)
-        return groups
+        return groups | {name: _products(self._hats(m, *axis), carriers) for name, axis in self.changing.items()}
 
 
 _DRIFT, _RATE = ["powers", "drift"], ["jump", "rate powers", "rate"]
@@ -177,10 +173,10 @@ def characterise(
     table["gain"] = table["share"] - max(table.loc["linear", "share"], 0.0)
     best = table["share"].max()
     near = table.index[table["share"] >= best - 100 * NEARLY]
-    row = str(near[0]) if best >= 100 * TENTH else ""
+    row = str(near[0]) if best >= 100 * TENTH else Dependence.NOTHING.value
     table["chosen"] = table.index == row
-    covariate = row.removeprefix("covariate ") if row.startswith("covariate ") else ""
-    dependence = Dependence.COVARIATE if covariate else Dependence(row) if row else Dependence.NOTHING
+    covariate = row.partition("covariate ")[2]
+    dependence = Dependence.COVARIATE if covariate else Dependence(row)
     odd, whole = work.odd(row), np.concatenate(force)
     curves = {k: conditional_mean(np.concatenate([getattr(m, k) for m in motions]), whole) for k in "sv"}
     return Characterisation(
@@ -209,13 +205,15 @@ class _Work:
             groups["beside"] = list(beside)
             self.base.append("beside")
         self.frequency = float("nan")
-        if self.basis.timed:
+        if "time" in groups:
             fit = Regression.of({name: groups[name] for name in self.base} | {"force": force})
             found = fit.coefficients("force", self.base)
             rest = [f - sum(groups[k][i] @ found[k] for k in self.base) for i, f in enumerate(force)]
             self.frequency = spectral_line(rest, motions)
-            if np.isfinite(self.frequency):
-                groups["line"] = self._line()
+            if np.isfinite(self.frequency):  # with a phase of its own in every record
+                angles = (2 * np.pi * self.frequency * np.asarray(m.t) for m in motions)
+                waves = [filtered(np.column_stack([np.cos(x), np.sin(x)]), f) for x, f in zip(angles, filters)]
+                groups["line"] = np.split(block_diag(*waves), np.cumsum([len(wave) for wave in waves[:-1]]))
         every = thinning([m.s for m in motions])
         groups["force"] = list(force)
         self.regression = Regression.of({name: [x[::every] for x in parts] for name, parts in groups.items()})
@@ -225,12 +223,6 @@ class _Work:
                 self.rows |= {name: [*self.base, name] for name in groups if name.startswith("covariate ")}
             elif all(name in groups for name in names):
                 self.rows[row] = [*self.base, *names]
-
-    def _line(self) -> list[np.ndarray]:
-        """Cosine and sine of the line, with a phase of their own in every record."""
-        angles = [2 * np.pi * self.frequency * np.asarray(m.t) for m in self.motions]
-        waves = [filtered(np.column_stack([np.cos(x), np.sin(x)]), f) for x, f in zip(angles, self.filters)]
-        return np.split(block_diag(*waves), np.cumsum([len(wave) for wave in waves[:-1]]))
 
     def odd(self, row: str) -> float:
         """Odd share of the fitted function of one row of the table, along the motion and its mirror image."""

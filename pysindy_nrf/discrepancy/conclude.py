@@ -218,11 +218,9 @@ def _as_measured(trial: Trial) -> Trial:
     return trial
 
 
-def _step(
-    rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand, searched: tuple[Trial, Trial] | None = None
-) -> Step:
+def _step(rivals: Sequence[Finding], effect: Effect, before: Stand, after: Stand, pair: tuple[Trial, Trial]) -> Step:
     """One effect: what the search says of it, beside those found before it, and what held-out data say of it."""
-    site, (old, trial) = effect.site, searched or (before.trial, after.trial)
+    site, (old, trial) = effect.site, pair
     gain = trial.gain_over(old)
     held = Gain(before.held, after.held, before.trial.ruler.informative)
     families = [f.family for f in rivals]
@@ -501,7 +499,7 @@ def by_channels(
             break
         rivals = judge.rivals(last, number)
         new, refined = course.refined(new, finding.after)
-        step = _step(rivals, refined.effects[-1], stand, new)
+        step = _step(rivals, refined.effects[-1], stand, new, (stand.trial, new.trial))
         step.remainder = new.error / stand.error
         step.sure &= step.confirmed and not step.alternatives
         step.evidence += "".join(f"; the channels cannot tell it from {f.proposal.name}" for f in rivals)

@@ -264,8 +264,7 @@ class _Fit:
         return best
 
     def _at(self, shares: np.ndarray) -> np.ndarray:
-        some = np.flatnonzero(shares[self.numbers])
-        return self.spectra + self._sums(some, self.rows[some], shares[self.numbers[some]], len(self.spectra))
+        return self.spectra + self._sums(np.arange(len(self.rows)), self.rows, shares[self.numbers], len(self.spectra))
 
     def _sums(self, some: np.ndarray, rows: np.ndarray, factors: np.ndarray, count: int) -> np.ndarray:
         """Sums of some changes times their factors, by the row to which each is added."""

@@ -122,34 +122,34 @@ def localisation(evidence: Any) -> str:
         ratio = found.over_floor
         much = f"{ratio:.2g} times what noise leaves" if np.isfinite(ratio) else "no more than any measurement does"
         return f"All balances together leave {much}: nothing to locate."
-    text = _located(found.table)
-    if found.verdict == Location.ONE_BALANCE:
-        text = f"One balance: the signs say nothing{text[text.find(';') :] if ';' in text else ''}"
-    else:
-        text = f"The signs across the balances point to {found.site}: {text}"
+    said = _located(found.table)
+    alone = found.verdict == Location.ONE_BALANCE
+    said[0] = "One balance: the signs say nothing" if alone else f"The signs across the balances point to {said[0]}"
+    text = "; ".join(said)
     share = found.table["share"].get(evidence.chosen, np.nan)
     signs = f", whose signs explain {share:.0f} %" if np.isfinite(share) else ""
     return f"{text}. The loop chose {evidence.chosen}{signs}." if evidence.chosen else f"{text}."
 
 
-def _located(table: pd.DataFrame) -> str:
+def _located(table: pd.DataFrame) -> list[str]:
     """What the best site explains, and which others come near it."""
     first, rest = table.iloc[0], table.iloc[1:]
     within = f"{first['low']:.0f} to {first['high']:.0f}, " if np.isfinite(first["low"]) else ""
-    text = f"explains {first['share']:.0f} % ({within}balances {first['balances']})"
+    said = [f"{first.name}: explains {first['share']:.0f} % ({within}balances {first['balances']})"]
     if np.isfinite(own := first["own"]):
-        text += {
-            "link": f"; its own motion explains {own:.0f} % of the force",
-            "sensor": f"; a delay explains {own:.0f} %",
-            "dof": f"; {own:.0f} % follows no motion there",
-        }[Site(table.index[0]).kind]
+        of_kind = {
+            "link": f"its own motion explains {own:.0f} % of the force",
+            "sensor": f"a delay explains {own:.0f} %",
+            "dof": f"{own:.0f} % follows no motion there",
+        }
+        said.append(of_kind[Site(first.name).kind])
     alike = rest["pattern"] == first["pattern"]
     if len(others := rest[~alike & rest["share"].notna()]):
         other = others.iloc[0]
-        text += f"; {'hardly told from' if other['near'] else 'next'} {other.name} ({other['share']:.0f} %)"
+        said.append(f"{'hardly told from' if other['near'] else 'next'} {other.name} ({other['share']:.0f} %)")
     if alike.any():
-        text += f"; the same pattern as {', '.join(map(str, rest.index[alike]))}"
-    return text
+        said.append(f"the same pattern as {', '.join(map(str, rest.index[alike]))}")
+    return said
 
 
 def characterisation(evidence: Any) -> str:
@@ -164,9 +164,8 @@ def characterised(found: Any) -> str:
     if found.noise is not None and found.rms > 0:
         quiet = f", noise is {min(100.0, 100 * (found.noise / found.rms) ** 2):.0f} %"
     if found.dependence == Dependence.NOTHING:
-        best = max(float(found.shares["share"].max()), 0.0)
-        text = f"Depends on nothing that was tried (at most {best:.0f} % explained{quiet})"
-        return f"{text}: noise, or a force from outside."
+        most = f"at most {max(float(found.shares['share'].max()), 0.0):.0f} % explained{quiet}"
+        return f"Depends on nothing that was tried ({most}): noise, or a force from outside."
     share = float(found.shares.loc[found.shares["chosen"], "share"].iloc[0])
     return f"{_kind(found)}; {share:.0f} % explained on data left out{quiet}."
 

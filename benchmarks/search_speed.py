@@ -57,7 +57,7 @@ def state_of(rec: Record) -> State:
 def searched(state: State, rows_of) -> np.ndarray:
     """Rows of arrays along the record that the search may see."""
     work = state.trial.ruler.work
-    return np.hstack([np.asarray(rows_of(b.segment))[:, b.rows] for b in work.search])
+    return np.hstack([np.asarray(rows_of([b.segment]))[:, b.rows] for b in work.search])
 
 
 def design(state: State, site: Site, columns: np.ndarray) -> np.ndarray:

@@ -149,15 +149,13 @@ class Axes:
         tried: list[float] = []
 
         def lost(u: np.ndarray) -> float:
+            if len(tried) >= _FEW * len(start) and max(tried) < least:
+                return 1e6  # no more is tried
             tried.append(gain(self.at(u)))
             return -max(tried[-1], -1e6)
 
-        def go_on(_: np.ndarray) -> None:
-            if len(tried) >= _FEW * len(start) and max(tried) < least:
-                raise StopIteration
-
         best = minimize(
-            lost, start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)), callback=go_on,
+            lost, start, method="Nelder-Mead", bounds=list(zip(self.low, self.high)),
             options={
                 "initial_simplex": np.vstack([start, start + np.diag(away)]), "xatol": 1e-4, "fatol": 1e-4,
                 "maxfev": _EVALUATIONS * len(start),

@@ -210,16 +210,11 @@ def state_path(
             z, part = np.empty((law.n_states, high - low)), slice(low, high)
             memory_path(walk.address, s[part], v[part], a[part], t[part], read_only(u[:, part]), shape, state, z, h, at)
             paths.append(z)
-            if not np.isfinite(state).all():
-                raise _diverges(law, motion)
     except NumbaError as error:
         raise cannot_compile(law, error) from error
+    if not all(np.isfinite(z[:, -1:]).all() for z in paths):
+        if motion.t is None:
+            raise LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
+        cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
+        raise LawError(f"The state of {type(law).__name__} diverges on this motion", cure)
     return np.hstack(paths) if motion.starts else paths[-1]
-
-
-def _diverges(law: Any, motion: Motion) -> LawError:
-    """What to do where the state is not finite."""
-    if motion.t is None:
-        return LawError(f"{type(law).__name__} needs the time of the samples", "Pass time= or dt=.")
-    cure = f"Change its shape parameters ({', '.join(f'{k} = {x}' for k, x in law.shape.items())})."
-    return LawError(f"The state of {type(law).__name__} diverges on this motion", cure)

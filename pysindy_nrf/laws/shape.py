@@ -49,7 +49,17 @@ class Motion:
 
     @classmethod
     def joined(cls, parts: Sequence[Motion]) -> Motion:
-        """Motions of several records, one after the other, with what all of them hold."""
+        """Motions of several records, one after the other, with what all of them hold.
+
+        Parameters
+        ----------
+        parts : sequence of Motion
+
+        Returns
+        -------
+        Motion
+            With the ``starts`` of all but the first; a single one as it is.
+        """
         if len(parts) == 1:
             return parts[0]
 

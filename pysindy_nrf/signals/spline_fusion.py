@@ -94,8 +94,8 @@ def fuse(
             fits[k] = fit(ladder[spacings[k]], levels, ROUGHLY)
         return fits[k]
 
-    quiet = [_quiet_level(channels[o]) if np.isnan(given[o]) else given[o] for o in measured]
-    if np.all(quiet < (CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED) * scale[measured]):
+    quiet = (CLEAN_MEASURED if len(measured) == 3 else CLEAN_DERIVED) * scale
+    if all((_quiet_level(channels[o]) if np.isnan(given[o]) else given[o]) < quiet[o] for o in measured):
         motion = ladder[spacings[0]].evaluate(fitted(0, start)[1])
         left = [_quietest(motion[o] - channels[o]) for o in measured]
         if np.all(left < CLEAN_CONTRADICTION * scale[measured]):
@@ -164,7 +164,7 @@ def _fit(
     for _ in range(rounds if free else 1):
         weights = weights_of(levels, corner)
         c = basis.solve(weights, channels)
-        spent = basis.size * weights * (basis.spectrum / (weights @ basis.spectrum)).mean(axis=1)
+        spent = basis.size * weights * (basis.spectrum @ (1.0 / (weights @ basis.spectrum))) / basis.spectrum.shape[1]
         left = np.maximum(n - spent, 1e-3 * n)
         squares, typical, motion = np.zeros(3), np.zeros(3), basis.evaluate(c)
         for o in measured:
@@ -172,7 +172,8 @@ def _fit(
             squares[o] = residual @ residual
             # by the median: the kink that a hammer blow leaves is not noise
             sizes = np.abs(residual[changing[o]])
-            typical[o] = np.partition(sizes, len(sizes) // 2)[len(sizes) // 2] / 0.6745
+            sizes.partition(len(sizes) // 2)
+            typical[o] = sizes[len(sizes) // 2] / 0.6745
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
         change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0
@@ -331,10 +332,10 @@ def _shares(filters: np.ndarray, rows: int) -> np.ndarray:
     """What the prediction error of a later step adds to a column of the lower band, (order + 1, n, rows)."""
     count, n = filters.shape[:2]
     shares = np.zeros((count, n, rows))
+    row, column = np.ogrid[:n, :n]
     for lag in range(count):
         blocks = filters[lag:].swapaxes(1, 2) @ filters[: count - lag]
-        row, column = np.triu_indices(n, -n if lag else 0)
-        shares[lag:, row, lag * n + column - row] = blocks[:, row, column]
+        shares[lag:, row, lag * n + column - row] = blocks if lag else np.triu(blocks)
     return shares
 
 

@@ -67,18 +67,20 @@ class _BaberNoori(ForceLaw):
                 y += rise
                 x -= h
                 continue
-            size = abs(y)
-            c = 1.0 + rho if y >= 0.0 else rho - 1.0
-            steep = nu * n * abs(c) * max(size, 1.0) ** (n - 1.0)
-            h = min(h, 0.8 * eta / (steep + 1.0), max(size, 0.01))  # |y|^n is not smooth at y = 0
+            if plain:
+                h = min(h, 0.25 * eta / nu)
+            else:
+                size = abs(y)
+                c = 1.0 + rho if y >= 0.0 else rho - 1.0
+                steep = nu * n * abs(c) * max(size, 1.0) ** (n - 1.0)
+                h = min(h, 0.8 * eta / (steep + 1.0), max(size, 0.01))  # |y|^n is not smooth at y = 0
             if slip > 0.0:
-                h = min(h, 0.5 * eta * max(width, abs(y - theta[5]) - 3.0 * width))
+                h = min(h, 0.35 * eta * max(width, abs(y - theta[5]) - 3.0 * width))
             f, total = 0.0, 0.0
             for shift, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
                 at = y + shift * h * f
-                c = 1.0 + rho if at >= 0.0 else rho - 1.0
-                power = abs(at) if n == 1.0 else abs(at) ** n
-                f = (1.0 - nu * c * power) / eta
+                bend = at if plain else (1.0 + rho if at >= 0.0 else rho - 1.0) * abs(at) ** n
+                f = (1.0 - nu * bend) / eta
                 if slip > 0.0:
                     near = (at - theta[5]) / width
                     f -= f * slip * math.exp(-min(near * near, 700.0))

@@ -55,7 +55,7 @@ def split(
     if not total[: segments[chosen[0]].n_dof].any():
         cure = "Dead sensors or wrong columns; check them."
         raise ChannelError("Nothing moves in the records that are searched: drifts and velocities are zero", cure)
-    energy = {i: e / np.where(total > 0, total, 1.0) for i, e in energy.items()}
+    energy = {i: e[:, total > 0] / total[total > 0] for i, e in energy.items()}
     period = [int(np.ceil(period_of(np.nan_to_num(s.s[s.valid]).T) / h)) for s, h in zip(segments, hop)]  # cells
     apart = [BlockRows(i, slice(0, segments[i].n_valid)) for i in whole]
     if heldout is not None:
@@ -138,12 +138,11 @@ def _scored(
     def cells(b: BlockRows, edge: int) -> np.ndarray:
         return energy[b.segment][b.rows.start // hop[b.segment] - 1 + edge : b.rows.stop // hop[b.segment] - 1 - edge]
 
-    full = sum(e.sum(axis=0) for e in energy.values()) > 0
-    shares = sum((cells(b, 0).sum(axis=0) for b in held), np.zeros(len(full)))
+    shares = sum((cells(b, 0).sum(axis=0) for b in held), np.zeros(next(iter(energy.values())).shape[1]))
     inside = [cells(b, 1) for b in search]  # of the first and the last cell windows see next to nothing: a blow is lost
     seen = sum(x.sum(axis=0) for x in inside) / max(sum(map(len, inside)) / sum(map(len, energy.values())), 1e-9)
-    uneven = np.abs(np.log(np.maximum(shares[full], 1e-9) / HELD_OUT)).max()
-    uneven += max(0.0, -np.log(np.maximum(seen[full], 1e-9) / EXPLAINED).min())
+    uneven = np.abs(np.log(np.maximum(shares, 1e-9) / HELD_OUT)).max()
+    uneven += max(0.0, -np.log(np.maximum(seen, 1e-9) / EXPLAINED).min())
     return search, held, float(uneven)
 
 

@@ -270,9 +270,9 @@ class Localiser:
         # columns that enter the balances as the force does are its own
         free = free[np.diag(form)[free] > 1e-12 * np.trace(self.weight)]
         grams = form * self.grams
-        for axis in (1, 2):  # the residuals of all balances together
-            grams = np.add.reduceat(grams, range(k + 1), axis=axis)
-        return Regression(grams, {"baseline": free, "e": np.array([k])})
+        grams[:, k] = grams[:, k:].sum(axis=1)  # the residuals of all balances together
+        grams[:, :, k] = grams[:, :, k:].sum(axis=2)
+        return Regression(grams[:, : k + 1, : k + 1], {"baseline": free, "e": np.array([k])})
 
     def left(self, b: np.ndarray | None) -> np.ndarray:
         """Squares left in every block beside a free force with a pattern, without those of noise."""

@@ -164,7 +164,10 @@ class Search:
         axes = Axes(proposal.law, base.trial.ruler.work, proposal.sites)
         slot = Slot(base.trial, [(s, proposal.law) for s in proposal.sites])
         laws = axes.at(axes.refined(lambda some: float(_gains(slot, [some])[0]), axes.point(laws[0]), reach, least))
-        return laws, base.trial.with_laws(list(zip(proposal.sites, laws)))
+        trial = base.trial.with_laws(list(zip(proposal.sites, laws)))
+        if _takes_over(trial, base.trial, proposal.sites):  # with the weights of the fitted model
+            raise NRFError(f"{proposal.law.name} takes over a spring", "Leave it out of the catalogue.")
+        return laws, trial
 
     def judged(self, finding: Finding, least: float = -np.inf) -> Finding | None:
         """The finding with refined shape parameters, roughly where less than a gain, and its cross-validated gain."""
@@ -402,6 +405,16 @@ def _gains(slot: Slot, points: Sequence[tuple[ForceLaw, ...]], kept: Any = None)
     for law, own in zip(points[0], np.split(forces, np.cumsum(slot.widths)[:-1], axis=1)):
         real &= admissible(law, own)
     return np.where(real, gains, -np.inf)
+
+
+def _takes_over(after: Trial, before: Trial, sites: Sequence[Site]) -> bool:
+    """Whether laws that were added turn the sign of a spring beside them, by more than a tenth of their force."""
+    forces, turned = after.theta[0] * np.sqrt(np.einsum("kii->i", after.summed)[: after.theta.shape[1]]), False
+    for site in sites:
+        old, own = before.theta[0, before.layout.slices.get(site, slice(0))], forces[after.layout.slices[site]]
+        springs = np.array([t.label == "s" for law in before.laws.get(site, ()) for t in law.terms()], dtype=bool)
+        turned |= bool((own[: len(old)][springs & (old > 0)] < -TENTH * np.abs(own[len(old) :]).max()).any())
+    return turned
 
 
 def _value(finding: Finding) -> float:

@@ -70,10 +70,9 @@ class _BaberNoori(ForceLaw):
             if plain:
                 h = min(h, 0.25 * eta / nu)
             else:
-                size = abs(y)
                 c = 1.0 + rho if y >= 0.0 else rho - 1.0
-                steep = nu * n * abs(c) * max(size, 1.0) ** (n - 1.0)
-                h = min(h, 0.8 * eta / (steep + 1.0), max(size, 0.01))  # |y|^n is not smooth at y = 0
+                steep = nu * n * abs(c) * max(abs(y), 1.0) ** (n - 1.0)
+                h = min(h, 0.8 * eta / (steep + 1.0), max(abs(y), 0.01))  # |y|^n is not smooth at y = 0
             if slip > 0.0:
                 h = min(h, 0.35 * eta * max(width, abs(y - theta[5]) - 3.0 * width))
             f, total = 0.0, 0.0

@@ -172,8 +172,7 @@ def _fit(
             squares[o] = residual @ residual
             # by the median: the kink that a hammer blow leaves is not noise
             sizes = np.abs(residual[changing[o]])
-            sizes.partition(len(sizes) // 2)
-            typical[o] = sizes[len(sizes) // 2] / 0.6745
+            typical[o] = np.partition(sizes, len(sizes) // 2)[len(sizes) // 2] / 0.6745
         new = levels.copy()
         new[free] = np.maximum(typical[free] * np.sqrt(n / left[free]), floor[free])
         change = np.abs(np.log(new[free] / levels[free])).max() if free else 0.0

@@ -103,7 +103,7 @@ def test_the_size_of_what_is_found():
 
 def test_a_change_in_time_is_seen_when_it_happens():
     """Where it falls into a held-out piece its time is anywhere in it."""
-    when = 1.9
+    when = 2.2
 
     def weaker(t, x, v):
         return on_storey_2(-9e3 * (x[1] - x[0]) * (t > when))

@@ -5,10 +5,11 @@
     python benchmarks/fuzz.py --target HDF5 --seconds 60 --seed 3
     python benchmarks/fuzzing/worker.py HDF5 --seed 3 --only 1741        # one file again, its error let through
 
-Small good files of every kind are damaged at random (bytes, sizes in headers, words, JSON values)
-and read in a process of its own with 1.5 GB of memory above its start and 10 s for a file of some kB.
-A reader may read a file or refuse it with a typed error. Anything else is a failure: another
-exception, a process that dies, a file that takes too long or too much memory.
+Small good files of every kind are damaged at random (bytes, sizes in headers, words,
+JSON values) and read in a process of its own with 1.5 GB of memory above its start and
+10 s for a file of some kB. A reader may read a file or refuse it with a typed error.
+Anything else is a failure: another exception, a process that dies, a file that takes
+too long or too much memory.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 from fuzzing.targets import TARGETS  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
-GRACE = 60.0  # seconds beyond the time given, for the start and for one file that takes long
+# seconds beyond the time given, for the start and for one file that takes long
+GRACE = 60.0
 
 
 def fuzz(name: str, seed: int, seconds: float) -> dict:
@@ -44,21 +46,36 @@ def fuzz(name: str, seed: int, seconds: float) -> dict:
     Returns
     -------
     dict
-        ``read``, ``refused``, ``peak`` (MB) and ``failures`` (list of kind, case, error).
+        ``read``, ``refused``, ``peak`` (MB) and ``failures`` (list of kind, case,
+        error).
     """
     out = {"target": name, "read": 0, "refused": 0, "peak": 0.0, "failures": []}
     first, spent = 0, 0.0
     while spent < seconds - 0.5:
         worker = str(HERE / "fuzzing" / "worker.py")
-        command = [sys.executable, worker, name, "--seed", str(seed), "--first", str(first)]
+        command = [
+            sys.executable,
+            worker,
+            name,
+            "--seed",
+            str(seed),
+            "--first",
+            str(first),
+        ]
         began = time.monotonic()
         command += ["--seconds", str(seconds - spent)]
         try:
-            run = subprocess.run(command, capture_output=True, text=True, timeout=seconds - spent + GRACE)
-        except subprocess.TimeoutExpired as error:  # in a library that no alarm of Python's wakes
+            run = subprocess.run(
+                command, capture_output=True, text=True, timeout=seconds - spent + GRACE
+            )
+        except (
+            subprocess.TimeoutExpired
+        ) as error:  # in a library that no alarm of Python's wakes
             told = (error.stderr or b"").decode(errors="replace").split()
             stuck = int(told[-1]) if told and told[-1].isdigit() else first
-            out["failures"].append((f"{name}: hang", stuck, "the process had to be killed"))
+            out["failures"].append(
+                (f"{name}: hang", stuck, "the process had to be killed")
+            )
             out["refused"] += stuck - first
             first, spent = stuck + 1, spent + time.monotonic() - began
             continue
@@ -77,9 +94,13 @@ def fuzz(name: str, seed: int, seconds: float) -> dict:
             break
         cases = [line for line in run.stderr.splitlines() if line.isdigit()]
         if not cases:
-            raise RuntimeError(f"the worker for {name} does not start:\n{run.stderr[-3000:]}")
+            raise RuntimeError(
+                f"the worker for {name} does not start:\n{run.stderr[-3000:]}"
+            )
         died = int(cases[-1])
-        out["failures"].append((f"{name}: died", died, f"the process ended with {run.returncode}"))
+        out["failures"].append(
+            (f"{name}: died", died, f"the process ended with {run.returncode}")
+        )
         out["refused"] += died - first
         first = died + 1
     return out
@@ -87,20 +108,43 @@ def fuzz(name: str, seed: int, seconds: float) -> dict:
 
 def main() -> int:
     """Fuzz; the exit code says whether anything failed."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=1200.0, help="over all targets")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=1200.0, help="over all targets"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--target", action="append", choices=sorted(TARGETS))
     options = parser.parse_args()
     names = options.target or list(TARGETS)
-    rows = [fuzz(name, options.seed, options.seconds / len(names)) for name in tqdm(names, unit="reader", disable=None)]
-    print("| reader | files | read | refused by name | failed | peak, MB |\n|---|---|---|---|---|---|")
+    rows = [
+        fuzz(name, options.seed, options.seconds / len(names))
+        for name in tqdm(names, unit="reader", disable=None)
+    ]
+    print(
+        "| reader | files | read | refused by name | failed | peak, MB"
+        " |\n|---|---|---|---|---|---|"
+    )
     for r in rows:
         failed = len(r["failures"])
-        cells = (r["target"], r["read"] + r["refused"] + failed, r["read"], r["refused"], failed, round(r["peak"]))
+        cells = (
+            r["target"],
+            r["read"] + r["refused"] + failed,
+            r["read"],
+            r["refused"],
+            failed,
+            round(r["peak"]),
+        )
         print(f"| {' | '.join(map(str, cells))} |")
-    total, failed = sum(r["read"] + r["refused"] for r in rows), sum(len(r["failures"]) for r in rows)
-    print(f"\n{total + failed} files, {failed} failures (crash, hang, memory, death of the process).")
+    total, failed = (
+        sum(r["read"] + r["refused"] for r in rows),
+        sum(len(r["failures"]) for r in rows),
+    )
+    print(
+        f"\n{total + failed} files, {failed} failures (crash, hang, memory, death of"
+        " the process)."
+    )
     for r in rows:
         for kind, case, error in r["failures"][:10]:
             print(f"{kind} at case {case} of seed {options.seed}: {error}")

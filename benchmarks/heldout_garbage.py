@@ -1,14 +1,17 @@
-"""Held-out data decide nothing but the last line: with garbage in their place the search comes out the same.
+"""Held-out data decide nothing but the last line: with garbage in their place the
+search comes out the same.
 
     python benchmarks/heldout_garbage.py                     # cases of the battery: a few minutes
     python benchmarks/heldout_garbage.py --quick             # one small case
     python benchmarks/heldout_garbage.py --measured emps     # the held-out rows of a measured record
 
-Of a case of the battery the held-out record is replaced by noise of the same size in every channel; of a measured
-record the forces and inertias that the balances hold in the held-out rows. (The states of laws with memory run through
-the motion between two searched pieces; with --motion it is replaced, too.) Effects, sites, parameters with
-their intervals, gains and the error before each must then be the same to the last digit; only what held-out data say
-may differ, and the order of effects, which is that of their confirmation.
+Of a case of the battery the held-out record is replaced by noise of the same size in
+every channel; of a measured record the forces and inertias that the balances hold in
+the held-out rows. (The states of laws with memory run through the motion between two
+searched pieces; with --motion it is replaced, too.) Effects, sites, parameters with
+their intervals, gains and the error before each must then be the same to the last
+digit; only what held-out data say may differ, and the order of effects, which is that
+of their confirmation.
 """
 
 from __future__ import annotations
@@ -26,7 +29,9 @@ from unittest import mock
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
-os.environ.setdefault("PYSINDY_NRF_DATA", str(Path(__file__).resolve().parents[2] / "shared" / "data"))
+os.environ.setdefault(
+    "PYSINDY_NRF_DATA", str(Path(__file__).resolve().parents[2] / "shared" / "data")
+)
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np  # noqa: E402
@@ -40,28 +45,51 @@ from pysindy_nrf.regression.segments import SegmentSet  # noqa: E402
 
 # What the search alone decides.
 FOUND = (
-    "law", "site", "shape", "tied", "parameters", "intervals", "gain", "gain_error", "gain_least", "share",
+    "law",
+    "site",
+    "shape",
+    "tied",
+    "parameters",
+    "intervals",
+    "gain",
+    "gain_error",
+    "gain_least",
+    "share",
     "validation_before",
-)  # fmt: skip
+)
 CASES = (("coulomb",), ("cubic",), ("bouc_wen",), (), ("coulomb", "cubic"))
 
 
 def noise_like(y: Any, rng: np.random.Generator) -> np.ndarray:
     """Noise of the size of each channel; channels of zeros or of NaN stay."""
     y = np.asarray(y, dtype=float)
-    return np.where(np.isfinite(y), np.nanstd(y, axis=0) * rng.standard_normal(y.shape), y)
+    return np.where(
+        np.isfinite(y), np.nanstd(y, axis=0) * rng.standard_normal(y.shape), y
+    )
 
 
 def garbage(record: Record, seed: int) -> Record:
     """A record of noise with the channels of another."""
     rng = np.random.default_rng(seed)
-    keys = [f"{base}{kind}" for base in ("", "base_") for kind in ("acceleration", "velocity", "displacement")]
-    return record.replace(**{k: noise_like(y, rng) for k in ("force", *keys) if (y := getattr(record, k)) is not None})
+    keys = [
+        f"{base}{kind}"
+        for base in ("", "base_")
+        for kind in ("acceleration", "velocity", "displacement")
+    ]
+    return record.replace(
+        **{
+            k: noise_like(y, rng)
+            for k in ("force", *keys)
+            if (y := getattr(record, k)) is not None
+        }
+    )
 
 
 @contextmanager
 def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
-    """Let the loop hold out the rows it would, with noise in their place after the channels were fused."""
+    """Let the loop hold out the rows it would, with noise in their place after the
+    channels were fused.
+    """
     prepare, split, fixed, known = loop.prepare, loop.split, Workspace.fixed, {}
 
     def spoilt(*args: Any, **options: Any) -> Any:
@@ -71,7 +99,9 @@ def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
         rng, out = np.random.default_rng(seed), list(segments)
         for block in known["split"][1]:
             seg = out[block.segment]
-            rows = slice(seg.valid.start + block.rows.start, seg.valid.start + block.rows.stop)
+            rows = slice(
+                seg.valid.start + block.rows.start, seg.valid.start + block.rows.stop
+            )
             changed = {}
             for key in "avsF" if motion else "F":
                 y = np.array(getattr(seg, key), dtype=float)
@@ -99,9 +129,18 @@ def differences(one: Any, other: Any) -> list[str]:
     out = []
     if len(one.steps) != len(other.steps):
         out.append(f"{len(one.steps)} and {len(other.steps)} effects")
-    pairs = zip(*(sorted(report.steps, key=lambda s: (s.site, s.law)) for report in (one, other)))
+    pairs = zip(
+        *(
+            sorted(report.steps, key=lambda s: (s.site, s.law))
+            for report in (one, other)
+        )
+    )
     for a, b in pairs:
-        out += [f"{name} of {a.law} at {a.site}" for name in FOUND if not _same(getattr(a, name), getattr(b, name))]
+        out += [
+            f"{name} of {a.law} at {a.site}"
+            for name in FOUND
+            if not _same(getattr(a, name), getattr(b, name))
+        ]
     if one.band != other.band:
         out.append("band")
     return out
@@ -118,17 +157,25 @@ def quietly(*args: Any, **options: Any) -> Any:
         return close_loop(*args, **options)
 
 
-def of_a_case(kinds: tuple[str, ...], seed: int, **size: Any) -> tuple[str, Any, list[str]]:
+def of_a_case(
+    kinds: tuple[str, ...], seed: int, **size: Any
+) -> tuple[str, Any, list[str]]:
     """A case of the battery with its held-out test and with garbage in its place."""
-    case = make_case("garbage", "two" if len(kinds) > 1 else "blind", seed, 0.01, kinds, **size)
+    case = make_case(
+        "garbage", "two" if len(kinds) > 1 else "blind", seed, 0.01, kinds, **size
+    )
     seen = [Record(name="test", **channels) for channels in case.seen]
     unseen = [Record(name="held-out test", **channels) for channels in case.unseen]
     spoilt = [garbage(record, seed) for record in unseen]
-    report, other = (quietly(seen, baseline(case), heldout=held) for held in (unseen, spoilt))
+    report, other = (
+        quietly(seen, baseline(case), heldout=held) for held in (unseen, spoilt)
+    )
     return " + ".join(kinds) or "nothing to find", report, differences(report, other)
 
 
-def of_a_measured_record(name: str, seed: int, motion: bool) -> tuple[str, Any, list[str]]:
+def of_a_measured_record(
+    name: str, seed: int, motion: bool
+) -> tuple[str, Any, list[str]]:
     """A measured record with its held-out rows and with garbage in their place."""
     from measured_records import SETS
 
@@ -141,10 +188,21 @@ def of_a_measured_record(name: str, seed: int, motion: bool) -> tuple[str, Any, 
 
 
 def main(arguments: list[str] | None = None) -> list[list[str]]:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="one small case")
-    parser.add_argument("--measured", nargs="*", default=[], help="measured records in place of the battery's cases")
-    parser.add_argument("--motion", action="store_true", help="of measured records drifts and rates, too")
+    parser.add_argument(
+        "--measured",
+        nargs="*",
+        default=[],
+        help="measured records in place of the battery's cases",
+    )
+    parser.add_argument(
+        "--motion",
+        action="store_true",
+        help="of measured records drifts and rates, too",
+    )
     parser.add_argument("--seed", type=int, default=1)
     o = parser.parse_args(arguments)
     size = {"n_samples": 1024, "most": 2} if o.quick else {"n_samples": 8192, "most": 3}
@@ -156,7 +214,11 @@ def main(arguments: list[str] | None = None) -> list[list[str]]:
         else:
             name, report, found = of_a_case(what, o.seed, **size)
         effects = "; ".join(f"{s.law} at {s.site}" for s in report.steps) or "none"
-        print(f"| {name} | {effects} | {', '.join(found) or 'nothing'} | {'FAIL' if found else 'PASS'} |", flush=True)
+        print(
+            f"| {name} | {effects} | {', '.join(found) or 'nothing'} |"
+            f" {'FAIL' if found else 'PASS'} |",
+            flush=True,
+        )
         out.append(found)
     return out
 

@@ -1,13 +1,15 @@
-"""Each measured record from its undeclared baseline: held-out error before and after, effect by effect.
+"""Each measured record from its undeclared baseline: held-out error before and after,
+effect by effect.
 
     python benchmarks/measured_records.py                     # all: hours, most of it the MR damper's cyclic runs
     python benchmarks/measured_records.py emps bouc_wen       # some
     python benchmarks/measured_records.py --quick             # the smallest record, one effect at most
     python benchmarks/measured_records.py emps --old-band     # beside it the result in the band that was set by hand
 
-``close_loop`` gets channels in SI units and known masses; no band, no trim, no other option. Errors are held-out,
-pooled, in the band that the loop found. A claim is an effect that held-out data confirm.
-Data: the folder that PYSINDY_NRF_DATA names, or ``../shared/data``.
+``close_loop`` gets channels in SI units and known masses; no band, no trim, no other
+option. Errors are held-out, pooled, in the band that the loop found. A claim is an
+effect that held-out data confirm. Data: the folder that PYSINDY_NRF_DATA names, or
+``../shared/data``.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ from typing import Any
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
-os.environ.setdefault("PYSINDY_NRF_DATA", str(Path(__file__).resolve().parents[2] / "shared" / "data"))
+os.environ.setdefault(
+    "PYSINDY_NRF_DATA", str(Path(__file__).resolve().parents[2] / "shared" / "data")
+)
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np  # noqa: E402
@@ -40,17 +44,23 @@ ELEMENT = {1: 0.0}  # a damper or a connection by itself: no mass
 
 @dataclass
 class Tested:
-    """Records of one test, what is known of its masses, what was found by hand, and what the loop must find."""
+    """Records of one test, what is known of its masses, what was found by hand, and
+    what the loop must find.
+    """
 
     load: Callable[[], Any]
     hand: str
     checks: Callable[[Any], list[Check]]
     masses: dict[int, float] | None = None
     old_band: tuple[float | None, float | None] | None = None
-    others: dict[str, dict[str, Any]] = field(default_factory=dict)  # further declared models, by name
+    others: dict[str, dict[str, Any]] = field(
+        default_factory=dict
+    )  # further declared models, by name
     declared: dict[str, Any] = field(default_factory=lambda: {"degree": 1})
 
-    def run(self, records: Any, model: dict[str, Any] | None = None, **options: Any) -> Any:
+    def run(
+        self, records: Any, model: dict[str, Any] | None = None, **options: Any
+    ) -> Any:
         """The loop on records of this test."""
         declared = NRFRegressor(**(model or self.declared), known_masses=self.masses)
         with warnings.catch_warnings():
@@ -58,7 +68,7 @@ class Tested:
             return close_loop(records, declared, **options)
 
 
-# -- what is asked ------------------------------------------------------------------------------
+# -- what is asked -------------------------------------------------------------
 
 
 def claims(report) -> list:
@@ -79,15 +89,22 @@ def held(report) -> float:
 def told(report) -> str:
     """The effects in a few words."""
     words = [
-        f"{s.law} at {s.site}{'' if s.confirmed else ' (NOT CONFIRMED)'}{'' if s.sure else ' [not sure]'} "
-        f"{s.gain:.2g} dB"
+        f"{s.law} at"
+        f" {s.site}{'' if s.confirmed else ' (NOT CONFIRMED)'}{'' if s.sure else ' [not sure]'}"
+        f" {s.gain:.2g} dB"
         for s in report.steps
     ]
     return "; ".join(words) or "nothing"
 
 
 def at_most(limit: float) -> Callable:
-    return lambda report: [(f"held-out at most {limit:g} %", f"{held(report):.3g}", bool(held(report) <= limit))]
+    return lambda report: [
+        (
+            f"held-out at most {limit:g} %",
+            f"{held(report):.3g}",
+            bool(held(report) <= limit),
+        )
+    ]
 
 
 def first_is(*names: str, at: str = "storey 1") -> Callable:
@@ -95,7 +112,11 @@ def first_is(*names: str, at: str = "storey 1") -> Callable:
 
     def check(report) -> list[Check]:
         first = next(iter(claims(report)), None)
-        right = first is not None and first.site == at and bool({first.law, *families(first)} & set(names))
+        right = (
+            first is not None
+            and first.site == at
+            and bool({first.law, *families(first)} & set(names))
+        )
         return [(f"first: {' or '.join(names)} at {at}", told(report), right)]
 
     return check
@@ -106,7 +127,9 @@ def has(*names: str, at: tuple[str, ...]) -> Callable:
 
     def check(report) -> list[Check]:
         sites = {s.site for s in claims(report) if {s.law, *families(s)} & set(names)}
-        return [(f"{' or '.join(names)} at {', '.join(at)}", told(report), set(at) <= sites)]
+        return [
+            (f"{' or '.join(names)} at {', '.join(at)}", told(report), set(at) <= sites)
+        ]
 
     return check
 
@@ -118,14 +141,26 @@ def nothing(report) -> list[Check]:
 def says(*words: str) -> Callable:
     def check(report) -> list[Check]:
         said = str(report)
-        return [(f"it speaks of {' or '.join(words)}", "", any(word in said for word in words))]
+        return [
+            (
+                f"it speaks of {' or '.join(words)}",
+                "",
+                any(word in said for word in words),
+            )
+        ]
 
     return check
 
 
 def falls_by_a_third(report) -> list[Check]:
     ratio = held(report) / float(report.table["held-out"].iloc[0])
-    return [("held-out falls by a third at least", f"to {100 * ratio:.0f} %", bool(ratio <= 2 / 3))]
+    return [
+        (
+            "held-out falls by a third at least",
+            f"to {100 * ratio:.0f} %",
+            bool(ratio <= 2 / 3),
+        )
+    ]
 
 
 def benchmark_parameters(report) -> list[Check]:
@@ -134,9 +169,23 @@ def benchmark_parameters(report) -> list[Check]:
     if step is None:
         return [("parameters within 3 %", "no Bouc-Wen", False)]
     linear, p = report.model.restoring_forces["storey 1"].linear_part(), step.parameters
-    found = {"m": report.model.masses[0], "c": linear["c"], "k": linear["k"], "alpha": p["alpha"], "n": p["n"]}
+    found = {
+        "m": report.model.masses[0],
+        "c": linear["c"],
+        "k": linear["k"],
+        "alpha": p["alpha"],
+        "n": p["n"],
+    }
     found |= {"beta": p["beta"], "rho": p["rho"]}
-    truth = {"m": 2.0, "c": 10.0, "k": 5e4, "alpha": 5e4, "n": 1.0, "beta": 800.0, "rho": -1.375}
+    truth = {
+        "m": 2.0,
+        "c": 10.0,
+        "k": 5e4,
+        "alpha": 5e4,
+        "n": 1.0,
+        "beta": 800.0,
+        "rho": -1.375,
+    }
     off = {name: float(value / truth[name] - 1) for name, value in found.items()}
     return [
         (
@@ -155,7 +204,11 @@ def consistent(report) -> list[Check]:
     model = {str(s): len(held_) for s, held_ in report.model.laws.items()}
     extra = {s: n - base.get(s, 0) for s, n in model.items() if n > base.get(s, 0)}
     return [
-        ("no claim raises the held-out error", ", ".join(raised) or "none does", not raised),
+        (
+            "no claim raises the held-out error",
+            ", ".join(raised) or "none does",
+            not raised,
+        ),
         ("the model holds the claims and nothing else", "", extra == dict(sites)),
     ]
 
@@ -164,20 +217,32 @@ def every(*checks: Callable) -> Callable:
     return lambda report: [row for check in checks for row in check(report)]
 
 
-# -- the records --------------------------------------------------------------------------------
+# -- the records ---------------------------------------------------------------
 
 
 def frame(test: str, hand: str, *checks: Callable) -> Tested:
     """The three-storey frame on its fixed base."""
     masses = {1: 1.0, 2: 1.0, 3: 1.0}
-    return Tested(lambda: measured.load_nees_three_storey(test), hand, every(*checks), masses, (0.2, 10.0))
+    return Tested(
+        lambda: measured.load_nees_three_storey(test),
+        hand,
+        every(*checks),
+        masses,
+        (0.2, 10.0),
+    )
 
 
 def isolated(test: str) -> Tested:
     """The frame on friction-pendulum bearings."""
     checks = every(has("friction", "hysteresis", at=("storey 1",)), at_most(45))
     masses = {1: 1.0, 2: 1.0, 3: 1.0, 4: 1.0}
-    return Tested(lambda: measured.load_nees_isolated(test), "friction: 73 -> about 40", checks, masses, (0.2, 10.0))
+    return Tested(
+        lambda: measured.load_nees_isolated(test),
+        "friction: 73 -> about 40",
+        checks,
+        masses,
+        (0.2, 10.0),
+    )
 
 
 def friction_damper(run: str) -> Tested:
@@ -198,7 +263,11 @@ SETS: dict[str, Tested] = {
     "emps": Tested(
         measured.load_emps,
         "17-18 -> Coulomb 7 -> offset or v^2: 4",
-        every(first_is("friction"), at_most(5.5), says("constant", "quadratic", "asymmetric", "zero")),
+        every(
+            first_is("friction"),
+            at_most(5.5),
+            says("constant", "quadratic", "asymmetric", "zero"),
+        ),
         None,
         (None, 20.0),
         {"no spring declared": {"laws": {1: laws.LinearViscous()}}},
@@ -226,9 +295,18 @@ SETS: dict[str, Tested] = {
     ),
     "frame_162s1": frame("fbgm162s1", "24/19/31, nothing", nothing),
     "frame_162s3": frame("fbgm162s3", "between s1 and s5"),
-    "frame_162s5": frame("fbgm162s5", "30/27/38 -> hysteresis 14/10/21", has("hysteresis", at=STOREYS)),
-    "frame_152s3": frame("fbgm152s3", "hysteresis in storey 3", has("hysteresis", at=("storey 3",))),
-    "frame_152s4": frame("fbgm152s4", "30/24/42 -> 20/16/37, 27.5 pooled", has("hysteresis", at=STOREYS), at_most(28)),
+    "frame_162s5": frame(
+        "fbgm162s5", "30/27/38 -> hysteresis 14/10/21", has("hysteresis", at=STOREYS)
+    ),
+    "frame_152s3": frame(
+        "fbgm152s3", "hysteresis in storey 3", has("hysteresis", at=("storey 3",))
+    ),
+    "frame_152s4": frame(
+        "fbgm152s4",
+        "30/24/42 -> 20/16/37, 27.5 pooled",
+        has("hysteresis", at=STOREYS),
+        at_most(28),
+    ),
     "isolator_111": isolated("fpgm111s1"),
     "isolator_171": isolated("fpgm171s3"),
     "mr_white_noise": Tested(
@@ -239,7 +317,11 @@ SETS: dict[str, Tested] = {
         (None, 60.0),
     ),
     "mr_random_voltage": Tested(
-        measured.load_mr_damper_random_voltage, "78 -> 23 (the load cell clips)", at_most(25), ELEMENT, (None, 60.0)
+        measured.load_mr_damper_random_voltage,
+        "78 -> 23 (the load cell clips)",
+        at_most(25),
+        ELEMENT,
+        (None, 60.0),
     ),
     **{name: friction_damper(run) for name, run in DAMPER_RUNS.items()},
     "bouc_wen": Tested(
@@ -250,11 +332,18 @@ SETS: dict[str, Tested] = {
         (None, 150.0),
     ),
     "timber": Tested(  # without a clock
-        measured.load_timber_connection, "46 -> one state 27 -> pinched and degrading 15", at_most(20), ELEMENT,
+        measured.load_timber_connection,
+        "46 -> one state 27 -> pinched and degrading 15",
+        at_most(20),
+        ELEMENT,
         declared={"laws": {1: [laws.LinearElastic()]}},
     ),
     "hotel": Tested(measured.hotel, "21, nothing", nothing, {1: 1.0, 2: 1.0}),
-    "tower": Tested(measured.load_tower_with_mass_driver, "nothing: the driver's calibration is not certain", nothing),
+    "tower": Tested(
+        measured.load_tower_with_mass_driver,
+        "nothing: the driver's calibration is not certain",
+        nothing,
+    ),
 }
 CYCLIC = "mr_cyclic"
 LIMIT_CYCLIC = 8.0
@@ -268,12 +357,17 @@ def show(name: str, one: Tested, old_band: bool = False, **options: Any) -> list
     for variant, model in variants.items():
         start = time.perf_counter()
         report = one.run(records, model, **options)
-        print(f"## {name}{f', {variant}' if variant else ''} ({time.perf_counter() - start:.0f} s)\n")
+        print(
+            f"## {name}{f', {variant}' if variant else ''}"
+            f" ({time.perf_counter() - start:.0f} s)\n"
+        )
         print(f"By hand: {one.hand}\n\n{line(report)}")
         if old_band and one.old_band is not None:
             beside = one.run(records, model, band=one.old_band, **options)
             low, high = one.old_band
-            print(f"In the band set by hand, {low or 0:g} to {high:g} Hz: {line(beside)}")
+            print(
+                f"In the band set by hand, {low or 0:g} to {high:g} Hz: {line(beside)}"
+            )
         print(f"\n{report}\n")
         checks = [*one.checks(report), *consistent(report)]
         print_checks(checks)
@@ -284,7 +378,10 @@ def show(name: str, one: Tested, old_band: bool = False, **options: Any) -> list
 def line(report) -> str:
     """Errors from the baseline to the model, band, effects."""
     errors = " -> ".join(f"{x:.3g}" for x in report.table["held-out"])
-    return f"held-out {errors} %, model {held(report):.3g} %, band {report.table['band'].iloc[0]}: {told(report)}"
+    return (
+        f"held-out {errors} %, model {held(report):.3g} %, band"
+        f" {report.table['band'].iloc[0]}: {told(report)}"
+    )
 
 
 def print_checks(checks: list[Check]) -> None:
@@ -298,18 +395,35 @@ def cyclic(count: int | None, jobs: int, **options: Any) -> list[Check]:
     """The MR damper's cyclic runs, each by itself."""
     from joblib import Parallel, delayed
 
-    one = Tested(lambda: None, "30, cubic 17 -> friction along v + k x 11-13", at_most(LIMIT_CYCLIC), ELEMENT)
+    one = Tested(
+        lambda: None,
+        "30, cubic 17 -> friction along v + k x 11-13",
+        at_most(LIMIT_CYCLIC),
+        ELEMENT,
+    )
     start = time.perf_counter()
-    reports = Parallel(n_jobs=jobs)(delayed(one.run)(record, **options) for record in measured.mr_cyclic(count))
+    reports = Parallel(n_jobs=jobs)(
+        delayed(one.run)(record, **options) for record in measured.mr_cyclic(count)
+    )
     before = float(np.median([r.table["held-out"].iloc[0] for r in reports]))
     after = [held(r) for r in reports]
     kinds = Counter(claims(r)[0].law if claims(r) else "nothing" for r in reports)
     raised = sum(not row[2] for r in reports for row in consistent(r))
-    print(f"## {CYCLIC}, {len(reports)} runs ({time.perf_counter() - start:.0f} s)\n\nBy hand: {one.hand}\n")
-    print(f"median held-out {before:.3g} -> {np.median(after):.3g} % (worst {max(after):.3g} %)")
+    print(
+        f"## {CYCLIC}, {len(reports)} runs ({time.perf_counter() - start:.0f} s)\n\nBy"
+        f" hand: {one.hand}\n"
+    )
+    print(
+        f"median held-out {before:.3g} -> {np.median(after):.3g} % (worst"
+        f" {max(after):.3g} %)"
+    )
     print(f"first claims: {', '.join(f'{k} {n}' for k, n in kinds.most_common())}\n")
     checks = [
-        (f"median at most {LIMIT_CYCLIC:g} %", f"{np.median(after):.3g}", bool(np.median(after) <= LIMIT_CYCLIC)),
+        (
+            f"median at most {LIMIT_CYCLIC:g} %",
+            f"{np.median(after):.3g}",
+            bool(np.median(after) <= LIMIT_CYCLIC),
+        ),
         ("no claim raises the held-out error", f"{raised} do", raised == 0),
     ]
     print_checks(checks)
@@ -317,19 +431,38 @@ def cyclic(count: int | None, jobs: int, **options: Any) -> list[Check]:
 
 
 def main(arguments: list[str] | None = None) -> dict[str, list[Check]]:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sets", nargs="*", choices=[*SETS, CYCLIC, []], help="sets to run; all by default")
-    parser.add_argument("--quick", action="store_true", help="the smallest record and two cyclic runs, one effect")
-    parser.add_argument("--old-band", action="store_true", help="also in the band that was once set by hand")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "sets",
+        nargs="*",
+        choices=[*SETS, CYCLIC, []],
+        help="sets to run; all by default",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="the smallest record and two cyclic runs, one effect",
+    )
+    parser.add_argument(
+        "--old-band",
+        action="store_true",
+        help="also in the band that was once set by hand",
+    )
     parser.add_argument("--runs", type=int, help="so many of the 82 cyclic runs")
     parser.add_argument("--jobs", type=int, default=1, help="cyclic runs at a time")
     o = parser.parse_args(arguments)
     options: dict[str, Any] = {"max_steps": 1} if o.quick else {}
     out: dict[str, list[Check]] = {}
-    for name in o.sets or (["friction_damper_2hz", CYCLIC] if o.quick else [*SETS, CYCLIC]):
+    for name in o.sets or (
+        ["friction_damper_2hz", CYCLIC] if o.quick else [*SETS, CYCLIC]
+    ):
         try:
             if name == CYCLIC:
-                out[name] = cyclic(o.runs or (2 if o.quick else None), o.jobs, **options)
+                out[name] = cyclic(
+                    o.runs or (2 if o.quick else None), o.jobs, **options
+                )
             else:
                 out[name] = show(name, SETS[name], o.old_band, **options)
         except NRFError as error:

@@ -1,6 +1,8 @@
-"""The verdicts that the README prints, one line a record: ``python benchmarks/readme_numbers.py [NAME...]``.
+"""The verdicts that the README prints, one line a record: ``python
+benchmarks/readme_numbers.py [NAME...]``.
 
-A test compares them with the README. Measured records are read from the folder that PYSINDY_NRF_DATA names.
+A test compares them with the README. Measured records are read from the folder that
+PYSINDY_NRF_DATA names.
 """
 
 import sys
@@ -20,13 +22,18 @@ RECORDS = {
 
 
 def line(name: str) -> str:
-    """The row of the README's table: record, verdict, held-out balance error before and after."""
+    """The row of the README's table: record, verdict, held-out balance error before and
+    after.
+    """
     load, masses = RECORDS[name]
     with warnings.catch_warnings(action="ignore"):
         report = close_loop(load(), NRFRegressor(degree=1, known_masses=masses))
     before, after = report.table["held-out"].iloc[0], report.final["held-out"]
     verdict = report.verdict
-    return f"| {name} | {verdict.state}: {verdict.sentence} | {before:.3g} to {after:.3g} % |"
+    return (
+        f"| {name} | {verdict.state}: {verdict.sentence} | {before:.3g} to"
+        f" {after:.3g} % |"
+    )
 
 
 if __name__ == "__main__":

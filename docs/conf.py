@@ -31,7 +31,13 @@ extensions = [
     "sphinx.ext.viewcode",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "gallery/*.ipynb", "gallery/*.py", "gallery/*.md5", "gallery/*.json"]
+exclude_patterns = [
+    "_build",
+    "gallery/*.ipynb",
+    "gallery/*.py",
+    "gallery/*.md5",
+    "gallery/*.json",
+]
 source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
 
 myst_enable_extensions = ["dollarmath", "deflist"]
@@ -47,8 +53,11 @@ html_math_renderer = "mathml"  # formulas need neither a network nor a script
 html_theme = "pydata_sphinx_theme"
 html_title = "pysindy_nrf"
 html_theme_options = {
-    "show_toc_level": 2, "navigation_with_keys": False, "use_edit_page_button": False, "navbar_center": [],
-}  # fmt: skip
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "use_edit_page_button": False,
+    "navbar_center": [],
+}
 html_sidebars = {"**": ["globaltoc.html"]}
 html_show_sourcelink = False
 html_context = {"default_mode": "auto"}
@@ -74,8 +83,16 @@ warnings.filterwarnings("ignore", message="FigureCanvasAgg is non-interactive")
 
 
 def _skip_routing(app, what, name, obj, skip, options):
-    """The metadata methods that scikit-learn adds to every estimator are described there."""
-    return True if name.startswith("set_") and name.endswith("_request") or name == "get_metadata_routing" else skip
+    """The metadata methods that scikit-learn adds to every estimator are described
+    there.
+    """
+    return (
+        True
+        if name.startswith("set_")
+        and name.endswith("_request")
+        or name == "get_metadata_routing"
+        else skip
+    )
 
 
 def _mathml(display):
@@ -83,15 +100,26 @@ def _mathml(display):
 
     def visit(translator, node):
         latex = node.astext()
-        rows = r"\begin{aligned}" + latex + r"\end{aligned}" if r"\\" in latex and r"\begin" not in latex else latex
+        rows = (
+            r"\begin{aligned}" + latex + r"\end{aligned}"
+            if r"\\" in latex and r"\begin" not in latex
+            else latex
+        )
         formula = convert(rows, display=display)
-        translator.body.append(f'<div>{formula}</div>' if display == "block" else formula)
+        translator.body.append(
+            f"<div>{formula}</div>" if display == "block" else formula
+        )
         raise nodes.SkipNode
 
     return visit, None
 
 
 def setup(app):
-    app.add_html_math_renderer("mathml", inline_renderers=_mathml("inline"), block_renderers=_mathml("block"))
-    app.connect("builder-inited", lambda app: law_catalogue.write(Path(app.srcdir) / "generated"))
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=_mathml("inline"), block_renderers=_mathml("block")
+    )
+    app.connect(
+        "builder-inited",
+        lambda app: law_catalogue.write(Path(app.srcdir) / "generated"),
+    )
     app.connect("autodoc-skip-member", _skip_routing)

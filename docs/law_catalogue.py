@@ -1,4 +1,6 @@
-"""Writes the page of all force laws, each with a small picture: its force against the drift."""
+"""Writes the page of all force laws, each with a small picture: its force against the
+drift.
+"""
 
 from pathlib import Path
 
@@ -19,7 +21,11 @@ sensors have no such picture. `pysindy-nrf laws WORDS` lists the same on the com
 
 def of_the_package() -> dict[str, type]:
     """Laws by name, without those that a script has added to the registry."""
-    return {name: kind for name, kind in sorted(registry().items()) if kind.__module__.startswith("pysindy_nrf.")}
+    return {
+        name: kind
+        for name, kind in sorted(registry().items())
+        if kind.__module__.startswith("pysindy_nrf.")
+    }
 
 
 def motion() -> Motion:
@@ -37,11 +43,17 @@ def force_of(kind: type) -> np.ndarray | None:
     middle = {}
     for shape in kind.shapes:
         low, high = shape.bounds(0.7, 0.7, float(drive.t[-1]))
-        middle[shape.name] = float(np.sqrt(low * high)) if shape.log and low > 0 else 0.5 * (low + high)
+        middle[shape.name] = (
+            float(np.sqrt(low * high)) if shape.log and low > 0 else 0.5 * (low + high)
+        )
     try:
         law = kind(**middle)
         later = np.where(drive.t > drive.t[-1] / 2, 1.0, 0.3)
-        columns = law.features(Motion(drive.s, drive.v, drive.a, drive.t, dict.fromkeys(law.covariates, later)))
+        columns = law.features(
+            Motion(
+                drive.s, drive.v, drive.a, drive.t, dict.fromkeys(law.covariates, later)
+            )
+        )
     except (NRFError, TypeError):
         return None
     sizes = np.sqrt(np.mean(columns**2, axis=0))
@@ -70,10 +82,16 @@ def write(folder: Path) -> Path:
         if force is not None:
             draw(folder / "laws" / f"{name}.svg", force)
             picture = f"![Force of {name} against drift](laws/{name}.svg)"
-        families.setdefault(kind.family, []).append(f"| {picture} | **{name}** | {about} |")
+        families.setdefault(kind.family, []).append(
+            f"| {picture} | **{name}** | {about} |"
+        )
     text = HEAD.format(count=len(of_the_package()))
     for family, rows in sorted(families.items()):
-        head = [f"\n## {family.capitalize()}\n", "| force | name | what it is |", "|---|---|---|"]
+        head = [
+            f"\n## {family.capitalize()}\n",
+            "| force | name | what it is |",
+            "|---|---|---|",
+        ]
         text += "\n".join([*head, *rows, ""])
     page = folder / "law_catalogue.md"
     page.write_text(text, encoding="utf-8")

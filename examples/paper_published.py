@@ -1,7 +1,8 @@
 """What the paper prints: polynomials (11)-(23) and masses, as data with units.
 
-Every polynomial is stored in the order in which the paper prints its terms, ``PRINTED_ORDER``; ``law`` turns it into a
-``PowerSeries``, whose own order is that of eq. (9). Coefficients of v^h s^j are in N s^h / m^(h+j), masses in kg.
+Every polynomial is stored in the order in which the paper prints its terms,
+``PRINTED_ORDER``; ``law`` turns it into a ``PowerSeries``, whose own order is that of
+eq. (9). Coefficients of v^h s^j are in N s^h / m^(h+j), masses in kg.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ from pysindy_nrf.laws import PowerSeries
 
 PRINTED_ORDER = ("s", "v", "s^2", "v s", "v^2", "s^3", "v s^2", "v^2 s", "v^3")
 TOTAL_MASS = 51.41  # kg, of the four-storey frame as weighed
-NOISE_SENTENCE = "the standard deviation of the random noise is equal to 5% of the corresponding mean value"
+NOISE_SENTENCE = (
+    "the standard deviation of the random noise is equal to 5% of the corresponding"
+    " mean value"
+)
 _EXPONENTS = ((0, 1), (1, 0), (0, 2), (1, 1), (2, 0), (0, 3), (1, 2), (2, 1), (3, 0))
 
 
@@ -28,9 +32,15 @@ class Result:
 
     equations: str
     title: str
-    storeys: dict[int, tuple[float, ...]]  # by storey, in the order of PRINTED_ORDER (the first two if linear)
-    masses: dict[int, float] = field(default_factory=dict)  # kg, by DOF; empty where the paper prints none
-    twins: dict[int, tuple[float, ...]] = field(default_factory=dict)  # from the balance below a storey (eq. 10b)
+    storeys: dict[
+        int, tuple[float, ...]
+    ]  # by storey, in the order of PRINTED_ORDER (the first two if linear)
+    masses: dict[int, float] = field(
+        default_factory=dict
+    )  # kg, by DOF; empty where the paper prints none
+    twins: dict[int, tuple[float, ...]] = field(
+        default_factory=dict
+    )  # from the balance below a storey (eq. 10b)
     figures: dict[str, str] = field(default_factory=dict)  # number and content
 
     def law(self, storey: int) -> PowerSeries:
@@ -38,7 +48,9 @@ class Result:
         return law(self.storeys[storey])
 
     def table(self) -> pd.DataFrame:
-        """Coefficients: one row for each term as printed, one column for each storey and one with the units."""
+        """Coefficients: one row for each term as printed, one column for each storey
+        and one with the units.
+        """
         size = len(next(iter(self.storeys.values())))
         units = {t.label: t.unit for t in PowerSeries(3).terms()}
         table = pd.DataFrame(
@@ -51,10 +63,12 @@ class Result:
         """The result as a model; ChainError if the paper does not print its masses."""
         if any(j not in self.masses for j in self.storeys):
             raise ChainError(
-                f"The paper prints no masses with eqs. {self.equations}", "Use .law(storey) for its restoring forces."
+                f"The paper prints no masses with eqs. {self.equations}",
+                "Use .law(storey) for its restoring forces.",
             )
         return ChainModel(
-            [self.masses[j] for j in sorted(self.masses)], {f"storey {i}": self.law(i) for i in self.storeys}
+            [self.masses[j] for j in sorted(self.masses)],
+            {f"storey {i}": self.law(i) for i in self.storeys},
         )
 
 
@@ -119,7 +133,12 @@ FRAME_COMPLETE = Result(
         1: (1.35e5, 30.35, 5.47e5, -6.55e4, -101.36, -4.17e8, 1.73e6, -3.84e5, 1.05e5),
     },
     {1: 12.53, 2: 12.41, 3: 12.47, 4: 12.16},
-    figures={"10": "forces and responses", "11": "surfaces", "12": "damper force", "13": "dissipated energy"},
+    figures={
+        "10": "forces and responses",
+        "11": "surfaces",
+        "12": "damper force",
+        "13": "dissipated energy",
+    },
 )
 LINEAR_COMPLETE = Result(
     "(20)",

@@ -2,8 +2,9 @@
 An undeclared bumper on the third floor, and two effects at once
 ================================================================
 
-A four-storey frame knocks against a bumper that nobody declared; in the second test the first storey rubs as well.
-2 % noise on every channel, one floor shaken. What does the loop find, where, and what is left?
+A four-storey frame knocks against a bumper that nobody declared; in the second test the
+first storey rubs as well. 2 % noise on every channel, one floor shaken. What does the
+loop find, where, and what is left?
 
 Run: ``python plot_closed_loop_bumper.py [folder]``
 """
@@ -30,9 +31,14 @@ bumper = laws.OneSidedGap(gap=0.0015, k=1.5e5)
 friction = laws.CoulombFriction(40.0)
 frames = {
     "bumper": {"storey 3": [*storey(), bumper]},
-    "bumper and friction": {"storey 3": [*storey(), bumper], "storey 1": [*storey(), friction]},
+    "bumper and friction": {
+        "storey 3": [*storey(), bumper],
+        "storey 1": [*storey(), friction],
+    },
 }
-F = excitation.band_limited_random(4, 16.0, 1000.0, excited=3, rms=150.0, band=(1, 40), random_state=1)
+F = excitation.band_limited_random(
+    4, 16.0, 1000.0, excited=3, rms=150.0, band=(1, 40), random_state=1
+)
 figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), layout="constrained")
 for row, (name, special) in zip(axes, frames.items()):
     plain = {f"storey {i}": storey() for i in range(1, 5)}
@@ -44,7 +50,13 @@ for row, (name, special) in zip(axes, frames.items()):
     row[0].set_title(name)
     s = np.linspace(-0.004, 0.004, 400)
     for model, label, style in ((frame, "true", "k-"), (report.model, "found", "--")):
-        row[1].plot(1e3 * s, model.restoring_forces["storey 3"](0.0, s), style, label=label)
-    row[1].set(xlabel="drift of storey 3 (mm)", ylabel="restoring force at rest (N)", title="storey 3")
+        row[1].plot(
+            1e3 * s, model.restoring_forces["storey 3"](0.0, s), style, label=label
+        )
+    row[1].set(
+        xlabel="drift of storey 3 (mm)",
+        ylabel="restoring force at rest (N)",
+        title="storey 3",
+    )
     row[1].legend(frameon=False)
 figure.savefig(folder / "closed_loop_bumper.png", dpi=150)

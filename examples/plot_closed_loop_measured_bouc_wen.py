@@ -2,9 +2,10 @@
 The Bouc-Wen benchmark from a linear start
 ==========================================
 
-The published benchmark of Noel and Schoukens (2016): a mass on a hysteretic spring under a multisine. Declared is a
-linear spring. Found should be m = 2 kg, c = 10 N s/m, k = 5e4 N/m, and the hysteresis with alpha = 5e4 N/m, beta
-gamma = 800 1/m, delta / gamma = -1.375, nu = 1.
+The published benchmark of Noel and Schoukens (2016): a mass on a hysteretic spring
+under a multisine. Declared is a linear spring. Found should be m = 2 kg, c = 10 N s/m,
+k = 5e4 N/m, and the hysteresis with alpha = 5e4 N/m, beta gamma = 800 1/m, delta /
+gamma = -1.375, nu = 1.
 
 Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_bouc_wen.py [folder]``
 """
@@ -37,7 +38,9 @@ figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
     measured = filter.apply(F["F1"].to_numpy() - model.masses[0] * X["a1"].to_numpy())
     force = filter.apply(model.restoring_force(X)[:, 0])
-    HysteresisLoopDisplay(X["s1"].to_numpy()[part], force[part], measured[part]).plot(ax)
+    HysteresisLoopDisplay(X["s1"].to_numpy()[part], force[part], measured[part]).plot(
+        ax
+    )
     ax.set_title(when)
 BeforeAfterDisplay.from_report(report).plot(axes[2])
 figure.savefig(folder / "closed_loop_measured_bouc_wen.png", dpi=150)

@@ -2,8 +2,9 @@
 A mass that rubs, but not where one would look
 ==============================================
 
-A one-storey frame on a shaking base; the mass rubs on a frame that stands on the laboratory floor. Is the friction in
-the storey or against the ground? The force over the drift does not say; the loop does.
+A one-storey frame on a shaking base; the mass rubs on a frame that stands on the
+laboratory floor. Is the friction in the storey or against the ground? The force over
+the drift does not say; the loop does.
 
 Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_dry_friction.py [folder]``
 """
@@ -28,7 +29,11 @@ whole = measured_sets.load_dry_friction_storey()
 # the lasers give 500 Hz, logged at 2000 Hz by repetition; their stand-off is taken off
 x, xg = whole.displacement[::4], whole.base_displacement[::4]
 record = Record(
-    displacement=x - x.mean(axis=0), base_displacement=xg - xg.mean(), fs=500.0, coordinates="absolute", name=whole.name
+    displacement=x - x.mean(axis=0),
+    base_displacement=xg - xg.mean(),
+    fs=500.0,
+    coordinates="absolute",
+    name=whole.name,
 )
 report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 1.0}))
 print(f"{report}\n{report.table.round(2).to_string()}")
@@ -40,9 +45,14 @@ vg = np.gradient(xg, 1 / 500.0)[inside]
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 storey = report.model.restoring_forces["storey 1"]
 missing = -X["a1"].to_numpy() - storey(X["v1"].to_numpy(), X["s1"].to_numpy())
-for ax, rate, name in zip(axes, (X["v1"].to_numpy(), X["v1"].to_numpy() + vg), ("storey", "absolute")):
+for ax, rate, name in zip(
+    axes, (X["v1"].to_numpy(), X["v1"].to_numpy() + vg), ("storey", "absolute")
+):
     ax.plot(1e3 * rate[::3], missing[::3], ".", markersize=1.5)
-    ax.set(xlabel=f"{name} velocity (mm/s)", ylabel="force the storey does not explain (N, for 1 kg)")
+    ax.set(
+        xlabel=f"{name} velocity (mm/s)",
+        ylabel="force the storey does not explain (N, for 1 kg)",
+    )
     ax.set_title(f"over the {name} velocity")
 BeforeAfterDisplay.from_report(report).plot(axes[2])
 figure.savefig(folder / "closed_loop_measured_dry_friction.png", dpi=150)

@@ -2,9 +2,9 @@
 A positioning stage: the friction nobody declared
 =================================================
 
-A drive pushes a carriage along its rails; only the position is measured. The declared model is a mass with a spring
-and a dashpot. What is missing? The published answer is Coulomb friction of 20.4 N and an offset of -3.2 N (Janot,
-Gautier, Brunot, 2019).
+A drive pushes a carriage along its rails; only the position is measured. The declared
+model is a mass with a spring and a dashpot. What is missing? The published answer is
+Coulomb friction of 20.4 N and an offset of -3.2 N (Janot, Gautier, Brunot, 2019).
 
 Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_emps.py [folder]``
 """
@@ -33,7 +33,13 @@ figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 velocity = X["v1"].to_numpy()
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
     inertia = model.masses[0] * X["a1"].to_numpy()
-    ax.plot(velocity, F["F1"].to_numpy() - inertia, color="0.6", linewidth=1.5, label="measured, inertia taken off")
+    ax.plot(
+        velocity,
+        F["F1"].to_numpy() - inertia,
+        color="0.6",
+        linewidth=1.5,
+        label="measured, inertia taken off",
+    )
     ax.plot(velocity, model.predict(X)[:, 0] - inertia, linewidth=0.8, label="model")
     ax.set(xlabel="velocity (m/s)", ylabel="force (N)", title=when)
     ax.legend(frameon=False)

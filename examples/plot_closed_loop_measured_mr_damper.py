@@ -2,8 +2,9 @@
 A magnetorheological damper under changing voltage
 ==================================================
 
-A damper by itself, driven by white noise while its voltage changes. A spring and a dashpot leave half of its force
-unexplained. The voltage is among the channels; nobody says what it does.
+A damper by itself, driven by white noise while its voltage changes. A spring and a
+dashpot leave half of its force unexplained. The voltage is among the channels; nobody
+says what it does.
 
 Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_mr_damper.py [folder]``
 """

@@ -2,11 +2,12 @@
 Cyclic tests of a damper: better than a cubic series?
 =====================================================
 
-Tests of a damper at constant current, each at one frequency. The declared model is a spring, a dashpot and the load
-cell's offset. Beside it stands the cubic series in velocity and drift, the paper's nine terms. Every twelfth of the
-82 runs is drawn.
+Tests of a damper at constant current, each at one frequency. The declared model is a
+spring, a dashpot and the load cell's offset. Beside it stands the cubic series in
+velocity and drift, the paper's nine terms. Every twelfth of the 82 runs is drawn.
 
-Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_mr_damper_cyclic.py [folder]``
+Run: ``PYSINDY_NRF_DATA=... python plot_closed_loop_measured_mr_damper_cyclic.py
+[folder]``
 """
 
 import os
@@ -27,7 +28,9 @@ folder.mkdir(parents=True, exist_ok=True)
 
 
 def declared(degree):
-    return NRFRegressor(laws={1: [laws.PowerSeries(degree), laws.ConstantForce()]}, massless=True)
+    return NRFRegressor(
+        laws={1: [laws.PowerSeries(degree), laws.ConstantForce()]}, massless=True
+    )
 
 
 runs = measured_sets.mr_damper_cyclic_runs()[::12]
@@ -36,7 +39,13 @@ for run in runs:
     record = measured_sets.load_mr_damper_cyclic(run)
     report = close_loop(record, declared(1), max_steps=2)
     cubic = close_loop(record, declared(3), max_steps=0)
-    rows.append([report.table["held-out"].iloc[0], cubic.table["held-out"].iloc[0], report.table["held-out"].iloc[-1]])
+    rows.append(
+        [
+            report.table["held-out"].iloc[0],
+            cubic.table["held-out"].iloc[0],
+            report.table["held-out"].iloc[-1],
+        ]
+    )
     reports.append(report)
     print(f"{run}\n{report}\n")
 

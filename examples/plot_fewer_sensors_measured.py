@@ -2,9 +2,10 @@
 Three floors, two sensors: a measured motion hidden and compared
 ================================================================
 
-The frequency responses of a frame of three equal floors, force on floor 1 (0.03125 Hz steps, useful from 4 to 32 Hz).
-The accelerations of floor 2 are hidden; masses and storeys are found from the other two, and the hidden motion is
-compared with the one that was measured.
+The frequency responses of a frame of three equal floors, force on floor 1 (0.03125 Hz
+steps, useful from 4 to 32 Hz). The accelerations of floor 2 are hidden; masses and
+storeys are found from the other two, and the hidden motion is compared with the one
+that was measured.
 
 Run: ``PYSINDY_NRF_DATA=... python plot_fewer_sensors_measured.py [folder]``
 """
@@ -36,24 +37,49 @@ force, *floors = np.fft.irfft(lines, n, axis=0).T
 a = np.column_stack(floors)
 hidden = a[:, 1].copy()
 a[:, 1] = np.nan
-record = Record(force=np.column_stack([force, 0 * force, 0 * force]), acceleration=a, fs=n * frf.f[0])
+record = Record(
+    force=np.column_stack([force, 0 * force, 0 * force]),
+    acceleration=a,
+    fs=n * frf.f[0],
+)
 
 model = NRFRegressor(degree=1).fit(record)
 motion = model.motions_[0]
-print(f"masses {model.masses_.round(2)}, floor 2: {nrmse(hidden, motion['a2'].to_numpy()):.0f} % NRMSE")
-figure, axes = plt.subplots(1, 2, figsize=(12, 4), layout="constrained", width_ratios=(1, 3))
+print(
+    f"masses {model.masses_.round(2)}, floor 2:"
+    f" {nrmse(hidden, motion['a2'].to_numpy()):.0f} % NRMSE"
+)
+figure, axes = plt.subplots(
+    1, 2, figsize=(12, 4), layout="constrained", width_ratios=(1, 3)
+)
 frame, ax = axes
 for j in range(4):
     frame.plot([0, 1], [j, j], color="0.2", linewidth=6 if j else 2)
-    frame.plot([0, 0, 1, 1], [j - 1, j, j, j - 1] if j else [0] * 4, color="0.5", linewidth=1)
+    frame.plot(
+        [0, 0, 1, 1], [j - 1, j, j, j - 1] if j else [0] * 4, color="0.5", linewidth=1
+    )
 for j, text in ((1, "force, sensor"), (2, "no sensor"), (3, "sensor")):
     frame.annotate(text, (1.05, j), va="center")
 frame.set(xlim=(-0.1, 2.2), ylim=(-0.2, 3.4))
 frame.axis("off")
 show = slice(0, 300)
-ax.plot(motion.index[show], hidden[show], color="0.6", linewidth=1.5, label="measured, hidden from the fit")
-ax.plot(motion.index[show], motion["a2"].to_numpy()[show], linewidth=0.8, label="estimated")
-ax.fill_between(motion.index[show], motion["a2_lower"][show], motion["a2_upper"][show], alpha=0.3, label="95 %")
+ax.plot(
+    motion.index[show],
+    hidden[show],
+    color="0.6",
+    linewidth=1.5,
+    label="measured, hidden from the fit",
+)
+ax.plot(
+    motion.index[show], motion["a2"].to_numpy()[show], linewidth=0.8, label="estimated"
+)
+ax.fill_between(
+    motion.index[show],
+    motion["a2_lower"][show],
+    motion["a2_upper"][show],
+    alpha=0.3,
+    label="95 %",
+)
 ax.set(xlabel="time (s)", ylabel="acceleration of floor 2 (file's unit)")
 ax.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 figure.savefig(folder / "fewer_sensors.png", dpi=110)

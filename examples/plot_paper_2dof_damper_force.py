@@ -3,12 +3,14 @@ How well is the damper's force found? Complete and incomplete, with and without 
 =====================================================================================
 
 The damper's force is the identified storey force less that of the bare frame (eq. 21).
-Counterparts of the paper's Figs. 4, 5, 7 and 8, and the energy the damper dissipates, with the
-published polynomials (11), (12), (16) and (17) evaluated along the same motion.
+Counterparts of the paper's Figs. 4, 5, 7 and 8, and the energy the damper dissipates,
+with the published polynomials (11), (12), (16) and (17) evaluated along the same
+motion.
 
 The paper's noise: "the standard deviation of the random noise is equal to 5% of the
-corresponding mean value". For a signal that swings about zero the mean is next to nothing; here 5 % is a
-share of each channel's rms, and the noisy channels are fused before the fit.
+corresponding mean value". For a signal that swings about zero the mean is next to
+nothing; here 5 % is a share of each channel's rms, and the noisy channels are fused
+before the fit.
 
 Run: ``python plot_paper_2dof_damper_force.py [folder]``
 """
@@ -35,20 +37,30 @@ figures = {
     ("incomplete", 0.05): ("08", published.TWO_DOF_INCOMPLETE_NOISY),
 }
 energies, energy_axes = plt.subplots(2, 2, figsize=(9, 6.5), layout="constrained")
-for (excitation, noise), (number, paper), ax in zip(figures, figures.values(), energy_axes.ravel()):
+for (excitation, noise), (number, paper), ax in zip(
+    figures, figures.values(), energy_axes.ravel()
+):
     case = cases.two_dof(excitation, noise)
     X, F = case.measured.to_features(smooth=noise > 0)
     model = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(X, F)
     found = damper_force(model, case.bare, X)
 
-    # The damper force over drift and rate, the last two seconds; storey 2 has no damper.
+    # The damper force over drift and rate, the last two seconds; storey 2 has no
+    # damper.
     last = slice(-2000, None)
-    figure, axes = plt.subplots(1, 2, figsize=(8.5, 3.4), sharey=True, layout="constrained")
+    figure, axes = plt.subplots(
+        1, 2, figsize=(8.5, 3.4), sharey=True, layout="constrained"
+    )
     for ax2, over in zip(axes, ("drift", "rate")):
         truth = case.damper[last, 0]
-        DamperForceDisplay.from_estimator(model, case.bare, X.iloc[last], 1, truth, over).plot(ax2)
+        DamperForceDisplay.from_estimator(
+            model, case.bare, X.iloc[last], 1, truth, over
+        ).plot(ax2)
     none = found["storey 2"].iloc[last].abs().max()
-    figure.suptitle(f"{case.name}: damper force in storey 1 (found in storey 2: at most {none:.2g} N)")
+    figure.suptitle(
+        f"{case.name}: damper force in storey 1 (found in storey 2: at most"
+        f" {none:.2g} N)"
+    )
     figure.savefig(folder / f"paper_fig{number}_damper_force.png", dpi=150)
 
     # The energy it dissipates.
@@ -64,9 +76,12 @@ for (excitation, noise), (number, paper), ax in zip(figures, figures.values(), e
     EnergyDisplay(X.index, energy).plot(ax)
     ax.set_title(case.name, fontsize="medium")
     gap = 100 * (energy["identified"][-1] / energy["true"][-1] - 1)
-    force_errors = [nrmse(case.force[:, i], model.restoring_force(X)[:, i]) for i in (0, 1)]
+    force_errors = [
+        nrmse(case.force[:, i], model.restoring_force(X)[:, i]) for i in (0, 1)
+    ]
     print(
-        f"{case.name}: m = {model.masses_.round(3)} kg, storey force errors {force_errors[0]:.2f} and "
-        f"{force_errors[1]:.2f} %, dissipated energy {gap:+.2f} % from the truth"
+        f"{case.name}: m = {model.masses_.round(3)} kg, storey force errors"
+        f" {force_errors[0]:.2f} and {force_errors[1]:.2f} %, dissipated energy"
+        f" {gap:+.2f} % from the truth"
     )
 energies.savefig(folder / "paper_2dof_energy.png", dpi=150)

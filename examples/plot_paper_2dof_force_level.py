@@ -2,10 +2,11 @@
 How hard must one shake? The cubic's bias and the force level
 =============================================================
 
-The paper's power series cannot hold a damper that remembers its path. How much too low the mass
-beside it comes out depends on how large the damper's friction is beside the force. The paper does not print
-its force level; the one used here is that at which our polynomials are nearest to all coefficients of its (11b) and
-(16). Its m_1 = 9.85 kg alone asks for a higher one, at which (16) is 16 % off.
+The paper's power series cannot hold a damper that remembers its path. How much too low
+the mass beside it comes out depends on how large the damper's friction is beside the
+force. The paper does not print its force level; the one used here is that at which our
+polynomials are nearest to all coefficients of its (11b) and (16). Its m_1 = 9.85 kg
+alone asks for a higher one, at which (16) is 16 % off.
 
 Run: ``python plot_paper_2dof_force_level.py [folder]``
 """
@@ -25,7 +26,10 @@ folder.mkdir(parents=True, exist_ok=True)
 warnings.simplefilter("ignore", BiasWarning)  # the bias is what is shown here
 
 levels = np.array([50, 100, 200, cases.FORCE_LEVEL, 500, 800, 1600])
-masses = {e: [cases.first_mass(level, e) for level in levels] for e in ("complete", "incomplete")}
+masses = {
+    e: [cases.first_mass(level, e) for level in levels]
+    for e in ("complete", "incomplete")
+}
 print("rms force (N)  m1 complete  m1 incomplete (kg)")
 for row in zip(levels, masses["complete"], masses["incomplete"]):
     print("{:12.0f} {:12.3f} {:14.3f}".format(*row))
@@ -47,7 +51,10 @@ ax.annotate(
 )
 ax.axvline(cases.FORCE_LEVEL, color="0.3", linewidth=0.8, linestyle=":")
 ax.annotate(
-    f"{cases.FORCE_LEVEL:.0f} N", (cases.FORCE_LEVEL, min(masses["incomplete"])), (4, 0), textcoords="offset points"
+    f"{cases.FORCE_LEVEL:.0f} N",
+    (cases.FORCE_LEVEL, min(masses["incomplete"])),
+    (4, 0),
+    textcoords="offset points",
 )
 ax.set(xlabel="rms of each random force (N)", ylabel="identified $m_1$ (kg)")
 ax.legend(frameon=False, loc="lower right", bbox_to_anchor=(1, 0.12))

@@ -2,9 +2,9 @@
 Did the structure change, where, by how much, and when?
 =======================================================
 
-What the paper says a restoring-force model is good for, shown on the four-storey frame with 1 % noise
-and floor 3 hit: two tests compared before and after damage, the onset of damage within one record, parameters that vary
-with time, and energy as a damage index.
+What the paper says a restoring-force model is good for, shown on the four-storey frame
+with 1 % noise and floor 3 hit: two tests compared before and after damage, the onset of
+damage within one record, parameters that vary with time, and energy as a damage index.
 
 Run: ``python plot_paper_damage.py [folder]``
 """
@@ -34,12 +34,14 @@ def with_law(storey, law):
 
 def hammer(model, seed, friction=0.0):
     """One test on floor 3, 1 % noise."""
-    return cases.four_storey(cases.INCOMPLETE_FRAME, friction, 0.01, model=model, random_state=seed)
+    return cases.four_storey(
+        cases.INCOMPLETE_FRAME, friction, 0.01, model=model, random_state=seed
+    )
 
 
-# %%
-# Two tests: storey 2 has lost 5 % of its stiffness between them. Records are given, not features: motions that were
-# fused together err alike in the whole record, and standard errors would be up to four times too small.
+# %% Two tests: storey 2 has lost 5 % of its stiffness between them. Records are given,
+# not features: motions that were fused together err alike in the whole record, and
+# standard errors would be up to four times too small.
 before = hammer(frame, 1)
 after = hammer(with_law(2, laws.LinearElastic(-0.05 * k2)), 2)
 report = compare_tests(NRFRegressor(degree=1), before.measured, after.measured)
@@ -51,48 +53,87 @@ for ax, storey in zip(axes.ravel(), (1, 2, 3, 4)):
     ChangeMapDisplay.from_report(report, storey, largest).plot(ax)
 figure.savefig(folder / "paper_damage_change_map.png", dpi=150)
 
-# %%
-# The same loss at 20.7 s within one record: an effect like others, which the closed loop finds, dates and confirms.
+# %% The same loss at 20.7 s within one record: an effect like others, which the closed
+# loop finds, dates and confirms.
 case = hammer(with_law(2, laws.StiffnessStep(t0=20.7, dk=-0.05 * k2)), 3)
 X, F = case.measured.to_features()
 model = NRFRegressor(degree=1).fit(X, F)
 step = close_loop(case.measured).steps[0]
 print(f"{step.law} at {step.site}: {step.parameters}, {step.intervals}")
-display = TrackDisplay.from_estimator(model, X, F, onset=step.parameters["t0"], window=2.0)
+display = TrackDisplay.from_estimator(
+    model, X, F, onset=step.parameters["t0"], window=2.0
+)
 display.plot().figure_.savefig(folder / "paper_damage_onset.png", dpi=150)
 
-# %%
-# Damage that grows: storey 2 loses 10 % over the record, steadily. Parameters varying with time, which the
-# paper leaves to the future.
+# %% Damage that grows: storey 2 loses 10 % over the record, steadily. Parameters
+# varying with time, which the paper leaves to the future.
 case = hammer(with_law(2, laws.StiffnessDrift(-0.1 * k2 / cases.DURATION_FRAME)), 4)
 X, F = case.measured.to_features()
-windows = track(NRFRegressor(degree=1).fit(X, F), X, F, window=3.0, masses=dict(enumerate(before.truth.masses, 1)))
+windows = track(
+    NRFRegressor(degree=1).fit(X, F),
+    X,
+    F,
+    window=3.0,
+    masses=dict(enumerate(before.truth.masses, 1)),
+)
 truth = k2 * (1 - 0.1 * windows["t"] / cases.DURATION_FRAME)
-print(f"growth: largest error of k2 along the record {100 * np.abs(windows['k2'] / truth - 1).max():.2f} %")
+print(
+    "growth: largest error of k2 along the record"
+    f" {100 * np.abs(windows['k2'] / truth - 1).max():.2f} %"
+)
 display = TrackDisplay(windows, window=3.0).plot()
-display.ax_.plot(windows["t"], 100 * (truth / truth.iloc[0] - 1), color="0.6", linewidth=4, zorder=0, label="true")
+display.ax_.plot(
+    windows["t"],
+    100 * (truth / truth.iloc[0] - 1),
+    color="0.6",
+    linewidth=4,
+    zorder=0,
+    label="true",
+)
 display.ax_.legend(frameon=False, fontsize="small", ncols=2)
 display.figure_.savefig(folder / "paper_damage_growth.png", dpi=150)
 
-# %%
-# Energy as a damage index: friction has appeared in storey 4, its stiffness is what it was.
+# %% Energy as a damage index: friction has appeared in storey 4, its stiffness is what
+# it was.
 rubbing = hammer(cases.frame_model(10.0), 2)
 shares = {}
 for name, test in {"before": before, "after": rubbing}.items():
     X, F = test.measured.to_features()
     own = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]} if name == "after" else None
-    shares[name] = cases.energy_shares(NRFRegressor(degree=1, laws=own).fit(X, F), X)["share"]
+    shares[name] = cases.energy_shares(NRFRegressor(degree=1, laws=own).fit(X, F), X)[
+        "share"
+    ]
 print({name: share.round(1).to_dict() for name, share in shares.items()})
 figure, ax = plt.subplots(figsize=(4.8, 3.2), layout="constrained")
 y = np.arange(4)
-ax.barh(y + 0.2, shares["before"], height=0.38, color="#56B4E9", edgecolor="k", linewidth=0.5, label="before")
-ax.barh(y - 0.2, shares["after"], height=0.38, color="#0072B2", edgecolor="k", linewidth=0.5, label="after")
-ax.set(yticks=y, yticklabels=shares["before"].index, xlabel="share of the dissipated energy (%)")
+ax.barh(
+    y + 0.2,
+    shares["before"],
+    height=0.38,
+    color="#56B4E9",
+    edgecolor="k",
+    linewidth=0.5,
+    label="before",
+)
+ax.barh(
+    y - 0.2,
+    shares["after"],
+    height=0.38,
+    color="#0072B2",
+    edgecolor="k",
+    linewidth=0.5,
+    label="after",
+)
+ax.set(
+    yticks=y,
+    yticklabels=shares["before"].index,
+    xlabel="share of the dissipated energy (%)",
+)
 ax.legend(frameon=False)
 figure.savefig(folder / "paper_damage_energy_index.png", dpi=150)
 
-# %%
-# The free run of the model found before the damage, against the test after it: it no longer fits.
+# %% The free run of the model found before the damage, against the test after it: it no
+# longer fits.
 found = NRFRegressor(degree=1).fit(*before.measured.to_features())
 for name, test in {"before": before, "after": after}.items():
     display = FreeRunDisplay.from_estimator(found, test.exact.window(0, 6)).plot()

@@ -2,11 +2,13 @@
 The weak form of SINDy, and instrumental variables
 ==================================================
 
-Displacements, velocities and the force of one shaker on three cubic storeys, with 5 % noise on every channel; no
-accelerometer. Differentiating the velocities ruins the masses. PySINDy's weak form integrates the equations of motion
-against smooth windows instead, and takes this package's library and optimizer as they are. What is left is the bias
-of noise in the regressors, which instrumental variables remove. Over four draws of the noise the worst mass is 63 % low
-with differences, 6 to 7 % low with the weak form, and 0.2 to 3 % off with instrumental variables.
+Displacements, velocities and the force of one shaker on three cubic storeys, with 5 %
+noise on every channel; no accelerometer. Differentiating the velocities ruins the
+masses. PySINDy's weak form integrates the equations of motion against smooth windows
+instead, and takes this package's library and optimizer as they are. What is left is the
+bias of noise in the regressors, which instrumental variables remove. Over four draws of
+the noise the worst mass is 63 % low with differences, 6 to 7 % low with the weak form,
+and 0.2 to 3 % off with instrumental variables.
 
 Run: ``python plot_weak_form.py [folder]``
 """
@@ -36,30 +38,43 @@ folder.mkdir(parents=True, exist_ok=True)
 # The measured motion
 # -------------------
 dt = 1 / 500.0
-truth = ChainModel([10.0, 9.0, 8.0], {i: [laws.LinearViscous(60.0), laws.Duffing(5e4, 2e8)] for i in (1, 2, 3)})
-F = excitation.band_limited_random(3, 20.0, 1 / dt, excited=3, rms=150.0, band=(0.5, 20), random_state=0)
+truth = ChainModel(
+    [10.0, 9.0, 8.0],
+    {i: [laws.LinearViscous(60.0), laws.Duffing(5e4, 2e8)] for i in (1, 2, 3)},
+)
+F = excitation.band_limited_random(
+    3, 20.0, 1 / dt, excited=3, rms=150.0, band=(0.5, 20), random_state=0
+)
 run = simulate(truth, F, dt)
 rng = np.random.default_rng(1)
-x, v, F = (y + 0.05 * y.std(axis=0) * rng.standard_normal(y.shape) for y in (run.displacement, run.velocity, F))
+x, v, F = (
+    y + 0.05 * y.std(axis=0) * rng.standard_normal(y.shape)
+    for y in (run.displacement, run.velocity, F)
+)
 state, t = np.hstack([x, v]), np.arange(len(x)) * dt
 
-# %%
-# Three estimates
-# ---------------
-# The windows of the weak form last 80 ms (``H_xt`` is the half), about a cycle and a half of the second mode: shorter
-# ones let more noise through, longer ones blur the motion. The columns of storeys are those of the library inside.
+# %% Three estimates --------------- The windows of the weak form last 80 ms (``H_xt``
+# is the half), about a cycle and a half of the second mode: shorter ones let more noise
+# through, longer ones blur the motion. The columns of storeys are those of the library
+# inside.
 library = InterstoryPolynomialLibrary(3, inputs="state")
 optimizer = StateSpaceChainOptimizer(terms=library)
 found = {"truth": truth.masses}
-found["SINDy's differences"] = ps.SINDy(optimizer, library).fit(state, t=dt, u=F).optimizer.masses_
+found["SINDy's differences"] = (
+    ps.SINDy(optimizer, library).fit(state, t=dt, u=F).optimizer.masses_
+)
 
 np.random.seed(0)  # noqa: NPY002  the windows are placed by NumPy's global state
-weak = ps.WeakPDELibrary(function_library=library, spatiotemporal_grid=t, K=500, H_xt=[0.04])
+weak = ps.WeakPDELibrary(
+    function_library=library, spatiotemporal_grid=t, K=500, H_xt=[0.04]
+)
 model = ps.SINDy(optimizer, weak).fit(state, t=dt, u=F)
 found["weak form"] = model.optimizer.masses_
 
 record = Record(force=F, velocity=v, displacement=x, fs=1 / dt)
-found["instrumental variables"] = NRFRegressor(degree=3, estimation="iv").fit(record).masses_
+found["instrumental variables"] = (
+    NRFRegressor(degree=3, estimation="iv").fit(record).masses_
+)
 for name, masses in found.items():
     worst = 100 * np.abs(masses / truth.masses - 1).max()
     print(f"{name:24s}{''.join(f'{m:9.3f}' for m in masses)}   worst {worst:5.2f} %")

@@ -1,4 +1,6 @@
-"""Masses and nonlinear restoring forces of chain-like structures from measured forces and motions."""
+"""Masses and nonlinear restoring forces of chain-like structures from measured forces
+and motions.
+"""
 
 from . import exceptions, laws
 from .common.lazy import public_names
@@ -11,22 +13,44 @@ __version__ = "0.1.0"
 # Public name -> the module that defines it. Resolved on first use (PEP 562), so that
 # `import pysindy_nrf` loads neither PySINDy nor numba nor scipy.signal.
 _LAZY = {
-    "ChainModel": "regression.chain_model", "ChainOptimizer": "regression.optimizers",
-    "FairFilter": "signals.zero_phase_filter", "ForceLawLibrary": "regression.feature_library",
-    "InterstoryPolynomialLibrary": "regression.feature_library", "KinematicSmoother": "signals",
-    "NRFRegressor": "estimation.regressor", "StateSpaceChainOptimizer": "regression.optimizers",
-    "Problem": "estimation.problem", "close_loop": "discrepancy", "compare_with_sindy": "selection.comparison",
-    "BlockedTimeSplit": "selection", "RecordSplit": "selection", "one_standard_error": "selection",
-    "select_order": "selection", "select_sparsity": "selection", "simulate": "simulation",
-}  # fmt: skip
-# Layers and the modules that users name, by the name under which `from pysindy_nrf import ...` gives them.
+    "ChainModel": "regression.chain_model",
+    "ChainOptimizer": "regression.optimizers",
+    "FairFilter": "signals.zero_phase_filter",
+    "ForceLawLibrary": "regression.feature_library",
+    "InterstoryPolynomialLibrary": "regression.feature_library",
+    "KinematicSmoother": "signals",
+    "NRFRegressor": "estimation.regressor",
+    "StateSpaceChainOptimizer": "regression.optimizers",
+    "Problem": "estimation.problem",
+    "close_loop": "discrepancy",
+    "compare_with_sindy": "selection.comparison",
+    "BlockedTimeSplit": "selection",
+    "RecordSplit": "selection",
+    "one_standard_error": "selection",
+    "select_order": "selection",
+    "select_sparsity": "selection",
+    "simulate": "simulation",
+}
+# Layers and the modules that users name, by the name under which `from pysindy_nrf
+# import ...` gives them.
 _LAZY_MODULES = {
-    "data": "data", "datasets": "datasets", "diagnostics": "diagnostics", "discrepancy": "discrepancy",
-    "estimation": "estimation", "excitation": "simulation.excitation", "io": "data.io",
-    "mechanics": "mechanics", "monitoring": "monitoring", "output": "output", "regression": "regression",
-    "scorers": "selection.scorers", "selection": "selection", "signals": "signals", "simulation": "simulation",
+    "data": "data",
+    "datasets": "datasets",
+    "diagnostics": "diagnostics",
+    "discrepancy": "discrepancy",
+    "estimation": "estimation",
+    "excitation": "simulation.excitation",
+    "io": "data.io",
+    "mechanics": "mechanics",
+    "monitoring": "monitoring",
+    "output": "output",
+    "regression": "regression",
+    "scorers": "selection.scorers",
+    "selection": "selection",
+    "signals": "signals",
+    "simulation": "simulation",
     "streaming": "estimation.streaming",
-}  # fmt: skip
+}
 
 __all__ = ["Chain", "Record", "Site", "exceptions", "laws", *_LAZY, *_LAZY_MODULES]
 

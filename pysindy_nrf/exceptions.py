@@ -1,9 +1,16 @@
-"""Errors and warnings: what is wrong, where, and what to do about it; each is also the built-in exception expected."""
+"""Errors and warnings: what is wrong, where, and what to do about it; each is also the
+built-in exception expected.
+"""
 
 __all__ = [
-    "NRFError", "FileVersionError", "MissingExtraError", "NRFWarning", "BiasWarning", "DataQualityWarning",
+    "NRFError",
+    "FileVersionError",
+    "MissingExtraError",
+    "NRFWarning",
+    "BiasWarning",
+    "DataQualityWarning",
     "ExtrapolationWarning",
-]  # fmt: skip
+]
 
 
 def sentence(what: str, cure: str = "") -> str:
@@ -43,24 +50,33 @@ class NRFError(_Said, ValueError):
     ...     Chain(3, links=["link 3-7"])
     ... except NRFError as error:  # and every ValueError handler sees it
     ...     print(error.what, "|", error.cure)
-    'link 7-3' is not a link of a chain with 3 DOFs | Links are 'link p-q' with 0 <= q < p <= 3.
+    'link 7-3' is not a link of a chain with 3 DOFs | Links are 'link p-q' with 0 <= q <
+    p <= 3.
     """
 
 
 class ChannelError(NRFError):
-    """A measured channel cannot be used as it is (NaN, infinite, constant, missing, mis-shaped)."""
+    """A measured channel cannot be used as it is (NaN, infinite, constant, missing,
+    mis-shaped).
+    """
 
 
 class ChannelTypeError(ChannelError, TypeError):
-    """A channel holds things that are no numbers (also a ``TypeError``, as of ``float``)."""
+    """A channel holds things that are no numbers (also a ``TypeError``, as of
+    ``float``).
+    """
 
 
 class ChainError(NRFError):
-    """A chain, a site or a parameter given per storey or DOF does not exist or contradicts another."""
+    """A chain, a site or a parameter given per storey or DOF does not exist or
+    contradicts another.
+    """
 
 
 class UnknownSiteError(ChainError, KeyError):
-    """A model is asked for the force of a site that it does not have (also a ``KeyError``, as of any mapping)."""
+    """A model is asked for the force of a site that it does not have (also a
+    ``KeyError``, as of any mapping).
+    """
 
     __str__ = Exception.__str__
 
@@ -87,11 +103,14 @@ class FileVersionError(FileFormatError):
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, datasets
-    >>> text = datasets.demo_truth().to_json().replace('"version": 1', '"version": 99')
+    >>> text = (
+    ...     datasets.demo_truth()
+    ...     .to_json()
+    ...     .replace('"version": 1', '"version": 99')
+    ... )
     >>> ChainModel.from_json(text)
-    Traceback (most recent call last):
-    pysindy_nrf.exceptions.FileVersionError: The JSON text has version 99, this package reads up to 1. Update
-    pysindy_nrf.
+    Traceback (most recent call last): pysindy_nrf.exceptions.FileVersionError: The JSON
+    text has version 99, this package reads up to 1. Update pysindy_nrf.
     """
 
 
@@ -105,19 +124,22 @@ class MissingExtraError(ImportError):
     Parameters
     ----------
     package, extra, purpose : str
-        The package that is missing, the extra of ``pysindy_nrf`` that brings it, and what it is needed for.
+        The package that is missing, the extra of ``pysindy_nrf`` that brings it, and
+        what it is needed for.
 
     Examples
     --------
     >>> from pysindy_nrf.exceptions import MissingExtraError
     >>> print(MissingExtraError("h5py", "files", "Reading HDF5"))
-    Reading HDF5 needs the package 'h5py'. Install it with: pip install 'pysindy_nrf[files]'
+    Reading HDF5 needs the package 'h5py'. Install it with: pip install
+    'pysindy_nrf[files]'
     """
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
         self.package, self.extra, self.purpose = package, extra, purpose
         super().__init__(
-            f"{purpose} needs the package '{package}'. Install it with: pip install 'pysindy_nrf[{extra}]'"
+            f"{purpose} needs the package '{package}'. Install it with: pip install"
+            f" 'pysindy_nrf[{extra}]'"
         )
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
@@ -136,7 +158,9 @@ class NRFWarning(_Said, UserWarning):
     --------
     >>> import warnings
     >>> from pysindy_nrf.exceptions import DataQualityWarning, NRFWarning
-    >>> with warnings.catch_warnings(record=True, category=NRFWarning, action="always") as caught:
+    >>> with warnings.catch_warnings(
+    ...     record=True, category=NRFWarning, action="always"
+    ... ) as caught:
     ...     warnings.warn(DataQualityWarning("a2 is clipped", "Leave it out."))
     >>> print(caught[0].message)
     a2 is clipped. Leave it out.
@@ -144,7 +168,9 @@ class NRFWarning(_Said, UserWarning):
 
 
 class RankWarning(NRFWarning):
-    """Columns of a balance are linearly dependent on this excitation; some coefficients are arbitrary."""
+    """Columns of a balance are linearly dependent on this excitation; some coefficients
+    are arbitrary.
+    """
 
 
 class BiasWarning(NRFWarning):
@@ -155,7 +181,9 @@ class BiasWarning(NRFWarning):
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> with warnings.catch_warnings(record=True, action="always") as caught:
-    ...     _ = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
+    ...     _ = NRFRegressor(degree=1).fit(
+    ...         datasets.load_demo()
+    ...     )  # storey 1 is cubic
     >>> caught[0].category.__name__, "likely biased" in str(caught[0].message)
     ('BiasWarning', True)
     """
@@ -169,7 +197,9 @@ class DataQualityWarning(NRFWarning):
     >>> import warnings
     >>> from pysindy_nrf import datasets
     >>> record = datasets.load_demo()
-    >>> clipped = record.replace(displacement=record.displacement.clip(-2e-4, 2e-4))
+    >>> clipped = record.replace(
+    ...     displacement=record.displacement.clip(-2e-4, 2e-4)
+    ... )
     >>> with warnings.catch_warnings(record=True, action="always") as caught:
     ...     _ = clipped.to_features()
     >>> "DataQualityWarning" in {w.category.__name__ for w in caught}
@@ -186,7 +216,9 @@ class ExtrapolationWarning(NRFWarning):
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> model = NRFRegressor(degree=3).fit(datasets.load_demo())
     >>> with warnings.catch_warnings(record=True, action="always") as caught:
-    ...     _ = model.force_intervals("storey 2", v=0.0, s=1.0)  # a drift of 1 m was never seen
+    ...     _ = model.force_intervals(
+    ...         "storey 2", v=0.0, s=1.0
+    ...     )  # a drift of 1 m was never seen
     >>> caught[0].category.__name__
     'ExtrapolationWarning'
     """

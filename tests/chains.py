@@ -1,4 +1,6 @@
-"""Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for hysteresis."""
+"""Chains simulated without the package: an own Runge-Kutta rule for batches, SciPy for
+hysteresis.
+"""
 
 from dataclasses import dataclass
 
@@ -12,7 +14,9 @@ from pysindy_nrf.regression.segments import feature_names
 
 @dataclass
 class Case:
-    """One record of a Duffing chain ``R_i = c_i v_i + k_i s_i + k3_i s_i^3`` and its true parameters."""
+    """One record of a Duffing chain ``R_i = c_i v_i + k_i s_i + k3_i s_i^3`` and its
+    true parameters.
+    """
 
     X: np.ndarray
     F: np.ndarray
@@ -50,15 +54,26 @@ class Case:
 
     def noisy(self, share: float = 0.02, seed: int = 0) -> np.ndarray:
         """X with noise of a share of the standard deviation of each column."""
-        return self.X + share * self.X.std(axis=0) * np.random.default_rng(seed).standard_normal(self.X.shape)
+        return self.X + share * self.X.std(axis=0) * np.random.default_rng(
+            seed
+        ).standard_normal(self.X.shape)
 
     def record(self, **options) -> Record:
         a, v, x = np.split(self.absolute, 3, axis=1)
-        return Record(force=self.F, acceleration=a, velocity=v, displacement=x, fs=1 / self.dt, **options)
+        return Record(
+            force=self.F,
+            acceleration=a,
+            velocity=v,
+            displacement=x,
+            fs=1 / self.dt,
+            **options,
+        )
 
 
 def parameters(n: int, rng: np.random.Generator, cubic: bool = True):
-    """Random masses, dampings and stiffnesses in SI units of a laboratory frame, ten orders apart."""
+    """Random masses, dampings and stiffnesses in SI units of a laboratory frame, ten
+    orders apart.
+    """
     m = rng.uniform(2.0, 60.0, n)
     k = rng.uniform(3e4, 6e5, n)
     c = rng.uniform(0.01, 0.05, n) * 2 * np.sqrt(k * m)
@@ -67,18 +82,29 @@ def parameters(n: int, rng: np.random.Generator, cubic: bool = True):
 
 
 def band_limited(
-    n_samples: int, dt: float, rng: np.random.Generator, rms: float = 300.0, band=(0.5, 60.0)
+    n_samples: int,
+    dt: float,
+    rng: np.random.Generator,
+    rms: float = 300.0,
+    band=(0.5, 60.0),
 ) -> np.ndarray:
     f = np.fft.rfftfreq(n_samples, dt)
-    spectrum = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) * ((f > band[0]) & (f < band[1]))
+    spectrum = (rng.standard_normal(f.size) + 1j * rng.standard_normal(f.size)) * (
+        (f > band[0]) & (f < band[1])
+    )
     signal = np.fft.irfft(spectrum, n_samples)
     return rms * signal / signal.std()
 
 
 def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
-    """Batches of chains: parameters (..., n), F (n_samples, ..., n); returns absolute a, and v, s."""
+    """Batches of chains: parameters (..., n), F (n_samples, ..., n); returns absolute
+    a, and v, s.
+    """
     shape = F.shape[1:]
-    x, v = np.zeros(shape) if x0 is None else np.broadcast_to(x0, shape).copy(), np.zeros(shape)
+    x, v = (
+        (np.zeros(shape) if x0 is None else np.broadcast_to(x0, shape).copy()),
+        np.zeros(shape),
+    )
     ag = np.zeros(len(F)) if ag is None else ag
     out = np.empty((3, len(F), *shape))
 
@@ -104,7 +130,9 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
         if i == len(F) - 1:
             break
         for q in range(substeps):
-            f0, f1 = (load[i] + (load[i + 1] - load[i]) * p / substeps for p in (q, q + 1))
+            f0, f1 = (
+                load[i] + (load[i + 1] - load[i]) * p / substeps for p in (q, q + 1)
+            )
             fm = 0.5 * (f0 + f1)
             a1 = acceleration(x, v, f0) if q else a1
             a2 = acceleration(x + h / 2 * v, v + h / 2 * a1, fm)
@@ -116,9 +144,18 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
 
 
 def duffing(
-    n: int, forced, seed: int = 0, n_samples: int = 3000, dt: float = 1e-3, cubic: bool = True, ag=None,
-    rms: float = 300.0, given=None, extra=None, substeps: int = 1,
-) -> Case:  # fmt: skip
+    n: int,
+    forced,
+    seed: int = 0,
+    n_samples: int = 3000,
+    dt: float = 1e-3,
+    cubic: bool = True,
+    ag=None,
+    rms: float = 300.0,
+    given=None,
+    extra=None,
+    substeps: int = 1,
+) -> Case:
     """One chain, forced by band-limited noise on some DOFs (or shaken at its base)."""
     rng = np.random.default_rng(seed)
     m, c, k, k3 = parameters(n, rng, cubic) if given is None else given
@@ -129,8 +166,12 @@ def duffing(
     return Case(np.hstack([a, v, s]), F, m, c, k, k3, dt, ag)
 
 
-def each_single(n: int, seed: int, n_samples: int = 2000, dt: float = 1e-3, cubic: bool = True) -> list[Case]:
-    """n chains with random parameters, chain j forced on DOF j alone; integrated as one batch."""
+def each_single(
+    n: int, seed: int, n_samples: int = 2000, dt: float = 1e-3, cubic: bool = True
+) -> list[Case]:
+    """n chains with random parameters, chain j forced on DOF j alone; integrated as one
+    batch.
+    """
     rng = np.random.default_rng(seed)
     every = [parameters(n, rng, cubic) for _ in range(n)]
     m, c, k, k3 = (np.stack(p) for p in zip(*every, strict=True))
@@ -138,33 +179,56 @@ def each_single(n: int, seed: int, n_samples: int = 2000, dt: float = 1e-3, cubi
     for j in range(n):
         F[:, j, j] = band_limited(n_samples, dt, rng)
     a, v, s = integrate(m, c, k, k3, F, dt)
-    return [Case(np.hstack([a[:, j], v[:, j], s[:, j]]), F[:, j], m[j], c[j], k[j], k3[j], dt) for j in range(n)]
+    return [
+        Case(
+            np.hstack([a[:, j], v[:, j], s[:, j]]), F[:, j], m[j], c[j], k[j], k3[j], dt
+        )
+        for j in range(n)
+    ]
 
 
-def driven(model, dofs, seconds: float, fs: float, rms: float, band, seed=0, **how) -> Record:
+def driven(
+    model, dofs, seconds: float, fs: float, rms: float, band, seed=0, **how
+) -> Record:
     """Free run of a model under band-limited random forces on some DOFs."""
-    F = excitation.band_limited_random(model.n_dof, seconds, fs, excited=dofs, rms=rms, band=band, random_state=seed)
+    F = excitation.band_limited_random(
+        model.n_dof, seconds, fs, excited=dofs, rms=rms, band=band, random_state=seed
+    )
     return simulate(model, F, 1 / fs, **how)
 
 
-PAPER = dict(m=np.array([10.0, 10.0]), c=np.array([100.0, 100.0]), k=np.array([1e5, 1e5]))
+PAPER = dict(
+    m=np.array([10.0, 10.0]), c=np.array([100.0, 100.0]), k=np.array([1e5, 1e5])
+)
 DAMPER = dict(K0=50.0, C0=399.0, Fd=34.85, sigma=5e4)
 
 
 def paper_case(
-    rms: float = 200.0, seed: int = 0, duration: float = 4.0, fs: float = 1000.0, forced=(1, 2), f0: float = 0.0
+    rms: float = 200.0,
+    seed: int = 0,
+    duration: float = 4.0,
+    fs: float = 1000.0,
+    forced=(1, 2),
+    f0: float = 0.0,
 ):
-    """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by SciPy's LSODA."""
+    """The paper's 2-DOF chain with a modified Dahl damper on storey 1, integrated by
+    SciPy's LSODA.
+    """
     rng = np.random.default_rng(seed)
     frequency = np.arange(1.0, 40.0, 0.5)
     phase = rng.uniform(0, 2 * np.pi, (2, frequency.size))
-    gain = np.array([1.0 * (j in forced) for j in (1, 2)]) * rms * np.sqrt(2 / frequency.size)
+    gain = (
+        np.array([1.0 * (j in forced) for j in (1, 2)])
+        * rms
+        * np.sqrt(2 / frequency.size)
+    )
     m, c, k = PAPER["m"], PAPER["c"], PAPER["k"]
 
     def force(t):
-        return gain * np.sin(2 * np.pi * np.multiply.outer(np.atleast_1d(t), frequency)[:, None, :] + phase).sum(
-            axis=-1
-        )
+        return gain * np.sin(
+            2 * np.pi * np.multiply.outer(np.atleast_1d(t), frequency)[:, None, :]
+            + phase
+        ).sum(axis=-1)
 
     omega = 2 * np.pi * frequency
     (p1, p2), (g1, g2) = phase, gain
@@ -177,10 +241,18 @@ def paper_case(
         f1, f2 = g1 * sin(arg + p1).sum(), g2 * sin(arg + p2).sum()
         R1 = (c1 + DAMPER["C0"]) * v1 + (k1 + DAMPER["K0"]) * x1 + DAMPER["Fd"] * z + f0
         R2 = c2 * (v2 - v1) + k2 * (x2 - x1)
-        return [v1, v2, (f1 - R1 + R2) / m1, (f2 - R2) / m2, DAMPER["sigma"] * (v1 - z * abs(v1))]
+        return [
+            v1,
+            v2,
+            (f1 - R1 + R2) / m1,
+            (f2 - R2) / m2,
+            DAMPER["sigma"] * (v1 - z * abs(v1)),
+        ]
 
     t = np.arange(int(duration * fs)) / fs
-    run = solve_ivp(rate, (0, t[-1]), np.zeros(5), "LSODA", t, rtol=1e-11, atol=1e-13, max_step=5e-4)
+    run = solve_ivp(
+        rate, (0, t[-1]), np.zeros(5), "LSODA", t, rtol=1e-11, atol=1e-13, max_step=5e-4
+    )
     x1, x2, v1, v2, z = run.y
     F = force(t)
     s, v = np.column_stack([x1, x2 - x1]), np.column_stack([v1, v2 - v1])
@@ -197,11 +269,18 @@ def worst(found, truth) -> float:
 
 
 def same(model, reference, tolerance: float = 1e-12) -> None:
-    """Two fitted models hold the same masses, coefficients, errors and number of samples."""
+    """Two fitted models hold the same masses, coefficients, errors and number of
+    samples.
+    """
     assert worst(model.masses_, reference.masses_) < tolerance
     for site, law in reference.restoring_forces_.items():
-        found, scale = model.restoring_forces_[site].coefficients, np.abs(law.coefficients).max()
-        assert np.allclose(found / scale, law.coefficients / scale, atol=10 * tolerance, rtol=tolerance)
+        found, scale = (
+            model.restoring_forces_[site].coefficients,
+            np.abs(law.coefficients).max(),
+        )
+        assert np.allclose(
+            found / scale, law.coefficients / scale, atol=10 * tolerance, rtol=tolerance
+        )
     assert np.allclose(model.errors_["error"], reference.errors_["error"], rtol=1e-8)
     assert model.n_samples_ == reference.n_samples_
 
@@ -209,7 +288,9 @@ def same(model, reference, tolerance: float = 1e-12) -> None:
 def table(X, F, **more) -> pd.DataFrame:
     """Features and forces under their names, beside other columns."""
     n = F.shape[1]
-    return pd.DataFrame(np.hstack([X, F]), columns=[*feature_names(n), *(f"F{j + 1}" for j in range(n))]).assign(**more)
+    return pd.DataFrame(
+        np.hstack([X, F]), columns=[*feature_names(n), *(f"F{j + 1}" for j in range(n))]
+    ).assign(**more)
 
 
 def absent_share(model, case: Case, true=("v", "s", "s^3")) -> float:
@@ -235,7 +316,9 @@ def powers(label: str) -> tuple[int, int]:
 
 
 def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
-    """Noise floor from free runs of a model with fresh noise (rms by channel matrix), fused and fitted like the record."""
+    """Noise floor from free runs of a model with fresh noise (rms by channel matrix),
+    fused and fitted like the record.
+    """
     from sklearn.base import clone
 
     from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
@@ -245,8 +328,17 @@ def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
     run = model.simulate(record.force, record.dt, base_acceleration=ag)
     found = []
     for _ in range(draws):
-        noisy = {k: getattr(run, k) + level * rng.standard_normal(run.force.shape) for k, level in levels.items()}
+        noisy = {
+            k: getattr(run, k) + level * rng.standard_normal(run.force.shape)
+            for k, level in levels.items()
+        }
         X, F = record.replace(**noisy).to_features()
-        fitted = model if regressor is None else clone(regressor).fit(X, F, base_acceleration=ag).model_
-        found.append(residual_of(fitted, from_arrays(X, F, dt=record.dt, base_acceleration=ag)))
+        fitted = (
+            model
+            if regressor is None
+            else clone(regressor).fit(X, F, base_acceleration=ag).model_
+        )
+        found.append(
+            residual_of(fitted, from_arrays(X, F, dt=record.dt, base_acceleration=ag))
+        )
     return NoiseFloor.from_draws(found)

@@ -12,7 +12,9 @@ from pysindy_nrf.simulation.noise import add_noise
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")
-os.environ.setdefault("PYSINDY_NRF_DATA", str(Path(__file__).parents[2] / "shared" / "data"))  # benchmarks read it, too
+os.environ.setdefault(
+    "PYSINDY_NRF_DATA", str(Path(__file__).parents[2] / "shared" / "data")
+)  # benchmarks read it, too
 
 
 @pytest.fixture(scope="session")
@@ -29,13 +31,17 @@ def chain2():
 
 @pytest.fixture(scope="session")
 def dahl():
-    """The paper's chain with the modified Dahl damper, both DOFs forced: case, Z, R_1."""
+    """The paper's chain with the modified Dahl damper, both DOFs forced: case, Z,
+    R_1.
+    """
     return chains.paper_case(duration=2.0)
 
 
 @pytest.fixture(scope="session")
 def three():
     """Motions and forces of three linear storeys with noise in every channel."""
-    truth = ChainModel([10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)})
+    truth = ChainModel(
+        [10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)}
+    )
     rec = chains.driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3)
     return add_noise(rec, 0.02, random_state=1).to_features()

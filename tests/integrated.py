@@ -1,4 +1,6 @@
-"""Chains integrated by SciPy's DOP853, of which the package knows nothing but the channels."""
+"""Chains integrated by SciPy's DOP853, of which the package knows nothing but the
+channels.
+"""
 
 from collections.abc import Callable
 
@@ -12,7 +14,12 @@ def multisine(rng, fs, duration, band, rms):
     f = np.arange(np.ceil(band[0] * duration), band[1] * duration) / duration
     t = np.arange(int(4 * duration * fs) + 8) / (4 * fs)
     phase = rng.uniform(0, 2 * np.pi, len(f))
-    spline = CubicSpline(t, rms * np.sqrt(2 / len(f)) * np.cos(np.outer(t, 2 * np.pi * f) + phase).sum(axis=1))
+    spline = CubicSpline(
+        t,
+        rms
+        * np.sqrt(2 / len(f))
+        * np.cos(np.outer(t, 2 * np.pi * f) + phase).sum(axis=1),
+    )
     starts, pieces = t.tolist(), spline.c.T.tolist()
 
     def at(now):
@@ -27,13 +34,31 @@ def multisine(rng, fs, duration, band, rms):
 
 
 def matrix(values):
-    """Stiffness or damping matrix of a chain on the base from the values of its storeys."""
+    """Stiffness or damping matrix of a chain on the base from the values of its
+    storeys.
+    """
     values = np.asarray(values, dtype=float)
-    return np.diag(values + np.append(values[1:], 0.0)) - np.diag(values[1:], 1) - np.diag(values[1:], -1)
+    return (
+        np.diag(values + np.append(values[1:], 0.0))
+        - np.diag(values[1:], 1)
+        - np.diag(values[1:], -1)
+    )
 
 
-def run(m, c, k, fs, duration, force: Callable | None = None, base: Callable | None = None, extra=None, break_at=()):
-    """Absolute a, v and x relative to the base, and t, under force(t), extra(v, x) (N) and base(t) (m/s^2)."""
+def run(
+    m,
+    c,
+    k,
+    fs,
+    duration,
+    force: Callable | None = None,
+    base: Callable | None = None,
+    extra=None,
+    break_at=(),
+):
+    """Absolute a, v and x relative to the base, and t, under force(t), extra(v, x) (N)
+    and base(t) (m/s^2).
+    """
     m, n = np.asarray(m, dtype=float), len(m)
     K, C = matrix(k), matrix(c)
 
@@ -53,7 +78,14 @@ def run(m, c, k, fs, duration, force: Callable | None = None, base: Callable | N
     for low, high in zip(ends[:-1], ends[1:]):
         inside = t[(t >= low) & (t < high)]
         got = solve_ivp(
-            rates, (low, high), z, "DOP853", np.append(inside, high), rtol=1e-9, atol=1e-12, max_step=4 / fs
+            rates,
+            (low, high),
+            z,
+            "DOP853",
+            np.append(inside, high),
+            rtol=1e-9,
+            atol=1e-12,
+            max_step=4 / fs,
         )
         parts.append(got.y[:, :-1])
         z = got.y[:, -1]

@@ -1,6 +1,8 @@
-"""Short simulated tests for the closed loop: formulas of the benchmark's battery, motion by SciPy's DOP853.
+"""Short simulated tests for the closed loop: formulas of the benchmark's battery,
+motion by SciPy's DOP853.
 
-Nothing here comes from the package: a case holds the channels that the loop may see, and the truth for the assertion.
+Nothing here comes from the package: a case holds the channels that the loop may see,
+and the truth for the assertion.
 """
 
 import sys
@@ -15,17 +17,28 @@ from scipy.interpolate import CubicSpline
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 if not BENCHMARKS.is_dir():
-    pytest.skip("the benchmarks are not part of an installed package", allow_module_level=True)
+    pytest.skip(
+        "the benchmarks are not part of an installed package", allow_module_level=True
+    )
 if str(BENCHMARKS) not in sys.path:
     sys.path.insert(0, str(BENCHMARKS))
 
 from battery.formulas import CODE, N_PAR, poly, rates  # noqa: E402
-from battery.generators import Effect, Run, calibrate, channels, draw_structure, scaled_loads  # noqa: E402
+from battery.generators import (
+    Effect,
+    Run,
+    calibrate,
+    channels,
+    draw_structure,
+    scaled_loads,
+)  # noqa: E402
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to simulate: size, excitation, noise (share of the rms), hidden effects (kind, p, q, share), faults."""
+    """What to simulate: size, excitation, noise (share of the rms), hidden effects
+    (kind, p, q, share), faults.
+    """
 
     n: int
     forced: tuple[int, ...] = ()
@@ -63,7 +76,15 @@ def motion(structure, effects, F, ag, vg, xg, fs) -> Run:
         rates(y, time, u[:n], u[n], u[n + 1], *chain, rate, forces)
         return rate.copy()
 
-    y = solve_ivp(derivative, (0, t[-1]), np.zeros(2 * n + count), "DOP853", t, rtol=1e-7, atol=1e-11).y.T
+    y = solve_ivp(
+        derivative,
+        (0, t[-1]),
+        np.zeros(2 * n + count),
+        "DOP853",
+        t,
+        rtol=1e-7,
+        atol=1e-11,
+    ).y.T
     a, hidden = np.empty((len(t), n)), np.empty((len(t), count))
     for i, time in enumerate(t):
         a[i] = derivative(time, y[i])[n : 2 * n] + ag[i]
@@ -85,17 +106,30 @@ def simulated(plan: Plan) -> Simulated:
         structure, f = draw_structure(rng, plan.n)
         fs = float(np.round(f[-1] * rng.uniform(18, 24), 1))
         how = plan.excitation
-        loads = scaled_loads(rng, structure, f, fs, how, plan.forced, plan.n_samples, 10 ** rng.uniform(-4, -2.5))
+        loads = scaled_loads(
+            rng,
+            structure,
+            f,
+            fs,
+            how,
+            plan.forced,
+            plan.n_samples,
+            10 ** rng.uniform(-4, -2.5),
+        )
         if not plan.effects:
             effects = []
             break
-        kinds, places, targets = zip(*((kind, (p, q), share) for kind, p, q, share in plan.effects))
+        kinds, places, targets = zip(
+            *((kind, (p, q), share) for kind, p, q, share in plan.effects)
+        )
         if found := calibrate(rng, structure, kinds, places, loads, fs, f, targets):
             effects = found[0]
             break
     else:
         raise RuntimeError(f"no chain was found for {plan}")
-    seen = channels(rng, motion(structure, effects, *loads, fs), plan.noise, plan.forced)
+    seen = channels(
+        rng, motion(structure, effects, *loads, fs), plan.noise, plan.forced
+    )
     names = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
     for name, gain in plan.gains:
         seen[names[name[0]]][:, int(name[1:]) - 1] *= gain

@@ -13,4 +13,7 @@ PACKAGE = Path(pysindy_nrf.__file__).parent
 def trees():
     """Pairs of a module's path below the package and its tree."""
     paths = sorted(PACKAGE.rglob("*.py"))
-    return [(str(p.relative_to(PACKAGE)), ast.parse(p.read_text(encoding="utf-8"))) for p in paths]
+    return [
+        (str(p.relative_to(PACKAGE)), ast.parse(p.read_text(encoding="utf-8")))
+        for p in paths
+    ]

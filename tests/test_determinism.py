@@ -1,4 +1,6 @@
-"""The same input gives the same answer: on several cores, in another process, from the same seed."""
+"""The same input gives the same answer: on several cores, in another process, from the
+same seed.
+"""
 
 import json
 import os
@@ -29,9 +31,20 @@ def cores(monkeypatch):
 
 @pytest.mark.parametrize(
     ("omp", "numba", "wanted"),
-    [("", "", 8), ("3", "", 3), ("", "2", 2), ("5", "2", 2), ("16", "", 8), ("4,2", "", 4), ("0", "many", 8), ("-1", "", 8)],
+    [
+        ("", "", 8),
+        ("3", "", 3),
+        ("", "2", 2),
+        ("5", "2", 2),
+        ("16", "", 8),
+        ("4,2", "", 4),
+        ("0", "many", 8),
+        ("-1", "", 8),
+    ],
 )
-def test_the_variables_that_workers_set_are_heard(cores, monkeypatch, omp, numba, wanted):
+def test_the_variables_that_workers_set_are_heard(
+    cores, monkeypatch, omp, numba, wanted
+):
     cores(8)
     monkeypatch.setenv("OMP_NUM_THREADS", omp)
     monkeypatch.setenv("NUMBA_NUM_THREADS", numba)
@@ -46,7 +59,9 @@ def test_a_fit_has_the_same_bits_on_any_number_of_cores(cores, forced):
     found = []
     for count in (1, 2, 3):
         cores(count)
-        model, streamed = (NRFRegressor(degree=3).fit(*data) for data in ((X, F), (iter([(X, F)]),)))
+        model, streamed = (
+            NRFRegressor(degree=3).fit(*data) for data in ((X, F), (iter([(X, F)]),))
+        )
         chosen = select_order(X, F, degrees=range(1, 5))
         masses = np.concatenate([model.masses_, streamed.masses_])
         found.append((masses, model.model_.to_dict(), chosen.fold_scores.to_numpy()))
@@ -89,11 +104,29 @@ print(json.dumps({k: [float(x).hex() for x in np.ravel(v)] for k, v in found.ite
 
 
 def answer(threads: int, *arguments: str) -> dict[str, np.ndarray]:
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    env = {**os.environ, **dict.fromkeys(names, str(threads)), "PYTHONHASHSEED": str(threads)}
-    run = subprocess.run([sys.executable, "-c", SCRIPT, *arguments], capture_output=True, text=True, env=env, timeout=300)
+    names = (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "NUMBA_NUM_THREADS",
+    )
+    env = {
+        **os.environ,
+        **dict.fromkeys(names, str(threads)),
+        "PYTHONHASHSEED": str(threads),
+    }
+    run = subprocess.run(
+        [sys.executable, "-c", SCRIPT, *arguments],
+        capture_output=True,
+        text=True,
+        env=env,
+        timeout=300,
+    )
     assert run.returncode == 0, run.stderr[-3000:]
-    return {k: np.array([float.fromhex(x) for x in v]) for k, v in json.loads(run.stdout.splitlines()[-1]).items()}
+    return {
+        k: np.array([float.fromhex(x) for x in v])
+        for k, v in json.loads(run.stdout.splitlines()[-1]).items()
+    }
 
 
 @pytest.mark.slow
@@ -104,19 +137,29 @@ def test_the_same_input_gives_the_same_bits_in_another_process():
     for name in one:
         np.testing.assert_array_equal(one[name], two[name], err_msg=name)
     for name in four:
-        scale = 0.0 if name == "coefficients" else np.abs(one[name]).max()  # coefficients are ten orders apart
-        np.testing.assert_allclose(four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name)
+        scale = (
+            0.0 if name == "coefficients" else np.abs(one[name]).max()
+        )  # coefficients are ten orders apart
+        np.testing.assert_allclose(
+            four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name
+        )
 
 
 @pytest.mark.parametrize("seed", ["lucky", -1, 1.5, [1, "a"]])
 def test_a_seed_that_is_none_is_refused(seed):
-    with pytest.raises(NRFError, match="random_state=.* is no seed. Give a whole number"):
-        excitation.band_limited_random(2, 1.0, 100.0, excited=1, rms=1.0, band=(1, 20), random_state=seed)
+    with pytest.raises(
+        NRFError, match="random_state=.* is no seed. Give a whole number"
+    ):
+        excitation.band_limited_random(
+            2, 1.0, 100.0, excited=1, rms=1.0, band=(1, 20), random_state=seed
+        )
 
 
 def test_seeds_and_generators():
     draw = [
-        excitation.band_limited_random(1, 1.0, 100.0, excited=1, rms=1.0, band=(1, 20), random_state=s)
+        excitation.band_limited_random(
+            1, 1.0, 100.0, excited=1, rms=1.0, band=(1, 20), random_state=s
+        )
         for s in (3, 3, np.random.default_rng(3), 4)
     ]
     np.testing.assert_array_equal(draw[0], draw[1])

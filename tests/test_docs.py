@@ -22,7 +22,9 @@ PAGES = [
 @pytest.mark.parametrize("page", PAGES)
 def test_the_code_of_the_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE
+    )
     namespace = {"__name__": page.stem}
     with warnings.catch_warnings(action="ignore"):
         for block in blocks:
@@ -37,7 +39,9 @@ def test_every_page_stands_in_the_table_of_contents():
 
 def test_links_between_pages_lead_somewhere():
     for page in [*DOCS.glob("*.md"), DOCS.parent / "README.md"]:
-        for target in re.findall(r"\]\(([\w./-]+\.(?:md|py))\)", page.read_text("utf-8")):
+        for target in re.findall(
+            r"\]\(([\w./-]+\.(?:md|py))\)", page.read_text("utf-8")
+        ):
             if page.stem != "index":
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 

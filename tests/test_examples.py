@@ -11,10 +11,13 @@ import measured
 import pytest
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("plot_*.py"))
-# The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them too, and so does the gallery.
+# The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them
+# too, and so does the gallery.
 SHORT = ("plot_coming_from_pysindy", "plot_paper_2dof_damper_force")
 ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
-NOTEBOOKS = sorted((Path(__file__).parents[1] / "examples" / "notebooks").glob("*.ipynb"))
+NOTEBOOKS = sorted(
+    (Path(__file__).parents[1] / "examples" / "notebooks").glob("*.ipynb")
+)
 pytestmark = pytest.mark.examples
 
 

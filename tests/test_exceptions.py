@@ -1,4 +1,6 @@
-"""Errors and warnings: all typed, all of one shape, all documented; nothing else is raised on purpose."""
+"""Errors and warnings: all typed, all of one shape, all documented; nothing else is
+raised on purpose.
+"""
 
 import ast
 import inspect
@@ -13,7 +15,9 @@ from pysindy_nrf.exceptions import MissingExtraError, NRFError, NRFWarning
 CLASSES = [
     c
     for name, c in vars(exceptions).items()
-    if inspect.isclass(c) and c.__module__ == exceptions.__name__ and not name.startswith("_")
+    if inspect.isclass(c)
+    and c.__module__ == exceptions.__name__
+    and not name.startswith("_")
 ]
 ERRORS = [c for c in CLASSES if issubclass(c, NRFError)]
 WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
@@ -22,17 +26,30 @@ WARNINGS = [c for c in CLASSES if issubclass(c, NRFWarning)]
 ALLOWED = {
     ("common/lazy.py", "AttributeError"): "the protocol of module attributes",
     ("laws/contract.py", "AssertionError"): "a check that a law failed, as documented",
-    ("laws/compiled.py", "TypingError"): "the protocol of numba, which tries other types",
+    (
+        "laws/compiled.py",
+        "TypingError",
+    ): "the protocol of numba, which tries other types",
     ("data/channels.py", "TypeError"): "caught some lines below",
     ("data/channels.py", "kind"): "one of two typed errors, chosen above",
     ("common/__init__.py", "error"): "a typed error that the caller chose",
     ("selection/comparison.py", "OverflowError"): "caught by the time limit's own loop",
     ("selection/comparison.py", "TimeoutError"): "caught by the time limit's own loop",
-    ("regression/chain_solve.py", "NotTogether"): "an NRFError, caught by the selection, which solves one by one",
+    (
+        "regression/chain_solve.py",
+        "NotTogether",
+    ): "an NRFError, caught by the selection, which solves one by one",
     ("selection/fold_moments.py", "NotTogether"): "the same",
 }
-# Readers' helpers: the reader turns their ValueError into a FileFormatError (test_fuzz.py holds it to that).
-HELPERS = {"data/io/table.py", "data/io/arrays.py", "data/io/uff.py", "common/files.py", "output/cli/options.py"}
+# Readers' helpers: the reader turns their ValueError into a FileFormatError
+# (test_fuzz.py holds it to that).
+HELPERS = {
+    "data/io/table.py",
+    "data/io/arrays.py",
+    "data/io/uff.py",
+    "common/files.py",
+    "output/cli/options.py",
+}
 # The sentences of a solve order say themselves what would help.
 CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.
@@ -41,7 +58,9 @@ BUILDERS = {"unreadable", "cannot_compile"}
 
 def called(node: ast.expr) -> str:
     target = node.func if isinstance(node, ast.Call) else node
-    return target.attr if isinstance(target, ast.Attribute) else getattr(target, "id", "")
+    return (
+        target.attr if isinstance(target, ast.Attribute) else getattr(target, "id", "")
+    )
 
 
 def raises():
@@ -55,14 +74,19 @@ def raises():
 def test_every_class_is_documented_and_of_the_family(cls):
     assert cls.__doc__ and len(cls.__doc__.split()) >= 5 and "__doc__" in vars(cls)
     assert issubclass(cls, (NRFError, MissingExtraError, NRFWarning))
-    assert issubclass(cls, ImportError if cls is MissingExtraError else (ValueError, UserWarning))
+    assert issubclass(
+        cls, ImportError if cls is MissingExtraError else (ValueError, UserWarning)
+    )
 
 
 @pytest.mark.parametrize("cls", [*ERRORS, *WARNINGS])
 def test_the_message_is_what_and_cure(cls):
     error = cls("Channel a2 of record 'run 4' is dead", "Leave it out.")
     assert str(error) == "Channel a2 of record 'run 4' is dead. Leave it out."
-    assert (error.what, error.cure) == ("Channel a2 of record 'run 4' is dead", "Leave it out.")
+    assert (error.what, error.cure) == (
+        "Channel a2 of record 'run 4' is dead",
+        "Leave it out.",
+    )
     again = pickle.loads(pickle.dumps(error))  # as joblib's workers send it
     assert type(again) is cls and str(again) == str(error) and again.cure == error.cure
     assert str(cls("It is dead.")) == "It is dead."
@@ -73,11 +97,23 @@ def test_only_typed_errors_are_raised():
     wrong = []
     for where, node in raises():
         name = called(node.exc)
-        usage = where.startswith("output/cli/") and name in ("UsageError", "BadParameter")
-        again = not isinstance(node.exc, ast.Call) and name.islower()  # an error that was caught and is passed on
+        usage = where.startswith("output/cli/") and name in (
+            "UsageError",
+            "BadParameter",
+        )
+        again = (
+            not isinstance(node.exc, ast.Call) and name.islower()
+        )  # an error that was caught and is passed on
         abstract = name == "NotImplementedError"  # what a subclass has to write
         helper = name == "ValueError" and where in HELPERS
-        if not (name in typed or usage or again or abstract or helper or (where, name) in ALLOWED):
+        if not (
+            name in typed
+            or usage
+            or again
+            or abstract
+            or helper
+            or (where, name) in ALLOWED
+        ):
             wrong.append(f"{where}:{node.lineno} raises {name}")
     assert not wrong, "\n".join(wrong)
 
@@ -89,7 +125,10 @@ def test_every_error_names_a_cure():
         if isinstance(node.exc, ast.Call) and called(node.exc) in names:
             given = node.exc.args + [k.value for k in node.exc.keywords]
             starred = any(isinstance(a, ast.Starred) for a in given)
-            if not starred and (len(given) < 2 or any(isinstance(a, ast.Constant) and not a.value for a in given)):
+            if not starred and (
+                len(given) < 2
+                or any(isinstance(a, ast.Constant) and not a.value for a in given)
+            ):
                 if where not in CURE_INSIDE:
                     without.append(f"{where}:{node.lineno}")
     assert not without, f"raised without a cure: {', '.join(without)}"
@@ -100,8 +139,16 @@ def test_only_typed_warnings_are_given():
     wrong = []
     for where, tree in trees():
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and called(node) == "warn" and isinstance(node.func, ast.Attribute):
-                given = {called(a) for a in [*node.args, *(k.value for k in node.keywords)]}
-                if not given & names and "kind" not in given:  # of that type it was when an optimizer gave it
+            if (
+                isinstance(node, ast.Call)
+                and called(node) == "warn"
+                and isinstance(node.func, ast.Attribute)
+            ):
+                given = {
+                    called(a) for a in [*node.args, *(k.value for k in node.keywords)]
+                }
+                if (
+                    not given & names and "kind" not in given
+                ):  # of that type it was when an optimizer gave it
                     wrong.append(f"{where}:{node.lineno}")
     assert not wrong, f"warned without a type of ours: {', '.join(wrong)}"

@@ -32,18 +32,29 @@ def test_an_unknown_name_is_an_attribute_error():
 
 
 def fresh(code: str) -> str:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
 
 
 def test_the_bare_import_is_light():
-    heavy = "numba llvmlite matplotlib scipy.signal sklearn pysindy pyarrow.parquet h5py click".split()
-    code = f"import sys, json, pysindy_nrf; print(json.dumps([m for m in {heavy!r} if m in sys.modules]))"
+    heavy = (
+        "numba llvmlite matplotlib scipy.signal sklearn pysindy pyarrow.parquet h5py"
+        " click".split()
+    )
+    code = (
+        f"import sys, json, pysindy_nrf; print(json.dumps([m for m in {heavy!r} if m in"
+        " sys.modules]))"
+    )
     assert json.loads(fresh(code)) == []
 
 
 def test_the_command_line_starts_light():
     heavy = ["numba", "matplotlib", "scipy.signal", "sklearn", "pysindy"]
-    code = f"import sys, json, pysindy_nrf.output.cli; print(json.dumps([m for m in {heavy!r} if m in sys.modules]))"
+    code = (
+        "import sys, json, pysindy_nrf.output.cli; print(json.dumps([m for m in"
+        f" {heavy!r} if m in sys.modules]))"
+    )
     assert json.loads(fresh(code)) == []
 
 

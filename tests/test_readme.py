@@ -1,4 +1,6 @@
-"""The README alone leads from a file with odd names in mm and g to masses and a page."""
+"""The README alone leads from a file with odd names in mm and g to masses and a
+page.
+"""
 
 import re
 import runpy
@@ -13,16 +15,24 @@ from pysindy_nrf import ChainModel
 from pysindy_nrf.output.cli.group import run
 
 README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
-MASSES, STIFFNESSES, DAMPINGS = (5200.0, 5000.0, 4300.0), (4.1e6, 3.6e6, 3.0e6), (9e3, 8e3, 7e3)
+MASSES, STIFFNESSES, DAMPINGS = (
+    (5200.0, 5000.0, 4300.0),
+    (4.1e6, 3.6e6, 3.0e6),
+    (9e3, 8e3, 7e3),
+)
 NOISE = 0.005
 
 
 def tower(path: Path) -> None:
-    """A shaker on the top of three storeys, by scipy's own linear solution; units and names of the README."""
+    """A shaker on the top of three storeys, by scipy's own linear solution; units and
+    names of the README.
+    """
     fs, n = 256.0, 7680
     rng = np.random.default_rng(3)
     t = np.arange(n) / fs
-    F = signal.sosfilt(signal.butter(4, [0.8, 25], "band", fs=fs, output="sos"), rng.standard_normal(n))
+    F = signal.sosfilt(
+        signal.butter(4, [0.8, 25], "band", fs=fs, output="sos"), rng.standard_normal(n)
+    )
     F *= 2500 / F.std()
     drift = np.eye(3) - np.eye(3, k=-1)
     K, C = (drift.T @ np.diag(x) @ drift for x in (STIFFNESSES, DAMPINGS))
@@ -35,8 +45,18 @@ def tower(path: Path) -> None:
     def noisy(x):
         return x + NOISE * x.std(axis=0) * rng.standard_normal(x.shape)
 
-    columns = [np.arange(n), 1e3 * t, noisy(F) / 1e3, *noisy(a).T / 9.80665, *noisy(z[:, :3]).T * 1e3, np.full(n, 21.3)]
-    head = "Scan #,Time (ms),SHAKER top,ACC-L1 Y,ACC-L2 Y,ACC-L3 Y,LVDT 1,LVDT 2,LVDT 3,Temp"
+    columns = [
+        np.arange(n),
+        1e3 * t,
+        noisy(F) / 1e3,
+        *noisy(a).T / 9.80665,
+        *noisy(z[:, :3]).T * 1e3,
+        np.full(n, 21.3),
+    ]
+    head = (
+        "Scan #,Time (ms),SHAKER top,ACC-L1 Y,ACC-L2 Y,ACC-L3 Y,LVDT 1,LVDT 2,LVDT"
+        " 3,Temp"
+    )
     np.savetxt(path, np.column_stack(columns), "%.9g", ",", header=head, comments="")
 
 
@@ -51,7 +71,11 @@ def test_a_file_in_mm_and_g_to_a_page(tmp_path, monkeypatch, capsys):
     assert run(["inspect", "tower.csv"]) == 3  # which columns are there?
     said = capsys.readouterr()
     assert "SHAKER top" in said.out and "LVDT 3" in said.out and "--map" in said.err
-    commands = re.findall(r"^pysindy-nrf ((?:inspect|identify) --mapping tower\.toml)", README, re.MULTILINE)
+    commands = re.findall(
+        r"^pysindy-nrf ((?:inspect|identify) --mapping tower\.toml)",
+        README,
+        re.MULTILINE,
+    )
     assert len(commands) == 2 and len(README.splitlines()) < 130  # three screens
     for command in commands:
         assert run(command.split()) == 0
@@ -68,7 +92,9 @@ def test_a_file_in_mm_and_g_to_a_page(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["bundled frame", "EMPS positioning stage"])
 def test_the_verdicts_are_those_that_the_readme_prints(name):
-    script = runpy.run_path(str(Path(__file__).parents[1] / "benchmarks" / "readme_numbers.py"))
+    script = runpy.run_path(
+        str(Path(__file__).parents[1] / "benchmarks" / "readme_numbers.py")
+    )
     if name != "bundled frame":
         measured.folder("emps")
     assert script["line"](name) in README

@@ -1,4 +1,6 @@
-"""Nothing in a file is written outside the chosen folder (that nothing of it runs, the rules S of ruff check)."""
+"""Nothing in a file is written outside the chosen folder (that nothing of it runs, the
+rules S of ruff check).
+"""
 
 import pytest
 

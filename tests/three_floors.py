@@ -1,4 +1,6 @@
-"""Chains of 10 kg floors on linear storeys, with extra laws where a test wants them, and their simulated records."""
+"""Chains of 10 kg floors on linear storeys, with extra laws where a test wants them,
+and their simulated records.
+"""
 
 from pysindy_nrf import ChainModel, laws
 from pysindy_nrf.simulation import free_run
@@ -18,7 +20,15 @@ def chain(*extra, n=3):
 
 
 def run(model, dofs, rms=100.0, duration=16.0, seed=0):
-    F = band_limited_random(model.n_dof, duration, FS, excited=dofs, rms=rms, band=(0.5, 40), random_state=seed)
+    F = band_limited_random(
+        model.n_dof,
+        duration,
+        FS,
+        excited=dofs,
+        rms=rms,
+        band=(0.5, 40),
+        random_state=seed,
+    )
     return free_run(model, F, 1 / FS)
 
 

@@ -28,15 +28,17 @@ class Kind:
     Attributes
     ----------
     room : str
-        What it is given to: ``"estimator"``, ``"record"``, ``"law"``, ``"loop"``, ``"file"``, ...
+        What it is given to: ``"estimator"``, ``"record"``, ``"law"``, ``"loop"``,
+        ``"file"``, ...
     name : str
     act : callable
         What a user would do with ``given``.
     given : tuple
-        The user's own arrays, tables and files; they must be the same to the last bit afterwards.
+        The user's own arrays, tables and files; they must be the same to the last bit
+        afterwards.
     expected : type, int or callable
-        A class of errors or warnings; the exit code of the command line; or a callable that says of the
-        result whether it is the one that clean input gives.
+        A class of errors or warnings; the exit code of the command line; or a callable
+        that says of the result whether it is the one that clean input gives.
     words : tuple of str
         Patterns that the message must hold: what is wrong and where, then the cure.
     """
@@ -56,13 +58,19 @@ class Kind:
         """What is expected, in words."""
         if isinstance(self.expected, type):
             return self.expected.__name__
-        return f"exit code {self.expected}" if isinstance(self.expected, int) else "the right number"
+        return (
+            f"exit code {self.expected}"
+            if isinstance(self.expected, int)
+            else "the right number"
+        )
 
 
 @dataclass
 class Outcome:
-    """What a kind gave: ``caught``, ``warned``, ``right``, or one of the failures ``silent`` (a number
-    without a word), ``bare`` (an error of no type of ours), ``wrong words``, ``changed`` (the input)."""
+    """What a kind gave: ``caught``, ``warned``, ``right``, or one of the failures
+    ``silent`` (a number without a word), ``bare`` (an error of no type of ours),
+    ``wrong words``, ``changed`` (the input).
+    """
 
     kind: Kind
     got: str
@@ -92,15 +100,27 @@ def _attempt(kind: Kind) -> tuple[str, str]:
             value = kind.act(*kind.given)
         except TYPED as error:
             fits = isinstance(kind.expected, type) and isinstance(error, kind.expected)
-            return _words(kind, [str(error)], "caught") if fits else ("wrong type", f"{type(error).__name__}: {error}")
+            return (
+                _words(kind, [str(error)], "caught")
+                if fits
+                else ("wrong type", f"{type(error).__name__}: {error}")
+            )
         except Exception as error:
             return "bare", f"{type(error).__name__}: {error}"
     ours = [str(w.message) for w in said if issubclass(w.category, NRFWarning)]
     if not isinstance(kind.expected, type):
-        return ("right", "") if kind.expected(value) else ("silent", f"returned {value!r:.80}")
+        return (
+            ("right", "")
+            if kind.expected(value)
+            else ("silent", f"returned {value!r:.80}")
+        )
     chosen = [str(w.message) for w in said if issubclass(w.category, kind.expected)]
     if not chosen:
-        return "silent", f"other warnings: {'; '.join(ours)[:200]}" if ours else f"returned {value!r:.80}"
+        return "silent", (
+            f"other warnings: {'; '.join(ours)[:200]}"
+            if ours
+            else f"returned {value!r:.80}"
+        )
     return _words(kind, chosen, "warned")
 
 
@@ -128,7 +148,9 @@ def _command(kind: Kind) -> tuple[str, str]:
     if "Traceback" in text or "Unexpected" in text:
         return "bare", text[-300:]
     if code != kind.expected:
-        return ("silent" if code == 0 else "wrong code"), f"exit code {code}: {text[-300:]}"
+        return (
+            "silent" if code == 0 else "wrong code"
+        ), f"exit code {code}: {text[-300:]}"
     return _words(kind, [text], "caught" if code else "warned")
 
 
@@ -144,8 +166,14 @@ def _feed(value: Any, update: Callable[[bytes], None]) -> None:
     if isinstance(value, np.ma.MaskedArray):
         _feed([value.data, np.ma.getmaskarray(value)], update)
     elif isinstance(value, np.ndarray):
-        update(f"{value.dtype}{value.shape}{value.strides}{value.flags.writeable}".encode())
-        update(repr(value.tolist()).encode() if value.dtype.hasobject else np.ascontiguousarray(value).tobytes())
+        update(
+            f"{value.dtype}{value.shape}{value.strides}{value.flags.writeable}".encode()
+        )
+        update(
+            repr(value.tolist()).encode()
+            if value.dtype.hasobject
+            else np.ascontiguousarray(value).tobytes()
+        )
     elif isinstance(value, (pd.DataFrame, pd.Series)):
         frame = value.to_frame() if isinstance(value, pd.Series) else value
         _feed([list(map(repr, frame.columns)), repr(frame.index), frame.attrs], update)

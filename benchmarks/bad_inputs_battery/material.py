@@ -21,16 +21,21 @@ STIFFNESS = (1.1e5, 0.9e5, 1.3e5)
 def chain_model() -> ChainModel:
     """The truth."""
     held = {
-        f"storey {i}": laws.PowerSeries((0, 3), [k, 0.0, 40 * k / 1e-3**2 * 1e-3]) for i, k in enumerate(STIFFNESS, 1)
+        f"storey {i}": laws.PowerSeries((0, 3), [k, 0.0, 40 * k / 1e-3**2 * 1e-3])
+        for i, k in enumerate(STIFFNESS, 1)
     }
-    return ChainModel(MASSES, {s: [law, laws.LinearViscous(60.0)] for s, law in held.items()})
+    return ChainModel(
+        MASSES, {s: [law, laws.LinearViscous(60.0)] for s, law in held.items()}
+    )
 
 
 @cache
 def good(noise: float = 0.0, n_samples: int = N) -> Record:
     """A clean record, or one with noise."""
     options = dict(excited=2, rms=300.0, band=(1, 60), random_state=1)
-    F = excitation.band_limited_random(3, n_samples * STEP, 1 / STEP, **options)[:n_samples]
+    F = excitation.band_limited_random(3, n_samples * STEP, 1 / STEP, **options)[
+        :n_samples
+    ]
     record = simulate(chain_model(), F, STEP, name="test 7")
     return add_noise(record, noise, random_state=2) if noise else record
 

@@ -1,4 +1,6 @@
-"""Good numbers in an unusual form: the right answer, or a word of what the form cost."""
+"""Good numbers in an unusual form: the right answer, or a word of what the form
+cost.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ def fit(X: Any, F: Any) -> NRFRegressor:
 
 def right(tolerance: float = 1e-12) -> Callable[[NRFRegressor], bool]:
     """Whether the masses are those that float64 arrays give."""
-    return lambda model: bool(np.allclose(model.masses_, expected(), rtol=tolerance, atol=0))
+    return lambda model: bool(
+        np.allclose(model.masses_, expected(), rtol=tolerance, atol=0)
+    )
 
 
 def strided(array: np.ndarray) -> np.ndarray:
@@ -61,16 +65,33 @@ def kinds() -> list[Kind]:
         "masked array without a masked sample": (np.ma.masked_array(X), F),
         "lists of lists": (X.tolist(), F.tolist()),
         "a subclass of ndarray": (np.asmatrix(X), F),
-        "a table in another order of columns": (frame[NAMES[::-1]], forces[["F3", "F1", "F2"]]),
-        "a table with nullable numbers": (frame.astype("Float64"), forces.astype("Float64")),
-        "a table with an index of its own": (frame.set_axis(late), forces.set_axis(late)),
+        "a table in another order of columns": (
+            frame[NAMES[::-1]],
+            forces[["F3", "F1", "F2"]],
+        ),
+        "a table with nullable numbers": (
+            frame.astype("Float64"),
+            forces.astype("Float64"),
+        ),
+        "a table with an index of its own": (
+            frame.set_axis(late),
+            forces.set_axis(late),
+        ),
         "NaN at the edges": (edged(X), F),
     }
     out = [
-        Kind("representation", name, fit, given, right(1e-6 if name.startswith("NaN") else 1e-12))
+        Kind(
+            "representation",
+            name,
+            fit,
+            given,
+            right(1e-6 if name.startswith("NaN") else 1e-12),
+        )
         for name, given in forms.items()
     ]
-    out.append(Kind("representation", "float32", fit, (X.astype(np.float32), F), right(1e-3)))
+    out.append(
+        Kind("representation", "float32", fit, (X.astype(np.float32), F), right(1e-3))
+    )
     whole = np.round(X * 2.0**20)
     out.append(
         Kind(

@@ -1,7 +1,8 @@
 """Effects of the battery, in formulas and an integrator of their own.
 
-Nothing here comes from the package under test: friction is a steep tanh, gaps may be smooth,
-hysteresis is integrated as an ordinary differential equation with fixed Runge-Kutta sub-steps.
+Nothing here comes from the package under test: friction is a steep tanh, gaps may be
+smooth, hysteresis is integrated as an ordinary differential equation with fixed
+Runge-Kutta sub-steps.
 """
 
 from __future__ import annotations
@@ -12,14 +13,31 @@ import numpy as np
 from numba import njit
 
 KINDS = (
-    "coulomb", "stribeck", "asymmetric_friction", "ground_friction",
-    "quadratic_damping", "power_damping",
-    "cubic", "quintic", "quadratic", "odd_quadratic",
-    "one_sided_gap", "two_sided_gap", "bilinear",
-    "dahl", "bouc_wen", "jenkins", "maxwell",
-    "stiffness_step", "stiffness_drift", "damping_drift",
-    "harmonic", "constant", "brace", "ground_link",
-)  # fmt: skip
+    "coulomb",
+    "stribeck",
+    "asymmetric_friction",
+    "ground_friction",
+    "quadratic_damping",
+    "power_damping",
+    "cubic",
+    "quintic",
+    "quadratic",
+    "odd_quadratic",
+    "one_sided_gap",
+    "two_sided_gap",
+    "bilinear",
+    "dahl",
+    "bouc_wen",
+    "jenkins",
+    "maxwell",
+    "stiffness_step",
+    "stiffness_drift",
+    "damping_drift",
+    "harmonic",
+    "constant",
+    "brace",
+    "ground_link",
+)
 CODE = {name: i for i, name in enumerate(KINDS)}
 N_PAR = 6
 
@@ -39,7 +57,9 @@ def smooth_ramp(x, w):
 
 @njit(cache=True)
 def effect_force(kind, p, s, v, t, z, vg):
-    """Force of one effect, N; p holds its parameters, p[0] the amplitude, z its state."""
+    """Force of one effect, N; p holds its parameters, p[0] the amplitude, z its
+    state.
+    """
     if kind == 0:  # tanh friction: p = Fc, eps
         return p[0] * math.tanh(v / p[1])
     if kind == 1:  # Stribeck with a Gaussian fall: Fc, eps, static/sliding - 1, vs
@@ -66,7 +86,9 @@ def effect_force(kind, p, s, v, t, z, vg):
         return p[0] * (smooth_ramp(s - p[1], p[2]) - smooth_ramp(-s - p[1], p[2]))
     if kind == 12:  # k, width
         return p[0] * smooth_ramp(s, p[1])
-    if kind == 15:  # inside a sub-step the elastic trial may stand beyond the yield surface
+    if (
+        kind == 15
+    ):  # inside a sub-step the elastic trial may stand beyond the yield surface
         return p[0] * min(max(z, -1.0), 1.0)
     if kind == 13 or kind == 14 or kind == 16:
         return p[0] * z
@@ -76,7 +98,9 @@ def effect_force(kind, p, s, v, t, z, vg):
         return p[0] * s * t / p[1]
     if kind == 19:
         return p[0] * v * t / p[1]
-    if kind == 20:  # amplitude, frequency, phase: an applied force stands on the other side
+    if (
+        kind == 20
+    ):  # amplitude, frequency, phase: an applied force stands on the other side
         return -p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
     if kind == 21:
         return -p[0]
@@ -88,13 +112,19 @@ def effect_rate(kind, p, s, v, t, z):
     """Rate of the effect's state."""
     if kind == 13:  # Dahl: sigma
         return p[1] * (v - abs(v) * z)
-    if kind == 14:  # Bouc-Wen normalised to yield drift: uy, share beta, n; beta + gamma = 1
+    if (
+        kind == 14
+    ):  # Bouc-Wen normalised to yield drift: uy, share beta, n; beta + gamma = 1
         beta, gamma = p[2], 1.0 - p[2]
         size = abs(z)
         if size < 1e-300:
             return v / p[1]
-        return (v - beta * abs(v) * size ** (p[3] - 1.0) * z - gamma * v * size ** p[3]) / p[1]
-    if kind == 15:  # elastoplastic: yield drift; returned to the yield surface after each sub-step
+        return (
+            v - beta * abs(v) * size ** (p[3] - 1.0) * z - gamma * v * size ** p[3]
+        ) / p[1]
+    if (
+        kind == 15
+    ):  # elastoplastic: yield drift; returned to the yield surface after each sub-step
         return v / p[1]
     if kind == 16:  # Maxwell: tau
         return v - z / p[1]
@@ -111,7 +141,9 @@ def returned(kind, z):
 
 @njit(cache=True)
 def along(kind, p, s, v, t, vg, sub):
-    """Force of an effect along a sampled motion; the state follows cubic Hermite pieces of it."""
+    """Force of an effect along a sampled motion; the state follows cubic Hermite pieces
+    of it.
+    """
     n = len(s)
     out = np.empty(n)
     z = 0.0
@@ -127,18 +159,24 @@ def along(kind, p, s, v, t, vg, sub):
                     u = (m + shift) / sub
                     u2, u3 = u * u, u * u * u
                     ss = (
-                        (2 * u3 - 3 * u2 + 1) * s[i] + (u3 - 2 * u2 + u) * step * v[i]
-                        + (-2 * u3 + 3 * u2) * s[i + 1] + (u3 - u2) * step * v[i + 1]
-                    )  # fmt: skip
+                        (2 * u3 - 3 * u2 + 1) * s[i]
+                        + (u3 - 2 * u2 + u) * step * v[i]
+                        + (-2 * u3 + 3 * u2) * s[i + 1]
+                        + (u3 - u2) * step * v[i + 1]
+                    )
                     vv = (
-                        (6 * u2 - 6 * u) / step * s[i] + (3 * u2 - 4 * u + 1) * v[i]
-                        + (-6 * u2 + 6 * u) / step * s[i + 1] + (3 * u2 - 2 * u) * v[i + 1]
-                    )  # fmt: skip
+                        (6 * u2 - 6 * u) / step * s[i]
+                        + (3 * u2 - 4 * u + 1) * v[i]
+                        + (-6 * u2 + 6 * u) / step * s[i + 1]
+                        + (3 * u2 - 2 * u) * v[i + 1]
+                    )
                     zz = z
                     if stage > 0:
                         zz = z + shift * h * ks[stage - 1]
                     ks[stage] = effect_rate(kind, p, ss, vv, t[i], zz)
-                z = returned(kind, z + h * (ks[0] + 2 * ks[1] + 2 * ks[2] + ks[3]) / 6.0)
+                z = returned(
+                    kind, z + h * (ks[0] + 2 * ks[1] + 2 * ks[2] + ks[3]) / 6.0
+                )
         out[i + 1] = effect_force(kind, p, s[i + 1], v[i + 1], t[i + 1], z, vg[i + 1])
     return out
 
@@ -150,7 +188,9 @@ def storey_force(k, c, k3, s, v):
 
 @njit(cache=True)
 def rates(y, t, F, ag, vg, m, k, c, k3, kinds, ends, pars, out, forces):
-    """State rates of the chain; y = x, v (relative to the base), z. Forces of the effects go to ``forces``."""
+    """State rates of the chain; y = x, v (relative to the base), z. Forces of the
+    effects go to ``forces``.
+    """
     n, ne = len(m), len(kinds)
     for j in range(n):
         out[j] = y[n + j]
@@ -183,7 +223,9 @@ def poly(coef, i, h):
     n = coef.shape[2]
     out = np.empty(n)
     for j in range(n):
-        out[j] = ((coef[0, i, j] * h + coef[1, i, j]) * h + coef[2, i, j]) * h + coef[3, i, j]
+        out[j] = ((coef[0, i, j] * h + coef[1, i, j]) * h + coef[2, i, j]) * h + coef[
+            3, i, j
+        ]
     return out
 
 
@@ -191,12 +233,17 @@ def poly(coef, i, h):
 def integrate(load, n_samples, dt, sub, m, k, c, k3, kinds, ends, pars):
     """Fixed-step classical Runge-Kutta; load = cubic pieces of [F_1..F_n, ag, vg].
 
-    Returns x, v, absolute acceleration (n_samples, n) and the effects' forces (n_samples, n_effects).
+    Returns x, v, absolute acceleration (n_samples, n) and the effects' forces
+    (n_samples, n_effects).
     """
     n, ne = len(m), len(kinds)
     size = 2 * n + ne
     y = np.zeros(size)
-    x, vel, acc = np.empty((n_samples, n)), np.empty((n_samples, n)), np.empty((n_samples, n))
+    x, vel, acc = (
+        np.empty((n_samples, n)),
+        np.empty((n_samples, n)),
+        np.empty((n_samples, n)),
+    )
     eff = np.empty((n_samples, ne))
     k1, k2, k3_, k4 = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     f = np.empty(ne)
@@ -215,11 +262,60 @@ def integrate(load, n_samples, dt, sub, m, k, c, k3, kinds, ends, pars):
             break
         for q in range(sub):
             t = i * dt + q * h
-            u0, u1, u2 = poly(load, i, q * h), poly(load, i, (q + 0.5) * h), poly(load, i, (q + 1) * h)
+            u0, u1, u2 = (
+                poly(load, i, q * h),
+                poly(load, i, (q + 0.5) * h),
+                poly(load, i, (q + 1) * h),
+            )
             rates(y, t, u0[:n], u0[n], u0[n + 1], m, k, c, k3, kinds, ends, pars, k1, f)
-            rates(y + 0.5 * h * k1, t + 0.5 * h, u1[:n], u1[n], u1[n + 1], m, k, c, k3, kinds, ends, pars, k2, f)
-            rates(y + 0.5 * h * k2, t + 0.5 * h, u1[:n], u1[n], u1[n + 1], m, k, c, k3, kinds, ends, pars, k3_, f)
-            rates(y + h * k3_, t + h, u2[:n], u2[n], u2[n + 1], m, k, c, k3, kinds, ends, pars, k4, f)
+            rates(
+                y + 0.5 * h * k1,
+                t + 0.5 * h,
+                u1[:n],
+                u1[n],
+                u1[n + 1],
+                m,
+                k,
+                c,
+                k3,
+                kinds,
+                ends,
+                pars,
+                k2,
+                f,
+            )
+            rates(
+                y + 0.5 * h * k2,
+                t + 0.5 * h,
+                u1[:n],
+                u1[n],
+                u1[n + 1],
+                m,
+                k,
+                c,
+                k3,
+                kinds,
+                ends,
+                pars,
+                k3_,
+                f,
+            )
+            rates(
+                y + h * k3_,
+                t + h,
+                u2[:n],
+                u2[n],
+                u2[n + 1],
+                m,
+                k,
+                c,
+                k3,
+                kinds,
+                ends,
+                pars,
+                k4,
+                f,
+            )
             y = y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3_ + k4)
             for e in range(ne):
                 y[2 * n + e] = returned(kinds[e], y[2 * n + e])

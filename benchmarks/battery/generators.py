@@ -1,4 +1,6 @@
-"""Random chains, excitations and effects, simulated; the truth stays in the case, the loop sees records."""
+"""Random chains, excitations and effects, simulated; the truth stays in the case, the
+loop sees records.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ SHARE = (0.03, 0.30)
 
 @dataclass
 class Effect:
-    """An undeclared effect: kind, link (p, q) (q = 0 is the ground) or DOF p, parameters in SI units."""
+    """An undeclared effect: kind, link (p, q) (q = 0 is the ground) or DOF p,
+    parameters in SI units.
+    """
 
     kind: str
     p: int
@@ -46,7 +50,12 @@ class Effect:
 
     def force(self, t, s, v, vg, sub: int = 16) -> np.ndarray:
         """Force along a motion of its two ends, N."""
-        return along(CODE[self.kind], self.par, *(np.ascontiguousarray(y, dtype=float) for y in (s, v, t, vg)), sub)
+        return along(
+            CODE[self.kind],
+            self.par,
+            *(np.ascontiguousarray(y, dtype=float) for y in (s, v, t, vg)),
+            sub,
+        )
 
 
 @dataclass
@@ -66,7 +75,9 @@ class Structure:
 
 @dataclass
 class Run:
-    """A simulated test without noise: time, forces, base motion, motion, forces of the effects."""
+    """A simulated test without noise: time, forces, base motion, motion, forces of the
+    effects.
+    """
 
     fs: float
     F: np.ndarray
@@ -94,7 +105,9 @@ class Run:
 
 @dataclass
 class Case:
-    """One case of the battery. ``seen`` and ``unseen`` are what the loop gets (channels as dictionaries)."""
+    """One case of the battery. ``seen`` and ``unseen`` are what the loop gets (channels
+    as dictionaries).
+    """
 
     name: str
     group: str
@@ -116,7 +129,7 @@ class Case:
         return not self.forced
 
 
-# -- structures -------------------------------------------------------------------------------
+# -- structures ----------------------------------------------------------------
 
 
 def frequencies(m, k) -> np.ndarray:
@@ -131,8 +144,14 @@ def frequencies(m, k) -> np.ndarray:
 
 
 def draw_structure(rng, n: int) -> tuple[Structure, np.ndarray]:
-    """Masses of 5 to 5e4 kg, natural frequencies of 1 to 30 Hz, damping of 1 to 3 % in each storey."""
-    m = np.clip(10 ** rng.uniform(np.log10(5), np.log10(5e4)) * rng.uniform(0.7, 1.4, n), 5.0, 5e4)
+    """Masses of 5 to 5e4 kg, natural frequencies of 1 to 30 Hz, damping of 1 to 3 % in
+    each storey.
+    """
+    m = np.clip(
+        10 ** rng.uniform(np.log10(5), np.log10(5e4)) * rng.uniform(0.7, 1.4, n),
+        5.0,
+        5e4,
+    )
     k = m.mean() * rng.uniform(0.6, 1.6, n)
     f = frequencies(m, k)
     top = np.exp(rng.uniform(np.log(min(1.05 * f[-1] / f[0], 29.0)), np.log(30.0)))
@@ -141,7 +160,7 @@ def draw_structure(rng, n: int) -> tuple[Structure, np.ndarray]:
     return Structure(m, k, c, np.zeros(n)), frequencies(m, k)
 
 
-# -- excitations ------------------------------------------------------------------------------
+# -- excitations ---------------------------------------------------------------
 
 
 def band_noise(rng, n: int, fs: float, lo: float, hi: float) -> np.ndarray:
@@ -153,8 +172,12 @@ def band_noise(rng, n: int, fs: float, lo: float, hi: float) -> np.ndarray:
     return y / np.sqrt(np.mean(y**2))
 
 
-def draw_loads(rng, kind: str, n_columns: int, n: int, fs: float, f: np.ndarray) -> np.ndarray:
-    """Columns of one kind of excitation over the chain's natural frequencies f (Hz); arbitrary scale."""
+def draw_loads(
+    rng, kind: str, n_columns: int, n: int, fs: float, f: np.ndarray
+) -> np.ndarray:
+    """Columns of one kind of excitation over the chain's natural frequencies f (Hz);
+    arbitrary scale.
+    """
     t = np.arange(n) / fs
     lo, hi = 0.4 * f[0], min(1.4 * f[-1], 0.2 * fs)
     out = np.zeros((n, n_columns))
@@ -168,7 +191,9 @@ def draw_loads(rng, kind: str, n_columns: int, n: int, fs: float, f: np.ndarray)
             start = t[-1] * (h + rng.uniform(0.02, 0.4)) / hits
             inside = (t >= start) & (t <= start + width)
             out[inside, h % n_columns] += (
-                rng.uniform(0.6, 1.4) * rng.choice([-1, 1]) * np.sin(np.pi * (t[inside] - start) / width)
+                rng.uniform(0.6, 1.4)
+                * rng.choice([-1, 1])
+                * np.sin(np.pi * (t[inside] - start) / width)
             )
     elif kind == "sweep":
         for j in range(n_columns):
@@ -182,34 +207,59 @@ def draw_loads(rng, kind: str, n_columns: int, n: int, fs: float, f: np.ndarray)
     else:  # earthquake-like: Kanai-Tajimi noise under an envelope
         for j in range(n_columns):
             white = np.fft.rfft(rng.standard_normal(n))
-            w, wg, z = np.fft.rfftfreq(n, 1 / fs), np.exp(rng.uniform(np.log(0.7 * f[0]), np.log(1.2 * f[-1]))), 0.5
+            w, wg, z = (
+                np.fft.rfftfreq(n, 1 / fs),
+                np.exp(rng.uniform(np.log(0.7 * f[0]), np.log(1.2 * f[-1]))),
+                0.5,
+            )
             with np.errstate(divide="ignore", invalid="ignore"):
                 r = w / wg
-                gain = np.sqrt((1 + (2 * z * r) ** 2) / ((1 - r**2) ** 2 + (2 * z * r) ** 2)) * r**2 / np.sqrt(1 + r**4)
+                gain = (
+                    np.sqrt(
+                        (1 + (2 * z * r) ** 2) / ((1 - r**2) ** 2 + (2 * z * r) ** 2)
+                    )
+                    * r**2
+                    / np.sqrt(1 + r**4)
+                )
             gain[(w < 0.3 * lo) | (w > hi)] = 0.0
             y = np.fft.irfft(white * gain, n)
             u = t / t[-1]
-            out[:, j] = y * np.clip(u / 0.15, 0, 1) ** 2 * np.exp(-2.5 * np.clip(u - 0.4, 0, None))
+            out[:, j] = (
+                y
+                * np.clip(u / 0.15, 0, 1) ** 2
+                * np.exp(-2.5 * np.clip(u - 0.4, 0, None))
+            )
     return out
 
 
-def base_motion(ag: np.ndarray, fs: float, lo: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Acceleration, velocity and displacement of a base that has no content below lo/3 (Hz)."""
+def base_motion(
+    ag: np.ndarray, fs: float, lo: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Acceleration, velocity and displacement of a base that has no content below lo/3
+    (Hz).
+    """
     spectrum = np.fft.rfft(ag)
     f = np.fft.rfftfreq(len(ag), 1 / fs)
     keep = f > lo / 3
     w = 2 * np.pi * np.where(keep, f, 1.0)
     spectrum = np.where(keep, spectrum, 0.0)
-    return tuple(np.fft.irfft(y, len(ag)) for y in (spectrum, spectrum / (1j * w), -spectrum / w**2))
+    return tuple(
+        np.fft.irfft(y, len(ag))
+        for y in (spectrum, spectrum / (1j * w), -spectrum / w**2)
+    )
 
 
-# -- simulation -------------------------------------------------------------------------------
+# -- simulation ----------------------------------------------------------------
 
 
-def simulate(structure: Structure, effects: list[Effect], F, ag, vg, xg, fs: float, sub: int = 12) -> Run:
+def simulate(
+    structure: Structure, effects: list[Effect], F, ag, vg, xg, fs: float, sub: int = 12
+) -> Run:
     """One test from rest; loads are cubic splines between the samples."""
     n = structure.n
-    load = np.ascontiguousarray(CubicSpline(np.arange(len(F)) / fs, np.column_stack([F, ag, vg])).c)
+    load = np.ascontiguousarray(
+        CubicSpline(np.arange(len(F)) / fs, np.column_stack([F, ag, vg])).c
+    )
     kinds = np.array([CODE[e.kind] for e in effects], dtype=np.int64)
     ends = np.array([[e.p, e.q] for e in effects], dtype=np.int64).reshape(-1, 2)
     pars = np.array([e.par for e in effects], dtype=float).reshape(-1, N_PAR)
@@ -229,7 +279,9 @@ def simulate(structure: Structure, effects: list[Effect], F, ag, vg, xg, fs: flo
     return Run(fs, F, ag, vg, xg, x[:, :n], v, a, eff)
 
 
-def _substeps(structure: Structure, effects: list[Effect], fs: float, least: int) -> int:
+def _substeps(
+    structure: Structure, effects: list[Effect], fs: float, least: int
+) -> int:
     """Enough sub-steps for the steepest part of the effects."""
     lightest = structure.m.min()
     rate = 0.0
@@ -244,19 +296,29 @@ def _substeps(structure: Structure, effects: list[Effect], fs: float, least: int
             rate = max(rate, 4 * np.sqrt(2 * e.par[0] * e.par[1] / lightest))
         elif e.kind in ("jenkins", "bouc_wen"):
             rate = max(rate, 4 * np.sqrt(2 * e.par[0] / e.par[1] / lightest))
-    return int(np.clip(np.ceil(1.5 * rate / fs), least if rate == 0.0 else 4 * least, 400))
+    return int(
+        np.clip(np.ceil(1.5 * rate / fs), least if rate == 0.0 else 4 * least, 400)
+    )
 
 
-# -- effects ----------------------------------------------------------------------------------
+# -- effects -------------------------------------------------------------------
 
 
-def draw_shape(rng, kind: str, s: float, v: float, duration: float, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters without amplitude for rms drift s and rate v, and their powers of (s, v) to rescale by."""
+def draw_shape(
+    rng, kind: str, s: float, v: float, duration: float, f: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters without amplitude for rms drift s and rate v, and their powers of (s,
+    v) to rescale by.
+    """
     p, power = np.zeros(N_PAR), np.zeros((N_PAR, 2))
     if kind in ("coulomb", "stribeck", "asymmetric_friction", "ground_friction"):
         p[1], power[1] = v * 10 ** rng.uniform(-3, -2), (0, 1)
         if kind == "stribeck":
-            p[2], p[3], power[3] = rng.uniform(0.5, 1.5), v * rng.uniform(0.2, 0.8), (0, 1)
+            p[2], p[3], power[3] = (
+                rng.uniform(0.5, 1.5),
+                v * rng.uniform(0.2, 0.8),
+                (0, 1),
+            )
         if kind == "asymmetric_friction":
             p[2] = rng.choice([-1, 1]) * rng.uniform(0.25, 0.6)
     elif kind == "quadratic_damping":
@@ -265,10 +327,22 @@ def draw_shape(rng, kind: str, s: float, v: float, duration: float, f: np.ndarra
         p[1], power[1], p[2] = 1e-3 * v, (0, 1), rng.uniform(0.25, 0.55)
     elif kind in ("one_sided_gap", "two_sided_gap"):
         p[1], power[1] = s * rng.uniform(0.4, 1.4), (1, 0)
-        p[2], power[2] = (0.0 if rng.random() < 0.5 else s * rng.uniform(0.01, 0.05)), (1, 0)
+        p[2], power[2] = (
+            (0.0 if rng.random() < 0.5 else s * rng.uniform(0.01, 0.05)),
+            (
+                1,
+                0,
+            ),
+        )
         p[3] = rng.choice([-1.0, 1.0])
     elif kind == "bilinear":
-        p[1], power[1] = (0.0 if rng.random() < 0.5 else s * rng.uniform(0.01, 0.05)), (1, 0)
+        p[1], power[1] = (
+            (0.0 if rng.random() < 0.5 else s * rng.uniform(0.01, 0.05)),
+            (
+                1,
+                0,
+            ),
+        )
     elif kind == "dahl":
         p[1], power[1] = 10 ** rng.uniform(0.0, 1.5) / s, (-1, 0)
     elif kind == "bouc_wen":
@@ -279,11 +353,17 @@ def draw_shape(rng, kind: str, s: float, v: float, duration: float, f: np.ndarra
     elif kind == "maxwell":
         p[1] = s / v * 10 ** rng.uniform(-0.4, 0.5)
     elif kind == "stiffness_step":
-        p[1], p[2] = duration * rng.uniform(0.3, 0.65), 0.02 / f[-1] * rng.uniform(0.1, 1.0)
+        p[1], p[2] = (
+            duration * rng.uniform(0.3, 0.65),
+            0.02 / f[-1] * rng.uniform(0.1, 1.0),
+        )
     elif kind in ("stiffness_drift", "damping_drift"):
         p[1] = duration
     elif kind == "harmonic":
-        p[1], p[2] = f[0] * rng.uniform(0.6, 1.0) * (f[-1] / f[0]) ** rng.random(), rng.uniform(0, 2 * np.pi)
+        p[1], p[2] = (
+            f[0] * rng.uniform(0.6, 1.0) * (f[-1] / f[0]) ** rng.random(),
+            rng.uniform(0, 2 * np.pi),
+        )
     elif kind in ("brace", "ground_link"):
         p[1] = rng.uniform(0.0, 2.0) * 0.02 * s / v
     return p, power
@@ -297,13 +377,18 @@ def draw_place(rng, kind: str, n: int, base: bool) -> tuple[int, int]:
         p = int(rng.integers(3, n + 1))
         return p, int(rng.integers(1, p - 1))
     if kind in ("ground_link", "ground_friction"):
-        return int(rng.integers(1 if base and kind == "ground_friction" else 2, n + 1)), 0
+        return (
+            int(rng.integers(1 if base and kind == "ground_friction" else 2, n + 1)),
+            0,
+        )
     p = int(rng.integers(1, n + 1))
     return p, p - 1
 
 
 def possible(kind: str, n: int, base: bool) -> bool:
-    """Whether a kind of effect exists on such a chain (and is not a storey law under another name)."""
+    """Whether a kind of effect exists on such a chain (and is not a storey law under
+    another name).
+    """
     if kind == "brace":
         return n >= 3
     if kind == "ground_link":
@@ -323,7 +408,9 @@ def sign_of(rng, kind: str) -> float:
 
 
 def shares(structure: Structure, effects: list[Effect], run: Run) -> np.ndarray:
-    """Rms of each effect over the rms of the force of the storey below its upper end."""
+    """Rms of each effect over the rms of the force of the storey below its upper
+    end.
+    """
     out = []
     for i, e in enumerate(effects):
         s = run.x[:, e.p - 1] - (run.x[:, e.p - 2] if e.p > 1 else 0.0)
@@ -334,8 +421,12 @@ def shares(structure: Structure, effects: list[Effect], run: Run) -> np.ndarray:
     return np.array(out)
 
 
-def calibrate(rng, structure, kinds, places, loads, fs, f, targets) -> tuple[list[Effect], Run] | None:
-    """Effects of the wanted size on this chain, and the run with them; None if there is no such size."""
+def calibrate(
+    rng, structure, kinds, places, loads, fs, f, targets
+) -> tuple[list[Effect], Run] | None:
+    """Effects of the wanted size on this chain, and the run with them; None if there is
+    no such size.
+    """
     n_samples = len(loads[0])
     plain = simulate(structure, [], *loads, fs)
     effects, powers, base_sizes = [], [], []
@@ -346,8 +437,14 @@ def calibrate(rng, structure, kinds, places, loads, fs, f, targets) -> tuple[lis
         e.par, power = draw_shape(rng, kind, *size, n_samples / fs, f)
         e.par[0] = sign_of(rng, kind)
         one = e.force(plain.t, s, v, plain.vg)
-        js, jv = (y[:, p - 1] - (y[:, p - 2] if p > 1 else 0.0) for y in (plain.x, plain.v))
-        storey = structure.k[p - 1] * js + structure.c[p - 1] * jv + structure.k3[p - 1] * js**3
+        js, jv = (
+            y[:, p - 1] - (y[:, p - 2] if p > 1 else 0.0) for y in (plain.x, plain.v)
+        )
+        storey = (
+            structure.k[p - 1] * js
+            + structure.c[p - 1] * jv
+            + structure.k3[p - 1] * js**3
+        )
         if not one.any():
             return None
         e.par[0] *= target * np.sqrt(np.mean(storey**2) / np.mean(one**2))
@@ -356,7 +453,10 @@ def calibrate(rng, structure, kinds, places, loads, fs, f, targets) -> tuple[lis
         base_sizes.append(size)
     for _ in range(12):
         run = simulate(structure, effects, *loads, fs)
-        if not np.isfinite(run.x).all() or np.abs(run.x).max() > 50 * np.abs(plain.x).max():
+        if (
+            not np.isfinite(run.x).all()
+            or np.abs(run.x).max() > 50 * np.abs(plain.x).max()
+        ):
             return None
         found = shares(structure, effects, run)
         if all(0.85 * t <= r <= 1.15 * t for r, t in zip(found, targets)) and all(
@@ -374,7 +474,7 @@ def calibrate(rng, structure, kinds, places, loads, fs, f, targets) -> tuple[lis
     return None
 
 
-# -- cases ------------------------------------------------------------------------------------
+# -- cases ---------------------------------------------------------------------
 
 
 def make_case(
@@ -400,14 +500,15 @@ def make_case(
     name, group : str
     seed : int
     noise : float
-        White noise on every channel that is measured (F of the forced DOFs, a, v, x of all DOFs, and
-        ag, vg, xg of a moving base), as a share of its rms.
+        White noise on every channel that is measured (F of the forced DOFs, a, v, x of
+        all DOFs, and ag, vg, xg of a moving base), as a share of its rms.
     kinds : tuple of str
         Effects; on different sites if several.
     base : bool, optional
         Base excitation with known masses, instead of forces.
     degree : int
-        Of the storeys: 1 linear, 3 with a cubic spring that is part of the declared model.
+        Of the storeys: 1 linear, 3 with a cubic spring that is part of the declared
+        model.
     n_samples : int
     most : int
         Masses at most.
@@ -428,11 +529,13 @@ def make_case(
     least = (
         3
         if "brace" in kinds
-        else 2
-        if not all(possible(kind, 1, base) for kind in kinds)
-        else len(kinds)
-        if len(kinds) > 1
-        else 1
+        else (
+            2
+            if not all(possible(kind, 1, base) for kind in kinds)
+            else len(kinds)
+            if len(kinds) > 1
+            else 1
+        )
     )
     one = kinds
     for _ in range(200):
@@ -440,67 +543,125 @@ def make_case(
         kinds = one * n if every else one
         structure, f = draw_structure(rng, n)
         fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
-        how = excitation or str(rng.choice(EXCITATIONS if not base else ("random", "earthquake", "earthquake")))
+        how = excitation or str(
+            rng.choice(
+                EXCITATIONS if not base else ("random", "earthquake", "earthquake")
+            )
+        )
         whole = not accelerations_only and not base and rng.random() < 0.5
-        forced = () if base else tuple(range(1, n + 1)) if whole else (int(rng.integers(1, n + 1)),)
+        forced = (
+            ()
+            if base
+            else tuple(range(1, n + 1))
+            if whole
+            else (int(rng.integers(1, n + 1)),)
+        )
         drift = 10 ** rng.uniform(-4.5, -2)
         loads = scaled_loads(rng, structure, f, fs, how, forced, n_samples, drift)
         if degree == 3:
             plain = simulate(structure, [], *loads, fs)
             s = np.diff(plain.x, axis=1, prepend=0.0)
-            structure.k3 = rng.uniform(0.03, 0.12, n) * structure.k / np.mean(s**2, axis=0)
-        places = [(i, i - 1) if every else draw_place(rng, kind, n, base) for i, kind in enumerate(kinds, 1)]
+            structure.k3 = (
+                rng.uniform(0.03, 0.12, n) * structure.k / np.mean(s**2, axis=0)
+            )
+        places = [
+            (i, i - 1) if every else draw_place(rng, kind, n, base)
+            for i, kind in enumerate(kinds, 1)
+        ]
         if len({(p, q) for p, q in places}) < len(places):
             continue
-        targets = np.exp(rng.uniform(np.log(1.05 * SHARE[0]), np.log(0.9 * SHARE[1]), len(kinds)))
+        targets = np.exp(
+            rng.uniform(np.log(1.05 * SHARE[0]), np.log(0.9 * SHARE[1]), len(kinds))
+        )
         done = calibrate(rng, structure, kinds, places, loads, fs, f, targets)
         if done is None:
             continue
         effects, run = done
-        further = [scaled_loads(rng, structure, f, fs, how, forced, n_samples, None, like=loads) for _ in range(1)]
+        further = [
+            scaled_loads(
+                rng, structure, f, fs, how, forced, n_samples, None, like=loads
+            )
+            for _ in range(1)
+        ]
         others = [simulate(structure, effects, *more, fs) for more in further]
         if not all(np.isfinite(r.x).all() for r in others):
             continue
-        case = Case(name, group, seed, noise, degree, how, forced, structure, effects, [run, *others])
+        case = Case(
+            name,
+            group,
+            seed,
+            noise,
+            degree,
+            how,
+            forced,
+            structure,
+            effects,
+            [run, *others],
+        )
         every = [channels(rng, r, noise, forced) for r in (run, *others)]
         if accelerations_only:
-            every = [{k: y for k, y in one.items() if k in ("fs", "acceleration", "force")} for one in every]
+            every = [
+                {k: y for k, y in one.items() if k in ("fs", "acceleration", "force")}
+                for one in every
+            ]
         case.sensors = sensors
         if sensors:  # one installation for all tests
-            every = [imperfect(np.random.default_rng([seed, 7]), one, sensors) for one in every]
+            every = [
+                imperfect(np.random.default_rng([seed, 7]), one, sensors)
+                for one in every
+            ]
         case.seen, case.unseen = every[:1], every[1:]
         return case
     raise RuntimeError(f"no chain was found for {name} (seed {seed}, {kinds})")
 
 
 def scaled_loads(rng, structure, f, fs, how, forced, n, drift, like=None):
-    """Forces, base acceleration, velocity, displacement; scaled to an rms drift (m), or like other loads."""
+    """Forces, base acceleration, velocity, displacement; scaled to an rms drift (m), or
+    like other loads.
+    """
     F, ag, vg, xg = np.zeros((n, structure.n)), np.zeros(n), np.zeros(n), np.zeros(n)
     if forced:
         columns = [j - 1 for j in forced]
-        F[:, columns] = draw_loads(rng, how, len(columns), n, fs, f) * structure.m[columns]
+        F[:, columns] = (
+            draw_loads(rng, how, len(columns), n, fs, f) * structure.m[columns]
+        )
     else:
-        ag, vg, xg = base_motion(draw_loads(rng, how, 1, n, fs, f)[:, 0], fs, 0.4 * f[0])
+        ag, vg, xg = base_motion(
+            draw_loads(rng, how, 1, n, fs, f)[:, 0], fs, 0.4 * f[0]
+        )
     if like is None:
         run = simulate(structure, [], F, ag, vg, xg, fs, 4)
         scale = drift / np.sqrt(np.mean(np.diff(run.x, axis=1, prepend=0.0) ** 2))
     else:
-        size = [np.sqrt(np.mean(y**2)) for y in ((F, like[0]) if forced else (ag, like[1]))]
+        size = [
+            np.sqrt(np.mean(y**2)) for y in ((F, like[0]) if forced else (ag, like[1]))
+        ]
         scale = size[1] / size[0]
     return F * scale, ag * scale, vg * scale, xg * scale
 
 
 def channels(rng, run: Run, noise: float, forced: tuple[int, ...]) -> dict:
-    """Measured channels of a run: white noise of ``noise`` times its rms on each that moves."""
+    """Measured channels of a run: white noise of ``noise`` times its rms on each that
+    moves.
+    """
 
     def noisy(y):
         return y + noise * np.sqrt(np.mean(y**2, axis=0)) * rng.standard_normal(y.shape)
 
-    out = {"fs": run.fs, "acceleration": noisy(run.a), "velocity": noisy(run.v), "displacement": noisy(run.x)}
+    out = {
+        "fs": run.fs,
+        "acceleration": noisy(run.a),
+        "velocity": noisy(run.v),
+        "displacement": noisy(run.x),
+    }
     if forced:
         out["force"] = np.where(run.F.any(axis=0), noisy(run.F), 0.0)
     else:
-        out |= {"base_acceleration": noisy(run.ag), "base_velocity": noisy(run.vg), "base_displacement": noisy(run.xg)}
+        out |= {
+            "base_acceleration": noisy(run.ag),
+            "base_velocity": noisy(run.vg),
+            "base_displacement": noisy(run.xg),
+        }
     return out
 
 

@@ -1,4 +1,6 @@
-"""The measured sets as the loop gets them: the loaders of the examples, nothing cut off and nothing filtered."""
+"""The measured sets as the loop gets them: the loaders of the examples, nothing cut off
+and nothing filtered.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ from measured_sets import (  # noqa: E402, F401
 
 
 def dry_friction() -> Record:
-    """Run 60.52 at the lasers' 500 Hz: the logger's 2000 Hz repeat every sample four times."""
+    """Run 60.52 at the lasers' 500 Hz: the logger's 2000 Hz repeat every sample four
+    times.
+    """
     whole = measured_sets.load_dry_friction_storey()
     return Record(
         displacement=whole.displacement[::4],
@@ -37,9 +41,11 @@ def dry_friction() -> Record:
 
 
 def load_nees_isolated(test: str) -> Record:
-    """The frame on bearings with the table's displacement: the double integral of its acceleration above 0.1 Hz.
+    """The frame on bearings with the table's displacement: the double integral of its
+    acceleration above 0.1 Hz.
 
-    The table's displacement was not measured; the other displacements pass the same filter.
+    The table's displacement was not measured; the other displacements pass the same
+    filter.
     """
     from pysindy_nrf.signals import integrate
     from pysindy_nrf.signals.zero_phase_filter import FairFilter

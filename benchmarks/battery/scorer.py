@@ -43,29 +43,48 @@ FAMILY = {
 }
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
 ONE_CLASS = ({"friction", "hysteresis"},)
-# A second test would not show these from the same start: the loop holds out the end of the one record.
+# A second test would not show these from the same start: the loop holds out the end of
+# the one record.
 IN_TIME = ("stiffness_step", "stiffness_drift", "damping_drift", "harmonic")
 
 
 def truth_parameters(effect: Effect) -> dict[str, dict[str, float]]:
-    """The effect's parameters in the words of each law of the package that is the same formula."""
+    """The effect's parameters in the words of each law of the package that is the same
+    formula.
+    """
     A, p = effect.par[0], effect.par
     return {
         "coulomb": lambda: {"coulomb_friction": {"Fc": A}},
         "stribeck": lambda: {"stribeck_friction": {"Fc": A}},
-        "asymmetric_friction": lambda: {"asymmetric_coulomb_friction": {"Fcp": A * (1 + p[2]), "Fcm": A * (1 - p[2])}},
-        "ground_friction": lambda: {"coulomb_friction": {"Fc": A}, "ground_friction": {"Fc": A}},
-        "quadratic_damping": lambda: {"quadratic_damping": {"c2": A}, "power_law_damping": {"n": 2.0, "cn": A}},
+        "asymmetric_friction": lambda: {
+            "asymmetric_coulomb_friction": {
+                "Fcp": A * (1 + p[2]),
+                "Fcm": A * (1 - p[2]),
+            }
+        },
+        "ground_friction": lambda: {
+            "coulomb_friction": {"Fc": A},
+            "ground_friction": {"Fc": A},
+        },
+        "quadratic_damping": lambda: {
+            "quadratic_damping": {"c2": A},
+            "power_law_damping": {"n": 2.0, "cn": A},
+        },
         "power_damping": lambda: {"power_law_damping": {"n": p[2], "cn": A}},
         "cubic": lambda: {"cubic_stiffness": {"k3": A}},
         "quintic": lambda: {"quintic_stiffness": {"k5": A}},
         "quadratic": lambda: {"quadratic_stiffness": {"k2": A}},
         "odd_quadratic": lambda: {"absolute_quadratic_stiffness": {"k2": A}},
         "one_sided_gap": lambda: {"one_sided_gap": {"gap": p[1], "k": A}},
-        "two_sided_gap": lambda: {"two_sided_gap": {"gap": p[1], "k": A}, "dead_zone": {"gap": p[1], "k": A}},
+        "two_sided_gap": lambda: {
+            "two_sided_gap": {"gap": p[1], "k": A},
+            "dead_zone": {"gap": p[1], "k": A},
+        },
         "bilinear": lambda: {"bilinear": {"dk": A}},
         "dahl": lambda: {"dahl": {"sigma": p[1], "Fd": A}},
-        "bouc_wen": lambda: {"bouc_wen": {"alpha": A / p[1], "beta": p[2] ** (1 / p[3]) / p[1]}},
+        "bouc_wen": lambda: {
+            "bouc_wen": {"alpha": A / p[1], "beta": p[2] ** (1 / p[3]) / p[1]}
+        },
         "jenkins": lambda: {"jenkins": {"uy": p[1], "Fy": A}},
         "maxwell": lambda: {"maxwell_branch": {"tau": p[1], "k": A}},
         "stiffness_step": lambda: {"stiffness_step": {"dk": A, "t0": p[1]}},
@@ -79,12 +98,14 @@ def truth_parameters(effect: Effect) -> dict[str, dict[str, float]]:
 
 
 def place(text: str) -> Site:
-    """A site with its equivalents made one: on a DOF or between it and the ground is the same balance."""
+    """A site with its equivalents made one: on a DOF or between it and the ground is
+    the same balance.
+    """
     site = Site(text)
     return Site(f"ground {site.p}") if site.kind == "dof" else site
 
 
-# -- the truth on the channels the loop used ----------------------------------------------------
+# -- the truth on the channels the loop used -----------------------------------
 
 
 def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
@@ -107,7 +128,12 @@ def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
     x, rate = np.cumsum(s, axis=1), np.cumsum(v, axis=1)
     for e in effects:
         p, q = e.p - 1, e.q - 1
-        force = e.force(t, x[:, p] - (x[:, q] if q >= 0 else 0.0), rate[:, p] - (rate[:, q] if q >= 0 else 0.0), vg)
+        force = e.force(
+            t,
+            x[:, p] - (x[:, q] if q >= 0 else 0.0),
+            rate[:, p] - (rate[:, q] if q >= 0 else 0.0),
+            vg,
+        )
         part = np.zeros((len(t), n))
         part[:, p] += force
         if q >= 0:
@@ -118,20 +144,29 @@ def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
 
 
 def audibility(case: Case, ready) -> list[float]:
-    """For each effect: rms of what the baseline cannot hold, over the rms balance residual of the true model.
+    """For each effect: rms of what the baseline cannot hold, over the rms balance
+    residual of the true model.
 
-    The baseline's own columns in a balance are those that its solve determines there: the mass and the
-    storeys that are still unknown when the solve order arrives (in an unforced balance the storey found before
-    is given; with it free, any effect would be "reproduced" by the homogeneous equation itself). Where the
-    solve sums balances (base excitation), so does this.
+    The baseline's own columns in a balance are those that its solve determines there:
+    the mass and the storeys that are still unknown when the solve order arrives (in an
+    unforced balance the storey found before is given; with it free, any effect would be
+    "reproduced" by the homogeneous equation itself). Where the solve sums balances
+    (base excitation), so does this.
     """
     run, seg = case.runs[0], ready.data.segments[0]
     known = range(1, case.structure.n + 1) if case.base else ()
-    solve_order = Chain(case.structure.n).identifiability(case.forced, known_masses=known)
+    solve_order = Chain(case.structure.n).identifiability(
+        case.forced, known_masses=known
+    )
     s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
     _, clean = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg)
     residual = true_residual(case, seg)
-    powers = [(h, j) for h in range(case.degree + 1) for j in range(case.degree + 1) if 0 < h + j <= case.degree]
+    powers = [
+        (h, j)
+        for h in range(case.degree + 1)
+        for j in range(case.degree + 1)
+        if 0 < h + j <= case.degree
+    ]
     out = []
     for part in clean:
         lost = noise = 0.0
@@ -141,11 +176,17 @@ def audibility(case: Case, ready) -> list[float]:
             if not effect.any():
                 continue
             table = [run.a[:, j - 1] for j in step.masses]
-            table += [v[:, site.p - 1] ** h * s[:, site.p - 1] ** j for site in step.sites for h, j in powers]
+            table += [
+                v[:, site.p - 1] ** h * s[:, site.p - 1] ** j
+                for site in step.sites
+                for h, j in powers
+            ]
             if table:
                 columns = np.column_stack(table)
                 columns /= np.sqrt(np.mean(columns**2, axis=0))
-                effect = effect - columns @ np.linalg.lstsq(columns, effect, rcond=None)[0]
+                effect = (
+                    effect - columns @ np.linalg.lstsq(columns, effect, rcond=None)[0]
+                )
             lost += np.mean(effect**2)
             noise += np.mean(residual[:, rows].sum(axis=1) ** 2)
         out.append(float(np.sqrt(lost / noise)))
@@ -155,25 +196,36 @@ def audibility(case: Case, ready) -> list[float]:
 def true_residual(case: Case, seg):
     """Residual of the true model on fused channels."""
     rows = seg.valid
-    vg = seg.covariates["vg"][rows] if "vg" in seg.covariates else np.zeros(rows.stop - rows.start)
+    vg = (
+        seg.covariates["vg"][rows]
+        if "vg" in seg.covariates
+        else np.zeros(rows.stop - rows.start)
+    )
     channels = (np.asarray(y[rows], dtype=float) for y in (seg.a, seg.v, seg.s, seg.F))
     return balances(case.structure, case.effects, seg.t[rows], *channels, vg)[0]
 
 
-# -- one case -----------------------------------------------------------------------------------
+# -- one case ------------------------------------------------------------------
 
 
 def records(case: Case) -> tuple[list[Record], list[Record] | None]:
     """What the loop is given."""
-    seen = [Record(name=f"test {i + 1}", **channels) for i, channels in enumerate(case.seen)]
+    seen = [
+        Record(name=f"test {i + 1}", **channels) for i, channels in enumerate(case.seen)
+    ]
     if any(e.kind in IN_TIME for e in case.effects):
         return seen, None
-    return seen, [Record(name=f"held-out test {i + 1}", **channels) for i, channels in enumerate(case.unseen)]
+    return seen, [
+        Record(name=f"held-out test {i + 1}", **channels)
+        for i, channels in enumerate(case.unseen)
+    ]
 
 
 def baseline(case: Case) -> NRFRegressor:
     """The declared model."""
-    known = {j + 1: float(m) for j, m in enumerate(case.structure.m)} if case.base else None
+    known = (
+        {j + 1: float(m) for j, m in enumerate(case.structure.m)} if case.base else None
+    )
     return NRFRegressor(degree=case.degree, known_masses=known)
 
 
@@ -186,7 +238,9 @@ def withheld(case: Case) -> list:
 
 
 def matches(effect: Effect, step) -> tuple[bool, bool]:
-    """Whether a step is at the effect's site, and holds its family (itself or as a declared tie)."""
+    """Whether a step is at the effect's site, and holds its family (itself or as a
+    declared tie).
+    """
     families = {step.family, *step.alternatives}
     return place(step.site) == place(effect.site), FAMILY[effect.kind] in families
 
@@ -200,7 +254,11 @@ def parameter_errors(effect: Effect, step) -> list[float]:
     if "A" in found and "B" in found:
         found["amplitude"] = float(np.hypot(found["A"], found["B"]))
     return [
-        abs(abs(found[k]) - abs(x)) / abs(x) if k in ("gap",) else abs(found[k] - x) / abs(x)
+        (
+            abs(abs(found[k]) - abs(x)) / abs(x)
+            if k in ("gap",)
+            else abs(found[k] - x) / abs(x)
+        )
         for k, x in wanted.items()
         if k in found
     ]
@@ -225,7 +283,15 @@ def run_case(case: Case) -> dict:
         "n": case.structure.n,
         "degree": case.degree,
         "excitation": ("base " if case.base else "") + case.excitation,
-        "forced": "base" if case.base else "all" if len(case.forced) == case.structure.n else f"dof {case.forced[0]}",
+        "forced": (
+            "base"
+            if case.base
+            else (
+                "all"
+                if len(case.forced) == case.structure.n
+                else f"dof {case.forced[0]}"
+            )
+        ),
         "effect": " + ".join(e.kind for e in case.effects) or "none",
         "site": " + ".join(e.site for e in case.effects),
         "share %": " + ".join(f"{100 * e.share:.0f}" for e in case.effects),
@@ -254,7 +320,10 @@ def run_case(case: Case) -> dict:
                 "crash": traceback.format_exc(limit=-3),
             }
             return row | judge(case, None)
-        row |= {"seconds": time.perf_counter() - start, "cpu": time.process_time() - cpu}
+        row |= {
+            "seconds": time.perf_counter() - start,
+            "cpu": time.process_time() - cpu,
+        }
     steps, claimed = report.steps, claims(report)
     right = [s for s in claimed if any(all(matches(e, s)) for e in case.effects)]
     row |= {
@@ -279,9 +348,12 @@ def run_case(case: Case) -> dict:
         "mass error before": _mass_error(report.models[0], case),
         "mass error after": _mass_error(report.model, case),
         "stopped": report.stopped_because,
-        "tied": "; ".join(f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied if steps else [])),
+        "tied": "; ".join(
+            f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied if steps else [])
+        ),
         "best rejected": "; ".join(
-            f"{r['law']} at {r['site']} {r['gain (dB)']:.3g}" for _, r in report.candidates.head(3).iterrows()
+            f"{r['law']} at {r['site']} {r['gain (dB)']:.3g}"
+            for _, r in report.candidates.head(3).iterrows()
         ),
     }
     return row | judge(case, report)
@@ -302,13 +374,24 @@ def judge(case: Case, report) -> dict:
     if case.group == "nothing":
         return {"right": report is not None and not steps}
     if case.group == "sensors":
-        return {"right": report is not None and all(place(s.site).kind == "sensor" for s in steps)}
+        return {
+            "right": (
+                report is not None
+                and all(place(s.site).kind == "sensor" for s in steps)
+            )
+        }
     if case.group == "withheld":
-        wrong = [s for s in steps if s.sure and not any(all(matches(e, s)) for e in case.effects)]
+        wrong = [
+            s
+            for s in steps
+            if s.sure and not any(all(matches(e, s)) for e in case.effects)
+        ]
         return {"right": report is not None and not wrong}
     errors: list[float] = []
     if len(case.effects) > 1:
-        hit = [next((s for s in steps if all(matches(e, s))), None) for e in case.effects]
+        hit = [
+            next((s for s in steps if all(matches(e, s))), None) for e in case.effects
+        ]
         for e, s in zip(case.effects, hit):
             errors += parameter_errors(e, s) if s is not None else []
         return {
@@ -318,8 +401,18 @@ def judge(case: Case, report) -> dict:
         }
     effect = case.effects[0]
     if not steps:
-        return {"right": False, "right site": False, "right family": False, "parameter errors": errors}
+        return {
+            "right": False,
+            "right site": False,
+            "right family": False,
+            "parameter errors": errors,
+        }
     site, family = matches(effect, steps[0])
     if site and family:
         errors = parameter_errors(effect, steps[0])
-    return {"right": site and family, "right site": site, "right family": family, "parameter errors": errors}
+    return {
+        "right": site and family,
+        "right site": site,
+        "right family": family,
+        "parameter errors": errors,
+    }

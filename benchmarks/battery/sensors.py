@@ -1,4 +1,6 @@
-"""Imperfect but ordinary sensors: what every measuring chain has, and no effect of the structure."""
+"""Imperfect but ordinary sensors: what every measuring chain has, and no effect of the
+structure.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +10,29 @@ from scipy.signal import butter, sosfilt
 
 # White noise has its own parameter.
 FAULTS = ("gain", "cross-axis", "delay", "low-pass", "bits", "jitter", "pink")
-GAIN, CROSS_AXIS, DELAY, CORNER, BITS, JITTER, PINK = 0.01, 0.01, 0.2, 0.2, 12, 0.02, 0.005
+GAIN, CROSS_AXIS, DELAY, CORNER, BITS, JITTER, PINK = (
+    0.01,
+    0.01,
+    0.2,
+    0.2,
+    12,
+    0.02,
+    0.005,
+)
 
 
 def imperfect(rng, channels: dict, fault: str) -> dict:
     """The channels of a record as such sensors read them.
 
-    Gains scatter by 1 %; a sensor reads 1 % of another DOF's motion; channels are up to 0.2 samples late; all go
-    through one low-pass at a fifth of the rate; 12 bits of a range of 1.25 times the peak; the clock jitters by 2 % of
-    a step; pink noise of 0.5 %.
+    Gains scatter by 1 %; a sensor reads 1 % of another DOF's motion; channels are up to
+    0.2 samples late; all go through one low-pass at a fifth of the rate; 12 bits of a
+    range of 1.25 times the peak; the clock jitters by 2 % of a step; pink noise of 0.5
+    %.
     """
     out = dict(channels)
-    motions = [key for key in ("acceleration", "velocity", "displacement") if key in channels]
+    motions = [
+        key for key in ("acceleration", "velocity", "displacement") if key in channels
+    ]
     fs = channels["fs"]
     n = len(channels[motions[0]])
     when = np.arange(n) + JITTER * rng.standard_normal(n)
@@ -35,7 +48,12 @@ def imperfect(rng, channels: dict, fault: str) -> dict:
         elif fault == "delay":
             spline = CubicSpline(np.arange(n), y)
             late = DELAY * rng.random(y.shape[1])
-            y = np.column_stack([spline(np.clip(np.arange(n) - d, 0, n - 1))[:, j] for j, d in enumerate(late)])
+            y = np.column_stack(
+                [
+                    spline(np.clip(np.arange(n) - d, 0, n - 1))[:, j]
+                    for j, d in enumerate(late)
+                ]
+            )
         elif fault == "low-pass":
             y = sosfilt(butter(4, CORNER * fs, fs=fs, output="sos"), y, axis=0)
         elif fault == "bits":
@@ -44,7 +62,9 @@ def imperfect(rng, channels: dict, fault: str) -> dict:
         elif fault == "jitter":
             y = CubicSpline(np.arange(n), y)(np.clip(when, 0, n - 1))
         elif fault == "pink":
-            y = y + PINK * np.sqrt(np.mean(y**2, axis=0)) * np.column_stack([_pink(rng, n) for _ in range(y.shape[1])])
+            y = y + PINK * np.sqrt(np.mean(y**2, axis=0)) * np.column_stack(
+                [_pink(rng, n) for _ in range(y.shape[1])]
+            )
         out[key] = np.where(live, y, 0.0)
     return out
 

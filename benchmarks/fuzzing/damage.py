@@ -1,4 +1,7 @@
-"""Damage: bytes flipped, cut, doubled, moved; numbers made huge; words put in; all from one seed."""
+"""Damage: bytes flipped, cut, doubled, moved; numbers made huge; words put in; all from
+one seed.
+"""
+
 # ruff: noqa: E501
 
 from __future__ import annotations
@@ -8,11 +11,56 @@ import numpy as np
 from .targets import Target, json_damage
 
 WORDS = [
-    b"nan", b"inf", b"-1", b"0", b"1e999", b"99999999999999999999", b"NULL", b"", b"\x00", b"\xff\xfe", b"\n", b";", b",", b"\t", b'"',
-    b"[", b"]", b"{", b"}", b"<script>", b"../../x", b"%s%n", b"1j", b"\xc3", "Ω".encode(), b"-" * 40, b"9" * 400, b"(" * 200, b"#", b"58b",
-    b"    -1", b"=", b"@ mm", b"* 2",
-]  # fmt: skip
-NUMBERS = [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 2**62, 2**63, 2**64 - 1]
+    b"nan",
+    b"inf",
+    b"-1",
+    b"0",
+    b"1e999",
+    b"99999999999999999999",
+    b"NULL",
+    b"",
+    b"\x00",
+    b"\xff\xfe",
+    b"\n",
+    b";",
+    b",",
+    b"\t",
+    b'"',
+    b"[",
+    b"]",
+    b"{",
+    b"}",
+    b"<script>",
+    b"../../x",
+    b"%s%n",
+    b"1j",
+    b"\xc3",
+    "Ω".encode(),
+    b"-" * 40,
+    b"9" * 400,
+    b"(" * 200,
+    b"#",
+    b"58b",
+    b"    -1",
+    b"=",
+    b"@ mm",
+    b"* 2",
+]
+NUMBERS = [
+    0,
+    1,
+    0x7F,
+    0x80,
+    0xFF,
+    0x7FFF,
+    0xFFFF,
+    0x7FFFFFFF,
+    0x80000000,
+    0xFFFFFFFF,
+    2**62,
+    2**63,
+    2**64 - 1,
+]
 
 
 def damaged(target: Target, seeds: list[bytes], rng: np.random.Generator) -> bytes:
@@ -39,7 +87,9 @@ def damaged(target: Target, seeds: list[bytes], rng: np.random.Generator) -> byt
     return bytes(data)
 
 
-def _once(data: bytearray, target: Target, seeds: list[bytes], rng: np.random.Generator) -> bytearray:
+def _once(
+    data: bytearray, target: Target, seeds: list[bytes], rng: np.random.Generator
+) -> bytearray:
     if not data:
         return bytearray(rng.bytes(8))
     at = int(rng.integers(len(data)))
@@ -63,7 +113,9 @@ def _once(data: bytearray, target: Target, seeds: list[bytes], rng: np.random.Ge
     elif what == 6:
         size = int(rng.choice([1, 2, 4, 8]))
         number = NUMBERS[int(rng.integers(len(NUMBERS)))] % 256**size
-        data[at : at + size] = number.to_bytes(size, "little" if rng.random() < 0.7 else "big")
+        data[at : at + size] = number.to_bytes(
+            size, "little" if rng.random() < 0.7 else "big"
+        )
     elif what == 7:
         other = seeds[int(rng.integers(len(seeds)))]
         cut = int(rng.integers(len(other)))

@@ -1,4 +1,5 @@
 """What is fuzzed: each reader, with small good files to damage."""
+
 # ruff: noqa: E501
 
 from __future__ import annotations
@@ -46,16 +47,28 @@ class Target:
 def _record() -> Any:
     from pysindy_nrf import Record
 
-    return Record(WAVE[:, :2], -80 * WAVE[:, :2], None, WAVE[:, :2], fs=100.0, covariates={"volt": WAVE[:, 2]}, name="a test")
+    return Record(
+        WAVE[:, :2],
+        -80 * WAVE[:, :2],
+        None,
+        WAVE[:, :2],
+        fs=100.0,
+        covariates={"volt": WAVE[:, 2]},
+        name="a test",
+    )
 
 
 def _table() -> pd.DataFrame:
-    return pd.DataFrame({"t": TIME, "a1": WAVE[:, 0], "x1": WAVE[:, 1], "F1": WAVE[:, 2]})
+    return pd.DataFrame(
+        {"t": TIME, "a1": WAVE[:, 0], "x1": WAVE[:, 1], "F1": WAVE[:, 2]}
+    )
 
 
 def _texts() -> list[bytes]:
     t = _table()
-    german = t.set_axis(["t [ms]", "Acc 1 [g]", "x1 [mm]", "F1 [kN]"], axis=1).to_csv(index=False, sep=";", decimal=",")
+    german = t.set_axis(["t [ms]", "Acc 1 [g]", "x1 [mm]", "F1 [kN]"], axis=1).to_csv(
+        index=False, sep=";", decimal=","
+    )
     stamps = t.assign(t=pd.date_range("2024-05-01", periods=N, freq="10ms").astype(str))
     return [
         t.to_csv(index=False).encode(),
@@ -85,18 +98,27 @@ def _saved(write: Callable[[Any], Any]) -> bytes:
 def _numpy_archives() -> list[bytes]:
     return [
         _saved(lambda b: np.savez(b, t=TIME, a=WAVE, x1=WAVE[:, 0])),
-        _saved(lambda b: np.savez_compressed(b, t=TIME, a1=WAVE[:, 0].astype(np.float32))),
+        _saved(
+            lambda b: np.savez_compressed(b, t=TIME, a1=WAVE[:, 0].astype(np.float32))
+        ),
     ]
 
 
 def _numpy_arrays() -> list[bytes]:
-    return [_saved(lambda b: np.save(b, WAVE)), _saved(lambda b: np.save(b, WAVE.astype(np.int16)))]
+    return [
+        _saved(lambda b: np.save(b, WAVE)),
+        _saved(lambda b: np.save(b, WAVE.astype(np.int16))),
+    ]
 
 
 def _mats() -> list[bytes]:
     from scipy.io import savemat
 
-    content = {"t": TIME, "a1": WAVE[:, 0], "rig": {"x1": WAVE[:, 1], "note": "on floor 2", "deep": {"k": 3.0}}}
+    content = {
+        "t": TIME,
+        "a1": WAVE[:, 0],
+        "rig": {"x1": WAVE[:, 1], "note": "on floor 2", "deep": {"k": 3.0}},
+    }
     return [
         _saved(lambda b: savemat(b, content)),
         _saved(lambda b: savemat(b, content, do_compression=True)),
@@ -114,7 +136,9 @@ def _hdf5s() -> list[bytes]:
 
     def packed(b: Any) -> None:
         with h5py.File(b, "w") as file:
-            file.create_dataset("a", data=WAVE, chunks=(10, 3), compression="gzip", shuffle=True)
+            file.create_dataset(
+                "a", data=WAVE, chunks=(10, 3), compression="gzip", shuffle=True
+            )
             file["t"] = TIME
 
     return [_saved(plain), _saved(packed)]
@@ -135,10 +159,23 @@ def _uffs() -> list[bytes]:
     try:
         Path(name).unlink()
         data = {
-            "type": 58, "binary": 0, "func_type": 1, "rsp_node": 1, "rsp_dir": 1, "ref_dir": 1, "ref_node": 1, "data": WAVE[:, 0], "x": TIME,
-            "id1": "a1", "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "abscissa_spacing": 1, "abscissa_spec_data_type": 17,
-            "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 0,
-        }  # fmt: skip
+            "type": 58,
+            "binary": 0,
+            "func_type": 1,
+            "rsp_node": 1,
+            "rsp_dir": 1,
+            "ref_dir": 1,
+            "ref_node": 1,
+            "data": WAVE[:, 0],
+            "x": TIME,
+            "id1": "a1",
+            "rsp_ent_name": "NONE",
+            "ref_ent_name": "NONE",
+            "abscissa_spacing": 1,
+            "abscissa_spec_data_type": 17,
+            "ordinate_spec_data_type": 12,
+            "orddenom_spec_data_type": 0,
+        }
         pyuff.UFF(name).write_sets(data)
         ascii_file = Path(name).read_bytes()
     finally:
@@ -147,17 +184,29 @@ def _uffs() -> list[bytes]:
 
 
 def _strong_motions() -> list[bytes]:
-    lines = ["CORRECTED ACCELEROGRAM    CHAN  1: 90 DEG   STATION"] + ["A LINE OF TEXT"] * 24
-    lines += ["".join(f"{0:5d}" for _ in range(16))] * 7 + ["".join(f"{0.02:10.3f}" for _ in range(8))] * 13
+    lines = ["CORRECTED ACCELEROGRAM    CHAN  1: 90 DEG   STATION"] + [
+        "A LINE OF TEXT"
+    ] * 24
+    lines += ["".join(f"{0:5d}" for _ in range(16))] * 7 + [
+        "".join(f"{0.02:10.3f}" for _ in range(8))
+    ] * 13
     for kind, unit in (("ACCEL", "CM/SEC/SEC"), ("VELOC", "CM/SEC"), ("DISPL", "CM")):
-        lines.append(f"{N:8d} POINTS OF {kind} DATA EQUALLY SPACED AT  .020 SEC.  (UNITS: {unit})")
-        lines += ["".join(f"{x:10.3f}" for x in WAVE[k : k + 8, 0]) for k in range(0, N, 8)]
+        lines.append(
+            f"{N:8d} POINTS OF {kind} DATA EQUALLY SPACED AT  .020 SEC.  (UNITS:"
+            f" {unit})"
+        )
+        lines += [
+            "".join(f"{x:10.3f}" for x in WAVE[k : k + 8, 0]) for k in range(0, N, 8)
+        ]
     return ["\n".join([*lines, "/&", ""]).encode()]
 
 
 def _responses() -> list[bytes]:
     rows = "".join(f"{f};{0.1 * f}+0.01j;0.2-{0.01 * f}j\n" for f in range(1, 30))
-    return [("f;H1;H2\n" + rows).encode(), rows.replace(";", "\t").replace("j", "i").encode()]
+    return [
+        ("f;H1;H2\n" + rows).encode(),
+        rows.replace(";", "\t").replace("j", "i").encode(),
+    ]
 
 
 def _models() -> list[bytes]:
@@ -166,9 +215,25 @@ def _models() -> list[bytes]:
 
     storey = [laws.PowerSeries(3, np.arange(1.0, 10.0)), laws.Dahl(sigma=1e3, Fd=20.0)]
     region = VisitedRegion.of(WAVE[:, 0], WAVE[:, 1])
-    held = {"storey 1": storey, "storey 2": laws.BoucWen(), "link 3-1": laws.LinearElastic(1e4)}
-    held = {s: law if isinstance(law, list) or not law.free_shape else [_valued(law)] for s, law in held.items()}
-    return [ChainModel([10.0, 12.0, 9.0], held, visited={"storey 1": region}, info={"band": [1, 40]}).to_json().encode()]
+    held = {
+        "storey 1": storey,
+        "storey 2": laws.BoucWen(),
+        "link 3-1": laws.LinearElastic(1e4),
+    }
+    held = {
+        s: law if isinstance(law, list) or not law.free_shape else [_valued(law)]
+        for s, law in held.items()
+    }
+    return [
+        ChainModel(
+            [10.0, 12.0, 9.0],
+            held,
+            visited={"storey 1": region},
+            info={"band": [1, 40]},
+        )
+        .to_json()
+        .encode()
+    ]
 
 
 def _valued(law: Any) -> Any:
@@ -178,7 +243,10 @@ def _valued(law: Any) -> Any:
 
 
 def _mappings() -> list[bytes]:
-    text = 'name = "shaker"\nfs = 500.0\ncoordinates = "absolute"\n[channels]\nF2 = "Shaker"\nx1 = "-laser[:, 2] * 0.5 @ mm"\n'
+    text = (
+        'name = "shaker"\nfs = 500.0\ncoordinates = "absolute"\n[channels]\nF2 ='
+        ' "Shaker"\nx1 = "-laser[:, 2] * 0.5 @ mm"\n'
+    )
     return [(text + '[units]\nF = "kN"\na = "g"\n').encode()]
 
 
@@ -238,7 +306,16 @@ def read_words(path: Path) -> Any:
 
 
 def _words() -> list[bytes]:
-    said = ["-a[:, 2] * gain @ mm", '"x1" * 2e3', "x1 @ cm/s^2", "in/s**2", "link 4-2", "sensor a2", "a[3, :]", "kip*s^2/in"]
+    said = [
+        "-a[:, 2] * gain @ mm",
+        '"x1" * 2e3',
+        "x1 @ cm/s^2",
+        "in/s**2",
+        "link 4-2",
+        "sensor a2",
+        "a[3, :]",
+        "kip*s^2/in",
+    ]
     return [w.encode() for w in said]
 
 
@@ -263,7 +340,22 @@ TARGETS = {
 
 def json_damage(seed: bytes, rng: np.random.Generator) -> bytes:
     """JSON whose values were exchanged: it stays JSON and says something else."""
-    values = [None, True, -1, 10**9, 1e308, "", "storey 9", [], {}, [[1]], float("nan"), "x" * 50, 0, 10**40]
+    values = [
+        None,
+        True,
+        -1,
+        10**9,
+        1e308,
+        "",
+        "storey 9",
+        [],
+        {},
+        [[1]],
+        float("nan"),
+        "x" * 50,
+        0,
+        10**40,
+    ]
     data = json.loads(seed)
     for _ in range(int(rng.integers(1, 4))):
         node, steps = data, 0

@@ -1,4 +1,6 @@
-"""One process that reads damaged files of one kind until its time is up; its limits are the operating system's."""
+"""One process that reads damaged files of one kind until its time is up; its limits are
+the operating system's.
+"""
 
 from __future__ import annotations
 
@@ -33,26 +35,36 @@ def _alarm(*_: object) -> None:
 
 
 def main() -> None:
-    """Read files ``first``, ``first + 1``, ...; one line of JSON for each failure, the counts last."""
+    """Read files ``first``, ``first + 1``, ...; one line of JSON for each failure, the
+    counts last.
+    """
     parser = argparse.ArgumentParser()
     parser.add_argument("target")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--only", type=int, help="read this one file and let its error through")
+    parser.add_argument(
+        "--only", type=int, help="read this one file and let its error through"
+    )
     options = parser.parse_args()
     from pysindy_nrf.exceptions import MissingExtraError, NRFError
 
     warnings.simplefilter("ignore")
-    chosen = list(TARGETS.values()) if options.target == "all" else [TARGETS[options.target]]
+    chosen = (
+        list(TARGETS.values()) if options.target == "all" else [TARGETS[options.target]]
+    )
     good = {target.name: target.seeds() for target in chosen}
     with tempfile.TemporaryDirectory() as folder:
-        for target in chosen:  # good files are read, and everything is imported before the memory is limited
+        # good files are read, and everything is imported before the memory is limited
+        for target in chosen:
             for seed in good[target.name]:
                 path = Path(folder, "test" + target.suffix)
                 path.write_bytes(seed)
                 target.read(path)
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        used = (
+            int(Path("/proc/self/statm").read_text().split()[0])
+            * resource.getpagesize()
+        )
         resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
         signal.signal(signal.SIGALRM, _alarm)
         counts = {"read": 0, "refused": 0, "failed": 0}
@@ -62,8 +74,16 @@ def main() -> None:
             target = chosen[i % len(chosen)]
             path = Path(folder, "test" + target.suffix)
             number = sorted(TARGETS).index(target.name)
-            path.write_bytes(damaged(target, good[target.name], np.random.default_rng([options.seed, number, i])))
-            print(i, file=sys.stderr, flush=True)  # the last line says what a process died of
+            path.write_bytes(
+                damaged(
+                    target,
+                    good[target.name],
+                    np.random.default_rng([options.seed, number, i]),
+                )
+            )
+            print(
+                i, file=sys.stderr, flush=True
+            )  # the last line says what a process died of
             if options.only is not None:
                 print(repr(path.read_bytes()[:2000]))
                 target.read(path)
@@ -77,9 +97,20 @@ def main() -> None:
             except BaseException as error:
                 signal.setitimer(signal.ITIMER_REAL, 0)
                 counts["failed"] += 1
-                kind = "hang" if isinstance(error, Hang) else "memory" if isinstance(error, MemoryError) else "crash"
+                kind = (
+                    "hang"
+                    if isinstance(error, Hang)
+                    else "memory"
+                    if isinstance(error, MemoryError)
+                    else "crash"
+                )
                 said = f"{type(error).__name__}: {error}"[:300]
-                print(json.dumps({"kind": f"{target.name}: {kind}", "case": i, "error": said}), flush=True)
+                print(
+                    json.dumps(
+                        {"kind": f"{target.name}: {kind}", "case": i, "error": said}
+                    ),
+                    flush=True,
+                )
             finally:
                 signal.setitimer(signal.ITIMER_REAL, 0)
             i += 1

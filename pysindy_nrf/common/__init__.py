@@ -1,4 +1,6 @@
-"""Tools of all layers: late imports, files, random states, threads, settings, the jackknife."""
+"""Tools of all layers: late imports, files, random states, threads, settings, the
+jackknife.
+"""
 
 import zlib
 from typing import Any
@@ -25,11 +27,15 @@ def positive(name: str, value: Any, cure: str, error: type[Exception]) -> float:
 
 
 def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
-    """A generator of random numbers for a seed, a generator or None; raises NRFError for anything else."""
+    """A generator of random numbers for a seed, a generator or None; raises NRFError
+    for anything else.
+    """
     try:
         if purpose and hasattr(random_state, "__index__"):
             key = zlib.crc32(purpose.encode())
-            return np.random.default_rng(np.random.SeedSequence(int(random_state), spawn_key=(key,)))
+            return np.random.default_rng(
+                np.random.SeedSequence(int(random_state), spawn_key=(key,))
+            )
         return np.random.default_rng(random_state)
     except (TypeError, ValueError) as error:
         cure = "Give a whole number from 0, a numpy Generator, or None."

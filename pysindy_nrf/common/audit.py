@@ -7,7 +7,17 @@ from importlib import metadata
 from typing import Any
 
 _MOST = 2000
-_PACKAGES = ("pysindy_nrf", "pysindy", "numpy", "scipy", "scikit-learn", "pandas", "numba", "plotly", "jinja2")
+_PACKAGES = (
+    "pysindy_nrf",
+    "pysindy",
+    "numpy",
+    "scipy",
+    "scikit-learn",
+    "pandas",
+    "numba",
+    "plotly",
+    "jinja2",
+)
 
 
 def versions() -> dict[str, str]:
@@ -21,15 +31,23 @@ def versions() -> dict[str, str]:
 
 def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Settings as text, by group; the values themselves are not kept."""
-    return {name.replace("_", " "): {str(k): _text(v) for k, v in values.items()} for name, values in groups.items()}
+    return {
+        name.replace("_", " "): {str(k): _text(v) for k, v in values.items()}
+        for name, values in groups.items()
+    }
 
 
 def constants_of(*modules: Any) -> dict[str, Any]:
     """Constants of modules (names in capitals): what no argument changes."""
     return {
-        k.lower().replace("_", " "): v for module in modules for k, v in vars(module).items() if k.isupper()
-        and not k.startswith("_") and isinstance(v, (int, float, tuple, dict)) and not isinstance(v, bool)
-    }  # fmt: skip
+        k.lower().replace("_", " "): v
+        for module in modules
+        for k, v in vars(module).items()
+        if k.isupper()
+        and not k.startswith("_")
+        and isinstance(v, (int, float, tuple, dict))
+        and not isinstance(v, bool)
+    }
 
 
 def _text(value: Any) -> str:

@@ -1,4 +1,6 @@
-"""Files: atomic writing, strict JSON, and schemas of the files that this package writes."""
+"""Files: atomic writing, strict JSON, and schemas of the files that this package
+writes.
+"""
 
 import json
 import math
@@ -16,19 +18,30 @@ from ..exceptions import FileFormatError, NRFError
 
 try:
     import fcntl
-except ImportError:  # Windows, where nothing is locked and nothing left behind is removed
+except (
+    ImportError
+):  # Windows, where nothing is locked and nothing left behind is removed
     fcntl = None  # type: ignore[assignment]
 
 
 @contextmanager
 def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
-    """Open a temporary file that replaces the target on success: a reader sees the old or the complete new file."""
+    """Open a temporary file that replaces the target on success: a reader sees the old
+    or the complete new file.
+    """
     target = file_behind(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=PART)
+    handle, temporary = tempfile.mkstemp(
+        dir=target.parent, prefix=f".{target.name}.", suffix=PART
+    )
     try:
-        # a name that UTF-8 cannot hold is written as its code, which JSON reads back as the same name
-        text: dict[str, Any] = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"} if mode == "w" else {}
+        # a name that UTF-8 cannot hold is written as its code, which JSON reads back as
+        # the same name
+        text: dict[str, Any] = (
+            {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
+            if mode == "w"
+            else {}
+        )
         with os.fdopen(handle, mode, **text) as file:
             hold(file.fileno())
             for left in left_behind(target):
@@ -50,16 +63,23 @@ PART = ".part"  # suffix of what is being written
 
 
 def file_behind(path: Any) -> Path:
-    """The file that a path leads to, links followed; an NRFError for a device, a pipe or a folder."""
+    """The file that a path leads to, links followed; an NRFError for a device, a pipe
+    or a folder.
+    """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
         kind = "a folder" if target.is_dir() else "a device or pipe"
-        raise NRFError(f"{path} is {kind}, no file can be put in its place", "Give the name of a file.")
+        raise NRFError(
+            f"{path} is {kind}, no file can be put in its place",
+            "Give the name of a file.",
+        )
     return target
 
 
 def hold(handle: int) -> bool:
-    """Lock an open file for as long as this process has it open; False if another process does."""
+    """Lock an open file for as long as this process has it open; False if another
+    process does.
+    """
     if fcntl is None:
         return False
     try:
@@ -70,7 +90,9 @@ def hold(handle: int) -> bool:
 
 
 def left_behind(target: Path, lock: str = "") -> Iterator[Path]:
-    """What processes that were killed left beside a target; each holds its temporary file (or ``lock`` in a folder)."""
+    """What processes that were killed left beside a target; each holds its temporary
+    file (or ``lock`` in a folder).
+    """
     for path in target.parent.glob(f".{escape(target.name)}.*{PART}"):
         with suppress(OSError), open(path / lock, "rb") as file:
             if hold(file.fileno()):
@@ -89,11 +111,17 @@ def _permissions(target: Path) -> int:
 @cache
 def schema(name: str = "chain_model") -> dict[str, Any]:
     """A shipped schema (JSON Schema, draft 2020-12)."""
-    return json.loads((files(__package__) / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8"))
+    return json.loads(
+        (files(__package__) / "schemas" / f"{name}.schema.json").read_text(
+            encoding="utf-8"
+        )
+    )
 
 
 def plain_json(text: str) -> Any:
-    """Parsed strict JSON; raises ValueError for NaN, infinity (also 1e999) and repeated keys."""
+    """Parsed strict JSON; raises ValueError for NaN, infinity (also 1e999) and repeated
+    keys.
+    """
 
     def constant(word: str) -> Any:
         raise ValueError(f"{word} is not a JSON number")
@@ -109,17 +137,29 @@ def plain_json(text: str) -> Any:
             raise ValueError("a key occurs twice in one object")
         return out
 
-    return json.loads(text, parse_constant=constant, parse_float=number, object_pairs_hook=once)
+    return json.loads(
+        text, parse_constant=constant, parse_float=number, object_pairs_hook=once
+    )
 
 
 def check(data: Any, rules: dict[str, Any], where: str) -> None:
-    """Raise FileFormatError, naming the place, if the parsed JSON of the file ``where`` does not match a schema."""
+    """Raise FileFormatError, naming the place, if the parsed JSON of the file ``where``
+    does not match a schema.
+    """
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
     fault = best_match(Draft202012Validator(rules).iter_errors(data))
     if fault is not None:
         title = rules["title"].partition(",")[0].lower()
-        said = fault.message if len(fault.message) <= 120 else f"{fault.message[:60]} ... {fault.message[-55:]}"
+        said = (
+            fault.message
+            if len(fault.message) <= 120
+            else f"{fault.message[:60]} ... {fault.message[-55:]}"
+        )
         cure = "Write the file again, or correct it there."
-        raise FileFormatError(f"{where} is not a readable {title}: {fault.json_path[2:] or 'the whole'}: {said}", cure)
+        raise FileFormatError(
+            f"{where} is not a readable {title}: {fault.json_path[2:] or 'the whole'}:"
+            f" {said}",
+            cure,
+        )

@@ -1,4 +1,6 @@
-"""Late imports: public names of a package (PEP 562), optional packages, methods carried out by upper layers."""
+"""Late imports: public names of a package (PEP 562), optional packages, methods carried
+out by upper layers.
+"""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -14,7 +16,9 @@ from ..exceptions import MissingExtraError
 def public_names(
     package: str, names: Mapping[str, str], modules: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """``__getattr__`` and ``__dir__`` of a package: public name to the module that defines it, and whole modules."""
+    """``__getattr__`` and ``__dir__`` of a package: public name to the module that
+    defines it, and whole modules.
+    """
     whole = dict(modules or {})
 
     def get(name: str) -> Any:
@@ -34,7 +38,9 @@ def public_names(
 
 
 def require(package: str, extra: str, purpose: str) -> ModuleType:
-    """The optional package; raises MissingExtraError, which names the extra to install."""
+    """The optional package; raises MissingExtraError, which names the extra to
+    install.
+    """
     try:
         return import_module(package)
     except ImportError as error:

@@ -13,24 +13,28 @@ FILE = "demo_record.csv"
 
 
 def load_demo() -> Record:
-    """Three-storey frame with a shaker on floor 2; simulated, 2 % noise on every channel.
+    """Three-storey frame with a shaker on floor 2; simulated, 2 % noise on every
+    channel.
 
     Returns
     -------
     Record
-        ``F2`` (N), ``a1``..``a3`` (m/s^2) and ``x1``..``x3`` (m, relative to the base), 200 Hz, 20 s.
+        ``F2`` (N), ``a1``..``a3`` (m/s^2) and ``x1``..``x3`` (m, relative to the base),
+        200 Hz, 20 s.
 
     Notes
     -----
-    Made by ``benchmarks/make_demo_record.py`` from :func:`demo_truth`: masses 12, 10 and 8 kg; storey 1
-    hardens, ``R1 = 30 v1 + 4e4 s1 + 1.5e9 s1^3``; ``R2 = 25 v2 + 3.5e4 s2``; ``R3 = 20 v3 + 3e4 s3``.
+    Made by ``benchmarks/make_demo_record.py`` from :func:`demo_truth`: masses 12, 10
+    and 8 kg; storey 1 hardens, ``R1 = 30 v1 + 4e4 s1 + 1.5e9 s1^3``; ``R2 = 25 v2 +
+    3.5e4 s2``; ``R3 = 20 v3 + 3e4 s3``.
 
     Examples
     --------
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> record = datasets.load_demo()
     >>> record
-    Record('demo': 3 DOF, 4000 samples at 200 Hz (20 s), channels F1, F2, F3, a1, a2, a3, x1, x2, x3)
+    Record('demo': 3 DOF, 4000 samples at 200 Hz (20 s), channels F1, F2, F3, a1, a2,
+    a3, x1, x2, x3)
     >>> NRFRegressor(degree=3).fit(record).masses_.round(1)
     array([12., 10.,  8.])
     """

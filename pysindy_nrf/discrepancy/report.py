@@ -21,7 +21,8 @@ from .residual import SiteLoop
 
 @dataclass
 class Step:
-    """One effect that the search found: what the search says, and what held-out data say of it.
+    """One effect that the search found: what the search says, and what held-out data
+    say of it.
 
     Attributes
     ----------
@@ -32,27 +33,33 @@ class Step:
     shape : dict
         Shape parameters by name, SI units, as the search found them.
     parameters, units : dict
-        Coefficients by symbol and shape parameters by name, SI units, beside the effects found before it; of a faulty
-        sensor, of all corrections together; their units, empty for a plain number.
+        Coefficients by symbol and shape parameters by name, SI units, beside the
+        effects found before it; of a faulty sensor, of all corrections together; their
+        units, empty for a plain number.
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str
-        Other families the data cannot tell from this one (at most two, three with its own).
+        Other families the data cannot tell from this one (at most two, three with its
+        own).
     error_before, error_after : float
         Pooled balance error on the held-out data, percent NRMSE.
     free_run_before, free_run_after : float
-        Free-run error on the held-out data, percent NRMSE; NaN where the model could not run.
+        Free-run error on the held-out data, percent NRMSE; NaN where the model could
+        not run.
     validation_before : float
-        Pooled balance error on the search data, each fold judged after fitting to the others, percent NRMSE.
+        Pooled balance error on the search data, each fold judged after fitting to the
+        others, percent NRMSE.
     gain, gain_error, gain_least : float
-        Fall of the cross-validated residual, dB; its standard error over folds; the gain without the fold that speaks
-        most for the effect.
+        Fall of the cross-validated residual, dB; its standard error over folds; the
+        gain without the fold that speaks most for the effect.
     gain_heldout : float
         The same fall on held-out data, dB.
     share : float
-        What the effect changes of the force at its site, as a share of the storey force; NaN for a sensor.
+        What the effect changes of the force at its site, as a share of the storey
+        force; NaN for a sensor.
     confirmed : bool
-        Whether held-out errors fall, and there or in the search by a tenth; the model holds confirmed effects only.
+        Whether held-out errors fall, and there or in the search by a tenth; the model
+        holds confirmed effects only.
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
@@ -64,14 +71,21 @@ class Step:
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
     company : list of str
-        Other laws of the same variable (rate or drift) at this site: together they may write a single law that
-        the catalogue does not hold, so that no name is sure; ``remainder`` is then what this one leaves alone.
+        Other laws of the same variable (rate or drift) at this site: together they may
+        write a single law that the catalogue does not hold, so that no name is sure;
+        ``remainder`` is then what this one leaves alone.
 
     Examples
     --------
     >>> from pysindy_nrf.discrepancy import Step
     >>> found = {"Fc": 20.3}  # N
-    >>> step = Step("coulomb_friction", "friction", "storey 2", parameters=found, intervals={"Fc": (19.8, 20.8)})
+    >>> step = Step(
+    ...     "coulomb_friction",
+    ...     "friction",
+    ...     "storey 2",
+    ...     parameters=found,
+    ...     intervals={"Fc": (19.8, 20.8)},
+    ... )
     >>> step.law, step.site, step.intervals["Fc"], step.sure
     ('coulomb_friction', 'storey 2', (19.8, 20.8), True)
     """
@@ -110,18 +124,31 @@ class Step:
     @property
     def sentence(self) -> str:
         """The step in words."""
-        held = ((k, v, self.units.get(k, "")) for k, v in self.parameters.items() if v is not None)
+        held = (
+            (k, v, self.units.get(k, ""))
+            for k, v in self.parameters.items()
+            if v is not None
+        )
         values = ", ".join(f"{k} = {v:.4g} {unit}".rstrip() for k, v, unit in held)
         name = f"{self.law} at {self.site}"
         if not self.sure:
-            name = f"closest law {name}, unexplained remainder {100 * self.remainder:.0f} %"
+            name = (
+                f"closest law {name}, unexplained remainder"
+                f" {100 * self.remainder:.0f} %"
+            )
         text = f"{name} ({values}): {self.evidence}; {words.confirmation(self)}."
         if self.alternatives:
             text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
         if self.company:
-            text += f" With {' and '.join(self.company)} there it may stand for one law that is not in the catalogue."
+            text += (
+                f" With {' and '.join(self.company)} there it may stand for one law"
+                " that is not in the catalogue."
+            )
         if self.sensors:
-            text += f" The same fault, reversed, at {' or '.join(self.sensors)} explains as much."
+            text += (
+                f" The same fault, reversed, at {' or '.join(self.sensors)} explains as"
+                " much."
+            )
         return text
 
 
@@ -140,8 +167,9 @@ class LoopReport:
     ----------
     steps : list of Step
     table : DataFrame
-        One row for the baseline and each step, percent NRMSE: search and validation error with all effects found so
-        far; held-out balance error, per balance and pooled, and free-run error beside the confirmed ones; the band.
+        One row for the baseline and each step, percent NRMSE: search and validation
+        error with all effects found so far; held-out balance error, per balance and
+        pooled, and free-run error beside the confirmed ones; the band.
     stopped_because : str
     model : ChainModel
         With the effects in it, fitted to the search data.
@@ -152,38 +180,64 @@ class LoopReport:
     models : list of ChainModel
         The baseline and the model after each step.
     evidence : list of Evidence
-        What was left of the search data after the baseline and after each step: is it noise, where does it
-        act, what is it like. See :mod:`pysindy_nrf.discrepancy.evidence`.
+        What was left of the search data after the baseline and after each step: is it
+        noise, where does it act, what is it like. See
+        :mod:`pysindy_nrf.discrepancy.evidence`.
     measured : list of Measured
         What was measured, for the page.
     loops : list of SiteLoop
-        The force of every site of the final model along the search data, thinned for drawing.
+        The force of every site of the final model along the search data, thinned for
+        drawing.
     settings : dict of str to dict
         Every setting of the run, by group.
     lack_of_fit : DataFrame
-        What a general law without memory (:class:`~pysindy_nrf.laws.SmoothSurface`) and a general hysteresis
-        (:class:`~pysindy_nrf.laws.PrandtlIshlinskii`) would still gain at each storey beside the final model, dB:
-        what no law of the catalogue explains.
+        What a general law without memory (:class:`~pysindy_nrf.laws.SmoothSurface`) and
+        a general hysteresis (:class:`~pysindy_nrf.laws.PrandtlIshlinskii`) would still
+        gain at each storey beside the final model, dB: what no law of the catalogue
+        explains.
     bounds : dict of str to (float, float)
-        95 % intervals of masses and coefficients, from fold to fold, by the names of ``confidence_intervals``.
+        95 % intervals of masses and coefficients, from fold to fold, by the names of
+        ``confidence_intervals``.
     free_runs : FreeRuns or None
         The model alone under the measured forces of all records.
     beyond_noise : ndarray of shape (n_dof,)
-        Error of each balance of the final model beyond what noise leaves of it, percent.
+        Error of each balance of the final model beyond what noise leaves of it,
+        percent.
     wiring, faults : str, dict of str to bool
-        The mapping of channels with which the balances close, where they do not; channels that seem to be reversed or
-        in the wrong column, and whether that is sure.
+        The mapping of channels with which the balances close, where they do not;
+        channels that seem to be reversed or in the wrong column, and whether that is
+        sure.
 
     Examples
     --------
     >>> import pandas as pd
     >>> from pysindy_nrf import ChainModel, laws
     >>> from pysindy_nrf.discrepancy import LoopReport, Step
-    >>> model = ChainModel([10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), laws.CoulombFriction(20.3)]})
-    >>> step = Step("coulomb_friction", "friction", "storey 1", error_before=31.0, error_after=2.0)
-    >>> table = pd.DataFrame({"held-out": [31.0, 2.0]}, index=["baseline", "coulomb_friction at storey 1"])
-    >>> report = LoopReport([step], table, "No law of the catalogue lowers the error at any site.", model)
-    >>> [(step.law, step.site) for step in report.steps], report.table["held-out"].tolist()
+    >>> model = ChainModel(
+    ...     [10.0],
+    ...     {1: [laws.PowerSeries(1, [30.0, 4e4]), laws.CoulombFriction(20.3)]},
+    ... )
+    >>> step = Step(
+    ...     "coulomb_friction",
+    ...     "friction",
+    ...     "storey 1",
+    ...     error_before=31.0,
+    ...     error_after=2.0,
+    ... )
+    >>> table = pd.DataFrame(
+    ...     {"held-out": [31.0, 2.0]},
+    ...     index=["baseline", "coulomb_friction at storey 1"],
+    ... )
+    >>> report = LoopReport(
+    ...     [step],
+    ...     table,
+    ...     "No law of the catalogue lowers the error at any site.",
+    ...     model,
+    ... )
+    >>> (
+    ...     [(step.law, step.site) for step in report.steps],
+    ...     report.table["held-out"].tolist(),
+    ... )
     ([('coulomb_friction', 'storey 1')], [31.0, 2.0])
     """
 
@@ -210,17 +264,28 @@ class LoopReport:
 
     @property
     def final(self) -> pd.Series:
-        """The row of the table that belongs to the model: the last confirmed effect's, or the baseline's."""
+        """The row of the table that belongs to the model: the last confirmed effect's,
+        or the baseline's.
+        """
         confirmed = [k for k, step in enumerate(self.steps, 1) if step.confirmed]
-        return self.table.iloc[next((k for k, m in enumerate(self.models) if m is self.model), max([0, *confirmed]))]
+        return self.table.iloc[
+            next(
+                (k for k, m in enumerate(self.models) if m is self.model),
+                max([0, *confirmed]),
+            )
+        ]
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the model may be used, what was found, and why not; see :mod:`pysindy_nrf.diagnostics.verdict`."""
+        """Whether the model may be used, what was found, and why not; see
+        :mod:`pysindy_nrf.diagnostics.verdict`.
+        """
         return Hook.LOOP_VERDICT(self)
 
     def __str__(self) -> str:
-        lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or ["No effect was added."]
+        lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or [
+            "No effect was added."
+        ]
         return "\n".join([*lines, f"Stopped: {self.stopped_because}."])
 
     def to_markdown(self) -> str:
@@ -235,8 +300,9 @@ class LoopReport:
     def to_html(self, path: Any) -> None:
         """Write the report as one self-contained page that works offline.
 
-        What was measured, the model with its equations, surfaces and loops, the story of the loop step by
-        step with its evidence, tables that sort and copy, and every setting.
+        What was measured, the model with its equations, surfaces and loops, the story
+        of the loop step by step with its evidence, tables that sort and copy, and every
+        setting.
 
         Parameters
         ----------
@@ -254,15 +320,24 @@ class LoopReport:
         return str(Hook.LOOP_HTML(self))
 
 
-def audit(settings: Mapping[str, Any], heldout: Sequence[Record]) -> dict[str, dict[str, str]]:
-    """Every setting of a run of the loop: its arguments, the declared model, the constants of the decisions."""
+def audit(
+    settings: Mapping[str, Any], heldout: Sequence[Record]
+) -> dict[str, dict[str, str]]:
+    """Every setting of a run of the loop: its arguments, the declared model, the
+    constants of the decisions.
+    """
     band, names = settings["band"], [record.name for record in heldout]
     return settings_of(
         loop={
-            "band": "found from the data" if band is None else f"{band} Hz", "random_state": settings["random_state"],
-            "max_steps": settings["max_steps"], "calibration": settings["calibration"],
+            "band": "found from the data" if band is None else f"{band} Hz",
+            "random_state": settings["random_state"],
+            "max_steps": settings["max_steps"],
+            "calibration": settings["calibration"],
             "held out": "; ".join(names) if names else "a quarter of every record",
-            "catalogue": ", ".join(dict.fromkeys(law.name for law in settings["catalogue"])),
+            "catalogue": ", ".join(
+                dict.fromkeys(law.name for law in settings["catalogue"])
+            ),
         },
-        baseline=settings["baseline"].get_params(deep=False), constants=constants_of(constants),
-    )  # fmt: skip
+        baseline=settings["baseline"].get_params(deep=False),
+        constants=constants_of(constants),
+    )

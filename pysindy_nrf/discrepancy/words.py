@@ -1,4 +1,5 @@
-"""What the evidence concludes, as types, and the sentences that are made of them and of the loop's results.
+"""What the evidence concludes, as types, and the sentences that are made of them and of
+the loop's results.
 
 All verdicts become words here, and nothing reads them back.
 """
@@ -33,7 +34,9 @@ class Location(Enum):
 
 
 class Dependence(Enum):
-    """What a missing force depends on; the values name the rows of the table of shares."""
+    """What a missing force depends on; the values name the rows of the table of
+    shares.
+    """
 
     CONSTANT = "constant"
     LINEAR = "linear"
@@ -58,7 +61,9 @@ class Feature(Enum):
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Why one question to the residual has no answer; ``expected`` if nothing is missing."""
+    """Why one question to the residual has no answer; ``expected`` if nothing is
+    missing.
+    """
 
     reason: str
     expected: bool = False
@@ -68,16 +73,22 @@ QUESTIONS = ("detection", "localisation", "characterisation")
 _DEPENDENCE = {
     Dependence.CONSTANT: "Is constant: an offset or a dead load",
     Dependence.LINEAR: "Is linear in s, v and a: a wrong stiffness, damping or mass",
-    Dependence.LINE: "Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force",
+    Dependence.LINE: (
+        "Is a spectral line at {found.frequency:.4g} Hz: an unmeasured harmonic force"
+    ),
     Dependence.COVARIATE: "Is modulated by {found.covariate}",
-    Dependence.TIME: "Changes in time: a drift or step of stiffness, damping or friction",
+    Dependence.TIME: (
+        "Changes in time: a drift or step of stiffness, damping or friction"
+    ),
     Dependence.PATH: (
-        "Depends on the path (memory adds {found.memory:.0f} points to any function of s and v), {parity}: "
-        "hysteresis-like"
+        "Depends on the path (memory adds {found.memory:.0f} points to any function of"
+        " s and v), {parity}: hysteresis-like"
     ),
     Dependence.DRIFT: "Depends on s alone, {parity}, smooth{marks}: a nonlinear spring",
     Dependence.RATE: "Depends on v alone, {parity}, smooth: nonlinear damping",
-    Dependence.SURFACE: "Depends on s and v, {parity}, smooth: a force on the surface R(s, v)",
+    Dependence.SURFACE: (
+        "Depends on s and v, {parity}, smooth: a force on the surface R(s, v)"
+    ),
 }
 
 
@@ -91,28 +102,43 @@ def detection(evidence: Any) -> str:
     """Whether the residual is noise."""
     table = evidence.detection.verdicts
     ratio = table["floor ratio"].max()
-    times = f"at most {ratio:.2g} times the noise floor" if np.isfinite(ratio) else "the noise is not known"
+    times = (
+        f"at most {ratio:.2g} times the noise floor"
+        if np.isfinite(ratio)
+        else "the noise is not known"
+    )
     if evidence.detection.is_noise:
-        but = "; the gain, which looks at each band, sees more" if evidence.chosen else ""
+        but = (
+            "; the gain, which looks at each band, sees more" if evidence.chosen else ""
+        )
         return f"Nothing but noise is left in any balance ({times}){but}."
     kinds = table[table["verdict"] != ResidualKind.NOISE]["verdict"]
-    said = [f"{kind.value} in {_listed(kinds.index[kinds == kind])}" for kind in dict.fromkeys(kinds)]
+    said = [
+        f"{kind.value} in {_listed(kinds.index[kinds == kind])}"
+        for kind in dict.fromkeys(kinds)
+    ]
     text = f"The residual is not noise: {'; '.join(said)} ({times})."
     told = table[table["verdict"].isin([ResidualKind.LINEAR, ResidualKind.NONLINEAR])]
     if not len(told):
         return text
     most = told.loc[told["nonlinear share"].idxmax()]
     return (
-        f"{text} In {_listed([most.name])} drifts, rates and inputs explain {100 * most['linear share']:.0f} % of it "
-        f"linearly, and nonlinear laws of its own motion {100 * most['nonlinear share']:.0f} % of the rest."
+        f"{text} In {_listed([most.name])} drifts, rates and inputs explain"
+        f" {100 * most['linear share']:.0f} % of it linearly, and nonlinear laws of its"
+        f" own motion {100 * most['nonlinear share']:.0f} % of the rest."
     )
 
 
 def _listed(places: Sequence[str]) -> str:
     """Balances and storeys in one phrase."""
     phrases = {"the balance of DOF": "dof ", "storey": "storey "}
-    numbers = {phrase: [p.removeprefix(kind) for p in places if p.startswith(kind)] for phrase, kind in phrases.items()}
-    return " and ".join(f"{phrase} {', '.join(found)}" for phrase, found in numbers.items() if found)
+    numbers = {
+        phrase: [p.removeprefix(kind) for p in places if p.startswith(kind)]
+        for phrase, kind in phrases.items()
+    }
+    return " and ".join(
+        f"{phrase} {', '.join(found)}" for phrase, found in numbers.items() if found
+    )
 
 
 def localisation(evidence: Any) -> str:
@@ -120,22 +146,41 @@ def localisation(evidence: Any) -> str:
     found = evidence.localisation
     if found.verdict == Location.NOTHING:
         ratio = found.over_floor
-        much = f"{ratio:.2g} times what noise leaves" if np.isfinite(ratio) else "no more than any measurement does"
+        much = (
+            f"{ratio:.2g} times what noise leaves"
+            if np.isfinite(ratio)
+            else "no more than any measurement does"
+        )
         return f"All balances together leave {much}: nothing to locate."
     said = _located(found.table)
     alone = found.verdict == Location.ONE_BALANCE
-    said[0] = "One balance: the signs say nothing" if alone else f"The signs across the balances point to {said[0]}"
+    said[0] = (
+        "One balance: the signs say nothing"
+        if alone
+        else f"The signs across the balances point to {said[0]}"
+    )
     text = "; ".join(said)
     share = found.table["share"].get(evidence.chosen, np.nan)
     signs = f", whose signs explain {share:.0f} %" if np.isfinite(share) else ""
-    return f"{text}. The loop chose {evidence.chosen}{signs}." if evidence.chosen else f"{text}."
+    return (
+        f"{text}. The loop chose {evidence.chosen}{signs}."
+        if evidence.chosen
+        else f"{text}."
+    )
 
 
 def _located(table: pd.DataFrame) -> list[str]:
     """What the best site explains, and which others come near it."""
     first, rest = table.iloc[0], table.iloc[1:]
-    within = f"{first['low']:.0f} to {first['high']:.0f}, " if np.isfinite(first["low"]) else ""
-    said = [f"{first.name}: explains {first['share']:.0f} % ({within}balances {first['balances']})"]
+    within = (
+        f"{first['low']:.0f} to {first['high']:.0f}, "
+        if np.isfinite(first["low"])
+        else ""
+    )
+    said = [
+        f"{first.name}: explains {first['share']:.0f} % ({within}balances"
+        f" {first['balances']})"
+    ]
     if np.isfinite(own := first["own"]):
         of_kind = {
             "link": f"its own motion explains {own:.0f} % of the force",
@@ -146,7 +191,10 @@ def _located(table: pd.DataFrame) -> list[str]:
     alike = rest["pattern"] == first["pattern"]
     if len(others := rest[~alike & rest["share"].notna()]):
         other = others.iloc[0]
-        said.append(f"{'hardly told from' if other['near'] else 'next'} {other.name} ({other['share']:.0f} %)")
+        said.append(
+            f"{'hardly told from' if other['near'] else 'next'} {other.name}"
+            f" ({other['share']:.0f} %)"
+        )
     if alike.any():
         said.append(f"the same pattern as {', '.join(map(str, rest.index[alike]))}")
     return said
@@ -164,21 +212,41 @@ def characterised(found: Any) -> str:
     if found.noise is not None and found.rms > 0:
         quiet = f", noise is {min(100.0, 100 * (found.noise / found.rms) ** 2):.0f} %"
     if found.dependence == Dependence.NOTHING:
-        most = f"at most {max(float(found.shares['share'].max()), 0.0):.0f} % explained{quiet}"
-        return f"Depends on nothing that was tried ({most}): noise, or a force from outside."
+        most = (
+            f"at most {max(float(found.shares['share'].max()), 0.0):.0f} %"
+            f" explained{quiet}"
+        )
+        return (
+            f"Depends on nothing that was tried ({most}): noise, or a force from"
+            " outside."
+        )
     share = float(found.shares.loc[found.shares["chosen"], "share"].iloc[0])
     return f"{_kind(found)}; {share:.0f} % explained on data left out{quiet}."
 
 
 def _kind(found: Any) -> str:
     """What a force depends on and what it is like, without numbers of the fit."""
-    parity = "odd" if found.odd > 1 - TENTH else "even" if found.odd < TENTH else "neither odd nor even"
+    parity = (
+        "odd"
+        if found.odd > 1 - TENTH
+        else "even"
+        if found.odd < TENTH
+        else "neither odd nor even"
+    )
     if Feature.JUMP in found.features:
         return f"Depends on v alone, {parity}, with a jump at v = 0: friction-like"
     if Feature.KINK in found.features:
-        contact = "gap- or contact-like" if parity in ("odd", "even") else "contact on one side"
+        contact = (
+            "gap- or contact-like"
+            if parity in ("odd", "even")
+            else "contact on one side"
+        )
         return f"Depends on s alone, {parity}, with a kink: {contact}"
-    marks = f" ({', '.join(mark.value for mark in found.features)})" if found.features else ""
+    marks = (
+        f" ({', '.join(mark.value for mark in found.features)})"
+        if found.features
+        else ""
+    )
     return _DEPENDENCE[found.dependence].format(found=found, parity=parity, marks=marks)
 
 
@@ -191,23 +259,40 @@ def contradictions(messages: Sequence[str]) -> str:
 def band(found: tuple[float | None, float | None]) -> str:
     """A frequency band."""
     low, high = found
-    return "full" if low is None and high is None else f"{low or 0:.3g}-{np.inf if high is None else high:.3g} Hz"
+    return (
+        "full"
+        if low is None and high is None
+        else f"{low or 0:.3g}-{np.inf if high is None else high:.3g} Hz"
+    )
 
 
 def acceptance(step: Any) -> str:
     """Why an effect was accepted, and whether held-out data confirm it."""
-    changes = f"; it changes {100 * step.share:.0f} % of the force at its site" if np.isfinite(step.share) else ""
+    changes = (
+        f"; it changes {100 * step.share:.0f} % of the force at its site"
+        if np.isfinite(step.share)
+        else ""
+    )
     return (
-        f"lowers the residual on folds left out of the fit by {step.gain:.2g} dB (standard error "
-        f"{step.gain_error:.2g}, {step.gain_least:.2g} without the fold that speaks most for it){changes}"
+        f"lowers the residual on folds left out of the fit by {step.gain:.2g} dB"
+        f" (standard error {step.gain_error:.2g}, {step.gain_least:.2g} without the"
+        f" fold that speaks most for it){changes}"
     )
 
 
 def confirmation(step: Any) -> str:
     """What the held-out data say of an effect."""
-    change = f"held-out balance error {step.error_before:.3g} to {step.error_after:.3g} %"
-    small = ", but the gain is too small" if step.error_after < step.error_before else ""
-    return change if step.confirmed else f"{change}{small}: NOT CONFIRMED, and the model does not hold it"
+    change = (
+        f"held-out balance error {step.error_before:.3g} to {step.error_after:.3g} %"
+    )
+    small = (
+        ", but the gain is too small" if step.error_after < step.error_before else ""
+    )
+    return (
+        change
+        if step.confirmed
+        else f"{change}{small}: NOT CONFIRMED, and the model does not hold it"
+    )
 
 
 def best_refused(last: Any) -> str:
@@ -216,32 +301,49 @@ def best_refused(last: Any) -> str:
         return "no law of the catalogue lowers the error at any site"
     finding, gain = last
     said = (
-        f"no further effect is there and matters: the best candidate, {finding.proposal.name}, gains {gain.value:.2g} "
-        f"dB (standard error {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
+        "no further effect is there and matters: the best candidate,"
+        f" {finding.proposal.name}, gains {gain.value:.2g} dB (standard error"
+        f" {gain.error:.2g}, {gain.least:.2g} without the fold that speaks most for it)"
     )
     if finding.chance is not None and np.isfinite(finding.chance):
-        return f"{said}; where nothing is missing the search gains {finding.chance:.2g} dB by chance"
+        return (
+            f"{said}; where nothing is missing the search gains {finding.chance:.2g} dB"
+            " by chance"
+        )
     if finding.chance is not None:
         return f"{said}; the model has no free run, which would tell what chance gains"
     beyond = finding.beyond_errors
     if beyond is None or beyond.value > 0.5 * gain.value:
         return said
-    return f"{said}; errors of the channels within their tolerances leave {max(beyond.value, 0.0):.2g} dB of it"
+    return (
+        f"{said}; errors of the channels within their tolerances leave"
+        f" {max(beyond.value, 0.0):.2g} dB of it"
+    )
 
 
 def not_in_catalogue(found: pd.DataFrame) -> str:
     """What general laws would still explain of what the model leaves."""
-    said = [f"{law} at {site} would gain {gain:.2g} dB more" for (site, law), gain in found["gain (dB)"].items()]
+    said = [
+        f"{law} at {site} would gain {gain:.2g} dB more"
+        for (site, law), gain in found["gain (dB)"].items()
+    ]
     return f"What is left is not noise alone: {', '.join(said)} than the model"
 
 
-MEANS_LEFT_IN = "The table leaves means in, so a row may lie above the one before it; steps were confirmed without"
+MEANS_LEFT_IN = (
+    "The table leaves means in, so a row may lie above the one before it; steps were"
+    " confirmed without"
+)
 
 
 def hopeless(left: np.ndarray) -> str:
-    """A balance of which the model explains next to nothing: a claim is no better than its worst balance."""
+    """A balance of which the model explains next to nothing: a claim is no better than
+    its worst balance.
+    """
     worst = int(np.nanargmax(left)) + 1
-    return f"the best model leaves {left[worst - 1]:.0f} % of the balance of DOF {worst}"
+    return (
+        f"the best model leaves {left[worst - 1]:.0f} % of the balance of DOF {worst}"
+    )
 
 
 def negative_masses(masses: np.ndarray) -> str:

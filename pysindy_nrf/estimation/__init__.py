@@ -2,6 +2,8 @@
 
 from ..common.lazy import public_names
 
-_NAMES = dict.fromkeys(("damper_force", "dissipated_energy", "linear_part"), "nonlinear_devices")
+_NAMES = dict.fromkeys(
+    ("damper_force", "dissipated_energy", "linear_part"), "nonlinear_devices"
+)
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

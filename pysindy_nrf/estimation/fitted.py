@@ -16,7 +16,13 @@ from ..data.record import Record
 from ..diagnostics import verdict as verdicts
 from ..diagnostics.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnostics.test_planning import Diagnosis, diagnose
-from ..exceptions import BiasWarning, ChannelError, DataQualityWarning, NRFError, NRFWarning
+from ..exceptions import (
+    BiasWarning,
+    ChannelError,
+    DataQualityWarning,
+    NRFError,
+    NRFWarning,
+)
 from ..mechanics.chain import Chain
 from ..mechanics.identifiability import SolveOrder
 from ..regression.chain_model import ChainModel
@@ -26,8 +32,8 @@ from ..regression.segments import SegmentSet, feature_names
 from . import intervals
 from .problem import Estimate, Problem, blocks_of, flexible_laws
 
-# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave; below, the rest is arithmetic and
-# interpolation, which no further sample averages out.
+# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave;
+# below, the rest is arithmetic and interpolation, which no further sample averages out.
 EXACT = 0.01
 CURE = "Give the Records themselves, with estimation='auto' or 'iv'."
 
@@ -49,8 +55,12 @@ class FittedChain:
     dt: float | None
     _resolver: intervals.Resolver | None
     _measured = False  # whether they were records
-    _records: SegmentSet | None = None  # data of the fit; None after a fit in chunks or a load
-    _fused_separately: Callable[[], SegmentSet] | None = None  # the motions fused DOF by DOF, if records were given
+    _records: SegmentSet | None = (
+        None  # data of the fit; None after a fit in chunks or a load
+    )
+    _fused_separately: Callable[[], SegmentSet] | None = (
+        None  # the motions fused DOF by DOF, if records were given
+    )
     _separate_resolver: intervals.Resolver | None = None
     _fused_jointly: bool = False  # True if X was fused jointly over the DOFs
     _given: Any = None  # the records of the fit, if records were given
@@ -71,25 +81,38 @@ class FittedChain:
             If the model was fitted in chunks, or loaded without the data.
         """
         if self._records is None:
-            raise ChannelError("The model was loaded without the data it was fitted to", cure)
+            raise ChannelError(
+                "The model was loaded without the data it was fitted to", cure
+            )
         return self._records
 
     def _data(self, X: Any, y: Any, **options: Any) -> SegmentSet:
         return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
 
     def predict(
-        self, X: Any, *, record: Any = None, time: Any = None, base_acceleration: Any = None,
+        self,
+        X: Any,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
-    ) -> np.ndarray:  # fmt: skip
-        """Forces on the DOFs that the measured motion implies (left-hand sides of the balances), for data as in
-        :meth:`fit`.
+    ) -> np.ndarray:
+        """Forces on the DOFs that the measured motion implies (left-hand sides of the
+        balances), for data as in :meth:`fit`.
 
         Returns
         -------
         ndarray of shape (n_samples, n_dof)
-            N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this shape.
+            N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this
+            shape.
         """
-        given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+        given = dict(
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+        )
         data = self._judged(X, None, every_row=True, **given)
         out = data.scatter(self.model_.balance_forces(data))
         return out[:, 0] if getattr(self, "_one_force", False) else out
@@ -107,34 +130,57 @@ class FittedChain:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        return self.model_.restoring_force(self._judged(X, None, every_row=True, **given))
+        return self.model_.restoring_force(
+            self._judged(X, None, every_row=True, **given)
+        )
 
     def score(
-        self, X: Any, y: Any = None, sample_weight: Any = None, *, record: Any = None, time: Any = None,
-        base_acceleration: Any = None, covariates: Mapping[str, Any] | None = None,
-    ) -> float:  # fmt: skip
-        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs, on data as for :meth:`fit`.
+        self,
+        X: Any,
+        y: Any = None,
+        sample_weight: Any = None,
+        *,
+        record: Any = None,
+        time: Any = None,
+        base_acceleration: Any = None,
+        covariates: Mapping[str, Any] | None = None,
+    ) -> float:
+        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs,
+        on data as for :meth:`fit`.
 
-        It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are
-        zero on unforced DOFs.
+        It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the
+        forces, which are zero on unforced DOFs.
 
         Parameters
         ----------
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
         """
-        given = dict(record=record, time=time, base_acceleration=base_acceleration, covariates=covariates)
+        given = dict(
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+        )
         data = self._judged(X, y, **given)
         weights = sample_weights(sample_weight, data.n_samples)
         judged = []
-        for seg, part, filter in zip(data.segments, self.model_.balance_forces(data), self.problem_.filters(data)):
-            a, gap = seg.a[seg.valid].astype(float), (seg.F[seg.valid] - part) / self.masses_
-            a, gap = (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
+        for seg, part, filter in zip(
+            data.segments, self.model_.balance_forces(data), self.problem_.filters(data)
+        ):
+            a, gap = (
+                seg.a[seg.valid].astype(float),
+                (seg.F[seg.valid] - part) / self.masses_,
+            )
+            a, gap = (
+                (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
+            )
             judged.append((a, gap, weights[seg.rows][seg.valid]))
         return explained_accelerations(judged)
 
     def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
-        """Balance errors (one step) in the same band on other data, as for :meth:`fit` and :meth:`restoring_force`.
+        """Balance errors (one step) in the same band on other data, as for :meth:`fit`
+        and :meth:`restoring_force`.
 
         Returns
         -------
@@ -143,46 +189,66 @@ class FittedChain:
         """
         data = self._judged(X, y, **given)
         layout, filters = self.problem_.layout, self.problem_.filters(data)
-        return judge(self.model_, layout, self.solve_order_, lambda: blocks_of(data, filters, layout))
+        return judge(
+            self.model_,
+            layout,
+            self.solve_order_,
+            lambda: blocks_of(data, filters, layout),
+        )
 
     def modes(self) -> pd.DataFrame:
-        """Frequencies (Hz), damping ratios and shapes of the linear part; see :meth:`ChainModel.modes`."""
+        """Frequencies (Hz), damping ratios and shapes of the linear part; see
+        :meth:`ChainModel.modes`.
+        """
         check_is_fitted(self)
         return self.model_.modes()
 
     def confidence_intervals(
-        self, level: float = 0.95, *, of: Any = "parameters", calibration: Mapping[str, float] | None = None
+        self,
+        level: float = 0.95,
+        *,
+        of: Any = "parameters",
+        calibration: Mapping[str, float] | None = None,
     ) -> pd.DataFrame:
-        """Confidence intervals of masses and coefficients, or of anything that follows from the model.
+        """Confidence intervals of masses and coefficients, or of anything that follows
+        from the model.
 
-        The whole chain is solved again without each of some 64 consecutive pieces of the data (jackknife, neighbours
-        correlated: Newey and West), so an error in one storey reaches every mass below it. Shape parameters and the
-        choice of terms are taken as known: the error of a wrong law is not in the interval (see ``missing_terms_``).
-        For a least-squares fit to Records the motions are fused DOF by DOF, because the remaining noise of a joint
-        fusion is correlated over the whole record. Compute intervals before pickling, which leaves the data behind.
+        The whole chain is solved again without each of some 64 consecutive pieces of
+        the data (jackknife, neighbours correlated: Newey and West), so an error in one
+        storey reaches every mass below it. Shape parameters and the choice of terms are
+        taken as known: the error of a wrong law is not in the interval (see
+        ``missing_terms_``). For a least-squares fit to Records the motions are fused
+        DOF by DOF, because the remaining noise of a joint fusion is correlated over the
+        whole record. Compute intervals before pickling, which leaves the data behind.
 
         Parameters
         ----------
         level : float
-        of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or callable
-            ``"energies"``: dissipated by every storey along the data of the fit, J. A mapping of site to points,
-            ``{"storey 2": (v, s)}``, gives forces there. A callable takes a ChainModel and returns a Series.
+        of : {"parameters", "masses", "coefficients", "modes", "energies"}, mapping or
+        callable
+            ``"energies"``: dissipated by every storey along the data of the fit, J. A
+            mapping of site to points, ``{"storey 2": (v, s)}``, gives forces there. A
+            callable takes a ChainModel and returns a Series.
         calibration : mapping, optional
-            Tolerances of every channel by itself, ``{"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}`` where they are
-            not given (shares, and s). Columns ``combined_lower``, ``combined_upper`` then hold them, too (GUM: type A
-            and B); not for a mapping of sites.
+            Tolerances of every channel by itself, ``{"gain": 0.01, "cross_axis": 0.0,
+            "delay": 0.0}`` where they are not given (shares, and s). Columns
+            ``combined_lower``, ``combined_upper`` then hold them, too (GUM: type A and
+            B); not for a mapping of sites.
 
         Returns
         -------
         DataFrame
-            Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known masses are left out. NaN with a
-            BiasWarning where noise may bias least squares by half a standard error or more, or another chain fits as
-            well; arrays show white noise only, with a clock: smoothed ones, or without a clock, count as free of it.
+            Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known
+            masses are left out. NaN with a BiasWarning where noise may bias least
+            squares by half a standard error or more, or another chain fits as well;
+            arrays show white noise only, with a clock: smoothed ones, or without a
+            clock, count as free of it.
 
         Raises
         ------
         ChannelError
-            If the model has no data, they are too few pieces, or ``calibration`` is no table of tolerances.
+            If the model has no data, they are too few pieces, or ``calibration`` is no
+            table of tolerances.
         """
         check_is_fitted(self)
         resolver, data = self._interval_resolver(), self._records
@@ -190,19 +256,31 @@ class FittedChain:
         if calibration is None:
             return table
         if isinstance(of, Mapping):
-            raise ChannelError("calibration does not go with a mapping of sites", "Give of= a function of the model.")
+            raise ChannelError(
+                "calibration does not go with a mapping of sites",
+                "Give of= a function of the model.",
+            )
         data = self.fit_data("Fit again, or ask for intervals before saving.")
-        statistic = intervals.statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
-        spread = intervals.calibration_spread(self.problem_, self.solve_order_, data, statistic, calibration)
+        statistic = intervals.statistic_of(
+            of, resolver.known_masses, resolver.pieces.layout, data
+        )
+        spread = intervals.calibration_spread(
+            self.problem_, self.solve_order_, data, statistic, calibration
+        )
         for end, sign in (("lower", -1), ("upper", 1)):
-            half = np.hypot(table[end] - table["estimate"], norm.ppf((1 + level) / 2) * spread)
+            half = np.hypot(
+                table[end] - table["estimate"], norm.ppf((1 + level) / 2) * spread
+            )
             table[f"combined_{end}"] = table["estimate"] + sign * half
         return table
 
-    def force_intervals(self, site: Any, v: Any, s: Any, level: float = 0.95) -> pd.DataFrame:
+    def force_intervals(
+        self, site: Any, v: Any, s: Any, level: float = 0.95
+    ) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.
 
-        Outside the region that the data visited an ExtrapolationWarning is raised and the interval widened.
+        Outside the region that the data visited an ExtrapolationWarning is raised and
+        the interval widened.
 
         Parameters
         ----------
@@ -217,36 +295,56 @@ class FittedChain:
             ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
         """
         check_is_fitted(self)
-        return intervals.force_intervals(self._interval_resolver(), self.model_, site, v, s, level)
+        return intervals.force_intervals(
+            self._interval_resolver(), self.model_, site, v, s, level
+        )
 
     def diagnose(self) -> Diagnosis:
-        """Diagnose what limits the estimate; see :func:`pysindy_nrf.diagnostics.test_planning.diagnose`."""
+        """Diagnose what limits the estimate; see
+        :func:`pysindy_nrf.diagnostics.test_planning.diagnose`.
+        """
         check_is_fitted(self)
         return diagnose(self)
 
     def verdict(self) -> verdicts.Verdict:
-        """Whether the model may be used, what it holds, and why not; see :mod:`pysindy_nrf.diagnostics.verdict`.
+        """Whether the model may be used, what it holds, and why not; see
+        :mod:`pysindy_nrf.diagnostics.verdict`.
 
-        Reads the balances, the intervals, the warnings of the fit and a free run over the data of the fit. Where a
-        balance does not close, the fit is repeated with other mappings of the channels, and the one that closes named.
+        Reads the balances, the intervals, the warnings of the fit and a free run over
+        the data of the fit. Where a balance does not close, the fit is repeated with
+        other mappings of the channels, and the one that closes named.
         """
         check_is_fitted(self)
         if self._verdict is not None:
             return self._verdict
         bounds, doubts = self.bounds()
         missing = self.missing_terms_[self.missing_terms_["biased"].astype(bool)]
-        doubts = [text for held in self.data_warnings_.values() for text in held] + doubts
-        doubts += [f"{name[0].upper()}{name[1:]}: a law is missing, or the motion is noisy." for name in missing.index]
+        doubts = [
+            text for held in self.data_warnings_.values() for text in held
+        ] + doubts
+        doubts += [
+            f"{name[0].upper()}{name[1:]}: a law is missing, or the motion is noisy."
+            for name in missing.index
+        ]
         free, shares = None, {}
         if self._records is not None:
-            free, shares = self.free_runs(), verdicts.shares_of(self.model_, self._records)
+            free, shares = (
+                self.free_runs(),
+                verdicts.shares_of(self.model_, self._records),
+            )
         errors = self.errors_["error"].drop("pooled")
         found = list(verdicts.nonlinear_parts(self.model_, shares, bounds).values())
         self._verdict = verdicts.verdict_on(
-            self.model_, {int(k[4:]): float(e) for k, e in errors.items()}, found,
-            free, bounds, known_masses=self.problem_.known_masses, doubts=doubts,
-            faults=verdicts.suspect_channels(self._given or []), wiring=self._wiring,
-        )  # fmt: skip
+            self.model_,
+            {int(k[4:]): float(e) for k, e in errors.items()},
+            found,
+            free,
+            bounds,
+            known_masses=self.problem_.known_masses,
+            doubts=doubts,
+            faults=verdicts.suspect_channels(self._given or []),
+            wiring=self._wiring,
+        )
         return self._verdict
 
     def free_runs(self) -> verdicts.FreeRuns:
@@ -260,7 +358,9 @@ class FittedChain:
         if self._free is None:
             data = self.fit_data("Fit again to run the model over its data.")
             dt = self.dt if any(seg.dt is None for seg in data.segments) else None
-            self._free = verdicts.free_runs(self.model_, data, self.problem_.filters(data), dt=dt)
+            self._free = verdicts.free_runs(
+                self.model_, data, self.problem_.filters(data), dt=dt
+            )
         return self._free
 
     def summary(self) -> str:
@@ -282,7 +382,8 @@ class FittedChain:
         return self.model_.to_latex()
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the force of every site over its drift, and the free run over the measured motion (matplotlib).
+        """Draw the force of every site over its drift, and the free run over the
+        measured motion (matplotlib).
 
         Parameters
         ----------
@@ -307,22 +408,44 @@ class FittedChain:
             return {}, [str(withheld)]
         except NRFError as error:
             return {}, [f"No intervals: {error}"]
-        return {str(r.parameter): (float(r.lower), float(r.upper)) for r in table.itertuples()}, []
+        return {
+            str(r.parameter): (float(r.lower), float(r.upper))
+            for r in table.itertuples()
+        }, []
 
     def _wiring(self) -> str:
         """The mapping of channels that closes the balances, in words."""
         given = self._given
         if given is None and self._records is not None:
             given = [
-                Record(seg.F[seg.valid], seg.a[seg.valid], np.cumsum(seg.v[seg.valid], axis=1),
-                       np.cumsum(seg.s[seg.valid], axis=1), 1.0 / (seg.dt or self.dt or 1.0), name=seg.name,
-                       base_acceleration=None if seg.ag is None else seg.ag[seg.valid])
+                Record(
+                    seg.F[seg.valid],
+                    seg.a[seg.valid],
+                    np.cumsum(seg.v[seg.valid], axis=1),
+                    np.cumsum(seg.s[seg.valid], axis=1),
+                    1.0 / (seg.dt or self.dt or 1.0),
+                    name=seg.name,
+                    base_acceleration=None if seg.ag is None else seg.ag[seg.valid],
+                )
                 for seg in self._records.segments
-            ]  # fmt: skip
-        return "" if given is None else wiring_of(self, self.problem_, self.model_, list(given))
+            ]
+        return (
+            ""
+            if given is None
+            else wiring_of(self, self.problem_, self.model_, list(given))
+        )
 
-    def simulate(self, F: Any, *, dt: float | None = None, x0: Any = None, v0: Any = None, **options: Any) -> Record:
-        """Free run of the identified model; parameters as of :func:`pysindy_nrf.simulate`.
+    def simulate(
+        self,
+        F: Any,
+        *,
+        dt: float | None = None,
+        x0: Any = None,
+        v0: Any = None,
+        **options: Any,
+    ) -> Record:
+        """Free run of the identified model; parameters as of
+        :func:`pysindy_nrf.simulate`.
 
         Parameters
         ----------
@@ -339,11 +462,15 @@ class FittedChain:
         check_is_fitted(self)
         step = dt if dt is not None else self.dt
         if step is None:
-            raise ChannelError("The free run needs the sampling step of F", "Pass dt= in s.")
+            raise ChannelError(
+                "The free run needs the sampling step of F", "Pass dt= in s."
+            )
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
     def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``; see :meth:`ChainModel.to_sindy`."""
+        """The identified model as a fitted ``ps.SINDy``; see
+        :meth:`ChainModel.to_sindy`.
+        """
         check_is_fitted(self)
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
 
@@ -351,31 +478,45 @@ class FittedChain:
         check_is_fitted(self)
         if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
             require_two_dimensions(X)
-            width = np.shape(np.asarray(X))[-1] if not hasattr(X, "nnz") else 3 * self.model_.n_dof
+            width = (
+                np.shape(np.asarray(X))[-1]
+                if not hasattr(X, "nnz")
+                else 3 * self.model_.n_dof
+            )
             if np.ndim(np.asarray(X)) == 2 and width != 3 * self.model_.n_dof:
                 raise ChannelError(
-                    f"X has {width} features, but {type(self).__name__} is expecting {3 * self.model_.n_dof} features "
-                    f"as input; {3 * self.model_.n_dof} columns are needed",
-                    f"Give {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
+                    f"X has {width} features, but {type(self).__name__} is expecting"
+                    f" {3 * self.model_.n_dof} features as input;"
+                    f" {3 * self.model_.n_dof} columns are needed",
+                    "Give"
+                    f" {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
                 )
-        return self._data(X, y, has_memory=self.model_.has_memory, n_dof=self.model_.n_dof, **given)
+        return self._data(
+            X, y, has_memory=self.model_.has_memory, n_dof=self.model_.n_dof, **given
+        )
 
     def _resolving(self) -> intervals.Resolver:
         """Resolver of the chain on parts of the data, made at the first use."""
         if self._resolver is None:
             data = self.fit_data("Fit again, or ask for intervals before saving.")
-            self._resolver = intervals.least_squares_resolver(self.problem_, self.solve_order_, data)
+            self._resolver = intervals.least_squares_resolver(
+                self.problem_, self.solve_order_, data
+            )
         return self._resolver
 
     def _interval_resolver(self) -> intervals.Resolver:
-        """Resolver for intervals, on motions whose errors are independent between pieces."""
+        """Resolver for intervals, on motions whose errors are independent between
+        pieces.
+        """
         if self._fused_jointly:
             warnings.warn(
-                "The motions in X were fused jointly over the DOFs; their remaining noise is correlated over the whole "
-                "record, so the intervals are up to three times too narrow. Give the records "
-                "themselves, or make X with record.to_features(smooth=KinematicSmoother(joint=False)).",
-                DataQualityWarning, stacklevel=3,
-            )  # fmt: skip
+                "The motions in X were fused jointly over the DOFs; their remaining"
+                " noise is correlated over the whole record, so the intervals are up to"
+                " three times too narrow. Give the records themselves, or make X with"
+                " record.to_features(smooth=KinematicSmoother(joint=False)).",
+                DataQualityWarning,
+                stacklevel=3,
+            )
         resolver = self._resolving()
         resolver.withheld = self._withheld()
         if self.errors_.loc["pooled", "error"] < EXACT:
@@ -384,50 +525,98 @@ class FittedChain:
             return resolver
         if self._separate_resolver is None:
             apart = self._fused_separately()
-            self._separate_resolver = intervals.least_squares_resolver(self.problem_, self.solve_order_, apart)
-            self._separate_resolver.constrain, self._separate_resolver.repeats = resolver.constrain, resolver.repeats
+            self._separate_resolver = intervals.least_squares_resolver(
+                self.problem_, self.solve_order_, apart
+            )
+            self._separate_resolver.constrain, self._separate_resolver.repeats = (
+                resolver.constrain,
+                resolver.repeats,
+            )
         return self._separate_resolver
 
     def _noise_bias(self) -> list[NoiseBias]:
-        """What noise in the motion does to least squares, by balance; empty for other estimates, or without data."""
+        """What noise in the motion does to least squares, by balance; empty for other
+        estimates, or without data.
+        """
         if self.model_.info["estimation"]["found"] != "ls" or self._records is None:
             return []
         shares = noise_shares(self._records, self.problem_.filters(self._records))
-        return noise_bias(self.model_, self.solve_order_, self._resolving().pieces.sum(), shares)
+        return noise_bias(
+            self.model_, self.solve_order_, self._resolving().pieces.sum(), shares
+        )
 
     def _withheld(self) -> str:
-        """Why these data give no valid interval; empty if noise does not bias least squares and no chain is as good."""
+        """Why these data give no valid interval; empty if noise does not bias least
+        squares and no chain is as good.
+        """
         bias = max((one.errors for one in self._noise_bias()), default=0.0)
         if bias <= NEGLIGIBLE:
             return " ".join(self.model_.info["estimation"].get("doubts", ()))
         return (
-            f"noise in the motion may bias least squares by {bias:.2g} standard errors; up to {NEGLIGIBLE:g} leave "
-            f"95 % intervals valid. {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"
+            f"noise in the motion may bias least squares by {bias:.2g} standard errors;"
+            f" up to {NEGLIGIBLE:g} leave 95 % intervals valid."
+            f" {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"
         )
 
 
-def wiring_of(estimator: Any, problem: Problem, model: ChainModel, records: list[Record]) -> str:
-    """The error of wiring without which the balances close, in words, whatever law the storeys have.
+def wiring_of(
+    estimator: Any, problem: Problem, model: ChainModel, records: list[Record]
+) -> str:
+    """The error of wiring without which the balances close, in words, whatever law the
+    storeys have.
 
-    A chain wired wrongly does not close with any law; a law that is missing is no error of wiring.
+    A chain wired wrongly does not close with any law; a law that is missing is no error
+    of wiring.
     """
     # the rms of a drift about a third of its peak, as of Gaussian motion
-    drifts = {site: max(abs(box.low[1]), abs(box.high[1])) / 3 for site, box in model.visited.items()}
+    drifts = {
+        site: max(abs(box.low[1]), abs(box.high[1])) / 3
+        for site, box in model.visited.items()
+    }
     again = clone(estimator).set_params(
-        estimation="ls", constraints=None, optimizer=None, orders=None, chain=problem.chain,
+        estimation="ls",
+        constraints=None,
+        optimizer=None,
+        orders=None,
+        chain=problem.chain,
         laws=flexible_laws(problem, drifts),
-    )  # fmt: skip
+    )
 
     asked = again.problem(problem.chain.n_dof)
-    options = {"n_dof": problem.chain.n_dof, "has_memory": asked.layout.has_memory, "check": False}
+    options = {
+        "n_dof": problem.chain.n_dof,
+        "has_memory": asked.layout.has_memory,
+        "check": False,
+    }
 
     def coarse(some: list[Record]) -> Estimate:
-        """An estimate from channels as they are; rates that were not measured are differences."""
-        pairs = ((one, {} if one.velocity is not None or one.displacement is None else
-                  {"velocity": np.gradient(one.displacement, 1.0 / one.fs, axis=0)}) for one in some)  # fmt: skip
-        return asked.solve(from_arrays([one.replace(**rates) for one, rates in pairs], smooth=False, check=False))
+        """An estimate from channels as they are; rates that were not measured are
+        differences.
+        """
+        pairs = (
+            (
+                one,
+                (
+                    {}
+                    if one.velocity is not None or one.displacement is None
+                    else {
+                        "velocity": np.gradient(one.displacement, 1.0 / one.fs, axis=0)
+                    }
+                ),
+            )
+            for one in some
+        )
+        return asked.solve(
+            from_arrays(
+                [one.replace(**rates) for one, rates in pairs],
+                smooth=False,
+                check=False,
+            )
+        )
 
     def solved(some: list[Record]) -> Estimate:
         return asked.solve(again._data(some, None, **options))
 
-    return verdicts.mapping_that_closes(records, solved, coarse, estimator.known_masses or ())
+    return verdicts.mapping_that_closes(
+        records, solved, coarse, estimator.known_masses or ()
+    )

@@ -1,7 +1,9 @@
-"""Force laws: one class each, used by features, identification, simulation, search and text.
+"""Force laws: one class each, used by features, identification, simulation, search and
+text.
 
-``__all__`` names the contract and the laws that are written down most often. All others are here under their names
-too, e.g. ``laws.TwoSidedGap``; :func:`registry` lists them, and a search tries them.
+``__all__`` names the contract and the laws that are written down most often. All others
+are here under their names too, e.g. ``laws.TwoSidedGap``; :func:`registry` lists them,
+and a search tries them.
 """
 
 from .base import ForceLaw, Term, asymmetric, from_dict, registry
@@ -14,7 +16,14 @@ from .contract import check_law
 from .degrading import DegradingBoucWen as DegradingBoucWen
 from .degrading import PinchedBoucWen as PinchedBoucWen
 from .elastic import AbsoluteQuadraticStiffness as AbsoluteQuadraticStiffness
-from .elastic import CubicStiffness, Duffing, LinearElastic, LinearViscous, StiffnessDrift, StiffnessStep
+from .elastic import (
+    CubicStiffness,
+    Duffing,
+    LinearElastic,
+    LinearViscous,
+    StiffnessDrift,
+    StiffnessStep,
+)
 from .elastic import DampingDrift as DampingDrift
 from .elastic import DisplacementDependentDamping as DisplacementDependentDamping
 from .elastic import MaxwellBranch as MaxwellBranch
@@ -55,7 +64,25 @@ from .sensor import SensorOffset as SensorOffset
 from .shape import Motion, Shape
 
 __all__ = [
-    "ForceLaw", "Motion", "Shape", "Term", "asymmetric", "from_dict", "registry", "check_law", "PowerSeries",
-    "LinearElastic", "LinearViscous", "Duffing", "CubicStiffness", "CoulombFriction", "OneSidedGap", "Dahl",
-    "ModifiedDahl", "BoucWen", "ConstantForce", "StiffnessStep", "StiffnessDrift",
-]  # fmt: skip
+    "ForceLaw",
+    "Motion",
+    "Shape",
+    "Term",
+    "asymmetric",
+    "from_dict",
+    "registry",
+    "check_law",
+    "PowerSeries",
+    "LinearElastic",
+    "LinearViscous",
+    "Duffing",
+    "CubicStiffness",
+    "CoulombFriction",
+    "OneSidedGap",
+    "Dahl",
+    "ModifiedDahl",
+    "BoucWen",
+    "ConstantForce",
+    "StiffnessStep",
+    "StiffnessDrift",
+]

@@ -1,7 +1,8 @@
 """Plain functions of the laws, compiled by numba and kept on disk.
 
-A law's ``kernel`` and ``advance`` are ordinary Python functions. Compiled code is cached under a fingerprint of the
-source and of all it calls. So a second process starts fast, and an edited law is never run with stale code.
+A law's ``kernel`` and ``advance`` are ordinary Python functions. Compiled code is
+cached under a fingerprint of the source and of all it calls. So a second process starts
+fast, and an edited law is never run with stale code.
 """
 
 import hashlib
@@ -15,7 +16,9 @@ from typing import Any
 import numba
 import numpy as np
 from llvmlite import ir
-from numba import carray, types  # type: ignore[attr-defined]  # public, but not in numba's __all__
+
+# type: ignore[attr-defined]  # public, but not in numba's __all__
+from numba import carray, types
 from numba.core import cgutils
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.ccallback import CFunc
@@ -27,19 +30,33 @@ from numba.extending import intrinsic
 
 from ..exceptions import LawError
 
-_NAMING = "names with fingerprints, references not counted"  # code cached under another rule of naming is ignored
+_NAMING = (  # code cached under another rule of naming is ignored
+    "names with fingerprints, references not counted"
+)
 _COMPILED: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _VECTOR = types.CPointer(types.float64)
 _KERNEL_SIGNATURE = types.void(*[types.float64] * 4, *[_VECTOR, types.int64] * 4)
-_ADVANCE_SIGNATURE = types.void(_VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2)
-_ROWS = [_VECTOR, types.int64, types.int64]  # the first row, how far the next one is, and the next sample
-_WALK_SIGNATURE = types.void(*[_VECTOR] * 4, types.int64, *_ROWS, _VECTOR, types.int64, *_ROWS)
+_ADVANCE_SIGNATURE = types.void(
+    _VECTOR, types.int64, *[types.float64] * 5, *[_VECTOR, types.int64] * 2
+)
+_ROWS = [
+    _VECTOR,
+    types.int64,
+    types.int64,
+]  # the first row, how far the next one is, and the next sample
+_WALK_SIGNATURE = types.void(
+    *[_VECTOR] * 4, types.int64, *_ROWS, _VECTOR, types.int64, *_ROWS
+)
 
 
 class _PartLibrary(JITCodeLibrary):
-    """Code that is optimised and becomes machine code where it is linked into what calls it, not before."""
+    """Code that is optimised and becomes machine code where it is linked into what
+    calls it, not before.
+    """
 
-    codegen: Any = SimpleNamespace(set_env=lambda *_: None)  # there is no machine code yet that could have one
+    codegen: Any = SimpleNamespace(
+        set_env=lambda *_: None
+    )  # there is no machine code yet that could have one
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
@@ -64,19 +81,28 @@ _INSIDE: Any = _COMPILED | {"no_cpython_wrapper": True, "pipeline_class": _PartC
 
 
 def fingerprint(*functions: Any) -> str:
-    """Hash of the code of functions, with the constants, closures and functions they use."""
+    """Hash of the code of functions, with the constants, closures and functions they
+    use.
+    """
     digest = hashlib.sha256(f"numba {numba.__version__}, {_NAMING}".encode())
     seen: set[int] = set()
 
     def code(block: CodeType) -> None:
         digest.update(block.co_code)
         for constant in block.co_consts:
-            code(constant) if isinstance(constant, CodeType) else digest.update(repr(constant).encode())
+            (
+                code(constant)
+                if isinstance(constant, CodeType)
+                else digest.update(repr(constant).encode())
+            )
         digest.update(repr((block.co_names, block.co_varnames)).encode())
 
     def visit(value: Any) -> None:
         if isinstance(value, Dispatcher):
-            options = {k: sorted(v) if isinstance(v, set) else v for k, v in value.targetoptions.items()}
+            options = {
+                k: sorted(v) if isinstance(v, set) else v
+                for k, v in value.targetoptions.items()
+            }
             digest.update(repr(sorted(options.items())).encode())
             value = value.py_func
         value = getattr(value, "_defn", value)  # the function behind a numba intrinsic
@@ -98,7 +124,9 @@ def fingerprint(*functions: Any) -> str:
         elif isinstance(value, (int, float, complex, str, bytes, tuple, type(None))):
             digest.update(repr(value).encode())
         else:
-            digest.update(getattr(value, "__qualname__", type(value).__qualname__).encode())
+            digest.update(
+                getattr(value, "__qualname__", type(value).__qualname__).encode()
+            )
 
     for function in functions:
         visit(function)
@@ -113,7 +141,9 @@ class _CodeCache(FunctionCache):
         self._print = fingerprint(function)
         locator = self._impl.locator
         name = f"{function.__name__}-{self._print[:24]}"
-        self._cache_file = IndexDataCacheFile(locator.get_cache_path(), name, locator.get_source_stamp())
+        self._cache_file = IndexDataCacheFile(
+            locator.get_cache_path(), name, locator.get_source_stamp()
+        )
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple:
         return sig, codegen.magic_tuple(), self._print
@@ -135,7 +165,9 @@ def _named(function: Callable) -> Callable:
 
 
 def _attach_cache(compiled: Any, function: Callable) -> Any:
-    """Cache on disk; without a writable directory the code is compiled in every process."""
+    """Cache on disk; without a writable directory the code is compiled in every
+    process.
+    """
     try:
         compiled._cache = _CodeCache(function)
     except (RuntimeError, OSError):
@@ -144,19 +176,27 @@ def _attach_cache(compiled: Any, function: Callable) -> Any:
 
 
 def jit(function: Callable) -> Dispatcher:
-    """Compile a plain function on its first call, cached on disk. Its caller makes the arrays that it needs."""
-    return _attach_cache(numba.njit(**_COMPILED | {"_nrt": False})(_named(function)), function)
+    """Compile a plain function on its first call, cached on disk. Its caller makes the
+    arrays that it needs.
+    """
+    return _attach_cache(
+        numba.njit(**_COMPILED | {"_nrt": False})(_named(function)), function
+    )
 
 
 def read_only(array: np.ndarray) -> np.ndarray:
-    """Read-only view as floats in C order; another layout would trigger a further compilation."""
+    """Read-only view as floats in C order; another layout would trigger a further
+    compilation.
+    """
     view = np.ascontiguousarray(array, dtype=float).view()
     view.flags.writeable = False
     return view
 
 
 def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
-    """A small plain function for use within :func:`jit` code, copied into every place that calls it."""
+    """A small plain function for use within :func:`jit` code, copied into every place
+    that calls it.
+    """
     if isinstance(function, Dispatcher):
         return function
     return numba.njit(forceinline=True, fastmath=fastmath, **_INSIDE)(function)
@@ -168,7 +208,9 @@ def part(function: Callable) -> Dispatcher:
 
 
 def _on_stack(typing_context: Any, size: Any) -> Any:
-    """Array on the stack. Nothing else can write to it, so a loop can keep it in registers."""
+    """Array on the stack. Nothing else can write to it, so a loop can keep it in
+    registers.
+    """
     if not isinstance(size, types.IntegerLiteral):
         return None
     line = types.Array(types.float64, 1, "C")
@@ -176,10 +218,22 @@ def _on_stack(typing_context: Any, size: Any) -> Any:
     def codegen(context, builder, signature, args):
         count = max(size.literal_value, 1)
         number = context.get_value_type(types.float64)
-        place = cgutils.alloca_once(builder, number, size=context.get_constant(types.intp, count))
+        place = cgutils.alloca_once(
+            builder, number, size=context.get_constant(types.intp, count)
+        )
         view = context.make_array(line)(context, builder)
-        extent, step = context.get_constant(types.intp, size.literal_value), context.get_constant(types.intp, 8)
-        context.populate_array(view, data=place, shape=[extent], strides=[step], itemsize=step, meminfo=None)
+        extent, step = (
+            context.get_constant(types.intp, size.literal_value),
+            context.get_constant(types.intp, 8),
+        )
+        context.populate_array(
+            view,
+            data=place,
+            shape=[extent],
+            strides=[step],
+            itemsize=step,
+            meminfo=None,
+        )
         return view._getvalue()
 
     return line(size), codegen
@@ -190,7 +244,9 @@ on_stack: Any = intrinsic(prefer_literal=True)(_on_stack)
 
 def _addressed(kind: Any) -> Any:
     if hasattr(kind, "types"):
-        return types.BaseTuple.from_types([_addressed(k) for k in kind.types], getattr(kind, "instance_class", None))
+        return types.BaseTuple.from_types(
+            [_addressed(k) for k in kind.types], getattr(kind, "instance_class", None)
+        )
     if not isinstance(kind, types.Array):
         return kind
     if kind.layout != "C":
@@ -199,12 +255,16 @@ def _addressed(kind: Any) -> Any:
 
 
 def _addresses(typing_context: Any, given: Any) -> Any:
-    """A tuple of arrays, numbers and such named tuples, with addresses for arrays: a tenth of the code to compile."""
+    """A tuple of arrays, numbers and such named tuples, with addresses for arrays: a
+    tenth of the code to compile.
+    """
 
     def codegen(context, builder, signature, args):
         def replaced(kind, value):
             if isinstance(kind, types.Array):
-                return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
+                return cgutils.create_struct_proxy(kind)(
+                    context, builder, value=value
+                ).data
             if not hasattr(kind, "types"):
                 return value
             parts = map(replaced, kind.types, cgutils.unpack_tuple(builder, value))
@@ -231,12 +291,16 @@ address_of: Any = intrinsic(_address)
 
 
 def _caller(function: Any) -> Any:
-    """Call a machine-code callback of some signature by its address: ``call(address, (argument, ...))``."""
+    """Call a machine-code callback of some signature by its address: ``call(address,
+    (argument, ...))``.
+    """
 
     def call(typing_context, address, arguments):
         def codegen(context, builder, signature, args):
             kinds = [context.get_value_type(kind) for kind in function.args]
-            pointer = builder.inttoptr(args[0], ir.FunctionType(ir.VoidType(), kinds).as_pointer())
+            pointer = builder.inttoptr(
+                args[0], ir.FunctionType(ir.VoidType(), kinds).as_pointer()
+            )
             builder.call(pointer, cgutils.unpack_tuple(builder, args[1]))
             return context.get_dummy_value()
 
@@ -245,11 +309,18 @@ def _caller(function: Any) -> Any:
     return intrinsic(call)
 
 
-call_kernel, call_advance, call_walk = map(_caller, (_KERNEL_SIGNATURE, _ADVANCE_SIGNATURE, _WALK_SIGNATURE))
+call_kernel, call_advance, call_walk = map(
+    _caller, (_KERNEL_SIGNATURE, _ADVANCE_SIGNATURE, _WALK_SIGNATURE)
+)
 
 
 def _pointer(function: Callable, signature: Any) -> CFunc:
-    callback = CFunc(_named(function), (signature.args, signature.return_type), {}, {"nopython": True})
+    callback = CFunc(
+        _named(function),
+        (signature.args, signature.return_type),
+        {},
+        {"nopython": True},
+    )
     _attach_cache(callback, function)
     callback.compile()
     return callback
@@ -261,7 +332,16 @@ def kernel_pointer(kernel: Callable) -> CFunc:
     law = inline(kernel)
 
     def kernel_callback(s, v, a, t, u, n_u, z, n_z, theta, n_theta, out, n_out):
-        law(s, v, a, t, carray(u, n_u), carray(z, n_z), carray(theta, n_theta), carray(out, n_out))
+        law(
+            s,
+            v,
+            a,
+            t,
+            carray(u, n_u),
+            carray(z, n_z),
+            carray(theta, n_theta),
+            carray(out, n_out),
+        )
 
     return _pointer(kernel_callback, _KERNEL_SIGNATURE)
 
@@ -279,11 +359,19 @@ def advance_pointer(advance: Callable) -> CFunc:
 
 @cache
 def walk_pointer(advance: Callable, n_states: int, n_inputs: int) -> CFunc:
-    """A law's state updates along samples without a reversal as a machine-code callback."""
+    """A law's state updates along samples without a reversal as a machine-code
+    callback.
+    """
     law = inline(advance)
 
-    def walk_callback(state, s, v, h, n, u, next_u, step_u, theta, n_theta, z, next_z, step_z):
-        now, middle, shape = on_stack(n_states), on_stack(n_inputs), carray(theta, n_theta)  # both stay in registers
+    def walk_callback(
+        state, s, v, h, n, u, next_u, step_u, theta, n_theta, z, next_z, step_z
+    ):
+        now, middle, shape = (
+            on_stack(n_states),
+            on_stack(n_inputs),
+            carray(theta, n_theta),
+        )  # both stay in registers
         for k in range(n_states):
             now[k] = state[k]
         for i in range(n):
@@ -310,12 +398,18 @@ def pointers(law: Any) -> tuple[CFunc, CFunc]:
 def on_a_sample(law: Any) -> Callable[..., None]:
     """A law's compiled kernel, called as the plain one."""
     kernel, line = pointers(law)[0].ctypes, POINTER(c_double)
-    return lambda *x: kernel(*x[:4], *(given for y in x[4:] for given in (y.ctypes.data_as(line), y.size)))
+    return lambda *x: kernel(
+        *x[:4], *(given for y in x[4:] for given in (y.ctypes.data_as(line), y.size))
+    )
 
 
 def cannot_compile(law: Any, error: Exception) -> LawError:
     """Error for a law that numba does not accept."""
-    reason = str(error).strip().splitlines()[-1] if str(error).strip() else type(error).__name__
+    reason = (
+        str(error).strip().splitlines()[-1]
+        if str(error).strip()
+        else type(error).__name__
+    )
     return LawError(
         f"{type(law).__name__} cannot be compiled for single samples ({reason})",
         "Write kernel and advance with plain arithmetic, math and NumPy ufuncs only.",

@@ -22,13 +22,18 @@ class _Contact(ForceLaw):
 
 
 class _OneSided(_Contact):
-    """A spring that acts on one side only; ``labels`` are those of its term for side 1 and -1."""
+    """A spring that acts on one side only; ``labels`` are those of its term for side 1
+    and -1.
+    """
 
     labels = ("", "")
 
     def __init__(self, shape: dict[str, Given], k: Given, side: int) -> None:
         if side not in (1, -1):
-            raise LawError(f"{type(self).__name__}: side={side!r} is unknown", "Give 1 or -1, the sign of the drift.")
+            raise LawError(
+                f"{type(self).__name__}: side={side!r} is unknown",
+                "Give 1 or -1, the sign of the drift.",
+            )
         self.side = int(side)
         super().__init__(shape, {"k": k})
 
@@ -77,11 +82,13 @@ class OneSidedGap(_OneSided):
 
 
 class PreloadedContact(_OneSided):
-    r"""Contact under preload that opens: a spring compressed by u at s = 0, with no contact beyond.
+    r"""Contact under preload that opens: a spring compressed by u at s = 0, with no
+    contact beyond.
 
     .. math:: R = k \max(s, -u) \quad\text{or}\quad R = k \min(s, u)
 
-    The preload itself is in equilibrium at s = 0 and not counted; u = 0 is the breathing crack of :class:`Bilinear`.
+    The preload itself is in equilibrium at s = 0 and not counted; u = 0 is the
+    breathing crack of :class:`Bilinear`.
     """
 
     name = "preloaded_contact"
@@ -117,8 +124,9 @@ class DeadZone(_Contact):
 
     .. math:: R = k \, (s - \min(\max(s, g (c - 1)), g (c + 1)))
 
-    The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is :class:`TwoSidedGap`. (A backlash
-    that lags its input, the play operator, would return more energy than it takes, so it cannot be a restoring force.)
+    The play is 2 g wide and reaches from ``g (c - 1)`` to ``g (c + 1)``; c = 0 is
+    :class:`TwoSidedGap`. (A backlash that lags its input, the play operator, would
+    return more energy than it takes, so it cannot be a restoring force.)
     """
 
     name = "dead_zone"
@@ -126,7 +134,9 @@ class DeadZone(_Contact):
     columns = (Term("k", "beyond(s, gap, centre)", "N/m"),)
     special_cases = {
         TwoSidedGap: lambda c: DeadZone(c.theta[0], 0.0, c.values[0]),
-        OneSidedGap: lambda c: DeadZone(1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]),  # other stop out of reach
+        OneSidedGap: lambda c: DeadZone(
+            1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]
+        ),  # other stop out of reach
     }
 
     @staticmethod
@@ -136,10 +146,11 @@ class DeadZone(_Contact):
 
 
 class Bilinear(_Contact):
-    """Breathing crack: a further spring, of either sign, for positive drift only, ``R = dk max(s, 0)``.
+    """Breathing crack: a further spring, of either sign, for positive drift only, ``R =
+    dk max(s, 0)``.
 
-    Beside a linear spring k the stiffness is k + dk for s > 0 and k for s < 0 (Chondros,
-    Dimarogonas, Yao, J. Sound Vib. 239, 2001).
+    Beside a linear spring k the stiffness is k + dk for s > 0 and k for s < 0
+    (Chondros, Dimarogonas, Yao, J. Sound Vib. 239, 2001).
     """
 
     name = "bilinear"

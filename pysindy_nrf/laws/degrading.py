@@ -1,4 +1,6 @@
-"""Hysteresis that degrades or pinches: Bouc-Wen with the terms of Baber, Noori and Wen."""
+"""Hysteresis that degrades or pinches: Bouc-Wen with the terms of Baber, Noori and
+Wen.
+"""
 
 import math
 from typing import Any
@@ -13,10 +15,12 @@ _BETA = Shape("beta", "1/m", 0.2, 20.0, "1/s")
 
 
 class _BaberNoori(ForceLaw):
-    """Bouc-Wen hysteresis whose strength and stiffness fall with the work done on it, and which slips near zero force.
+    """Bouc-Wen hysteresis whose strength and stiffness fall with the work done on it,
+    and which slips near zero force.
 
-    Along the motion ``dy/dx = h (1 - nu (sgn y + rho) |y|^n) / eta`` with ``x = beta |s - s_0|``, ``nu`` and ``eta``
-    linear in the work e over the yield force (m), ``h = 1 - slip exp(-((y - q) / width)^2)``.
+    Along the motion ``dy/dx = h (1 - nu (sgn y + rho) |y|^n) / eta`` with ``x = beta |s
+    - s_0|``, ``nu`` and ``eta`` linear in the work e over the yield force (m), ``h = 1
+    - slip exp(-((y - q) / width)^2)``.
     """
 
     family = "hysteresis"
@@ -32,9 +36,30 @@ class _BaberNoori(ForceLaw):
 
     @property
     def theta(self) -> np.ndarray:
-        values = {"strength": 0.0, "stiffness": 0.0, "slip": 0.0, "width": 1.0, "q": 0.0, **self._fixed}
+        values = {
+            "strength": 0.0,
+            "stiffness": 0.0,
+            "slip": 0.0,
+            "width": 1.0,
+            "q": 0.0,
+            **self._fixed,
+        }
         values |= dict(zip(self.shape, super().theta))
-        return np.array([values[key] for key in ("beta", "strength", "stiffness", "slip", "width", "q", "rho", "n")])
+        return np.array(
+            [
+                values[key]
+                for key in (
+                    "beta",
+                    "strength",
+                    "stiffness",
+                    "slip",
+                    "width",
+                    "q",
+                    "rho",
+                    "n",
+                )
+            ]
+        )
 
     kernel = staticmethod(BoucWen.kernel)
 
@@ -55,7 +80,11 @@ class _BaberNoori(ForceLaw):
             if x <= 0.0:
                 break
             h = x
-            if fade > 0.0:  # nu and eta are constant over parts in which they change by a small share
+            if (
+                fade > 0.0
+                # nu and eta are constant over parts in which they change by a small
+                # share
+            ):
                 worn = max(e, 0.0)
                 if k < most - 1:
                     h = min(x, 0.05 * (worn + 1.0 / fade) / max(abs(y), 1.0))
@@ -72,13 +101,19 @@ class _BaberNoori(ForceLaw):
             else:
                 c = 1.0 + rho if y >= 0.0 else rho - 1.0
                 steep = nu * n * abs(c) * max(abs(y), 1.0) ** (n - 1.0)
-                h = min(h, 0.8 * eta / (steep + 1.0), max(abs(y), 0.01))  # |y|^n is not smooth at y = 0
+                h = min(
+                    h, 0.8 * eta / (steep + 1.0), max(abs(y), 0.01)
+                )  # |y|^n is not smooth at y = 0
             if slip > 0.0:
                 h = min(h, 0.35 * eta * max(width, abs(y - theta[5]) - 3.0 * width))
             f, total = 0.0, 0.0
             for shift, weight in ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
                 at = y + shift * h * f
-                bend = at if plain else (1.0 + rho if at >= 0.0 else rho - 1.0) * abs(at) ** n
+                bend = (
+                    at
+                    if plain
+                    else (1.0 + rho if at >= 0.0 else rho - 1.0) * abs(at) ** n
+                )
                 f = (1.0 - nu * bend) / eta
                 if slip > 0.0:
                     near = (at - theta[5]) / width
@@ -102,49 +137,85 @@ class DegradingBoucWen(_BaberNoori):
         R = \alpha w, \quad \eta \dot w = \dot s \, [1 - \nu \, (\operatorname{sgn}(\dot s w) + \rho) \, (\beta |w|)^n],
         \quad \nu = 1 + \nu_e e, \quad \eta = 1 + \eta_e e, \quad e = \beta \int w \, \mathrm{d} s
 
-    (Baber and Wen, J. Eng. Mech. Div. 107, 1981.) e is the work done on the element over its initial yield force.
-    ``strength`` and ``stiffness`` are nu_e and eta_e, 1/m. Without them it is :class:`BoucWen`. A search keeps rho = 0
-    and n = 1, for which the state is exact for constant nu and eta; they are constant over short parts of the path.
+    (Baber and Wen, J. Eng. Mech. Div. 107, 1981.) e is the work done on the element
+    over its initial yield force. ``strength`` and ``stiffness`` are nu_e and eta_e,
+    1/m. Without them it is :class:`BoucWen`. A search keeps rho = 0 and n = 1, for
+    which the state is exact for constant nu and eta; they are constant over short parts
+    of the path.
     """
 
     name = "degrading_bouc_wen"
-    shapes = (_BETA, Shape("strength", "1/m", 0.1, 30.0, "1/p"), Shape("stiffness", "1/m", 0.01, 30.0, "1/p"))
+    shapes = (
+        _BETA,
+        Shape("strength", "1/m", 0.1, 30.0, "1/p"),
+        Shape("stiffness", "1/m", 0.01, 30.0, "1/p"),
+    )
     columns = (Term("alpha", "DegradingBoucWen[s]", "N/m"),)
     special_cases = {
-        Dahl: lambda c: DegradingBoucWen(c.theta[0], 1e-12, 1e-12, alpha=c.theta[0] * c.values[0]),
-        BoucWen: lambda c: DegradingBoucWen(c.theta[0], 1e-12, 1e-12, c.values[0], c.theta[1], c.theta[2]),
+        Dahl: lambda c: DegradingBoucWen(
+            c.theta[0], 1e-12, 1e-12, alpha=c.theta[0] * c.values[0]
+        ),
+        BoucWen: lambda c: DegradingBoucWen(
+            c.theta[0], 1e-12, 1e-12, c.values[0], c.theta[1], c.theta[2]
+        ),
     }
 
     def __init__(
-        self, beta: Given = None, strength: Given = None, stiffness: Given = None,
-        alpha: Given = None, rho: float = 0.0, n: float = 1.0,
-    ) -> None:  # fmt: skip
-        super().__init__({"beta": beta, "strength": strength, "stiffness": stiffness}, alpha, rho=rho, n=n)
+        self,
+        beta: Given = None,
+        strength: Given = None,
+        stiffness: Given = None,
+        alpha: Given = None,
+        rho: float = 0.0,
+        n: float = 1.0,
+    ) -> None:
+        super().__init__(
+            {"beta": beta, "strength": strength, "stiffness": stiffness},
+            alpha,
+            rho=rho,
+            n=n,
+        )
 
 
 class PinchedBoucWen(_BaberNoori):
-    r"""Bouc-Wen hysteresis that slips where its force is small, as in cracked concrete or round a nail.
+    r"""Bouc-Wen hysteresis that slips where its force is small, as in cracked concrete
+    or round a nail.
 
     .. math::
         R = \alpha w, \quad
         \dot w = \dot s \, h \, [1 - (\operatorname{sgn}(\dot s w) + \rho) \, (\beta |w|)^n], \quad
         h = 1 - \zeta \, e^{-(\beta w \operatorname{sgn} \dot s - q)^2 / d^2}
 
-    (Baber and Noori, J. Eng. Mech. 111, 1985, and J. Vib. Acoust. 108, 1986.) ``slip`` is zeta, the part of the
-    stiffness that is lost; ``width`` d and q are shares of the yield force. Without slip it is :class:`BoucWen`. A
-    search keeps q = rho = 0 and n = 1. A fourth-order rule moves the state in short parts of the path.
+    (Baber and Noori, J. Eng. Mech. 111, 1985, and J. Vib. Acoust. 108, 1986.) ``slip``
+    is zeta, the part of the stiffness that is lost; ``width`` d and q are shares of the
+    yield force. Without slip it is :class:`BoucWen`. A search keeps q = rho = 0 and n =
+    1. A fourth-order rule moves the state in short parts of the path.
     """
 
     name = "pinched_bouc_wen"
-    shapes = (_BETA, Shape("slip", "1", 0.0, 0.98, log=False), Shape("width", "1", 0.1, 1.0))
+    shapes = (
+        _BETA,
+        Shape("slip", "1", 0.0, 0.98, log=False),
+        Shape("width", "1", 0.1, 1.0),
+    )
     columns = (Term("alpha", "PinchedBoucWen[s]", "N/m"),)
     special_cases = {
         Dahl: lambda c: PinchedBoucWen(c.theta[0], 0.0, 1.0, c.theta[0] * c.values[0]),
-        BoucWen: lambda c: PinchedBoucWen(c.theta[0], 0.0, 1.0, c.values[0], 0.0, c.theta[1], c.theta[2]),
+        BoucWen: lambda c: PinchedBoucWen(
+            c.theta[0], 0.0, 1.0, c.values[0], 0.0, c.theta[1], c.theta[2]
+        ),
     }
 
     def __init__(
-        self, beta: Given = None, slip: Given = None, width: Given = None,
-        alpha: Given = None, q: float = 0.0, rho: float = 0.0, n: float = 1.0,
-    ) -> None:  # fmt: skip
-        super().__init__({"beta": beta, "slip": slip, "width": width}, alpha, q=q, rho=rho, n=n)
+        self,
+        beta: Given = None,
+        slip: Given = None,
+        width: Given = None,
+        alpha: Given = None,
+        q: float = 0.0,
+        rho: float = 0.0,
+        n: float = 1.0,
+    ) -> None:
+        super().__init__(
+            {"beta": beta, "slip": slip, "width": width}, alpha, q=q, rho=rho, n=n
+        )

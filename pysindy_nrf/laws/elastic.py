@@ -1,4 +1,6 @@
-"""Dampers, springs, and elements whose coefficient changes during a record (t is the time on its clock)."""
+"""Dampers, springs, and elements whose coefficient changes during a record (t is the
+time on its clock).
+"""
 
 import math
 
@@ -40,8 +42,8 @@ class QuadraticDamping(_Damper):
 class PowerLawDamping(_Damper):
     r"""Power-law damping, ``R = cn sgn(v) |v|^n``.
 
-    Fluid viscous dampers have n between 0.3 and 1 (Constantinou and Symans, 1993); n = 0 is Coulomb
-    friction, n = 1 linear and n = 2 quadratic damping.
+    Fluid viscous dampers have n between 0.3 and 1 (Constantinou and Symans, 1993); n =
+    0 is Coulomb friction, n = 1 linear and n = 2 quadratic damping.
     """
 
     name = "power_law_damping"
@@ -72,8 +74,8 @@ class MaxwellBranch(Element):
 
     .. math:: R = k z, \quad \dot z = \dot s - z / \tau
 
-    z is the elongation of the spring and ``c = k tau`` the damping of the dashpot. The state is exact for a
-    drift that is linear or quadratic in time over a step.
+    z is the elongation of the spring and ``c = k tau`` the damping of the dashpot. The
+    state is exact for a drift that is linear or quadratic in time over a step.
     """
 
     name = "maxwell_branch"
@@ -88,7 +90,8 @@ class MaxwellBranch(Element):
             z[0] += s1 - s0
             return
         x = dt / theta[0]
-        # integral over the step of exp(-(dt - t) / tau) (mean rate + (v1 - v0) (t / dt - 1/2)) dt
+        # integral over the step of exp(-(dt - t) / tau) (mean rate + (v1 - v0) (t / dt
+        # - 1/2)) dt
         if x > 0.05:
             first = -math.expm1(-x) / x
             second = (1.0 - first) / x - 0.5 * first
@@ -171,7 +174,9 @@ class Duffing(_Spring):
 
 
 class QuadraticStiffness(_Spring):
-    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a cable, an arch)."""
+    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a
+    cable, an arch).
+    """
 
     name = "quadratic_stiffness"
     columns = (Term("k2", "s^2", "N/m^2"),)
@@ -284,7 +289,9 @@ class StiffnessDrift(_Changing):
 
 
 class DampingDrift(_Changing):
-    """Damping that changes steadily, ``R = ct v t``: a damper that warms up or leaks."""
+    """Damping that changes steadily, ``R = ct v t``: a damper that warms up or
+    leaks.
+    """
 
     name = "damping_drift"
     columns = (Term("ct", "v t", "N/m"),)

@@ -1,7 +1,7 @@
 """Effects that a model may lack: unmeasured external forces, inertia, further links.
 
-Like every law they stand on the left of ``m a + R = F``: an applied force f that is missing from F
-appears here as ``R = -f``.
+Like every law they stand on the left of ``m a + R = F``: an applied force f that is
+missing from F appears here as ``R = -f``.
 """
 
 import math
@@ -25,7 +25,10 @@ class HarmonicForce(ForceLaw):
     name = "harmonic_force"
     family = "forcing"
     shapes = (Shape("frequency", "1/s", 0.01, 2.0, "v/s"),)
-    columns = (Term("A", "cos(2 pi frequency t)", "N"), Term("B", "sin(2 pi frequency t)", "N"))
+    columns = (
+        Term("A", "cos(2 pi frequency t)", "N"),
+        Term("B", "sin(2 pi frequency t)", "N"),
+    )
     symmetry = "even"
     at_rest = None
     uses_time = True
@@ -40,7 +43,8 @@ class HarmonicForce(ForceLaw):
 
 
 class ConstantForce(ForceLaw):
-    """Constant force, ``R = f0``: a dead load, an offset of a force or acceleration sensor.
+    """Constant force, ``R = f0``: a dead load, an offset of a force or acceleration
+    sensor.
 
     Parameters
     ----------
@@ -71,8 +75,8 @@ class ConstantForce(ForceLaw):
 class BaseMotion(CovariateLaw):
     """Base motion that leaks into a balance, ``R = m ag``.
 
-    For motion relative to the base, a base acceleration that is left out of the balance of DOF j
-    leaves the residual ``m_j ag``.
+    For motion relative to the base, a base acceleration that is left out of the balance
+    of DOF j leaves the residual ``m_j ag``.
     """
 
     name = "base_motion"
@@ -96,7 +100,9 @@ class BaseMotion(CovariateLaw):
 
 
 def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndarray:
-    """Mass of every DOF including the masses that laws at it add, kg, shape (n_dof,)."""
+    """Mass of every DOF including the masses that laws at it add, kg, shape
+    (n_dof,).
+    """
     total = np.array(masses, dtype=float)
     for site, group in laws.items():
         if site.kind == "dof":
@@ -110,13 +116,16 @@ def lost_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> list[str
     """Sentences on DOFs of which laws take away all the mass they have."""
     own, total = np.asarray(masses, dtype=float), total_masses(masses, laws)
     return [
-        f"DOF {j + 1} has {own[j]:.4g} kg and {total[j] - own[j]:.4g} kg added to it, {total[j]:.4g} kg in all"
+        f"DOF {j + 1} has {own[j]:.4g} kg and {total[j] - own[j]:.4g} kg added to it,"
+        f" {total[j]:.4g} kg in all"
         for j in np.flatnonzero((own > 0) & (total <= 0))
     ]
 
 
 class AddedMass(ForceLaw):
-    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load, moved water."""
+    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load,
+    moved water.
+    """
 
     name = "added_mass"
     family = "inertia"
@@ -153,7 +162,8 @@ class Inerter(ForceLaw):
 class LinkSpringDashpot(ForceLaw):
     """Linear spring and dashpot side by side, ``R = k s + c v``.
 
-    For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to the ground (``"ground 3"``).
+    For links that a chain lacks: a brace that skips a floor (``"link 4-2"``), a tie to
+    the ground (``"ground 3"``).
     """
 
     name = "link_spring_dashpot"
@@ -170,11 +180,13 @@ class LinkSpringDashpot(ForceLaw):
 
 
 class BendingCoupling(ForceLaw):
-    """Coupling of two neighbouring storeys by bending, ``R = -kb s`` between floors two apart.
+    """Coupling of two neighbouring storeys by bending, ``R = -kb s`` between floors two
+    apart.
 
-    The stiffness matrix of a frame that bends has positive terms two off its diagonal: floors two apart push each
-    other away, where a brace (:class:`LinkSpringDashpot`) holds them together. Its share in the storeys' own stiffness
-    is part of their linear springs.
+    The stiffness matrix of a frame that bends has positive terms two off its diagonal:
+    floors two apart push each other away, where a brace (:class:`LinkSpringDashpot`)
+    holds them together. Its share in the storeys' own stiffness is part of their linear
+    springs.
     """
 
     name = "bending_coupling"
@@ -190,17 +202,20 @@ class BendingCoupling(ForceLaw):
 
 
 class HiddenOscillator(ForceLaw):
-    r"""Oscillator that hangs on a DOF and is not measured: a tuned mass damper, sloshing water.
+    r"""Oscillator that hangs on a DOF and is not measured: a tuned mass damper,
+    sloshing water.
 
     .. math::
         R = m \, [2 \zeta \omega (v - \dot w) + \omega^2 (s - w)], \quad
         \ddot w = 2 \zeta \omega (v - \dot w) + \omega^2 (s - w) - a_g
 
-    w is its displacement relative to the ground; it begins every record moving with the DOF. The update is exact for a
-    motion that is cubic in time over a step. Very stiff it is :class:`AddedMass`.
+    w is its displacement relative to the ground; it begins every record moving with the
+    DOF. The update is exact for a motion that is cubic in time over a step. Very stiff
+    it is :class:`AddedMass`.
 
-    The base acceleration a_g is the covariate of that name (held at its mean between samples), and zero if none is
-    named. A search does not try it under base excitation alone, where any inertia fits.
+    The base acceleration a_g is the covariate of that name (held at its mean between
+    samples), and zero if none is named. A search does not try it under base excitation
+    alone, where any inertia fits.
     """
 
     name = "hidden_oscillator"
@@ -214,20 +229,32 @@ class HiddenOscillator(ForceLaw):
     mimics_inertia = True
     special_cases = {AddedMass: lambda c: HiddenOscillator(1e4, 0.5, c.values[0])}
 
-    def __init__(self, omega: Given = None, zeta: Given = None, m: Given = None, covariate: str | None = None) -> None:
+    def __init__(
+        self,
+        omega: Given = None,
+        zeta: Given = None,
+        m: Given = None,
+        covariate: str | None = None,
+    ) -> None:
         if covariate is not None:
-            self.covariates, self.covariate_units = (covariate,), ("m/s^2",)  # type: ignore[misc]
-            self.symmetry, self.at_rest, self.passive = "none", None, False  # type: ignore[misc]
+            # type: ignore[misc]
+            self.covariates, self.covariate_units = (covariate,), ("m/s^2",)
+            # type: ignore[misc]
+            self.symmetry, self.at_rest, self.passive = "none", None, False
         super().__init__({"omega": omega, "zeta": zeta}, {"m": m})
 
     def options(self) -> dict[str, Any]:
         return {"covariate": self.covariates[0]} if self.covariates else {}
 
     def limit(self, drift: float, band: tuple[float, float]) -> str:
-        """A tie where the band lies above its resonance and the mass stands still; an added mass if it lies below."""
+        """A tie where the band lies above its resonance and the mass stands still; an
+        added mass if it lies below.
+        """
         low, high = 2.0 * np.pi * np.asarray(band)
         omega = self.shape["omega"] or low
-        return "link" if omega < low else AddedMass.family if omega > high else self.family
+        return (
+            "link" if omega < low else AddedMass.family if omega > high else self.family
+        )
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -238,7 +265,8 @@ class HiddenOscillator(ForceLaw):
         if dt == 0.0:
             return
         square, damping = theta[0] * theta[0], 2.0 * theta[1] * theta[0]
-        # s is s0 + v0 t + c2 t^2 + c3 t^3; its acceleration drives w - s, of which b0 + b1 t is one solution
+        # s is s0 + v0 t + c2 t^2 + c3 t^3; its acceleration drives w - s, of which b0 +
+        # b1 t is one solution
         rate = (s1 - s0) / dt
         c2, c3 = (3.0 * rate - 2.0 * v0 - v1) / dt, (v0 + v1 - 2.0 * rate) / (dt * dt)
         ground = u[0] if u.size else 0.0

@@ -1,7 +1,9 @@
-"""Dry friction, also of controllable dampers whose level follows a measured covariate such as a voltage.
+"""Dry friction, also of controllable dampers whose level follows a measured covariate
+such as a voltage.
 
-Friction against the ground is :class:`CoulombFriction` at the site ``"ground j"`` if the base does not move. On a
-moving base, friction against a fixed object beside the structure is :class:`GroundFriction`.
+Friction against the ground is :class:`CoulombFriction` at the site ``"ground j"`` if
+the base does not move. On a moving base, friction against a fixed object beside the
+structure is :class:`GroundFriction`.
 """
 
 import math
@@ -31,7 +33,8 @@ class CoulombFriction(_Friction):
 
     .. math:: R = F_c \operatorname{sgn} v
 
-    At a storey it acts between two floors; at ``"ground j"`` between DOF j and the ground.
+    At a storey it acts between two floors; at ``"ground j"`` between DOF j and the
+    ground.
 
     Parameters
     ----------
@@ -58,15 +61,17 @@ class StribeckFriction(_Friction):
 
     .. math:: R = \operatorname{sgn} v \, (F_c + \Delta F \, e^{-|v| / v_s})
 
-    The static level is ``Fc + dF`` (Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30,
-    1994, with the exponent 1 of Tustin).
+    The static level is ``Fc + dF`` (Armstrong-Helouvry, Dupont, Canudas de Wit,
+    Automatica 30, 1994, with the exponent 1 of Tustin).
     """
 
     name = "stribeck_friction"
     shapes = (Shape("vs", "m/s", 0.02, 2.0, "v"),)
     columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "sgn(v) exp(-|v|/vs)", "N"))
     nonnegative = ("Fc", "dF")  # with a negative dF the force would grow with the rate
-    special_cases = {CoulombFriction: lambda c: StribeckFriction(vs=1.0, Fc=c.values[0], dF=0.0)}
+    special_cases = {
+        CoulombFriction: lambda c: StribeckFriction(vs=1.0, Fc=c.values[0], dF=0.0)
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -76,7 +81,8 @@ class StribeckFriction(_Friction):
 
 
 class RegularizedFriction(_Friction):
-    r"""Friction that creeps through a velocity reversal, as of wet contacts and as most simulations write it.
+    r"""Friction that creeps through a velocity reversal, as of wet contacts and as most
+    simulations write it.
 
     .. math:: R = F_c \tanh(v / v_0)
     """
@@ -85,7 +91,9 @@ class RegularizedFriction(_Friction):
     jumps = False
     shapes = (Shape("v0", "m/s", 1e-4, 0.3, "v"),)
     columns = (Term("Fc", "tanh(v/v0)", "N"),)
-    special_cases = {CoulombFriction: lambda c: RegularizedFriction(v0=1e-12, Fc=c.values[0])}
+    special_cases = {
+        CoulombFriction: lambda c: RegularizedFriction(v0=1e-12, Fc=c.values[0])
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -93,14 +101,17 @@ class RegularizedFriction(_Friction):
 
 
 class PositionDependentFriction(_Friction):
-    r"""Friction whose level changes with the drift, as of wedges, ring springs or a tapered guide.
+    r"""Friction whose level changes with the drift, as of wedges, ring springs or a
+    tapered guide.
 
     .. math:: R = (F_c + F_s |s|) \operatorname{sgn} v
     """
 
     name = "position_dependent_friction"
     columns = (Term("Fc", "sgn(v)", "N"), Term("Fs", "|s| sgn(v)", "N/m"))
-    special_cases = {CoulombFriction: lambda c: PositionDependentFriction(Fc=c.values[0], Fs=0.0)}
+    special_cases = {
+        CoulombFriction: lambda c: PositionDependentFriction(Fc=c.values[0], Fs=0.0)
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -109,19 +120,22 @@ class PositionDependentFriction(_Friction):
 
 
 class BreakAwayFriction(_Friction):
-    r"""Friction with a peak after each reversal that decays with the distance slid since.
+    r"""Friction with a peak after each reversal that decays with the distance slid
+    since.
 
     .. math:: R = F_c \operatorname{sgn} v + \Delta F \, Z, \quad Z = \pm e^{-|s - s_r| / d}
 
-    s_r is the drift at the last reversal and the sign of Z that of the motion since: the bond of lead or rubber that
-    each stroke breaks anew. The state is exact.
+    s_r is the drift at the last reversal and the sign of Z that of the motion since:
+    the bond of lead or rubber that each stroke breaks anew. The state is exact.
     """
 
     name = "break_away_friction"
     shapes = (Shape("d", "m", 0.02, 2.0, "s"),)
     columns = (Term("Fc", "sgn(v)", "N"), Term("dF", "Peak[s]", "N"))
     n_states = 1
-    special_cases = {CoulombFriction: lambda c: BreakAwayFriction(d=1.0, Fc=c.values[0], dF=0.0)}
+    special_cases = {
+        CoulombFriction: lambda c: BreakAwayFriction(d=1.0, Fc=c.values[0], dF=0.0)
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -143,14 +157,17 @@ class ShiftedFriction(_Friction):
 
     .. math:: R = F_c \operatorname{sgn}(v + \kappa s)
 
-    The sharp form of the damper model of Guo, Yang and Pan (J. Intell. Mater. Syst. Struct. 17, 2006). With kappa > 0
-    the force lags the velocity, as with a soft seal or a fluid under pressure in a magnetorheological damper.
+    The sharp form of the damper model of Guo, Yang and Pan (J. Intell. Mater. Syst.
+    Struct. 17, 2006). With kappa > 0 the force lags the velocity, as with a soft seal
+    or a fluid under pressure in a magnetorheological damper.
     """
 
     name = "shifted_friction"
     shapes = (Shape("kappa", "1/s", 0.01, 3.0, "v/s"),)
     columns = (Term("Fc", "sgn(v + kappa s)", "N"),)
-    special_cases = {CoulombFriction: lambda c: ShiftedFriction(kappa=1e-12, Fc=c.values[0])}
+    special_cases = {
+        CoulombFriction: lambda c: ShiftedFriction(kappa=1e-12, Fc=c.values[0])
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -162,9 +179,10 @@ class GroundFriction(CovariateLaw):
 
     .. math:: R = F_c \operatorname{sgn}(v + v_g)
 
-    v is the velocity of the DOF relative to the base and ``v_g`` the velocity of the base, so that
-    their sum is the absolute velocity (Lathourakis and Cicirello, Nonlinear Dynamics, 2024). With
-    a fixed base it is :class:`CoulombFriction` at ``"ground j"``.
+    v is the velocity of the DOF relative to the base and ``v_g`` the velocity of the
+    base, so that their sum is the absolute velocity (Lathourakis and Cicirello,
+    Nonlinear Dynamics, 2024). With a fixed base it is :class:`CoulombFriction` at
+    ``"ground j"``.
     """
 
     name = "ground_friction"
@@ -192,7 +210,9 @@ _TAU = Shape("tau", "s", 0.05, 50.0, "s/v")
 
 
 class _CovariateFriction(CovariateLaw):
-    """Base of friction whose level follows a covariate u: terms phi, u phi and u v of a carrier phi."""
+    """Base of friction whose level follows a covariate u: terms phi, u phi and u v of a
+    carrier phi.
+    """
 
     carrier = "sgn(v)"
     covariate_units = ("[u]",)
@@ -208,9 +228,10 @@ class CovariateFriction(_CovariateFriction):
 
     .. math:: R = (F_c + F_u u) \operatorname{sgn} v + C_u u v
 
-    The Bingham model of a controllable damper (Stanway, Sproston, Stevens, J. Electrostatics 20,
-    1987) with levels linear in the command; add :class:`LinearViscous` for its constant damping.
-    It dissipates energy for positive coefficients while the covariate is positive.
+    The Bingham model of a controllable damper (Stanway, Sproston, Stevens, J.
+    Electrostatics 20, 1987) with levels linear in the command; add
+    :class:`LinearViscous` for its constant damping. It dissipates energy for positive
+    coefficients while the covariate is positive.
     """
 
     name = "covariate_friction"
@@ -218,9 +239,17 @@ class CovariateFriction(_CovariateFriction):
     acts_at = ("link", "ground")
     variable = "v"
     jumps = True
-    special_cases = {CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)}
+    special_cases = {
+        CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)
+    }
 
-    def __init__(self, covariate: str = "voltage", Fc: Given = None, Fu: Given = None, Cu: Given = None) -> None:
+    def __init__(
+        self,
+        covariate: str = "voltage",
+        Fc: Given = None,
+        Fu: Given = None,
+        Cu: Given = None,
+    ) -> None:
         super().__init__(covariate, {}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
     @staticmethod
@@ -237,9 +266,9 @@ class LaggedCovariateFriction(_CovariateFriction):
     .. math::
         R = (F_c + F_u w) \operatorname{sgn} v + C_u w v, \quad \tau \dot w = u - w
 
-    (Spencer, Dyke, Sain, Carlson, J. Eng. Mech. 123, 1997, whose eta is 1/tau). The lagged
-    covariate w starts in every record at the mean of the first two samples of u, and is moved
-    exactly for a covariate that is held at the mean between samples.
+    (Spencer, Dyke, Sain, Carlson, J. Eng. Mech. 123, 1997, whose eta is 1/tau). The
+    lagged covariate w starts in every record at the mean of the first two samples of u,
+    and is moved exactly for a covariate that is held at the mean between samples.
     """
 
     name = "lagged_covariate_friction"
@@ -250,12 +279,21 @@ class LaggedCovariateFriction(_CovariateFriction):
     variable = "v"
     jumps = True
     special_cases = {
-        CoulombFriction: lambda c: LaggedCovariateFriction(tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0),
-        CovariateFriction: lambda c: LaggedCovariateFriction(c.covariates[0], 1e-12, *c.values),
+        CoulombFriction: lambda c: LaggedCovariateFriction(
+            tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0
+        ),
+        CovariateFriction: lambda c: LaggedCovariateFriction(
+            c.covariates[0], 1e-12, *c.values
+        ),
     }
 
     def __init__(
-        self, covariate: str = "voltage", tau: Given = None, Fc: Given = None, Fu: Given = None, Cu: Given = None
+        self,
+        covariate: str = "voltage",
+        tau: Given = None,
+        Fc: Given = None,
+        Fu: Given = None,
+        Cu: Given = None,
     ) -> None:
         super().__init__(covariate, {"tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
@@ -282,8 +320,8 @@ class CovariateDahl(_CovariateFriction):
         R = (F_c + F_u w) Z + C_u w v, \quad
         \dot Z = \sigma \dot s \, (1 - Z \operatorname{sgn} \dot s), \quad \tau \dot w = u - w
 
-    :class:`LaggedCovariateFriction` that reverses over a distance of about 1/sigma: the modified
-    Dahl damper (paper eqs. 6-7) under a changing command.
+    :class:`LaggedCovariateFriction` that reverses over a distance of about 1/sigma: the
+    modified Dahl damper (paper eqs. 6-7) under a changing command.
     """
 
     name = "covariate_dahl"
@@ -293,16 +331,29 @@ class CovariateDahl(_CovariateFriction):
     carrier = "Z"
     saturates_at = "sigma"
     special_cases = {
-        Dahl: lambda c: CovariateDahl(sigma=c.theta[0], tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0),
-        CovariateFriction: lambda c: CovariateDahl(c.covariates[0], 1e12, 1e-12, *c.values),
-        LaggedCovariateFriction: lambda c: CovariateDahl(c.covariates[0], 1e12, c.theta[0], *c.values),
+        Dahl: lambda c: CovariateDahl(
+            sigma=c.theta[0], tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0
+        ),
+        CovariateFriction: lambda c: CovariateDahl(
+            c.covariates[0], 1e12, 1e-12, *c.values
+        ),
+        LaggedCovariateFriction: lambda c: CovariateDahl(
+            c.covariates[0], 1e12, c.theta[0], *c.values
+        ),
     }
 
     def __init__(
-        self, covariate: str = "voltage", sigma: Given = None, tau: Given = None, Fc: Given = None,
-        Fu: Given = None, Cu: Given = None,
-    ) -> None:  # fmt: skip
-        super().__init__(covariate, {"sigma": sigma, "tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
+        self,
+        covariate: str = "voltage",
+        sigma: Given = None,
+        tau: Given = None,
+        Fc: Given = None,
+        Fu: Given = None,
+        Cu: Given = None,
+    ) -> None:
+        super().__init__(
+            covariate, {"sigma": sigma, "tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu}
+        )
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -326,8 +377,12 @@ class CovariateDahl(_CovariateFriction):
 _RATES = np.array([1e-14, -1e-14, 1e-9, -1e-9])
 
 
-def jump_at_reversal(law: ForceLaw, largest: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Change of each column at a velocity reversal, near and wide, shape (n_terms, 2), for the covariates given."""
+def jump_at_reversal(
+    law: ForceLaw, largest: Sequence[float] | np.ndarray
+) -> np.ndarray:
+    """Change of each column at a velocity reversal, near and wide, shape (n_terms, 2),
+    for the covariates given.
+    """
     zero = np.zeros(4)
     u = np.array([np.full(4, size) for size in largest]).reshape(-1, 4)
     out = np.zeros((len(law.terms()), 4))

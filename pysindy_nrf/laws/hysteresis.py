@@ -1,4 +1,6 @@
-"""Hysteresis: Dahl and the paper's modified Dahl, elasto-plastic elements, LuGre, Bouc-Wen."""
+"""Hysteresis: Dahl and the paper's modified Dahl, elasto-plastic elements, LuGre,
+Bouc-Wen.
+"""
 
 import math
 
@@ -11,7 +13,9 @@ _SIGMA = Shape("sigma", "1/m", 0.03, 3000.0, "1/s")
 
 
 class Element(ForceLaw):
-    """Base of passive elements; they have one state, which is the force, unless they say otherwise."""
+    """Base of passive elements; they have one state, which is the force, unless they
+    say otherwise.
+    """
 
     family = "hysteresis"
     n_states = 1
@@ -33,7 +37,8 @@ class Dahl(Element):
     Parameters
     ----------
     sigma : float, optional
-        Shape of the loop, 1/m (the paper prints s/m for the same number); estimated if None.
+        Shape of the loop, 1/m (the paper prints s/m for the same number); estimated if
+        None.
     Fd : float, optional
         Friction force, N.
 
@@ -73,12 +78,15 @@ class ModifiedDahl(ForceLaw):
     f0 : float, optional
         Initial force, N.
     sigma : float, optional
-        Shape of the loop, 1/m (the paper prints s/m for the same number); estimated if None.
+        Shape of the loop, 1/m (the paper prints s/m for the same number); estimated if
+        None.
 
     Examples
     --------
     >>> from pysindy_nrf import laws
-    >>> damper = laws.ModifiedDahl(K0=50.0, C0=399.0, Fd=34.85, f0=0.0, sigma=5e4)
+    >>> damper = laws.ModifiedDahl(
+    ...     K0=50.0, C0=399.0, Fd=34.85, f0=0.0, sigma=5e4
+    ... )
     >>> print(damper.equation(1))
     50 s1 + 399 v1 + 34.85 Z1  (sigma = 5e+04 1/m)
     """
@@ -86,16 +94,28 @@ class ModifiedDahl(ForceLaw):
     name = "modified_dahl"
     family = "hysteresis"
     shapes = (_SIGMA,)
-    columns = (Term("K0", "s", "N/m"), Term("C0", "v", "N s/m"), Term("Fd", "Z", "N"), Term("f0", "1", "N"))
+    columns = (
+        Term("K0", "s", "N/m"),
+        Term("C0", "v", "N s/m"),
+        Term("Fd", "Z", "N"),
+        Term("f0", "1", "N"),
+    )
     n_states = 1
     symmetry = "none"
     at_rest = None
     nonnegative = ("K0", "C0", "Fd")
     saturates_at = "sigma"
-    special_cases = {Dahl: lambda c: ModifiedDahl(0.0, 0.0, c.values[0], 0.0, c.theta[0])}
+    special_cases = {
+        Dahl: lambda c: ModifiedDahl(0.0, 0.0, c.values[0], 0.0, c.theta[0])
+    }
 
     def __init__(
-        self, K0: Given = None, C0: Given = None, Fd: Given = None, f0: Given = None, sigma: Given = None
+        self,
+        K0: Given = None,
+        C0: Given = None,
+        Fd: Given = None,
+        f0: Given = None,
+        sigma: Given = None,
     ) -> None:
         super().__init__({"sigma": sigma}, {"K0": K0, "C0": C0, "Fd": Fd, "f0": f0})
 
@@ -114,8 +134,8 @@ class Jenkins(Element):
 
     .. math:: R = F_y Z, \quad \dot Z = \dot s / u_y \text{ while } |Z| < 1 \text{ or unloading, else } 0
 
-    The stop operator: along a path without reversal ``Z = min(max(Z_0 + (s - s_0) / u_y, -1), 1)``,
-    exactly. Its elastic stiffness is ``Fy / uy``.
+    The stop operator: along a path without reversal ``Z = min(max(Z_0 + (s - s_0) /
+    u_y, -1), 1)``, exactly. Its elastic stiffness is ``Fy / uy``.
     """
 
     name = "jenkins"
@@ -130,24 +150,30 @@ class Jenkins(Element):
 
 
 class BacklashFriction(Element):
-    r"""Friction slider behind a spring with backlash: a friction damper whose joints are loose.
+    r"""Friction slider behind a spring with backlash: a friction damper whose joints
+    are loose.
 
     .. math:: R = F_y \operatorname{sgn}(w) \min(\max((|w| - g) / u_y, 0), 1), \quad w = s - p
 
-    p is the play operator of half-width ``g + uy``, so that w follows the stop operator, exactly along a path without
-    reversal. After a reversal at the yield force the spring first unloads over uy, then crosses the backlash
-    2 g without force. Without gap it is :class:`Jenkins`.
+    p is the play operator of half-width ``g + uy``, so that w follows the stop
+    operator, exactly along a path without reversal. After a reversal at the yield force
+    the spring first unloads over uy, then crosses the backlash 2 g without force.
+    Without gap it is :class:`Jenkins`.
     """
 
     name = "backlash_friction"
     shapes = (Shape("gap", "m", 0.02, 2.0, "s"), Shape("uy", "m", 0.01, 1.0, "s"))
     columns = (Term("Fy", "Jenkins[s; gap]", "N"),)
     nonnegative = ("Fy",)
-    special_cases = {Jenkins: lambda c: BacklashFriction(1e-12 * c.theta[0], c.theta[0], c.values[0])}
+    special_cases = {
+        Jenkins: lambda c: BacklashFriction(1e-12 * c.theta[0], c.theta[0], c.values[0])
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = np.sign(z[0]) * np.minimum(np.maximum((np.abs(z[0]) - theta[0]) / theta[1], 0.0), 1.0)
+        out[0] = np.sign(z[0]) * np.minimum(
+            np.maximum((np.abs(z[0]) - theta[0]) / theta[1], 0.0), 1.0
+        )
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
@@ -160,17 +186,22 @@ class Iwan(Element):
 
     .. math:: R = F_1 Z_1 + F_2 Z_2
 
-    with :class:`Jenkins` states of yield drift ``uy`` and ``ratio * uy``: a joint that slips
-    partially before it slips as a whole.
+    with :class:`Jenkins` states of yield drift ``uy`` and ``ratio * uy``: a joint that
+    slips partially before it slips as a whole.
     """
 
     name = "iwan"
     shapes = (Shape("uy", "m", 0.01, 2.0, "s"), Shape("ratio", "1", 1.5, 20.0))
-    columns = (Term("F1", "Jenkins[s; uy]", "N"), Term("F2", "Jenkins[s; ratio uy]", "N"))
+    columns = (
+        Term("F1", "Jenkins[s; uy]", "N"),
+        Term("F2", "Jenkins[s; ratio uy]", "N"),
+    )
     n_states = 2
     nonnegative = ("F1", "F2")
     saturates_at = "uy"
-    special_cases = {Jenkins: lambda c: Iwan(uy=c.theta[0], ratio=2.0, F1=c.values[0], F2=0.0)}
+    special_cases = {
+        Jenkins: lambda c: Iwan(uy=c.theta[0], ratio=2.0, F1=c.values[0], F2=0.0)
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -192,21 +223,26 @@ class LuGre(ForceLaw):
         \dot Z = \sigma \left(\dot s - \frac{|\dot s|}{h(\dot s)} Z\right), \quad
         h = 1 + (F_s / F_c - 1) \, e^{-(\dot s / v_s)^2}
 
-    (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40, 1995, with ``sigma_0 = Fc sigma``;
-    its viscous part is :class:`LinearViscous`). With Fs = Fc and without sigma1 it is :class:`Dahl`. The state is exact
-    for constant h; over a change of speed, h is piecewise constant over short parts of the step.
+    (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40, 1995,
+    with ``sigma_0 = Fc sigma``; its viscous part is :class:`LinearViscous`). With Fs =
+    Fc and without sigma1 it is :class:`Dahl`. The state is exact for constant h; over a
+    change of speed, h is piecewise constant over short parts of the step.
     """
 
     name = "lugre"
     family = "hysteresis"
     shapes = (
-        Shape("sigma", "1/m", 0.1, 3000.0, "1/s"), Shape("vs", "m/s", 0.02, 2.0, "v"), Shape("ratio", "1", 1.05, 3.0),
-    )  # fmt: skip
+        Shape("sigma", "1/m", 0.1, 3000.0, "1/s"),
+        Shape("vs", "m/s", 0.02, 2.0, "v"),
+        Shape("ratio", "1", 1.05, 3.0),
+    )
     columns = (Term("Fc", "LuGre[s]", "N"), Term("sigma1", "d/dt bristle[s]", "N s/m"))
     n_states = 1
     nonnegative = ("Fc", "sigma1")
     saturates_at = "sigma"
-    special_cases = {Dahl: lambda c: LuGre(c.theta[0], vs=1.0, ratio=1.0, Fc=c.values[0], sigma1=0.0)}
+    special_cases = {
+        Dahl: lambda c: LuGre(c.theta[0], vs=1.0, ratio=1.0, Fc=c.values[0], sigma1=0.0)
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -222,14 +258,19 @@ class LuGre(ForceLaw):
             return
         sign = math.copysign(1.0, ds)
         a0, a1 = abs(v0), abs(v1)
-        # at more than 5 vs h is constant to 1e-11, below that in parts of a small share of vs
+        # at more than 5 vs h is constant to 1e-11, below that in parts of a small share
+        # of vs
         bend = max(5.0 * theta[1], min(a0, a1))
         b0, b1 = min(a0, bend), min(a1, bend)
         parts = 1 + int(min(16.0 * abs(b1 - b0) / theta[1], 127.0))
         here = a0
         for i in range(parts + 2):
             there = a1 if i > parts else b0 + (b1 - b0) * i / parts
-            share = (there - here) / (a1 - a0) * ((there + here) / (a1 + a0)) if a0 != a1 else 1.0 / (parts + 2)
+            share = (
+                (there - here) / (a1 - a0) * ((there + here) / (a1 + a0))
+                if a0 != a1
+                else 1.0 / (parts + 2)
+            )
             if share <= 0.0:
                 continue
             fall = min(0.5 * (here + there) / theta[1], 26.0)
@@ -246,9 +287,10 @@ class BoucWen(ForceLaw):
         R = \alpha w, \quad
         \dot w = \dot s \, \left[ 1 - (\operatorname{sgn}(\dot s w) + \rho) \, (\beta |w|)^n \right]
 
-    (Bouc 1967, Wen 1976.) alpha is the initial stiffness, 1/beta the length over which the loop
-    bends; ``1 + rho > 0`` softens while loading and ``1 + rho < 0`` hardens without a limit, for
-    which the state is bounded at ``beta |w| = 1e6``. It is dissipative for ``|rho| <= 1``.
+    (Bouc 1967, Wen 1976.) alpha is the initial stiffness, 1/beta the length over which
+    the loop bends; ``1 + rho > 0`` softens while loading and ``1 + rho < 0`` hardens
+    without a limit, for which the state is bounded at ``beta |w| = 1e6``. It is
+    dissipative for ``|rho| <= 1``.
 
     ============================================================  ==============================
     published form                                                here
@@ -258,8 +300,9 @@ class BoucWen(ForceLaw):
     force z (Noel and Schoukens 2016)                             ``beta^n = be ga al^(n-1)``, ``rho = de / ga``
     ============================================================  ==============================
 
-    For n = 1 the state is exact along a path without reversal. Otherwise a fourth-order rule is used, in
-    parts short enough for a relative error of about 1e-6 inside the loop.
+    For n = 1 the state is exact along a path without reversal. Otherwise a fourth-order
+    rule is used, in parts short enough for a relative error of about 1e-6 inside the
+    loop.
 
     Parameters
     ----------
@@ -274,22 +317,33 @@ class BoucWen(ForceLaw):
 
     Examples
     --------
-    The published benchmark (alpha = 5e4, beta = 1e3, gamma = 0.8, delta = -1.1, nu = 1):
+    The published benchmark (alpha = 5e4, beta = 1e3, gamma = 0.8, delta = -1.1, nu =
+    1):
 
     >>> from pysindy_nrf import laws
-    >>> print(laws.BoucWen(beta=1e3 * 0.8, rho=-1.1 / 0.8, n=1.0, alpha=5e4).equation(1))
+    >>> print(
+    ...     laws.BoucWen(
+    ...         beta=1e3 * 0.8, rho=-1.1 / 0.8, n=1.0, alpha=5e4
+    ...     ).equation(1)
+    ... )
     5e+04 BoucWen[s1]  (beta = 800 1/m, rho = -1.375, n = 1)
     """
 
     name = "bouc_wen"
     family = "hysteresis"
     shapes = (
-        Shape("beta", "1/m", 0.03, 100.0, "1/s"), Shape("rho", "1", -2.0, 1.0, log=False), Shape("n", "1", 1.0, 4.0),
-    )  # fmt: skip
+        Shape("beta", "1/m", 0.03, 100.0, "1/s"),
+        Shape("rho", "1", -2.0, 1.0, log=False),
+        Shape("n", "1", 1.0, 4.0),
+    )
     columns = (Term("alpha", "BoucWen[s]", "N/m"),)
     n_states = 1
     nonnegative = ("alpha",)
-    special_cases = {Dahl: lambda c: BoucWen(c.theta[0], rho=0.0, n=1.0, alpha=c.theta[0] * c.values[0])}
+    special_cases = {
+        Dahl: lambda c: BoucWen(
+            c.theta[0], rho=0.0, n=1.0, alpha=c.theta[0] * c.values[0]
+        )
+    }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -297,8 +351,9 @@ class BoucWen(ForceLaw):
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        # y = +-beta w counts positive along the motion, x = beta |s - s0|: dy/dx = 1 - c |y|^n
-        # with c = rho + 1 where y > 0 (loading) and c = rho - 1 where y < 0 (unloading)
+        # y = +-beta w counts positive along the motion, x = beta |s - s0|: dy/dx = 1 -
+        # c |y|^n with c = rho + 1 where y > 0 (loading) and c = rho - 1 where y < 0
+        # (unloading)
         limit = 1e6
         sign = math.copysign(1.0, s1 - s0)
         x = theta[0] * abs(s1 - s0)
@@ -315,11 +370,15 @@ class BoucWen(ForceLaw):
                     y = 0.0
                     x -= x_zero
                 else:
-                    y += slope * (-math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x)
+                    y += slope * (
+                        -math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x
+                    )
                     x = 0.0
             if x > 0.0:
                 c = 1.0 + rho
-                y += (1.0 - c * y) * (-math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x)
+                y += (1.0 - c * y) * (
+                    -math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x
+                )
         else:
             for _ in range(20000):
                 if x <= 0.0:
@@ -330,10 +389,16 @@ class BoucWen(ForceLaw):
                 f1 = 1.0 - c * power
                 if abs(f1) < 1e-13 or (abs(y) >= limit and f1 * y > 0.0):
                     break
-                steep = 1.0 if size < 0.9 else power / size * (1.0 + 0.15 * (n - 1.0) / size)  # of |y|^(n-1) nearby
+                steep = (
+                    1.0
+                    if size < 0.9
+                    else power / size * (1.0 + 0.15 * (n - 1.0) / size)
+                )  # of |y|^(n-1) nearby
                 h = min(x, 0.1 / (abs(c) * n * steep + 1.0 / max(1.0, size)))
                 h = min(h, max(0.5 * size, 1e-3))  # |y|^n is not smooth at y = 0
-                if h < 0.1 * size:  # four terms of Taylor's series: one power instead of four
+                if (
+                    h < 0.1 * size
+                ):  # four terms of Taylor's series: one power instead of four
                     inverse = 1.0 / y
                     d1 = -c * n * power * inverse
                     d2 = d1 * (n - 1.0) * inverse
@@ -346,9 +411,13 @@ class BoucWen(ForceLaw):
                 if y < 0.0 and y + h * f1 > 0.0:
                     # dx = dy / (1 - c |y|^n) up to y = 0, by Gauss's three points
                     x_zero = 0.0
-                    x_zero -= y * 5.0 / 18.0 / (1.0 - c * (-y * 0.1127016653792583) ** n)
+                    x_zero -= (
+                        y * 5.0 / 18.0 / (1.0 - c * (-y * 0.1127016653792583) ** n)
+                    )
                     x_zero -= y * 8.0 / 18.0 / (1.0 - c * (-y * 0.5) ** n)
-                    x_zero -= y * 5.0 / 18.0 / (1.0 - c * (-y * 0.8872983346207417) ** n)
+                    x_zero -= (
+                        y * 5.0 / 18.0 / (1.0 - c * (-y * 0.8872983346207417) ** n)
+                    )
                     if x_zero <= h:
                         y = 0.0
                         x -= x_zero

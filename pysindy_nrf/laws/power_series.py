@@ -10,9 +10,14 @@ from .base import ForceLaw, Term
 
 
 def whole(name: str, value: Any, least: int = 0) -> int:
-    """The value as an int; raises LawError if it is no whole number of at least ``least``."""
+    """The value as an int; raises LawError if it is no whole number of at least
+    ``least``.
+    """
     if isinstance(value, bool) or not hasattr(value, "__index__") or int(value) < least:
-        raise LawError(f"{name}={value!r} is not a whole number of at least {least}", "Give e.g. 3.")
+        raise LawError(
+            f"{name}={value!r} is not a whole number of at least {least}",
+            "Give e.g. 3.",
+        )
     return int(value)
 
 
@@ -20,16 +25,24 @@ MOST_POWER = 60  # a higher power is a mistake, or a file that would exhaust the
 
 
 def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
-    """Exponents (h, j) of v and s: total degree, or the box h <= k, j <= q of eq. (2)."""
+    """Exponents (h, j) of v and s: total degree, or the box h <= k, j <= q of eq.
+    (2).
+    """
     if isinstance(order, (tuple, list)):
         if len(order) != 2:
-            raise LawError(f"order={order!r} is not a box (k, q)", "Give two whole numbers, e.g. (2, 3).")
+            raise LawError(
+                f"order={order!r} is not a box (k, q)",
+                "Give two whole numbers, e.g. (2, 3).",
+            )
         k, q = whole("k", order[0]), whole("q", order[1])
         most = k + q
     else:
         k = q = most = whole("degree", order)
     if max(k, q) > MOST_POWER:
-        raise LawError(f"degree={order!r} is above the highest power, {MOST_POWER}", "Give a lower degree.")
+        raise LawError(
+            f"degree={order!r} is above the highest power, {MOST_POWER}",
+            "Give a lower degree.",
+        )
     return _pairs(k, q, most)
 
 
@@ -41,7 +54,10 @@ def _pairs(k: int, q: int, most: int) -> tuple[tuple[int, int], ...]:
 
 def monomial(h: int, j: int) -> str:
     """Text of v^h s^j, e.g. ``"v^2 s"``."""
-    return " ".join(f"{x}^{n}" if n > 1 else x for x, n in (("v", h), ("s", j)) if n) or "1"
+    return (
+        " ".join(f"{x}^{n}" if n > 1 else x for x, n in (("v", h), ("s", j)) if n)
+        or "1"
+    )
 
 
 def monomial_unit(h: int, j: int) -> str:
@@ -53,7 +69,9 @@ def monomial_unit(h: int, j: int) -> str:
 
 @lru_cache
 def _terms(exponents: tuple[tuple[int, int], ...]) -> tuple[Term, ...]:
-    return tuple(Term(f"c_{h}_{j}", monomial(h, j), monomial_unit(h, j)) for h, j in exponents)
+    return tuple(
+        Term(f"c_{h}_{j}", monomial(h, j), monomial_unit(h, j)) for h, j in exponents
+    )
 
 
 class PowerSeries(ForceLaw):
@@ -64,7 +82,8 @@ class PowerSeries(ForceLaw):
     Parameters
     ----------
     degree : int or (int, int)
-        Total degree h + j (3 gives the nine terms of eq. 9), or the box (k, q): h <= k, j <= q.
+        Total degree h + j (3 gives the nine terms of eq. 9), or the box (k, q): h <= k,
+        j <= q.
     coefficients : array-like or mapping, optional
         In the order of eq. (9), or by symbol ``"c_h_j"``; N s^h / m^(h+j).
 
@@ -86,13 +105,23 @@ class PowerSeries(ForceLaw):
     family = "polynomial"
     symmetry = "none"
 
-    def __init__(self, degree: int | tuple[int, int] = 3, coefficients: Any = None) -> None:
+    def __init__(
+        self, degree: int | tuple[int, int] = 3, coefficients: Any = None
+    ) -> None:
         self.exponents = exponents_of(degree)
-        self.degree = tuple(int(d) for d in degree) if isinstance(degree, (tuple, list)) else int(degree)
+        self.degree = (
+            tuple(int(d) for d in degree)
+            if isinstance(degree, (tuple, list))
+            else int(degree)
+        )
         super().__init__({}, coefficients)
 
     def options(self) -> dict[str, Any]:
-        return {"degree": list(self.degree) if isinstance(self.degree, tuple) else self.degree}
+        return {
+            "degree": (
+                list(self.degree) if isinstance(self.degree, tuple) else self.degree
+            )
+        }
 
     def terms(self) -> tuple[Term, ...]:
         return _terms(self.exponents)

@@ -1,8 +1,9 @@
 """Sensor faults: the reading minus the true channel, as a law of the true channel.
 
-At a site such as ``"sensor a2"`` s is the channel, v and a are its first and second derivative. A fault changes the
-reading, not the motion, and therefore enters no balance. A simulation returns the readings;
-:meth:`SensorFault.corrected` recovers the true channel.
+At a site such as ``"sensor a2"`` s is the channel, v and a are its first and second
+derivative. A fault changes the reading, not the motion, and therefore enters no
+balance. A simulation returns the readings; :meth:`SensorFault.corrected` recovers the
+true channel.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from .base import ForceLaw, Term
 class SensorFault(ForceLaw):
     """Base of the laws of faulty sensors; their output has the unit of the channel.
 
-    A fault has one coefficient. Its unit sets the scale of the search: a time ("s") in radians of the mean
-    frequency of the channel, a share ("1") as it is, anything else in rms values of the channel.
+    A fault has one coefficient. Its unit sets the scale of the search: a time ("s") in
+    radians of the mean frequency of the channel, a share ("1") as it is, anything else
+    in rms values of the channel.
 
     Attributes
     ----------
@@ -27,7 +29,8 @@ class SensorFault(ForceLaw):
     acts_on_derivatives : bool
         Whether the derivatives of the channel have the same fault; false for an offset.
     changes_scale : bool
-        Whether the fault of the only force, or of the only DOF, is indistinguishable from a scaling of the chain.
+        Whether the fault of the only force, or of the only DOF, is indistinguishable
+        from a scaling of the chain.
     """
 
     family = "sensor"
@@ -42,23 +45,30 @@ class SensorFault(ForceLaw):
         raise NotImplementedError
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The true channel from the reading of the sensor; the inverse of :meth:`reading`."""
+        """The true channel from the reading of the sensor; the inverse of
+        :meth:`reading`.
+        """
         raise NotImplementedError
 
     def followed_by(self, other: SensorFault) -> Self:
-        """A single fault equivalent to correcting this one and then another of its kind."""
+        """A single fault equivalent to correcting this one and then another of its
+        kind.
+        """
         return self.with_values([float(self.values[0] + other.values[0])])
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """The same two corrections in the other order: this fault first, then the earlier one."""
+        """The same two corrections in the other order: this fault first, then the
+        earlier one.
+        """
         return self, earlier
 
 
 class ChannelDelay(SensorFault):
-    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter, a slow converter.
+    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter,
+    a slow converter.
 
-    To first order the reading lacks :math:`\tau \dot y`, which is the column of the law; readings and
-    corrections are exact (spline of degree 7).
+    To first order the reading lacks :math:`\tau \dot y`, which is the column of the
+    law; readings and corrections are exact (spline of degree 7).
     """
 
     name = "channel_delay"
@@ -78,7 +88,9 @@ class ChannelDelay(SensorFault):
 
 
 class GainError(SensorFault):
-    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong sign (e = -2)."""
+    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong
+    sign (e = -2).
+    """
 
     name = "gain_error"
     columns = (Term("e", "y", "1"),)
@@ -99,7 +111,9 @@ class GainError(SensorFault):
 
     def followed_by(self, other: SensorFault) -> Self:
         """Gains multiply."""
-        return self.with_values([float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)])
+        return self.with_values(
+            [float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)]
+        )
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
         """An offset that is corrected after the gain is divided by the gain."""
@@ -138,12 +152,16 @@ class SensorOffset(SensorFault):
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """A channel delayed by a number of samples, which may be fractional; NaN outside the record."""
+    """A channel delayed by a number of samples, which may be fractional; NaN outside
+    the record.
+    """
     from scipy.interpolate import make_interp_spline
 
     good = np.flatnonzero(np.isfinite(values))
     out = np.full(len(values), np.nan)
     at = np.arange(len(values)) - samples
     inside = (at >= good[0]) & (at <= good[-1])
-    out[inside] = make_interp_spline(good, values[good], k=min(7, len(good) - 1))(at[inside])
+    out[inside] = make_interp_spline(good, values[good], k=min(7, len(good) - 1))(
+        at[inside]
+    )
     return out

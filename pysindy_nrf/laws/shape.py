@@ -1,4 +1,6 @@
-"""Motion at a site, shape parameters of laws and the scale on which they are searched."""
+"""Motion at a site, shape parameters of laws and the scale on which they are
+searched.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ import numpy as np
 
 @dataclass
 class Motion:
-    """Motion at the site of a law in one contiguous record, or in several, one after the other.
+    """Motion at the site of a law in one contiguous record, or in several, one after
+    the other.
 
     Attributes
     ----------
@@ -67,13 +70,28 @@ class Motion:
             held = [getattr(part, name) for part in parts]
             return None if any(y is None for y in held) else np.concatenate(held)
 
-        shared = [c for c in parts[0].covariates if all(c in part.covariates for part in parts)]
-        covariates = {c: np.concatenate([part.covariates[c] for part in parts]) for c in shared}
+        shared = [
+            c
+            for c in parts[0].covariates
+            if all(c in part.covariates for part in parts)
+        ]
+        covariates = {
+            c: np.concatenate([part.covariates[c] for part in parts]) for c in shared
+        }
         ends = np.cumsum([part.n_samples for part in parts])
-        return cls(line("s"), line("v"), line("a"), line("t"), covariates, tuple(ends[:-1].tolist()))
+        return cls(
+            line("s"),
+            line("v"),
+            line("a"),
+            line("t"),
+            covariates,
+            tuple(ends[:-1].tolist()),
+        )
+
 
 Given = float | None  # the value of a parameter; None: to be estimated
-# Scales of a site, bounds are multiples of them: rms drift (m) and rate (m/s), longest record, first and last time (s).
+# Scales of a site, bounds are multiples of them: rms drift (m) and rate (m/s), longest
+# record, first and last time (s).
 Scales = tuple[float, float, float, tuple[float, float]]
 
 
@@ -88,15 +106,17 @@ class Shape(NamedTuple):
     low, high : float
         Bounds of its search, in multiples of ``scale``.
     scale : str
-        Unit of the bounds, a product such as ``"1"``, ``"s"``, ``"1/v"`` or
-        ``"s/v"`` of the rms drift s, the rms rate v, the record length t and the path p = v t of the site.
+        Unit of the bounds, a product such as ``"1"``, ``"s"``, ``"1/v"`` or ``"s/v"``
+        of the rms drift s, the rms rate v, the record length t and the path p = v t of
+        the site.
     log : bool
         Whether it is positive and searched on a logarithmic scale.
     instant : bool
-        Whether it is a time on the clock of the records; its bounds are then shares of the way from the first time to
-        the last.
+        Whether it is a time on the clock of the records; its bounds are then shares of
+        the way from the first time to the last.
     friction_below : float, optional
-        Value below which the law is practically dry friction, e.g. a power of the rate near zero.
+        Value below which the law is practically dry friction, e.g. a power of the rate
+        near zero.
 
     Examples
     --------
@@ -115,7 +135,11 @@ class Shape(NamedTuple):
     friction_below: float | None = None
 
     def bounds(
-        self, drift: float, rate: float, duration: float, clock: tuple[float, float] | None = None
+        self,
+        drift: float,
+        rate: float,
+        duration: float,
+        clock: tuple[float, float] | None = None,
     ) -> tuple[float, float]:
         """Bounds of the search in SI units.
 
@@ -138,19 +162,27 @@ class Shape(NamedTuple):
 
     @property
     def is_frequency(self) -> bool:
-        """True if it is a frequency in Hz, by its name; candidates are lines in the residual."""
+        """True if it is a frequency in Hz, by its name; candidates are lines in the
+        residual.
+        """
         return self.name == "frequency"
 
 
 class ShapeScale:
-    """Shape parameters in the coordinates of a search: logarithms where :class:`Shape` says so.
+    """Shape parameters in the coordinates of a search: logarithms where :class:`Shape`
+    says so.
 
-    The scales are rms drift (m), rms rate (m/s), longest record (s), first and last time (s) at the site of each. A
-    frequency is searched up to half the sampling rate, ``fastest``: an excitation may be faster than the motion.
+    The scales are rms drift (m), rms rate (m/s), longest record (s), first and last
+    time (s) at the site of each. A frequency is searched up to half the sampling rate,
+    ``fastest``: an excitation may be faster than the motion.
     """
 
-    def __init__(self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf) -> None:
-        bounds = np.array([p.bounds(*own) for p, own in zip(shapes, scales)], dtype=float).reshape(-1, 2)
+    def __init__(
+        self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf
+    ) -> None:
+        bounds = np.array(
+            [p.bounds(*own) for p, own in zip(shapes, scales)], dtype=float
+        ).reshape(-1, 2)
         if np.isfinite(fastest):
             bounds[[p.is_frequency for p in shapes], 1] = fastest
         self.log = np.array([p.log for p in shapes], dtype=bool)

@@ -1,4 +1,6 @@
-"""The chain: masses, the links that join them, and how a link's force enters the balances."""
+"""The chain: masses, the links that join them, and how a link's force enters the
+balances.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,16 @@ from .identifiability import Sensing, SolveOrder, plan_sensing, plan_solve_order
 from .sites import Site, as_mapping, dofs_of
 
 _GROUNDS = ("base", "both", "free")
-MOST_DOFS = 10_000  # a larger number is a mistake, or a file that would exhaust the memory
+MOST_DOFS = (
+    10_000  # a larger number is a mistake, or a file that would exhaust the memory
+)
 
 
 class Chain:
     r"""A chain of masses joined by force laws.
 
-    DOFs are j = 1..n, DOF 0 is the base (ground). Storey i joins DOF i and DOF i-1. The balance
-    of DOF j is (paper eq. 3)
+    DOFs are j = 1..n, DOF 0 is the base (ground). Storey i joins DOF i and DOF i-1. The
+    balance of DOF j is (paper eq. 3)
 
     .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j .
 
@@ -30,10 +34,12 @@ class Chain:
     n_dof : int
         Number of masses, at least 1.
     links : iterable of str
-        Links in addition to the storeys: ``"link 4-2"`` (a brace that skips a floor), ``"ground 3"``.
+        Links in addition to the storeys: ``"link 4-2"`` (a brace that skips a floor),
+        ``"ground 3"``.
     ground : {"base", "both", "free"}
-        ``"base"``: storey 1 stands on the ground. ``"both"``: DOF n is tied to the ground too, by
-        storey n+1 (= ``"ground n"``). ``"free"``: no storey 1; the chain floats.
+        ``"base"``: storey 1 stands on the ground. ``"both"``: DOF n is tied to the
+        ground too, by storey n+1 (= ``"ground n"``). ``"free"``: no storey 1; the chain
+        floats.
 
     Raises
     ------
@@ -56,13 +62,23 @@ class Chain:
     Balance of DOF 1: m1, storey 1.
     """
 
-    def __init__(self, n_dof: int, links: Iterable[str] = (), ground: str = "base") -> None:
+    def __init__(
+        self, n_dof: int, links: Iterable[str] = (), ground: str = "base"
+    ) -> None:
         if isinstance(n_dof, bool) or not hasattr(n_dof, "__index__") or int(n_dof) < 1:
-            raise ChainError(f"n_dof={n_dof!r} is not a number of masses", "Give a whole number of at least 1.")
+            raise ChainError(
+                f"n_dof={n_dof!r} is not a number of masses",
+                "Give a whole number of at least 1.",
+            )
         if int(n_dof) > MOST_DOFS:
-            raise ChainError(f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have", "Condense it.")
+            raise ChainError(
+                f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have",
+                "Condense it.",
+            )
         if ground not in _GROUNDS:
-            raise ChainError(f"ground={ground!r} is unknown", "Choose 'base', 'both' or 'free'.")
+            raise ChainError(
+                f"ground={ground!r} is unknown", "Choose 'base', 'both' or 'free'."
+            )
         self.n_dof = int(n_dof)
         self.ground = ground
         if isinstance(links, str):
@@ -71,16 +87,24 @@ class Chain:
         if ground == "both":
             if self.n_dof == 1:
                 cure = "They act as one; use ground='base'."
-                raise ChainError("A single mass grounded at both ends has two springs side by side", cure)
+                raise ChainError(
+                    "A single mass grounded at both ends has two springs side by side",
+                    cure,
+                )
             sites.append(Site(f"ground {self.n_dof}"))
         extra = []
         for text in links:
             site = Site(text)
             if site.kind != "link" or site.p > self.n_dof:
                 cure = f"Links are 'link p-q' with 0 <= q < p <= {self.n_dof}."
-                raise ChainError(f"{str(site)!r} is not a link of a chain with {self.n_dof} DOFs", cure)
+                raise ChainError(
+                    f"{str(site)!r} is not a link of a chain with {self.n_dof} DOFs",
+                    cure,
+                )
             if site in sites or site in extra:
-                raise ChainError(f"{str(site)!r} is in the chain already", "Give each link once.")
+                raise ChainError(
+                    f"{str(site)!r} is in the chain already", "Give each link once."
+                )
             extra.append(site)
         self.links = tuple(extra)
         self.sites: tuple[Site, ...] = tuple(sites + extra)
@@ -91,7 +115,8 @@ class Chain:
         Parameters
         ----------
         text : str or int
-            A site in the one grammar; on a chain grounded at both ends, storey n+1 is ``"ground n"``.
+            A site in the one grammar; on a chain grounded at both ends, storey n+1 is
+            ``"ground n"``.
 
         Raises
         ------
@@ -105,11 +130,14 @@ class Chain:
             return site
         if site.p > self.n_dof or (site.kind == "link" and site.q < 0):
             cure = f"Its sites are {', '.join(self.sites)}."
-            raise ChainError(f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs", cure)
+            raise ChainError(
+                f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs", cure
+            )
         return site
 
     def incidence(self, sites: Iterable[str] | None = None) -> np.ndarray:
-        """Signs with which site forces enter the balances (Newton's third law, paper eq. 4).
+        """Signs with which site forces enter the balances (Newton's third law, paper
+        eq. 4).
 
         Parameters
         ----------
@@ -123,7 +151,8 @@ class Chain:
         """
         chosen = self.sites if sites is None else [self.site(s) for s in sites]
         return np.array(
-            [[site.incidence(j) for site in chosen] for j in range(1, self.n_dof + 1)], dtype=float
+            [[site.incidence(j) for site in chosen] for j in range(1, self.n_dof + 1)],
+            dtype=float,
         ).reshape(self.n_dof, len(chosen))
 
     def with_links(self, links: Iterable[str]) -> Chain:
@@ -134,47 +163,64 @@ class Chain:
         links : iterable of str
             Sites; the links among them that the chain does not have are added.
         """
-        new = [s for s in dict.fromkeys(map(self.site, links)) if s.kind == "link" and s not in self.sites]
+        new = [
+            s
+            for s in dict.fromkeys(map(self.site, links))
+            if s.kind == "link" and s not in self.sites
+        ]
         return Chain(self.n_dof, (*self.links, *new), self.ground) if new else self
 
     def identifiability(
-        self, excited: int | Iterable[int] = (), *, unknown: int | Iterable[int] = (),
-        known_masses: int | Iterable[int] = (), strategy: str = "auto",
-    ) -> SolveOrder:  # fmt: skip
+        self,
+        excited: int | Iterable[int] = (),
+        *,
+        unknown: int | Iterable[int] = (),
+        known_masses: int | Iterable[int] = (),
+        strategy: str = "auto",
+    ) -> SolveOrder:
         """Masses and laws that an excitation can identify, from the topology alone.
 
         Parameters
         ----------
         excited, unknown, known_masses : int or iterable of int
-            DOFs on which a force acts and is measured, whose force is unknown (their balances are not used), and
-            whose mass is known.
+            DOFs on which a force acts and is measured, whose force is unknown (their
+            balances are not used), and whose mass is known.
         strategy : {"auto", "complete", "sequential", "joint"}
             See :class:`pysindy_nrf.NRFRegressor`.
 
         Returns
         -------
         SolveOrder
-            The order of the solve and what cannot be identified; ``str()`` describes it.
+            The order of the solve and what cannot be identified; ``str()`` describes
+            it.
         """
         return plan_solve_order(self, excited, unknown, known_masses, strategy)
 
     def sensing(
-        self, sensors: int | Iterable[int], excited: int | Iterable[int] = (), *,
-        known_masses: int | Iterable[int] = (), model: Any = None,
-    ) -> Sensing:  # fmt: skip
-        """What sensors on some floors only can tell of masses and stiffnesses, by the linearised problem.
+        self,
+        sensors: int | Iterable[int],
+        excited: int | Iterable[int] = (),
+        *,
+        known_masses: int | Iterable[int] = (),
+        model: Any = None,
+    ) -> Sensing:
+        """What sensors on some floors only can tell of masses and stiffnesses, by the
+        linearised problem.
 
         Parameters
         ----------
         sensors, excited, known_masses : int or iterable of int
-            DOFs whose motion is measured, on which a measured force acts (none: the base moves), whose mass is known.
+            DOFs whose motion is measured, on which a measured force acts (none: the
+            base moves), whose mass is known.
         model : ChainModel, optional
-            A first guess of the chain; else nearly equal masses and stiffnesses with 1 % damping.
+            A first guess of the chain; else nearly equal masses and stiffnesses with 1
+            % damping.
 
         Returns
         -------
         Sensing
-            ``rank``, ``condition``, ``errors`` and ``gains`` of one more sensor; ``str()`` says it in words.
+            ``rank``, ``condition``, ``errors`` and ``gains`` of one more sensor;
+            ``str()`` says it in words.
 
         Raises
         ------
@@ -184,9 +230,13 @@ class Chain:
         Examples
         --------
         >>> from pysindy_nrf import Chain
-        >>> Chain(3).sensing(sensors=3, excited=3).complete  # the response at a forced end tells all
+        >>> Chain(3).sensing(
+        ...     sensors=3, excited=3
+        ... ).complete  # the response at a forced end tells all
         True
-        >>> Chain(3).sensing(sensors=3).complete  # of a shaken chain no mass is known
+        >>> Chain(3).sensing(
+        ...     sensors=3
+        ... ).complete  # of a shaken chain no mass is known
         False
         """
         return plan_sensing(self, sensors, excited, known_masses, model)
@@ -208,7 +258,11 @@ class Chain:
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
-        return {"n_dof": self.n_dof, "links": [str(s) for s in self.links], "ground": self.ground}
+        return {
+            "n_dof": self.n_dof,
+            "links": [str(s) for s in self.links],
+            "ground": self.ground,
+        }
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and self.to_dict() == other.to_dict()
@@ -225,7 +279,9 @@ class Chain:
 def chain_of(chain: Any, n_dof: int) -> Chain:
     """The chain that a parameter gives; a plain one if None."""
     if chain is not None and not isinstance(chain, Chain):
-        raise ChainError(f"chain={chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1']).")
+        raise ChainError(
+            f"chain={chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1'])."
+        )
     return Chain(n_dof) if chain is None else chain
 
 

@@ -23,21 +23,23 @@ _PATTERN = re.compile(
 class Site(str):
     """A place where a force law acts; a string in canonical spelling.
 
-    A law on a link (p, q), p > q, depends on the drift ``s = x_p - x_q`` and its rate. It enters the
-    balance of DOF p with + and that of DOF q with - (Newton's third law, paper eq. 4). A law on
-    ``"dof j"`` enters balance j alone, with +, and depends on the motion of DOF j relative to the base.
+    A law on a link (p, q), p > q, depends on the drift ``s = x_p - x_q`` and its rate.
+    It enters the balance of DOF p with + and that of DOF q with - (Newton's third law,
+    paper eq. 4). A law on ``"dof j"`` enters balance j alone, with +, and depends on
+    the motion of DOF j relative to the base.
 
     Parameters
     ----------
     text : str, int or Site
-        A site in the grammar ``"storey 2"``, ``"link 4-2"``, ``"ground 3"``, ``"dof 2"``,
-        ``"sensor a2"``; an integer i means storey i.
+        A site in the grammar ``"storey 2"``, ``"link 4-2"``, ``"ground 3"``, ``"dof
+        2"``, ``"sensor a2"``; an integer i means storey i.
 
     Attributes
     ----------
     kind : {"link", "dof", "sensor"}
     p, q : int
-        The two degrees of freedom of a link, p > q >= 0 (0 is the base); for a DOF, p is the DOF.
+        The two degrees of freedom of a link, p > q >= 0 (0 is the base); for a DOF, p
+        is the DOF.
     channel : str
         The channel of a sensor site.
 
@@ -65,7 +67,13 @@ class Site(str):
         if isinstance(text, Site):
             return text
         kind, p, q, channel = _parse(text)
-        link = f"storey {p}" if p == q + 1 else f"ground {p}" if q == 0 else f"link {p}-{q}"
+        link = (
+            f"storey {p}"
+            if p == q + 1
+            else f"ground {p}"
+            if q == 0
+            else f"link {p}-{q}"
+        )
         canonical = {"sensor": f"sensor {channel}", "dof": f"dof {p}", "link": link}
         self = super().__new__(cls, canonical[kind])
         self.kind, self.p, self.q, self.channel = kind, p, q, channel
@@ -96,7 +104,9 @@ class Site(str):
 
 
 def _parse(text: Any) -> tuple[str, int, int, str]:
-    if isinstance(text, bool) or not (isinstance(text, str) or hasattr(text, "__index__")):
+    if isinstance(text, bool) or not (
+        isinstance(text, str) or hasattr(text, "__index__")
+    ):
         raise ChainError(f"{text!r} is not a site", f"Write it as {_GRAMMAR}.")
     if not isinstance(text, str):
         text = f"storey {int(text)}"
@@ -108,11 +118,16 @@ def _parse(text: Any) -> tuple[str, int, int, str]:
     if match["p"]:
         p, q = sorted((int(match["p"]), int(match["q"])), reverse=True)
         if p == q:
-            raise ChainError(f"{text!r} joins DOF {p} to itself", "A link joins two different DOFs.")
+            raise ChainError(
+                f"{text!r} joins DOF {p} to itself", "A link joins two different DOFs."
+            )
         return "link", p, q, ""
     number = int(match["number"])
     if number < 1:
-        raise ChainError(f"{text!r} does not exist", "Storeys and DOFs count from 1; DOF 0 is the base.")
+        raise ChainError(
+            f"{text!r} does not exist",
+            "Storeys and DOFs count from 1; DOF 0 is the base.",
+        )
     if match["word"] == "dof":
         return "dof", number, 0, ""
     return "link", number, (0 if match["word"] == "ground" else number - 1), ""
@@ -120,11 +135,19 @@ def _parse(text: Any) -> tuple[str, int, int, str]:
 
 def dofs_of(name: str, values: Any, n_dof: int) -> tuple[int, ...]:
     """DOFs that a parameter names: one whole number or several."""
-    several = isinstance(values, Iterable) and getattr(values, "ndim", True)  # 0 of NumPy's single numbers
+    several = isinstance(values, Iterable) and getattr(
+        values, "ndim", True
+    )  # 0 of NumPy's single numbers
     chosen = tuple(values) if several else (values,)
     for j in chosen:
-        if isinstance(j, bool) or not hasattr(j, "__index__") or not 1 <= int(j) <= n_dof:
-            raise ChainError(f"{name} names DOF {j!r}", f"The chain has DOFs 1 to {n_dof}.")
+        if (
+            isinstance(j, bool)
+            or not hasattr(j, "__index__")
+            or not 1 <= int(j) <= n_dof
+        ):
+            raise ChainError(
+                f"{name} names DOF {j!r}", f"The chain has DOFs 1 to {n_dof}."
+            )
     return tuple(int(j) for j in chosen)
 
 
@@ -133,5 +156,7 @@ def as_mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
     if value is None:
         return {}
     if not isinstance(value, Mapping):
-        raise ChainError(f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}.")
+        raise ChainError(
+            f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}."
+        )
     return value

@@ -14,7 +14,13 @@ import pandas as pd
 from ..common.files import atomic_write, check, plain_json, schema
 from ..common.lazy import Hook
 from ..data.io.table import check_file, unreadable
-from ..exceptions import ChainError, ChannelError, FileFormatError, FileVersionError, LawError
+from ..exceptions import (
+    ChainError,
+    ChannelError,
+    FileFormatError,
+    FileVersionError,
+    LawError,
+)
 from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import lost_masses, total_masses
 from ..mechanics.chain import Chain
@@ -55,7 +61,13 @@ class ChainModel:
     --------
     >>> from pysindy_nrf import ChainModel, laws
     >>> storey = laws.PowerSeries(1, [100.0, 1e5])
-    >>> model = ChainModel([10.0, 10.0], {"storey 1": [storey, laws.Dahl(sigma=5e4, Fd=34.85)], "storey 2": storey})
+    >>> model = ChainModel(
+    ...     [10.0, 10.0],
+    ...     {
+    ...         "storey 1": [storey, laws.Dahl(sigma=5e4, Fd=34.85)],
+    ...         "storey 2": storey,
+    ...     },
+    ... )
     >>> print(model)
     m1 = 10 kg, m2 = 10 kg  (R in N, s in m, v in m/s)
     R1 = 100 v1 + 1e+05 s1 + 34.85 Z1  (sigma = 5e+04 1/m)
@@ -65,35 +77,56 @@ class ChainModel:
     """
 
     def __init__(
-        self, masses: Any, laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]], chain: Chain | None = None,
-        visited: Mapping[Any, VisitedRegion] | None = None, info: Mapping[str, Any] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        masses: Any,
+        laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]],
+        chain: Chain | None = None,
+        visited: Mapping[Any, VisitedRegion] | None = None,
+        info: Mapping[str, Any] | None = None,
+    ) -> None:
         try:
             self.masses = np.array(masses, dtype=float, ndmin=1)
         except (TypeError, ValueError):
             self.masses = np.array([np.nan])
         if self.masses.ndim != 1 or not np.isfinite(self.masses).all():
-            raise ChainError("The masses are not a list of finite numbers", "Give one mass in kg for each DOF.")
+            raise ChainError(
+                "The masses are not a list of finite numbers",
+                "Give one mass in kg for each DOF.",
+            )
         n = len(self.masses)
         if chain is None:
             chain = Chain(n).with_links(laws)
         if chain.n_dof != n:
-            raise ChainError(f"{n} masses for a chain with {chain.n_dof} DOFs", "Give one mass in kg for each DOF.")
+            raise ChainError(
+                f"{n} masses for a chain with {chain.n_dof} DOFs",
+                "Give one mass in kg for each DOF.",
+            )
         self.chain = chain
         held: dict[Site, tuple[ForceLaw, ...]] = {site: () for site in chain.sites}
         for text, value in laws.items():
             site = chain.site(text)
             if site.kind == "link" and site not in chain.sites:
-                raise ChainError(f"{str(site)!r} is not in the chain {chain!r}", "Give it in the chain's links.")
+                raise ChainError(
+                    f"{str(site)!r} is not in the chain {chain!r}",
+                    "Give it in the chain's links.",
+                )
             held[site] = (value,) if isinstance(value, ForceLaw) else tuple(value)
         for site, group in held.items():
             for law in group:
                 if not isinstance(law, ForceLaw):
-                    raise LawError(f"{site}: {law!r} is not a force law", "Use those of pysindy_nrf.laws.")
+                    raise LawError(
+                        f"{site}: {law!r} is not a force law",
+                        "Use those of pysindy_nrf.laws.",
+                    )
                 if law.coefficients is None or law.free_shape:
-                    raise LawError(f"{site}: {law!r} has no values", "Give its coefficients and shape parameters.")
+                    raise LawError(
+                        f"{site}: {law!r} has no values",
+                        "Give its coefficients and shape parameters.",
+                    )
         self.laws = held
-        self.visited = {chain.site(s): region for s, region in dict(visited or {}).items()}
+        self.visited = {
+            chain.site(s): region for s, region in dict(visited or {}).items()
+        }
         self.info = dict(info or {})
 
     @property
@@ -113,12 +146,16 @@ class ChainModel:
 
     @property
     def coefficients(self) -> dict[Site, np.ndarray]:
-        """Coefficients of the laws of every site, one after the other, SI units; empty where nothing acts.
+        """Coefficients of the laws of every site, one after the other, SI units; empty
+        where nothing acts.
 
-        A LawError if a law has lost its own. With the name of each and its unit they stand in
-        ``restoring_forces[site].coefficients``.
+        A LawError if a law has lost its own. With the name of each and its unit they
+        stand in ``restoring_forces[site].coefficients``.
         """
-        return {site: np.concatenate([np.zeros(0), *(law.values for law in held)]) for site, held in self.laws.items()}
+        return {
+            site: np.concatenate([np.zeros(0), *(law.values for law in held)])
+            for site, held in self.laws.items()
+        }
 
     @property
     def restoring_forces(self) -> RestoringForces:
@@ -126,7 +163,8 @@ class ChainModel:
         return RestoringForces(self.chain, self.laws)
 
     def segments(self, X: Any, F: Any = None, **options: Any) -> SegmentSet:
-        """The contiguous records in data given as for :meth:`predict`, with forces F in N.
+        """The contiguous records in data given as for :meth:`predict`, with forces F in
+        N.
 
         Parameters
         ----------
@@ -134,7 +172,9 @@ class ChainModel:
         """
         if isinstance(X, SegmentSet):
             return X
-        return from_arrays(X, F, n_dof=self.n_dof, has_memory=self.has_memory, **options)
+        return from_arrays(
+            X, F, n_dof=self.n_dof, has_memory=self.has_memory, **options
+        )
 
     def site_forces(self, data: SegmentSet) -> list[np.ndarray]:
         """Forces of all sites along each record.
@@ -150,12 +190,15 @@ class ChainModel:
         """
         forces = self.restoring_forces.items()
         return [
-            np.column_stack([force.along(seg.motion(site, seg.valid)) for site, force in forces])
+            np.column_stack(
+                [force.along(seg.motion(site, seg.valid)) for site, force in forces]
+            )
             for seg in data.segments
         ]
 
     def balance_forces(self, data: SegmentSet) -> list[np.ndarray]:
-        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record; see :meth:`site_forces`.
+        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record; see
+        :meth:`site_forces`.
 
         Returns
         -------
@@ -175,7 +218,8 @@ class ChainModel:
         X : array-like of shape (n_samples, 3 n_dof), DataFrame or Record
             a_1.., v_1.., s_1.. (paper eq. 8); SI units.
         **options
-            ``record``, ``time``, ``base_acceleration``, ``covariates``, ``coordinates``, ``dt``.
+            ``record``, ``time``, ``base_acceleration``, ``covariates``,
+            ``coordinates``, ``dt``.
 
         Returns
         -------
@@ -195,8 +239,13 @@ class ChainModel:
         """
         data = self.segments(X, **options, every_row=True)
         order = list(self.laws)
-        pick = [order.index(Site(j)) if Site(j) in order else -1 for j in range(1, self.n_dof + 1)]
-        return data.scatter([np.pad(f, ((0, 0), (0, 1)))[:, pick] for f in self.site_forces(data)])
+        pick = [
+            order.index(Site(j)) if Site(j) in order else -1
+            for j in range(1, self.n_dof + 1)
+        ]
+        return data.scatter(
+            [np.pad(f, ((0, 0), (0, 1)))[:, pick] for f in self.site_forces(data)]
+        )
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness matrix of the linear part.
@@ -215,7 +264,10 @@ class ChainModel:
                 for term, c in zip(law.terms(), law.values):
                     if term.label == "a":
                         M = M + c * np.outer(b, b)
-        C, K = (to_link.T @ (np.array([p[key] for p in linear])[:, None] * to_link) for key in "ck")
+        C, K = (
+            to_link.T @ (np.array([p[key] for p in linear])[:, None] * to_link)
+            for key in "ck"
+        )
         return M, C, K
 
     def modes(self) -> pd.DataFrame:
@@ -224,9 +276,10 @@ class ChainModel:
         Returns
         -------
         DataFrame
-            One row for each mode by rising frequency: ``frequency`` (Hz, undamped), ``damping`` (share of critical),
-            ``dof 1``.. (real shape, largest entry 1). From the state-space eigenvalues, so damping need not be
-            proportional; two real ones of the same shape are one overdamped mode.
+            One row for each mode by rising frequency: ``frequency`` (Hz, undamped),
+            ``damping`` (share of critical), ``dof 1``.. (real shape, largest entry 1).
+            From the state-space eigenvalues, so damping need not be proportional; two
+            real ones of the same shape are one overdamped mode.
 
         Raises
         ------
@@ -236,7 +289,10 @@ class ChainModel:
         M, C, K = self.matrices()
         n = self.n_dof
         if (self.masses <= 0).any():
-            raise ChainError(f"m{int(np.argmin(self.masses)) + 1} is not positive", "Modes need positive masses.")
+            raise ChainError(
+                f"m{int(np.argmin(self.masses)) + 1} is not positive",
+                "Modes need positive masses.",
+            )
         if lost := lost_masses(self.masses, self.laws):
             raise ChainError(lost[0], "Modes need positive masses; weigh that floor.")
         values, vectors = np.linalg.eig(state_matrix(M, C, K))
@@ -252,9 +308,13 @@ class ChainModel:
             size, shape = float(np.sqrt(abs(values[i] * values[k]))), shapes[:, i]
             decay = -0.5 * (values[i] + values[k]).real
             shape = shape / shape[np.argmax(np.abs(shape))]
-            rows.append([size / (2 * np.pi), decay / size if size else 0.0, *shape.real])
+            rows.append(
+                [size / (2 * np.pi), decay / size if size else 0.0, *shape.real]
+            )
         names = ["frequency", "damping", *(f"dof {j}" for j in range(1, n + 1))]
-        return pd.DataFrame(sorted(rows), columns=names, index=pd.RangeIndex(1, n + 1, name="mode"))
+        return pd.DataFrame(
+            sorted(rows), columns=names, index=pd.RangeIndex(1, n + 1, name="mode")
+        )
 
     def surface(self, site: Any, size: int = 41, margin: float = 0.0) -> pd.DataFrame:
         """Restoring-force surface of a site over the region it visited.
@@ -263,12 +323,14 @@ class ChainModel:
         ----------
         site : str or int
         size, margin : int, float
-            Points along each side of the grid, and share by which the rectangle is widened.
+            Points along each side of the grid, and share by which the rectangle is
+            widened.
 
         Returns
         -------
         DataFrame
-            Columns ``v`` (m/s), ``s`` (m), ``R`` (N), ``visited`` (bool); size^2 rows, v slowest.
+            Columns ``v`` (m/s), ``s`` (m), ``R`` (N), ``visited`` (bool); size^2 rows,
+            v slowest.
 
         Raises
         ------
@@ -279,13 +341,22 @@ class ChainModel:
         force = self.restoring_forces[site]
         if force.has_memory:
             cure = "Draw its loops along a record instead."
-            raise LawError(f"The force of {site} depends on the path, it is no surface", cure)
+            raise LawError(
+                f"The force of {site} depends on the path, it is no surface", cure
+            )
         if site not in self.visited:
-            raise ChannelError(f"The visited region of {site} is not known", "Fit the model, or set model.visited.")
+            raise ChannelError(
+                f"The visited region of {site} is not known",
+                "Fit the model, or set model.visited.",
+            )
         region = self.visited[site]
         middle = [(a + b) / 2 for a, b in zip(region.low, region.high)]
         half = [(b - a) / 2 * (1 + margin) for a, b in zip(region.low, region.high)]
-        v, s = grid([m - h for m, h in zip(middle, half)], [m + h for m, h in zip(middle, half)], size)
+        v, s = grid(
+            [m - h for m, h in zip(middle, half)],
+            [m + h for m, h in zip(middle, half)],
+            size,
+        )
         table = {"v": v, "s": s, "R": force(v, s), "visited": region.contains(v, s)}
         return pd.DataFrame({name: values.ravel() for name, values in table.items()})
 
@@ -300,7 +371,8 @@ class ChainModel:
         return Hook.SIMULATE(self, F, dt, **options)
 
     def to_sindy(self, dt: float = 1.0) -> Any:
-        """The model as a fitted ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] under u = F_1..F_n.
+        """The model as a fitted ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n]
+        under u = F_1..F_n.
 
         Parameters
         ----------
@@ -315,7 +387,8 @@ class ChainModel:
 
     @classmethod
     def from_sindy(cls, sindy: Any) -> ChainModel:
-        """The chain behind a ``ps.SINDy`` that was fitted with a library and an optimizer of this package.
+        """The chain behind a ``ps.SINDy`` that was fitted with a library and an
+        optimizer of this package.
 
         Parameters
         ----------
@@ -342,7 +415,11 @@ class ChainModel:
         digits : int
             Significant digits.
         """
-        return [force.equation(digits) for force in self.restoring_forces.values() if force.laws]
+        return [
+            force.equation(digits)
+            for force in self.restoring_forces.values()
+            if force.laws
+        ]
 
     def to_latex(self) -> str:
         """Force balances and restoring forces as one ``aligned`` block of LaTeX."""
@@ -353,7 +430,8 @@ class ChainModel:
         return "\n".join([f"{masses}  (R in N, s in m, v in m/s)", *self.equations()])
 
     def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
-        """Write the model as one self-contained page; without jinja2 or plotly a MissingExtraError names the extra.
+        """Write the model as one self-contained page; without jinja2 or plotly a
+        MissingExtraError names the extra.
 
         Parameters
         ----------
@@ -369,29 +447,44 @@ class ChainModel:
         return str(Hook.MODEL_HTML(self))
 
     def __repr__(self) -> str:
-        return f"ChainModel({self.n_dof} DOF, {', '.join(str(s) for s, held in self.laws.items() if held)})"
+        return (
+            f"ChainModel({self.n_dof} DOF,"
+            f" {', '.join(str(s) for s, held in self.laws.items() if held)})"
+        )
 
     def __eq__(self, other: object) -> bool:
         return (
-            isinstance(other, ChainModel) and np.array_equal(self.masses, other.masses) and self.chain == other.chain
+            isinstance(other, ChainModel)
+            and np.array_equal(self.masses, other.masses)
+            and self.chain == other.chain
             and self.laws == other.laws
-        )  # fmt: skip
+        )
 
-    __hash__ = None  # type: ignore[assignment]  # how Python says that an object that can change has no hash
+    # type: ignore[assignment]  # how Python says that an object that can change has no
+    # hash
+    __hash__ = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, SI units, as :func:`pysindy_nrf.common.files.schema` describes it.
+        """Plain data for JSON, SI units, as :func:`pysindy_nrf.common.files.schema`
+        describes it.
 
         Returns
         -------
         dict
         """
         return {
-            "schema": SCHEMA, "version": VERSION, "chain": self.chain.to_dict(),
+            "schema": SCHEMA,
+            "version": VERSION,
+            "chain": self.chain.to_dict(),
             "masses": [float(m) for m in self.masses],
-            "laws": {str(s): [law.to_dict() for law in held] for s, held in self.laws.items() if held},
-            "visited": {str(s): region.to_dict() for s, region in self.visited.items()}, "info": self.info,
-        }  # fmt: skip
+            "laws": {
+                str(s): [law.to_dict() for law in held]
+                for s, held in self.laws.items()
+                if held
+            },
+            "visited": {str(s): region.to_dict() for s, region in self.visited.items()},
+            "info": self.info,
+        }
 
     def to_json(self, path: Any = None, indent: int = 2) -> str:
         """The model as JSON; every number survives to the last bit.
@@ -420,7 +513,8 @@ class ChainModel:
         Raises
         ------
         FileVersionError, FileFormatError
-            If a later version of this package wrote it, or it is not a model of this package.
+            If a later version of this package wrote it, or it is not a model of this
+            package.
         """
         text, where = source, "The JSON text"
         try:
@@ -428,38 +522,78 @@ class ChainModel:
                 text, where = _text_of(source), str(source)
             data = plain_json(text)
             if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-                raise FileFormatError(f"{where} does not hold a chain model", f'It needs "schema": "{SCHEMA}".')
+                raise FileFormatError(
+                    f"{where} does not hold a chain model",
+                    f'It needs "schema": "{SCHEMA}".',
+                )
             if isinstance(data.get("version"), int) and data["version"] > VERSION:
-                what = f"{where} has version {data['version']}, this package reads up to {VERSION}"
+                what = (
+                    f"{where} has version {data['version']}, this package reads up to"
+                    f" {VERSION}"
+                )
                 raise FileVersionError(what, "Update pysindy_nrf.")
             check(data, schema("chain_model"), where)
             if data["chain"]["n_dof"] != len(data["masses"]):
-                what = f"{where} has {len(data['masses'])} masses for {data['chain']['n_dof']!r} DOFs"
+                what = (
+                    f"{where} has {len(data['masses'])} masses for"
+                    f" {data['chain']['n_dof']!r} DOFs"
+                )
                 raise FileFormatError(what, "Write it with ChainModel.to_json.")
-            chain = Chain(data["chain"]["n_dof"], data["chain"].get("links", ()), data["chain"].get("ground", "base"))
+            chain = Chain(
+                data["chain"]["n_dof"],
+                data["chain"].get("links", ()),
+                data["chain"].get("ground", "base"),
+            )
             return cls(
-                data["masses"], {site: [from_dict(law) for law in held] for site, held in data["laws"].items()}, chain,
-                {site: VisitedRegion.from_dict(region) for site, region in data.get("visited", {}).items()},
+                data["masses"],
+                {
+                    site: [from_dict(law) for law in held]
+                    for site, held in data["laws"].items()
+                },
+                chain,
+                {
+                    site: VisitedRegion.from_dict(region)
+                    for site, region in data.get("visited", {}).items()
+                },
                 data.get("info"),
-            )  # fmt: skip
+            )
         except FileFormatError:
             raise
-        except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            ArithmeticError,
+            RecursionError,
+        ) as error:
             cure = "Write it with ChainModel.to_json."
-            raise FileFormatError(f"{where} is not a readable chain model: {error}", cure) from error
+            raise FileFormatError(
+                f"{where} is not a readable chain model: {error}", cure
+            ) from error
 
 
 def state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Rates of displacements and velocities of a linear structure in free vibration from these, 1/s."""
+    """Rates of displacements and velocities of a linear structure in free vibration
+    from these, 1/s.
+    """
     n = len(M)
-    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    return np.block(
+        [
+            [np.zeros((n, n)), np.eye(n)],
+            [-np.linalg.solve(M, K), -np.linalg.solve(M, C)],
+        ]
+    )
 
 
 def as_model(thing: Any) -> ChainModel:
     """The model of a fitted regressor, or the model itself."""
     model = getattr(thing, "model_", thing)
     if not isinstance(model, ChainModel):
-        raise ChainError(f"{type(thing).__name__} is not a chain model", "Give a fitted NRFRegressor or a ChainModel.")
+        raise ChainError(
+            f"{type(thing).__name__} is not a chain model",
+            "Give a fitted NRFRegressor or a ChainModel.",
+        )
     return model
 
 
@@ -474,7 +608,10 @@ def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> SegmentSet
 def _text_of(path: Any) -> str:
     """The text of a model's file, or an error that names it."""
     if not isinstance(path, (str, os.PathLike)):
-        raise FileFormatError(f"{path!r} is neither JSON text nor a path", "Give what ChainModel.to_json wrote.")
+        raise FileFormatError(
+            f"{path!r} is neither JSON text nor a path",
+            "Give what ChainModel.to_json wrote.",
+        )
     try:
         check_file(Path(path), _MOST_BYTES)
         return Path(path).read_text(encoding="utf-8")
@@ -487,9 +624,18 @@ def storey_names(model: ChainModel) -> list[str]:
     return [f"storey {i}" for i in range(1, model.n_dof + 1)]
 
 
-def frame(data: SegmentSet, parts: list[np.ndarray], columns: list[str]) -> pd.DataFrame:
+def frame(
+    data: SegmentSet, parts: list[np.ndarray], columns: list[str]
+) -> pd.DataFrame:
     """A table of the rows the user passed, indexed by time where it is known."""
-    times = [np.full(seg.n_samples, np.nan) if seg.t is None else seg.t for seg in data.segments]
+    times = [
+        np.full(seg.n_samples, np.nan) if seg.t is None else seg.t
+        for seg in data.segments
+    ]
     known = all(seg.t is not None for seg in data.segments)
-    index = pd.Index(np.concatenate(times), name="t") if known else pd.RangeIndex(data.n_samples, name="sample")
+    index = (
+        pd.Index(np.concatenate(times), name="t")
+        if known
+        else pd.RangeIndex(data.n_samples, name="sample")
+    )
     return pd.DataFrame(data.scatter(parts), index=index, columns=columns)

@@ -1,8 +1,9 @@
 """One ruler for errors: percent NRMSE, per balance and pooled.
 
-``100 rms(e) / rms(reference)``; the reference is the force F_j on a forced DOF and the inertia ``m_j a_j`` elsewhere
-(where storeys were solved from the top down, the inertia of all DOFs above). Pooled: root of the summed squares over
-the summed squares, each balance first divided by the rms of its storey force.
+``100 rms(e) / rms(reference)``; the reference is the force F_j on a forced DOF and the
+inertia ``m_j a_j`` elsewhere (where storeys were solved from the top down, the inertia
+of all DOFs above). Pooled: root of the summed squares over the summed squares, each
+balance first divided by the rms of its storey force.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,7 +26,8 @@ from .segments import BlockRows, Segment, SegmentSet
 
 __all__ = ["nrmse"]
 COLUMNS = ["error", "residual", "reference", "of"]
-# Percent; below it round-off of a Gram matrix (the root of the machine precision) shows in the last digits.
+# Percent; below it round-off of a Gram matrix (the root of the machine precision) shows
+# in the last digits.
 _HELD_BY_A_GRAM = 0.1
 
 
@@ -34,18 +36,31 @@ def balance_errors(model: ChainModel, grams: BlockGrams) -> pd.DataFrame:
     coefficients = model.coefficients
     masses = dict(enumerate(model.masses, 1))
     balances = {j: balance_sizes(j, masses, coefficients, grams) for j in masses}
-    rows = {f"dof {j}": [_percent(*x[:2]), *x[:2], x.of] for j, x in balances.items() if x}
+    rows = {
+        f"dof {j}": [_percent(*x[:2]), *x[:2], x.of] for j, x in balances.items() if x
+    }
     rows["pooled"] = [pooled_percent(balances.values()), np.nan, np.nan, ""]
     return pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
 
 
-def pooled_error(masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams) -> float:
-    """Pooled balance error of masses and coefficients, percent NRMSE; see :func:`balance_errors`."""
-    return pooled_percent(balance_sizes(j, masses, coefficients, grams) for j in range(1, grams.layout.n_dof + 1))
+def pooled_error(
+    masses: Mapping[int, float],
+    coefficients: Mapping[Site, np.ndarray],
+    grams: BlockGrams,
+) -> float:
+    """Pooled balance error of masses and coefficients, percent NRMSE; see
+    :func:`balance_errors`.
+    """
+    return pooled_percent(
+        balance_sizes(j, masses, coefficients, grams)
+        for j in range(1, grams.layout.n_dof + 1)
+    )
 
 
 class Sizes(NamedTuple):
-    """Rms of residual, reference and storey force of one balance, N; the kind of reference, and the samples."""
+    """Rms of residual, reference and storey force of one balance, N; the kind of
+    reference, and the samples.
+    """
 
     residual: float
     reference: float
@@ -55,7 +70,10 @@ class Sizes(NamedTuple):
 
 
 def balance_sizes(
-    dof: int, masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams
+    dof: int,
+    masses: Mapping[int, float],
+    coefficients: Mapping[Site, np.ndarray],
+    grams: BlockGrams,
 ) -> Sizes | None:
     """Rms sizes of one balance, or None if its force is unknown throughout."""
     above = tuple(range(dof, grams.layout.n_dof + 1))
@@ -72,20 +90,34 @@ def balance_sizes(
         weights[..., mass_at, 2] = masses[dof]
     for site in [site for site in where if site.p == dof][:1]:
         weights[..., where[site], 3] = coefficients[site]
-    residual, force, inertia, storey = np.moveaxis(grams.norms(dofs, weights), -1, 0) / size**0.5
+    residual, force, inertia, storey = (
+        np.moveaxis(grams.norms(dofs, weights), -1, 0) / size**0.5
+    )
     of = "F" if np.all(force) and mass_at is not None else "m a"
     if grams.shape:
         reference = np.where(force, force, inertia)
         storey = np.where(storey, storey, np.where(reference, reference, 1.0))
-        return Sizes(residual, reference, storey, of, size)  # type: ignore[arg-type]  # of each block
+        # type: ignore[arg-type]  # of each block
+        return Sizes(residual, reference, storey, of, size)
     reference = force or inertia
-    return Sizes(float(residual), float(reference), float(storey or reference or 1.0), of, float(size))
+    return Sizes(
+        float(residual),
+        float(reference),
+        float(storey or reference or 1.0),
+        of,
+        float(size),
+    )
 
 
 def residual_weights(
-    masses: Mapping[int, float], coefficients: Mapping[Site, np.ndarray], grams: BlockGrams, dofs: tuple[int, ...]
+    masses: Mapping[int, float],
+    coefficients: Mapping[Site, np.ndarray],
+    grams: BlockGrams,
+    dofs: tuple[int, ...],
 ) -> np.ndarray:
-    """Weights of the columns of one balance, or of several summed, whose sum is the residual."""
+    """Weights of the columns of one balance, or of several summed, whose sum is the
+    residual.
+    """
     where, mass_at, target_at = grams.positions(dofs)
     weights = np.zeros((*grams.shape, grams.matrices[dofs].shape[-1]))
     for site, sign in zip(where, grams.groups[dofs].signs):
@@ -97,7 +129,9 @@ def residual_weights(
 
 
 def pooled_percent(balances: Iterable[Sizes | None]) -> float:
-    """Pooled percent NRMSE of balances, each divided by the rms of its storey force; None is left out."""
+    """Pooled percent NRMSE of balances, each divided by the rms of its storey force;
+    None is left out.
+    """
     top = bottom = 0.0
     for sizes in balances:
         if sizes is not None:
@@ -108,28 +142,42 @@ def pooled_percent(balances: Iterable[Sizes | None]) -> float:
 
 def _percent(part: Any, whole: Any) -> Any:
     if np.ndim(whole):  # of blocks
-        return np.array([_percent(*pair) for pair in zip(part.tolist(), whole.tolist())])
+        return np.array(
+            [_percent(*pair) for pair in zip(part.tolist(), whole.tolist())]
+        )
     return 100.0 * part / whole if whole else (0.0 if part == 0 else np.inf)
 
 
 def judge(
-    model: ChainModel, layout: Layout, solve_order: SolveOrder, blocks: Callable[[], Iterable[Block]]
+    model: ChainModel,
+    layout: Layout,
+    solve_order: SolveOrder,
+    blocks: Callable[[], Iterable[Block]],
 ) -> pd.DataFrame:
     """Balance errors of a model on blocks of samples."""
     known = dict(enumerate(model.masses.tolist(), 1))
 
     def run(kind: str) -> pd.DataFrame:
-        return balance_errors(model, total_gram(layout, groups_of(layout, solve_order), blocks(), known, kind))
+        return balance_errors(
+            model,
+            total_gram(layout, groups_of(layout, solve_order), blocks(), known, kind),
+        )
 
     errors = run("gram")
     return run("root") if (errors["error"] < _HELD_BY_A_GRAM).any() else errors
 
 
-def explained_accelerations(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> float:
-    """R^2 of accelerations, variance-weighted over the DOFs, from measured ones, gaps (NaN: unknown) and weights."""
+def explained_accelerations(
+    parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
+) -> float:
+    """R^2 of accelerations, variance-weighted over the DOFs, from measured ones, gaps
+    (NaN: unknown) and weights.
+    """
     left = error = 0.0
     for j in range(parts[0][0].shape[1]):
-        if held := [(a[:, j], gap[:, j], w) for a, gap, w in parts if not np.isnan(gap[0, j])]:
+        if held := [
+            (a[:, j], gap[:, j], w) for a, gap, w in parts if not np.isnan(gap[0, j])
+        ]:
             a, gap, w = (np.concatenate(column) for column in zip(*held))
             error += float(w @ gap**2)
             left += float(w @ (a - np.average(a, weights=w)) ** 2)
@@ -151,32 +199,57 @@ def nrmse(measured: Any, found: Any) -> float:
     Examples
     --------
     >>> from pysindy_nrf.regression.errors import nrmse
-    >>> round(nrmse([1.0, -2.0, 2.0], [1.1, -2.2, 2.2]), 9)  # ten percent too large
+    >>> round(
+    ...     nrmse([1.0, -2.0, 2.0], [1.1, -2.2, 2.2]), 9
+    ... )  # ten percent too large
     10.0
     """
     a, b = np.asarray(measured, dtype=float), np.asarray(found, dtype=float)
     good = np.isfinite(a) & np.isfinite(b)
-    return _percent(float(np.sqrt(np.mean((b[good] - a[good]) ** 2))), float(np.sqrt(np.mean(a[good] ** 2))))
+    return _percent(
+        float(np.sqrt(np.mean((b[good] - a[good]) ** 2))),
+        float(np.sqrt(np.mean(a[good] ** 2))),
+    )
 
 
 def free_run_of(
-    model: ChainModel, segment: Segment, rows: slice | None = None, dt: float | None = None,
-    start: tuple[np.ndarray, np.ndarray] | None = None, integrator: Callable[..., Record] = ChainModel.simulate,
+    model: ChainModel,
+    segment: Segment,
+    rows: slice | None = None,
+    dt: float | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
+    integrator: Callable[..., Record] = ChainModel.simulate,
     **options: Any,
-) -> Record:  # fmt: skip
-    """The model alone under the forces and base motion of some rows, from their first state."""
+) -> Record:
+    """The model alone under the forces and base motion of some rows, from their first
+    state.
+    """
     rows = segment.valid if rows is None else rows
-    x0, v0 = start or (np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v))
-    t0 = 0.0 if segment.t is None else float(segment.t[rows.start])  # on the clock that the laws read
+    x0, v0 = start or (
+        np.cumsum(y[rows.start].astype(float)) for y in (segment.s, segment.v)
+    )
+    t0 = (
+        0.0 if segment.t is None else float(segment.t[rows.start])
+    )  # on the clock that the laws read
     return integrator(
-        model, segment.F[rows], segment.step if dt is None else dt, x0=x0, v0=v0, t0=t0,
+        model,
+        segment.F[rows],
+        segment.step if dt is None else dt,
+        x0=x0,
+        v0=v0,
+        t0=t0,
         base_acceleration=None if segment.ag is None else segment.ag[rows],
-        covariates={k: c[rows] for k, c in segment.covariates.items()} or None, **options,
-    )  # fmt: skip
+        covariates={k: c[rows] for k, c in segment.covariates.items()} or None,
+        **options,
+    )
 
 
-def free_run_by_either(model: ChainModel, segment: Segment, rows: slice, dt: float | None = None) -> Record:
-    """The free run, by Newmark's method where that of variable steps fails or exceeds a hundred times what was seen."""
+def free_run_by_either(
+    model: ChainModel, segment: Segment, rows: slice, dt: float | None = None
+) -> Record:
+    """The free run, by Newmark's method where that of variable steps fails or exceeds a
+    hundred times what was seen.
+    """
     with suppress(NRFError):
         largest = float(np.abs(np.cumsum(segment.s[rows], axis=1)).max())
         run = free_run_of(model, segment, rows, dt, limit=100.0 * largest or 1e100)
@@ -185,7 +258,9 @@ def free_run_by_either(model: ChainModel, segment: Segment, rows: slice, dt: flo
     return free_run_of(model, segment, rows, dt, method="newmark")
 
 
-def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -> tuple[np.ndarray, np.ndarray]:
+def squares_of(
+    run: Record, segment: Segment, rows: slice, filter: Any = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Sums of squares of a free run's error and of the measured displacement."""
     x = np.cumsum(segment.s[rows], axis=1)
     error = run.displacement - x
@@ -194,7 +269,12 @@ def squares_of(run: Record, segment: Segment, rows: slice, filter: Any = None) -
     return (error**2).sum(axis=0), (x**2).sum(axis=0)
 
 
-def free_run_error(model: ChainModel, data: SegmentSet, filters: Sequence[Any], blocks: Sequence[BlockRows]) -> float:
+def free_run_error(
+    model: ChainModel,
+    data: SegmentSet,
+    filters: Sequence[Any],
+    blocks: Sequence[BlockRows],
+) -> float:
     """Free-run error of the displacements on some blocks, percent NRMSE."""
     if (model.masses <= 0).any():
         return float("nan")
@@ -203,7 +283,11 @@ def free_run_error(model: ChainModel, data: SegmentSet, filters: Sequence[Any], 
         seg = data.segments[block.segment]
         start = seg.valid.start
         rows = slice(start + block.rows.start, start + block.rows.stop)
-        if seg.dt is None or np.isnan(seg.F[rows.start]).any() or rows.stop - rows.start < 8:
+        if (
+            seg.dt is None
+            or np.isnan(seg.F[rows.start]).any()
+            or rows.stop - rows.start < 8
+        ):
             return float("nan")
         try:
             run = free_run_of(model, seg, rows)
@@ -211,4 +295,8 @@ def free_run_error(model: ChainModel, data: SegmentSet, filters: Sequence[Any], 
             return float("nan")
         sums += squares_of(run, seg, rows, filters[block.segment])
     top, bottom = sums
-    return float(100.0 * np.sqrt(np.mean(top / bottom))) if (bottom > 0).all() else float("nan")
+    return (
+        float(100.0 * np.sqrt(np.mean(top / bottom)))
+        if (bottom > 0).all()
+        else float("nan")
+    )

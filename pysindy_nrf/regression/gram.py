@@ -1,4 +1,6 @@
-"""Compiled: the pass over samples, each pair of sites that meets multiplied once; the solve of many Gram matrices."""
+"""Compiled: the pass over samples, each pair of sites that meets multiplied once; the
+solve of many Gram matrices.
+"""
 
 from __future__ import annotations
 
@@ -16,23 +18,39 @@ if TYPE_CHECKING:
     from .layout import Block
 
 TILE = 256  # samples whose columns stay in the first and second cache
-_ROW = TILE + 8  # rows of the scratch are not a power of two apart, which would map them onto one cache line
+_ROW = (
+    TILE + 8
+    # rows of the scratch are not a power of two apart, which would map them onto one
+    # cache line
+)
 
 
 class Plan:
-    """Rows ``[a_1, F_1, 0, a_2, ... | sums of balances | terms | helpers]``: how they are built and multiplied."""
+    """Rows ``[a_1, F_1, 0, a_2, ... | sums of balances | terms | helpers]``: how they
+    are built and multiplied.
+    """
 
-    def __init__(self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]) -> None:
+    def __init__(
+        self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]
+    ) -> None:
         n = layout.n_dof
         self.masses = np.array([masses.get(j, 0.0) for j in range(1, n + 1)])
-        sums = sorted((g.dofs for g in groups if len(g.dofs) > 1), key=len)  # of all DOFs from one on
+        sums = sorted(
+            (g.dofs for g in groups if len(g.dofs) > 1), key=len
+        )  # of all DOFs from one on
         self.sums = np.array([dofs[0] - 1 for dofs in sums], dtype=np.int64)
-        # rows of DOFs, sums and sites; each begins at a multiple of three, with rows of zeros behind it
+        # rows of DOFs, sums and sites; each begins at a multiple of three, with rows of
+        # zeros behind it
         counts: dict[object, int] = {j: 2 for j in range(1, n + 1)}
-        counts |= {dofs: 1 for dofs in sums} | {s: layout.counts[s] for s in layout.acting}
+        counts |= {dofs: 1 for dofs in sums} | {
+            s: layout.counts[s] for s in layout.acting
+        }
         ends = np.cumsum([0, *(-(-k // 3) * 3 for k in counts.values())]).tolist()
         units = {unit: (at, end - at) for unit, at, end in zip(counts, ends, ends[1:])}
-        self.terms = np.array([units[s][0] + k for s in layout.acting for k in range(layout.counts[s])], dtype=int)
+        self.terms = np.array(
+            [units[s][0] + k for s in layout.acting for k in range(layout.counts[s])],
+            dtype=int,
+        )
         place: dict[tuple, int] = {}
         pairs, size = [], 0
         self.take: dict[tuple[int, ...], np.ndarray] = {}
@@ -50,7 +68,11 @@ class Plan:
                         place[x, y] = size
                         pairs.append((x, m, y, k, size))
                         size += m * k
-                    block = place[x, y] + np.arange(m)[: counts[high], None] * k + np.arange(counts[low])
+                    block = (
+                        place[x, y]
+                        + np.arange(m)[: counts[high], None] * k
+                        + np.arange(counts[low])
+                    )
                     if i == j:  # only what is on and below the diagonal is multiplied
                         line = np.arange(counts[low])
                         block = np.where(line[:, None] >= line, block, block.T)
@@ -66,7 +88,9 @@ class Plan:
         self._own = local()  # each thread's scratch
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
-        """Add the products of the columns of a block to ``store``, shape (size,); see ``take`` for its order."""
+        """Add the products of the columns of a block to ``store``, shape (size,); see
+        ``take`` for its order.
+        """
         recipe, placed = block.recipe, self._placed
         if placed is None or placed[0] is not recipe:
             self._placed = placed = recipe, *self._rows(recipe)
@@ -75,13 +99,24 @@ class Plan:
         if scratch is None or len(scratch) < n_rows:
             self._own.scratch = scratch = np.zeros((n_rows, _ROW))
         source = block.terms if recipe is None else block.source
-        given = (np.asarray(x, dtype=np.float64) for x in (block.acceleration, block.force, source))
-        _kernel()(*given, places, steps, self.sums, self.masses, self.pairs, scratch, store)
+        given = (
+            np.asarray(x, dtype=np.float64)
+            for x in (block.acceleration, block.force, source)
+        )
+        _kernel()(
+            *given, places, steps, self.sums, self.masses, self.pairs, scratch, store
+        )
 
     def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, int]:
-        """Rows of the channels of a block, how those of the terms are built from them, and how many there are."""
+        """Rows of the channels of a block, how those of the terms are built from them,
+        and how many there are.
+        """
         if recipe is None:
-            return np.concatenate([self._channels, self.terms]), np.zeros((0, 3), dtype=np.int64), self.n_rows
+            return (
+                np.concatenate([self._channels, self.terms]),
+                np.zeros((0, 3), dtype=np.int64),
+                self.n_rows,
+            )
         helpers = max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - len(self.terms))
         size = self.n_rows + helpers
         rows = np.concatenate([self.terms, np.arange(self.n_rows, size)])
@@ -92,7 +127,11 @@ class Plan:
         beside = np.flatnonzero(at < 0)
         at[beside] = size + np.arange(len(beside))
         steps = np.column_stack([rows[row], at[x], np.where(copied, -1, rows[p])])
-        return np.concatenate([self._channels, at]), steps[steps[:, 0] != steps[:, 1]], size + len(beside)
+        return (
+            np.concatenate([self._channels, at]),
+            steps[steps[:, 0] != steps[:, 1]],
+            size + len(beside),
+        )
 
 
 @cache
@@ -117,9 +156,17 @@ def _kernel() -> Callable[..., None]:
             s21 += a2 * b1
             s22 += a2 * b2
         out[0], out[1], out[2] = out[0] + s00, out[1] + s01, out[2] + s02
-        out[step], out[step + 1], out[step + 2] = out[step] + s10, out[step + 1] + s11, out[step + 2] + s12
+        out[step], out[step + 1], out[step + 2] = (
+            out[step] + s10,
+            out[step + 1] + s11,
+            out[step + 2] + s12,
+        )
         step *= 2
-        out[step], out[step + 1], out[step + 2] = out[step] + s20, out[step + 1] + s21, out[step + 2] + s22
+        out[step], out[step + 1], out[step + 2] = (
+            out[step] + s20,
+            out[step + 1] + s21,
+            out[step + 2] + s22,
+        )
 
     def dot32(x, y, b, out):
         s00 = s01 = s10 = s11 = s20 = s21 = 0.0
@@ -138,7 +185,9 @@ def _kernel() -> Callable[..., None]:
     threes, twos = inline(dot33, fastmath=fast), inline(dot32, fastmath=fast)
 
     def load(x, places, channels, start, b):
-        if abs(channels.strides[0]) < abs(channels.strides[1]):  # the channels of a sample lie side by side
+        if abs(channels.strides[0]) < abs(
+            channels.strides[1]
+        ):  # the channels of a sample lie side by side
             for t in range(b):
                 for j in range(channels.shape[0]):
                     x[places[j] * _ROW + t] = channels[j, start + t]
@@ -151,8 +200,16 @@ def _kernel() -> Callable[..., None]:
     loaded = inline(load)
 
     def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
-        n, size, n_sums, n_steps, n_pairs = a.shape[0], a.shape[1], sums.size, steps.shape[0], pairs.shape[0]
-        x, store, steps, pairs, sums, masses, of_a = addresses((x, store, steps, pairs, sums, masses, places))
+        n, size, n_sums, n_steps, n_pairs = (
+            a.shape[0],
+            a.shape[1],
+            sums.size,
+            steps.shape[0],
+            pairs.shape[0],
+        )
+        x, store, steps, pairs, sums, masses, of_a = addresses(
+            (x, store, steps, pairs, sums, masses, places)
+        )
         of_force, of_source = address_of(of_a, n), address_of(of_a, 2 * n)
         for start in range(0, size, TILE):
             b = min(TILE, size - start)
@@ -171,7 +228,10 @@ def _kernel() -> Callable[..., None]:
                         row[t] += given[t + _ROW] - masses[j] * given[t]
                 end = sums[i]
             for k in range(n_steps):
-                row, of = address_of(x, steps[3 * k] * _ROW), address_of(x, steps[3 * k + 1] * _ROW)
+                row, of = (
+                    address_of(x, steps[3 * k] * _ROW),
+                    address_of(x, steps[3 * k + 1] * _ROW),
+                )
                 if steps[3 * k + 2] < 0:
                     for t in range(b):
                         row[t] = of[t]
@@ -179,22 +239,45 @@ def _kernel() -> Callable[..., None]:
                     by = address_of(x, steps[3 * k + 2] * _ROW)
                     for t in range(b):
                         row[t] = by[t] * of[t]
-            for k in range(n_pairs):  # rows i..i+m times rows j..j+c, row-major; only once for a pair of equal rows
+            for k in range(
+                n_pairs
+                # rows i..i+m times rows j..j+c, row-major; only once for a pair of
+                # equal rows
+            ):
                 pair = address_of(pairs, 5 * k)
-                i, m, j, c, out = pair[0], pair[1], pair[2], pair[3], address_of(store, pair[4])
+                i, m, j, c, out = (
+                    pair[0],
+                    pair[1],
+                    pair[2],
+                    pair[3],
+                    address_of(store, pair[4]),
+                )
                 for p in range(0, m, 3):
                     left = address_of(x, (i + p) * _ROW)
                     if c == 2:
                         twos(left, address_of(x, j * _ROW), b, address_of(out, 2 * p))
                     else:
                         for q in range(0, p + 3 if i == j else c, 3):
-                            threes(left, address_of(x, (j + q) * _ROW), b, address_of(out, p * c + q), c)
+                            threes(
+                                left,
+                                address_of(x, (j + q) * _ROW),
+                                b,
+                                address_of(out, p * c + q),
+                                c,
+                            )
 
-    multiply_all = jit(gram_pass)  # one machine code, however the user's arrays lie in memory
-    given, whole = types.Array(types.float64, 2, "A", readonly=True), types.Array(types.float64, 2, "C")
+    multiply_all = jit(
+        gram_pass
+    )  # one machine code, however the user's arrays lie in memory
+    given, whole = (
+        types.Array(types.float64, 2, "A", readonly=True),
+        types.Array(types.float64, 2, "C"),
+    )
     kinds = (types.int64, 2), (types.int64, 1), (types.float64, 1)
     table, starts, line = (types.Array(kind, n, "C") for kind, n in kinds)
-    multiply_all.compile((given, given, given, starts, table, starts, line, table, whole, line))
+    multiply_all.compile(
+        (given, given, given, starts, table, starts, line, table, whole, line)
+    )
     multiply_all.disable_compile()
     return multiply_all
 
@@ -204,11 +287,15 @@ OWN, KNOWN, MASS = range(3)  # roles of a column in a step of the solve order
 
 @cache
 def compiled_solve() -> Callable[..., None]:
-    """Masses (known ones preset) and coefficients by fit; dependent columns: NaN if strict, else zero for one."""
+    """Masses (known ones preset) and coefficients by fit; dependent columns: NaN if
+    strict, else zero for one.
+    """
     from ..laws.compiled import address_of, addresses, jit, part
 
     def least_squares(gram, p, columns, width, target, values, work, strict):
-        """Solve for columns scaled to unit length; False where they depend on each other."""
+        """Solve for columns scaled to unit length; False where they depend on each
+        other.
+        """
         scale = address_of(work, p * p)
         for i in range(width):
             size = gram[columns[i] * (p + 1)]
@@ -248,8 +335,15 @@ def compiled_solve() -> Callable[..., None]:
 
     solved = part(least_squares)
 
-    def chain(fit, strict, n, at, steps, entries, dofs, masses, theta, scratch, columns):
-        n_fits, n_groups, p, n_steps = fit.shape[0], fit.shape[1], fit.shape[2], steps.shape[0]
+    def chain(
+        fit, strict, n, at, steps, entries, dofs, masses, theta, scratch, columns
+    ):
+        n_fits, n_groups, p, n_steps = (
+            fit.shape[0],
+            fit.shape[1],
+            fit.shape[2],
+            steps.shape[0],
+        )
         fit, steps, entries, dofs, masses, theta, target, columns = addresses(
             (fit, steps, entries, dofs, masses, theta, scratch, columns)
         )
@@ -257,7 +351,12 @@ def compiled_solve() -> Callable[..., None]:
         for b in range(n_fits):
             own, weights = address_of(theta, b * p), address_of(masses, b * n)
             for i in range(n_steps):
-                step = address_of(steps, 6 * i)  # group, entries from and to, DOFs from and to, whether masses are free
+                step = address_of(
+                    steps,
+                    6 * i,
+                    # group, entries from and to, DOFs from and to, whether masses are
+                    # free
+                )
                 for k in range(p):
                     target[k] = 0.0
                 for d in range(step[3], step[4]):

@@ -1,4 +1,6 @@
-"""The pass over the samples: blocks of rows in, Gram matrices of the balances out, on all cores."""
+"""The pass over the samples: blocks of rows in, Gram matrices of the balances out, on
+all cores.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +22,41 @@ SHARE = 4  # blocks that a thread takes at once
 
 
 def total_gram(
-    layout: Layout, groups: Sequence[Group], blocks: Iterable[Block], known_masses: Mapping[int, float] | None = None,
+    layout: Layout,
+    groups: Sequence[Group],
+    blocks: Iterable[Block],
+    known_masses: Mapping[int, float] | None = None,
     kind: str = "gram",
-) -> BlockGrams:  # fmt: skip
-    """Gram matrices of all samples of some blocks; ``kind`` as for :class:`GramPass`."""
-    return GramPass(layout, groups, known_masses, kind).add_each((0, block) for block in blocks).total()
+) -> BlockGrams:
+    """Gram matrices of all samples of some blocks; ``kind`` as for
+    :class:`GramPass`.
+    """
+    return (
+        GramPass(layout, groups, known_masses, kind)
+        .add_each((0, block) for block in blocks)
+        .total()
+    )
 
 
 class GramPass:
-    """Running sums of the products of the columns; "root" keeps all digits, by a streamed QR."""
+    """Running sums of the products of the columns; "root" keeps all digits, by a
+    streamed QR.
+    """
 
     def __init__(
-        self, layout: Layout, groups: Sequence[Group], known_masses: Mapping[int, float] | None = None,
-        kind: str = "gram", n_blocks: int = 0,
-    ) -> None:  # fmt: skip
+        self,
+        layout: Layout,
+        groups: Sequence[Group],
+        known_masses: Mapping[int, float] | None = None,
+        kind: str = "gram",
+        n_blocks: int = 0,
+    ) -> None:
         self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
         self.known_masses = dict(known_masses or {})
         self._widths = {g.dofs: width_of(layout, g) for g in groups}
         self.counts: list[float] = []  # samples of each number, by their weights
-        # products and samples by the known forces; for "root" roots and samples by balance
+        # products and samples by the known forces; for "root" roots and samples by
+        # balance
         self._sums: list[dict[tuple, list[Any]]] = []
         self._before: BlockGrams | None = None
         self._plan: Plan | None = None
@@ -51,21 +69,31 @@ class GramPass:
     def plan(self) -> Plan:
         """Which products are taken; shared by all passes that :meth:`empty` makes."""
         if self._plan is None:
-            self._plan = Plan(self.layout, list(self.groups.values()), self.known_masses)
+            self._plan = Plan(
+                self.layout, list(self.groups.values()), self.known_masses
+            )
         return self._plan
 
     def empty(self, before: BlockGrams | None = None) -> GramPass:
-        """A pass over the same columns that has seen nothing, or that goes on behind a total."""
-        out = GramPass(self.layout, list(self.groups.values()), self.known_masses, self.kind)
+        """A pass over the same columns that has seen nothing, or that goes on behind a
+        total.
+        """
+        out = GramPass(
+            self.layout, list(self.groups.values()), self.known_masses, self.kind
+        )
         out._plan, out._before = (self.plan if self.kind == "gram" else None), before
         return out
 
     @property
     def n_samples(self) -> int:
         """Samples of all numbers, by their weights."""
-        return int(sum(self.counts) + (0 if self._before is None else self._before.n_samples))
+        return int(
+            sum(self.counts) + (0 if self._before is None else self._before.n_samples)
+        )
 
-    def add(self, block: Block, number: int = 0, products: np.ndarray | None = None) -> GramPass:
+    def add(
+        self, block: Block, number: int = 0, products: np.ndarray | None = None
+    ) -> GramPass:
         """Add samples to a number, or their products if these are known; self."""
         self._open(number)
         self.counts[number] += block.weight
@@ -73,7 +101,9 @@ class GramPass:
             columns = block.weighted
             for dofs, part in self._sums[number].items():
                 if all(block.known[j - 1] for j in dofs):
-                    rows = rows_of(self.layout, self.groups[dofs], columns, self.known_masses)
+                    rows = rows_of(
+                        self.layout, self.groups[dofs], columns, self.known_masses
+                    )
                     part[0] = root_of(np.hstack([part[0].T, rows]).T)
                     part[1] += block.weight
             return self
@@ -91,9 +121,16 @@ class GramPass:
             self.add(block, number, products)
         return self
 
-    def multiplied(self, blocks: Iterable[tuple[int, Block]]) -> Iterator[tuple[int, Block, np.ndarray | None]]:
-        """Numbered blocks with their products, which are found on all cores; none for roots."""
-        plan, rest = self.plan if self.kind == "gram" else None, iter(blocks)  # made before the threads ask for it
+    def multiplied(
+        self, blocks: Iterable[tuple[int, Block]]
+    ) -> Iterator[tuple[int, Block, np.ndarray | None]]:
+        """Numbered blocks with their products, which are found on all cores; none for
+        roots.
+        """
+        plan, rest = (
+            self.plan if self.kind == "gram" else None,
+            iter(blocks),
+        )  # made before the threads ask for it
 
         def product(number: int, block: Block) -> tuple[int, Block, np.ndarray | None]:
             store = np.zeros(plan.size) if plan else None
@@ -101,10 +138,14 @@ class GramPass:
                 plan.multiply(block.weighted, store)
             return number, block, store
 
-        def products(share: list[tuple[int, Block]]) -> list[tuple[int, Block, np.ndarray | None]]:
+        def products(
+            share: list[tuple[int, Block]],
+        ) -> list[tuple[int, Block, np.ndarray | None]]:
             return [product(*one) for one in share]
 
-        return chain.from_iterable(in_threads(products, iter(lambda: list(islice(rest, SHARE)), [])))
+        return chain.from_iterable(
+            in_threads(products, iter(lambda: list(islice(rest, SHARE)), []))
+        )
 
     def grams(self) -> BlockGrams:
         """Gram matrices or roots of each number."""
@@ -122,7 +163,15 @@ class GramPass:
                         matrix[number] += store[take]
                         sizes[dofs][number] += size
         counts = np.array(self.counts, dtype=float)
-        return BlockGrams(self.layout, self.groups, matrices, sizes, counts, self.known_masses, self.kind)
+        return BlockGrams(
+            self.layout,
+            self.groups,
+            matrices,
+            sizes,
+            counts,
+            self.known_masses,
+            self.kind,
+        )
 
     def total(self) -> BlockGrams:
         """Gram matrices or roots of all that was added under the number 0."""
@@ -137,38 +186,59 @@ class GramPass:
             self._sums.append({dofs: [np.zeros((p, p)), 0.0] for dofs, p in roots})
 
 
-def rows_of(layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]) -> np.ndarray:
-    """Rows ``[terms | a | F]`` of a balance, ``[terms | F - m a]`` of a sum of balances, for all samples of a block."""
+def rows_of(
+    layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]
+) -> np.ndarray:
+    """Rows ``[terms | a | F]`` of a balance, ``[terms | F - m a]`` of a sum of
+    balances, for all samples of a block.
+    """
     own = [block.terms[layout.slices[s]] for s in group.sites]
     index = [j - 1 for j in group.dofs]
     if len(index) == 1:
         return np.vstack([*own, block.acceleration[index], block.force[index]])
-    inertia = np.array([known_masses[j] for j in group.dofs]) @ block.acceleration[index]
+    inertia = (
+        np.array([known_masses[j] for j in group.dofs]) @ block.acceleration[index]
+    )
     return np.vstack([*own, block.force[index].sum(axis=0) - inertia])
 
 
 def pieces_of(
-    data: SegmentSet, layout: LawLayout, groups: Sequence[Group], filters: Sequence[Any],
-    known_masses: Mapping[int, float], runs: Sequence[Segment | None] | None = None,
-    whiteners: Mapping[tuple[int, ...], Any] | None = None, edges: Sequence[np.ndarray] | None = None,
-) -> BlockGrams:  # fmt: skip
+    data: SegmentSet,
+    layout: LawLayout,
+    groups: Sequence[Group],
+    filters: Sequence[Any],
+    known_masses: Mapping[int, float],
+    runs: Sequence[Segment | None] | None = None,
+    whiteners: Mapping[tuple[int, ...], Any] | None = None,
+    edges: Sequence[np.ndarray] | None = None,
+) -> BlockGrams:
     """Gram matrices of consecutive pieces of the data."""
-    chosen = [i for i in range(len(data.segments)) if runs is None or runs[i] is not None]
+    chosen = [
+        i for i in range(len(data.segments)) if runs is None or runs[i] is not None
+    ]
     known = {int(j): float(m) for j, m in known_masses.items()}
     if edges is None:
         lengths = {i: data.segments[i].n_valid for i in chosen}
         length = max(1, -(-sum(lengths.values()) // N_PIECES))
-        cuts = {i: np.linspace(0, n, max(1, round(n / length)) + 1).astype(int) for i, n in lengths.items()}
+        cuts = {
+            i: np.linspace(0, n, max(1, round(n / length)) + 1).astype(int)
+            for i, n in lengths.items()
+        }
     else:
         cuts = {i: np.asarray(edges[i]) for i in chosen}
     counts = [len(cuts[i]) - 1 for i in chosen]
     record = np.repeat(chosen, counts)
     if runs is None and not whiteners:
         numbered = (
-            pair for i, first in zip(chosen, np.cumsum([0, *counts]).tolist())
-            for pair in cut_at(cuts[i], data.segments[i].blocks(layout, filter=filters[i]), first)
-        )  # fmt: skip
-        return replace(GramPass(layout, groups, known).add_each(numbered).grams(), record=record)
+            pair
+            for i, first in zip(chosen, np.cumsum([0, *counts]).tolist())
+            for pair in cut_at(
+                cuts[i], data.segments[i].blocks(layout, filter=filters[i]), first
+            )
+        )
+        return replace(
+            GramPass(layout, groups, known).add_each(numbered).grams(), record=record
+        )
     grams: dict[tuple[int, ...], list[np.ndarray]] = {g.dofs: [] for g in groups}
     sizes: dict[tuple[int, ...], list[int]] = {g.dofs: [] for g in groups}
     for i in chosen:
@@ -176,7 +246,9 @@ def pieces_of(
         twin = None if runs is None else whole_block(runs[i], layout, filters[i])
         spans = [slice(lo, hi) for lo, hi in zip(cuts[i][:-1], cuts[i][1:])]
         for group in groups:
-            width = width_of(layout, group) * (1 if twin is None else 2) - (twin is not None)
+            width = width_of(layout, group) * (1 if twin is None else 2) - (
+                twin is not None
+            )
             if not all(block.known[j - 1] for j in group.dofs):
                 grams[group.dofs] += [np.zeros((width, width))] * len(spans)
                 sizes[group.dofs] += [0] * len(spans)
@@ -189,15 +261,22 @@ def pieces_of(
             grams[group.dofs] += [(part := rows[:, span]) @ part.T for span in spans]
             sizes[group.dofs] += [span.stop - span.start for span in spans]
     return BlockGrams(
-        layout, {g.dofs: g for g in groups}, {dofs: np.array(held) for dofs, held in grams.items()},
+        layout,
+        {g.dofs: g for g in groups},
+        {dofs: np.array(held) for dofs, held in grams.items()},
         {dofs: np.array(held, dtype=float) for dofs, held in sizes.items()},
-        np.concatenate([np.diff(cuts[i]) for i in chosen]).astype(float), known,
-        instrumented=runs is not None, record=record,
-    )  # fmt: skip
+        np.concatenate([np.diff(cuts[i]) for i in chosen]).astype(float),
+        known,
+        instrumented=runs is not None,
+        record=record,
+    )
 
 
 def whole_block(segment: Any, layout: LawLayout, filter: Any) -> Block:
     """All valid rows of a record as one block, its arrays our own."""
     parts = list(segment.blocks(layout, filter=filter))
-    whole = [np.concatenate([getattr(p, k) for p in parts], axis=1) for k in ("terms", "acceleration", "force")]
+    whole = [
+        np.concatenate([getattr(p, k) for p in parts], axis=1)
+        for k in ("terms", "acceleration", "force")
+    ]
     return Block(whole[0], whole[1], whole[2])

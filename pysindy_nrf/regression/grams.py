@@ -1,4 +1,6 @@
-"""The one container of moments: Gram matrices of the columns of each balance, block by block of the samples."""
+"""The one container of moments: Gram matrices of the columns of each balance, block by
+block of the samples.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +23,23 @@ _CUT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class BlockGrams:
-    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block of samples."""
+    """Gram matrices of ``[terms of the sites | a_j | F_j]`` of each balance, by block
+    of samples.
+    """
 
     layout: Any  # a LawLayout where the columns come from laws
     groups: Mapping[Dofs, Group]  # balances, by their DOFs
-    # (n_blocks, p, p), or (p, p) of a sum; by the DOFs of the balance. For ``"root"`` matrices R of shape (..., q, p)
-    # with ``R.T @ R`` = Gram matrix
+    # (n_blocks, p, p), or (p, p) of a sum; by the DOFs of the balance. For ``"root"``
+    # matrices R of shape (..., q, p) with ``R.T @ R`` = Gram matrix
     matrices: Mapping[Dofs, np.ndarray]
-    sizes: Mapping[Dofs, Any]  # (...); samples in which the forces of the balance are known
+    sizes: Mapping[
+        Dofs, Any
+    ]  # (...); samples in which the forces of the balance are known
     n_samples: Any  # (...); all samples
     known_masses: Mapping[int, float]  # kg; those behind sums of balances
     kind: str = "gram"  # roots keep the digits that squaring would lose
-    # whether the rows hold instruments behind the columns: the same balance without its right-hand side, of another
-    # motion. See :meth:`projected`
+    # whether the rows hold instruments behind the columns: the same balance without its
+    # right-hand side, of another motion. See :meth:`projected`
     instrumented: bool = False
     record: np.ndarray | None = None  # (n_blocks,); number of the record of each block
 
@@ -55,31 +61,57 @@ class BlockGrams:
 
     def __getitem__(self, which: Any) -> BlockGrams:
         """Some of the blocks, or a single one."""
-        record = None if self.record is None or np.ndim(self.record[which]) == 0 else self.record[which]
+        record = (
+            None
+            if self.record is None or np.ndim(self.record[which]) == 0
+            else self.record[which]
+        )
         return self._each(lambda x: x[which], lambda n: n[which], record=record)
 
-    def _each(self, of_matrix: Callable, of_number: Callable, **changes: Any) -> BlockGrams:
+    def _each(
+        self, of_matrix: Callable, of_number: Callable, **changes: Any
+    ) -> BlockGrams:
         """Every matrix and every number of samples put through a function."""
         matrices = {dofs: of_matrix(x) for dofs, x in self.matrices.items()}
         sizes = {dofs: of_number(n) for dofs, n in self.sizes.items()}
-        return replace(self, matrices=matrices, sizes=sizes, n_samples=of_number(self.n_samples), **changes)
+        return replace(
+            self,
+            matrices=matrices,
+            sizes=sizes,
+            n_samples=of_number(self.n_samples),
+            **changes,
+        )
 
     def positions(self, dofs: Dofs) -> tuple[dict[Site, slice], int | None, int]:
-        """Where the columns of a balance stand: slice of each site, mass column (or None), target column."""
+        """Where the columns of a balance stand: slice of each site, mass column (or
+        None), target column.
+        """
         at, where = 0, {}
         for site in self.groups[dofs].sites:
             where[site] = slice(at, at + self.layout.counts[site])
             at += self.layout.counts[site]
-        return where, (at if len(dofs) == 1 else None), (at + 1 if len(dofs) == 1 else at)
+        return (
+            where,
+            (at if len(dofs) == 1 else None),
+            (at + 1 if len(dofs) == 1 else at),
+        )
 
     def sum(self, weights: Any = None) -> BlockGrams:
         """Sum of the blocks, each taken ``weights`` times, (..., n_blocks)."""
-        weights = np.ones(self.shape) if weights is None else np.asarray(weights, dtype=float)
-        total = _sum_of_roots if self.kind == "root" else lambda x, w: np.tensordot(w, x, 1)
-        return self._each(lambda x: total(x, weights), lambda n: (weights @ n)[()], record=None)
+        weights = (
+            np.ones(self.shape) if weights is None else np.asarray(weights, dtype=float)
+        )
+        total = (
+            _sum_of_roots if self.kind == "root" else lambda x, w: np.tensordot(w, x, 1)
+        )
+        return self._each(
+            lambda x: total(x, weights), lambda n: (weights @ n)[()], record=None
+        )
 
     def leave_one_out(self) -> BlockGrams:
-        """Sums of all blocks but one, for each block; what is zero in all others stays exactly zero."""
+        """Sums of all blocks but one, for each block; what is zero in all others stays
+        exactly zero.
+        """
         if self.kind == "root":
             return self.sum(1.0 - np.eye(len(self)))
         return self._each(leave_one_out, leave_one_out)
@@ -87,69 +119,116 @@ class BlockGrams:
     def merge(self, other: BlockGrams) -> BlockGrams:
         """Sum of these and others, block by block."""
         self._require_alike(other)
-        add = (lambda x, y: upper_of(np.concatenate([x, y], axis=-2))) if self.kind == "root" else np.add
+        add = (
+            (lambda x, y: upper_of(np.concatenate([x, y], axis=-2)))
+            if self.kind == "root"
+            else np.add
+        )
         return replace(
-            self, matrices={dofs: add(x, other.matrices[dofs]) for dofs, x in self.matrices.items()},
+            self,
+            matrices={
+                dofs: add(x, other.matrices[dofs]) for dofs, x in self.matrices.items()
+            },
             sizes={dofs: n + other.sizes[dofs] for dofs, n in self.sizes.items()},
             n_samples=self.n_samples + other.n_samples,
-        )  # fmt: skip
+        )
 
     @classmethod
     def stack(cls, parts: Sequence[BlockGrams], record: Any = None) -> BlockGrams:
-        """Parts without blocks (sums) as the blocks of one, ``record`` their records."""
+        """Parts without blocks (sums) as the blocks of one, ``record`` their
+        records.
+        """
         first = parts[0]
         for other in parts[1:]:
             first._require_alike(other)
         return replace(
-            first, matrices={dofs: np.stack([p.matrices[dofs] for p in parts]) for dofs in first.matrices},
-            sizes={dofs: np.stack([p.sizes[dofs] for p in parts]) for dofs in first.sizes},
+            first,
+            matrices={
+                dofs: np.stack([p.matrices[dofs] for p in parts])
+                for dofs in first.matrices
+            },
+            sizes={
+                dofs: np.stack([p.sizes[dofs] for p in parts]) for dofs in first.sizes
+            },
             n_samples=np.stack([p.n_samples for p in parts]),
             record=None if record is None else np.asarray(record, dtype=int),
-        )  # fmt: skip
+        )
 
     def _require_alike(self, other: BlockGrams) -> None:
         same = set(self.matrices) == set(other.matrices)
-        wide = same and all(x.shape[-1] == other.matrices[dofs].shape[-1] for dofs, x in self.matrices.items())
+        wide = same and all(
+            x.shape[-1] == other.matrices[dofs].shape[-1]
+            for dofs, x in self.matrices.items()
+        )
         if self.kind != other.kind or not wide:
-            what = f"Gram matrices of different {'columns or kinds' if same else 'balances'} cannot be added"
+            what = (
+                "Gram matrices of different"
+                f" {'columns or kinds' if same else 'balances'} cannot be added"
+            )
             raise NRFError(what, "Accumulate both with the same layout.")
 
     def roots(self) -> BlockGrams:
         """Triangular roots of the Gram matrices."""
         if self.kind == "root":
             return self
-        return replace(self, matrices={d: scaled_cholesky(x) for d, x in self.matrices.items()}, kind="root")
+        return replace(
+            self,
+            matrices={d: scaled_cholesky(x) for d, x in self.matrices.items()},
+            kind="root",
+        )
 
     def squares(self) -> BlockGrams:
         """Gram matrices of the roots."""
         if self.kind == "gram":
             return self
-        return replace(self, matrices={d: x.swapaxes(-1, -2) @ x for d, x in self.matrices.items()}, kind="gram")
+        return replace(
+            self,
+            matrices={d: x.swapaxes(-1, -2) @ x for d, x in self.matrices.items()},
+            kind="gram",
+        )
 
-    def transformed(self, layout: Layout, changes: Mapping[Group, np.ndarray]) -> BlockGrams:
-        """The same samples in other columns: those of each balance times its change, an index array or a matrix."""
+    def transformed(
+        self, layout: Layout, changes: Mapping[Group, np.ndarray]
+    ) -> BlockGrams:
+        """The same samples in other columns: those of each balance times its change, an
+        index array or a matrix.
+        """
         matrices = {}
         for group, change in changes.items():
             x = self.matrices[group.dofs]
             if change.ndim == 1:
-                x = x[..., change] if self.kind == "root" else x[..., change[:, None], change]
+                x = (
+                    x[..., change]
+                    if self.kind == "root"
+                    else x[..., change[:, None], change]
+                )
             else:
                 x = x @ change if self.kind == "root" else change.T @ x @ change
             matrices[group.dofs] = x
-        groups, sizes = {g.dofs: g for g in changes}, {g.dofs: self.sizes[g.dofs] for g in changes}
-        return replace(self, layout=layout, groups=groups, matrices=matrices, sizes=sizes)
+        groups, sizes = (
+            {g.dofs: g for g in changes},
+            {g.dofs: self.sizes[g.dofs] for g in changes},
+        )
+        return replace(
+            self, layout=layout, groups=groups, matrices=matrices, sizes=sizes
+        )
 
     def projected(self) -> BlockGrams:
         """Roots of the columns projected on the instruments Z."""
         if not self.instrumented:
             return self
-        # the solve of these is two-stage least squares, instrumental variables where there are as many as unknowns
-        matrices = {dofs: _projected(x, (x.shape[-1] + 1) // 2) for dofs, x in self.matrices.items()}
+        # the solve of these is two-stage least squares, instrumental variables where
+        # there are as many as unknowns
+        matrices = {
+            dofs: _projected(x, (x.shape[-1] + 1) // 2)
+            for dofs, x in self.matrices.items()
+        }
         return replace(self, matrices=matrices, kind="root", instrumented=False)
 
     def triangle(self, dofs: Dofs, combine: np.ndarray) -> np.ndarray:
-        """Upper triangular R, (..., p, p), with ``R.T @ R`` the Gram matrix of the columns of a balance times
-        ``combine``, (..., n_columns, p)."""
+        """Upper triangular R, (..., p, p), with ``R.T @ R`` the Gram matrix of the
+        columns of a balance times ``combine``, (..., n_columns, p).
+        """
         matrix = self.matrices[dofs]
         if self.kind == "gram":
             gram = combine.swapaxes(-1, -2) @ matrix @ combine
@@ -157,57 +236,95 @@ class BlockGrams:
         return upper_of(matrix @ combine)
 
     def norms(self, dofs: Dofs, weights: np.ndarray) -> np.ndarray:
-        """Lengths, (..., p), of combinations of the columns of a balance; ``weights`` is (..., n_columns, p)."""
+        """Lengths, (..., p), of combinations of the columns of a balance; ``weights``
+        is (..., n_columns, p).
+        """
         image = self.matrices[dofs] @ weights
         if self.kind == "root":
             return np.linalg.norm(image, axis=-2)
-        return np.sqrt(np.clip(np.einsum("...ij,...ij->...j", weights, image), 0.0, None))
+        return np.sqrt(
+            np.clip(np.einsum("...ij,...ij->...j", weights, image), 0.0, None)
+        )
 
     def to_arrays(self) -> dict[str, np.ndarray]:
-        """Plain arrays, as ``numpy.savez`` takes them; layout and balances are given again to :meth:`from_arrays`."""
-        out = {f"gram {'-'.join(map(str, dofs))}": np.asarray(x) for dofs, x in self.matrices.items()}
-        out |= {f"size {'-'.join(map(str, dofs))}": np.asarray(n) for dofs, n in self.sizes.items()}
-        out |= {"n_samples": np.asarray(self.n_samples), "kind": np.array(KINDS.index(self.kind))}
+        """Plain arrays, as ``numpy.savez`` takes them; layout and balances are given
+        again to :meth:`from_arrays`.
+        """
+        out = {
+            f"gram {'-'.join(map(str, dofs))}": np.asarray(x)
+            for dofs, x in self.matrices.items()
+        }
+        out |= {
+            f"size {'-'.join(map(str, dofs))}": np.asarray(n)
+            for dofs, n in self.sizes.items()
+        }
+        out |= {
+            "n_samples": np.asarray(self.n_samples),
+            "kind": np.array(KINDS.index(self.kind)),
+        }
         out |= {} if self.record is None else {"record": self.record}
         return out | {"instrumented": np.array(self.instrumented)}
 
     @classmethod
     def from_arrays(
-        cls, arrays: Mapping[str, np.ndarray], layout: Layout, groups: Iterable[Group],
+        cls,
+        arrays: Mapping[str, np.ndarray],
+        layout: Layout,
+        groups: Iterable[Group],
         known_masses: Mapping[int, float] | None = None,
-    ) -> BlockGrams:  # fmt: skip
+    ) -> BlockGrams:
         """What :meth:`to_arrays` wrote, of the same layout and balances."""
         held = {g.dofs: g for g in groups}
         names = {dofs: "-".join(map(str, dofs)) for dofs in held}
         return cls(
-            layout, held, {d: arrays[f"gram {x}"] for d, x in names.items()},
-            {d: arrays[f"size {x}"][()] for d, x in names.items()}, arrays["n_samples"][()], dict(known_masses or {}),
-            KINDS[int(arrays["kind"])], bool(arrays["instrumented"]), arrays.get("record"),
-        )  # fmt: skip
+            layout,
+            held,
+            {d: arrays[f"gram {x}"] for d, x in names.items()},
+            {d: arrays[f"size {x}"][()] for d, x in names.items()},
+            arrays["n_samples"][()],
+            dict(known_masses or {}),
+            KINDS[int(arrays["kind"])],
+            bool(arrays["instrumented"]),
+            arrays.get("record"),
+        )
 
 
 def variance(values: Any) -> np.ndarray:
-    """Variance of an estimate from its n values, each with one part of the data left out (jackknife)."""
+    """Variance of an estimate from its n values, each with one part of the data left
+    out (jackknife).
+    """
     values = np.asarray(values)
     n = len(values)
     return (n - 1) / n * ((values - values.mean(axis=0)) ** 2).sum(axis=0)
 
 
 def leave_one_out(blocks: np.ndarray) -> np.ndarray:
-    """Sums of all entries of the first axis but one, from both ends, so that what is zero stays zero."""
+    """Sums of all entries of the first axis but one, from both ends, so that what is
+    zero stays zero.
+    """
     zero = np.zeros_like(blocks[:1])
     before = np.concatenate([zero, np.cumsum(blocks[:-1], axis=0)])
     return before + np.concatenate([zero, np.cumsum(blocks[:0:-1], axis=0)])[::-1]
 
 
 def width_of(layout: Layout, group: Group) -> int:
-    """Columns of a balance: its terms, and a_j and F_j, or the right-hand side of a sum of balances."""
-    return sum(layout.counts[s] for s in group.sites) + (2 if len(group.dofs) == 1 else 1)
+    """Columns of a balance: its terms, and a_j and F_j, or the right-hand side of a sum
+    of balances.
+    """
+    return sum(layout.counts[s] for s in group.sites) + (
+        2 if len(group.dofs) == 1 else 1
+    )
 
 
 def root_of(rows: np.ndarray) -> np.ndarray:
-    """Upper triangular factor of rows, (n, p), square; zeros below where there are fewer rows than columns."""
-    return _squared_off(linalg.qr(rows, mode="r", overwrite_a=True, check_finite=False)[0][: rows.shape[1]])
+    """Upper triangular factor of rows, (n, p), square; zeros below where there are
+    fewer rows than columns.
+    """
+    return _squared_off(
+        linalg.qr(rows, mode="r", overwrite_a=True, check_finite=False)[0][
+            : rows.shape[1]
+        ]
+    )
 
 
 def upper_of(rows: np.ndarray) -> np.ndarray:
@@ -216,7 +333,9 @@ def upper_of(rows: np.ndarray) -> np.ndarray:
 
 
 def scaled_cholesky(gram: np.ndarray) -> np.ndarray:
-    """Upper factor of Gram matrices (..., p, p) whose columns span many orders of magnitude."""
+    """Upper factor of Gram matrices (..., p, p) whose columns span many orders of
+    magnitude.
+    """
     scale = np.sqrt(np.clip(np.diagonal(gram, axis1=-2, axis2=-1), 0.0, None))
     safe = np.where(scale > 0, scale, 1.0)
     unit = gram / safe[..., :, None] / safe[..., None, :]
@@ -225,12 +344,16 @@ def scaled_cholesky(gram: np.ndarray) -> np.ndarray:
         whole = unit + (scale == 0)[..., None] * np.eye(p)
         if gram.ndim == 2:
             return linalg.cholesky(whole, check_finite=False) * scale
-        return np.linalg.cholesky(whole).swapaxes(-1, -2) * scale[..., None, :]  # SciPy takes one at a time
+        return (
+            np.linalg.cholesky(whole).swapaxes(-1, -2) * scale[..., None, :]
+        )  # SciPy takes one at a time
     except np.linalg.LinAlgError:
         pass
     if gram.ndim > 2:
         return np.array([scaled_cholesky(one) for one in gram])
-    upper = np.zeros_like(unit)  # a pivot lost to round-off is zero: a combination of the columns before it
+    upper = np.zeros_like(
+        unit
+    )  # a pivot lost to round-off is zero: a combination of the columns before it
     for i in range(p):
         row = unit[i, i:] - upper[:i, i] @ upper[:i, i:]
         if row[0] > 4 * p * np.finfo(float).eps:
@@ -267,7 +390,9 @@ def _projected(gram: np.ndarray, n: int) -> np.ndarray:
     values, vectors = np.linalg.eigh(inner / scale[:, None] / scale)
     good = values > _CUT * values[-1]
     out = np.zeros((n, n))
-    out[: good.sum()] = (vectors[:, good] / np.sqrt(values[good])).T @ (cross / scale[:, None])
+    out[: good.sum()] = (vectors[:, good] / np.sqrt(values[good])).T @ (
+        cross / scale[:, None]
+    )
     return out
 
 
@@ -276,12 +401,15 @@ _RIDGE = (1e-9, 1e-5, 1e-3, 3e-2)
 
 
 class Regression:
-    """Least squares on some blocks, judged on the others; all on Gram matrices of blocks.
+    """Least squares on some blocks, judged on the others; all on Gram matrices of
+    blocks.
 
     ``at`` holds the columns of the Gram matrices by the name of their group.
     """
 
-    def __init__(self, grams: np.ndarray, at: Mapping[str, np.ndarray], n_folds: int = 5) -> None:
+    def __init__(
+        self, grams: np.ndarray, at: Mapping[str, np.ndarray], n_folds: int = 5
+    ) -> None:
         self.at = at
         self.size = np.sqrt(np.maximum(np.einsum("bii->i", grams), 0.0))
         self.size[self.size == 0] = 1.0
@@ -290,26 +418,44 @@ class Regression:
         self._fits: dict[tuple[str, tuple[str, ...]], tuple[np.ndarray, float]] = {}
 
     @classmethod
-    def of(cls, groups: Mapping[str, Sequence[np.ndarray]], n_blocks: int = 25, n_folds: int = 5) -> Regression:
+    def of(
+        cls,
+        groups: Mapping[str, Sequence[np.ndarray]],
+        n_blocks: int = 25,
+        n_folds: int = 5,
+    ) -> Regression:
         """The regression on groups of columns, each with one array for every record."""
-        widths = [1 if parts[0].ndim == 1 else parts[0].shape[1] for parts in groups.values()]
+        widths = [
+            1 if parts[0].ndim == 1 else parts[0].shape[1] for parts in groups.values()
+        ]
         ends = np.cumsum([0, *widths])
         at = {name: np.arange(a, b) for name, a, b in zip(groups, ends, ends[1:])}
-        blocks = in_blocks([np.column_stack(parts) for parts in zip(*groups.values())], n_blocks)
+        blocks = in_blocks(
+            [np.column_stack(parts) for parts in zip(*groups.values())], n_blocks
+        )
         return cls(np.array([b.T @ b for b in blocks]), at, n_folds)
 
     def left(self, target: str, names: Sequence[str] = ()) -> np.ndarray:
-        """Squares of a target left in every block by columns fitted to the other folds; the best ridge counts."""
+        """Squares of a target left in every block by columns fitted to the other folds;
+        the best ridge counts.
+        """
         return self._fit(target, tuple(names))[0]
 
-    def share(self, target: str, names: Sequence[str], beside: Sequence[str] = ()) -> tuple[float, float]:
-        """Held-out share of the squares left by ``beside`` that further columns explain, and its standard error."""
+    def share(
+        self, target: str, names: Sequence[str], beside: Sequence[str] = ()
+    ) -> tuple[float, float]:
+        """Held-out share of the squares left by ``beside`` that further columns
+        explain, and its standard error.
+        """
         return share_of(self.left(target, beside), self.left(target, [*beside, *names]))
 
     def coefficients(self, target: str, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Coefficients on all data, by name, in the columns' own units."""
         index = self._index(target, names)
-        w = _solved(self.grams.sum(axis=0)[index[:, None], index], self._fit(target, tuple(names))[1])
+        w = _solved(
+            self.grams.sum(axis=0)[index[:, None], index],
+            self._fit(target, tuple(names))[1],
+        )
         w = w * self.size[index[-1]] / self.size[index[:-1]]
         ends = np.cumsum([0, *(len(self.at[name]) for name in names)])
         return {name: w[a:b] for name, a, b in zip(names, ends, ends[1:])}
@@ -327,8 +473,15 @@ class Regression:
             parts = np.array([grams[self.folds == k].sum(axis=0) for k in range(count)])
             train = parts.sum(axis=0) - parts if count > 1 else parts
             ridges = np.array(_RIDGE if len(index) > 1 else _RIDGE[:1])
-            full = np.insert(-_solved(train, ridges[:, None, None, None]), len(index) - 1, 1.0, axis=2)
-            full = full.transpose(1, 2, 0)[self.folds]  # (n_blocks, n_columns, n_ridges)
+            full = np.insert(
+                -_solved(train, ridges[:, None, None, None]),
+                len(index) - 1,
+                1.0,
+                axis=2,
+            )
+            full = full.transpose(1, 2, 0)[
+                self.folds
+            ]  # (n_blocks, n_columns, n_ridges)
             left = scale * np.maximum((full * (grams @ full)).sum(axis=1), 0.0)
             best = left.sum(axis=0).argmin()
             self._fits[target, names] = left[:, best], float(ridges[best])
@@ -339,11 +492,17 @@ def in_blocks(records: Sequence[np.ndarray], n_blocks: int = 25) -> list[np.ndar
     """Rows of all records, cut into contiguous blocks of about equal length."""
     total = sum(map(len, records))
     counts = [max(1, int(round(n_blocks * len(part) / total))) for part in records]
-    return [block for part, count in zip(records, counts) for block in np.array_split(part, count)]
+    return [
+        block
+        for part, count in zip(records, counts)
+        for block in np.array_split(part, count)
+    ]
 
 
 def _solved(grams: np.ndarray, ridge: Any) -> np.ndarray:
-    """Ridge regression of the last column on the others, one for each Gram matrix and ridge."""
+    """Ridge regression of the last column on the others, one for each Gram matrix and
+    ridge.
+    """
     A, h = grams[..., :-1, :-1], grams[..., :-1, -1:]
     eye = np.eye(A.shape[-1])
     sizes = np.maximum(np.einsum("...ii->...i", A), 1e-12)[..., None, :] * eye
@@ -351,7 +510,9 @@ def _solved(grams: np.ndarray, ridge: Any) -> np.ndarray:
 
 
 def share_of(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
-    """``1 - sum(after) / sum(before)`` over blocks, and its standard error (jackknife)."""
+    """``1 - sum(after) / sum(before)`` over blocks, and its standard error
+    (jackknife).
+    """
     if before.sum() <= 0:
         return 0.0, 0.0
     share = 1.0 - float(after.sum() / before.sum())

@@ -1,4 +1,6 @@
-"""Contiguous records: the range of their channels, the region they visit, and their way into features by blocks."""
+"""Contiguous records: the range of their channels, the region they visit, and their way
+into features by blocks.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ _SHARE = 2**20  # numbers that a thread scans at once
 
 @dataclass(frozen=True)
 class Extent:
-    """Least and largest value of channels, NaN passed over, and which of them are finite throughout."""
+    """Least and largest value of channels, NaN passed over, and which of them are
+    finite throughout.
+    """
 
     low: np.ndarray  # +inf for a channel of NaN
     high: np.ndarray  # -inf for a channel of NaN
@@ -33,27 +37,43 @@ class Extent:
         low, high, bad = np.zeros((3, sum(matrix.shape[1] for matrix in matrices)))
         low[:], high[:] = np.inf, -np.inf
         for where, (least, most, zero) in in_threads(_scanned, _shares(matrices)):
-            low[where], high[where] = np.minimum(low[where], least), np.maximum(high[where], most)
+            low[where], high[where] = (
+                np.minimum(low[where], least),
+                np.maximum(high[where], most),
+            )
             bad[where] += zero
         return cls(low, high, bad == 0.0)
 
     def merge(self, other: Extent) -> Extent:
         """Extent of both."""
-        return Extent(np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.finite & other.finite)
+        return Extent(
+            np.minimum(self.low, other.low),
+            np.maximum(self.high, other.high),
+            self.finite & other.finite,
+        )
 
     def moves(self, channel: int) -> bool:
         """Whether a channel holds anything but zeros and NaN."""
         return bool(self.low[channel] < 0.0 or self.high[channel] > 0.0)
 
     def boxes(self, n_dof: int) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest (v, s) of each storey, shape (n_dof, 2), where the channels are a, v, s, F of n DOFs."""
-        low, high = (x[n_dof : 3 * n_dof].reshape(2, n_dof).T.copy() for x in (self.low, self.high))
+        """Least and largest (v, s) of each storey, shape (n_dof, 2), where the channels
+        are a, v, s, F of n DOFs.
+        """
+        low, high = (
+            x[n_dof : 3 * n_dof].reshape(2, n_dof).T.copy()
+            for x in (self.low, self.high)
+        )
         return low, high
 
     def is_whole(self, n_needed: int) -> bool:
-        """Whether the first channels are finite, and each further one too or nothing but NaN."""
+        """Whether the first channels are finite, and each further one too or nothing
+        but NaN.
+        """
         empty = (self.low == np.inf) & (self.high == -np.inf)
-        return bool(self.finite[:n_needed].all() and (self.finite | empty)[n_needed:].all())
+        return bool(
+            self.finite[:n_needed].all() and (self.finite | empty)[n_needed:].all()
+        )
 
 
 def _shares(matrices: Sequence[np.ndarray]) -> Iterator[tuple[slice, np.ndarray]]:
@@ -64,21 +84,32 @@ def _shares(matrices: Sequence[np.ndarray]) -> Iterator[tuple[slice, np.ndarray]
         at = where.stop
         if matrix.size:
             rows = max(_SHARE // matrix.shape[1], 1)
-            yield from ((where, matrix[start : start + rows]) for start in range(0, len(matrix), rows))
+            yield from (
+                (where, matrix[start : start + rows])
+                for start in range(0, len(matrix), rows)
+            )
 
 
 def _scanned(share: tuple[slice, np.ndarray]) -> tuple[slice, np.ndarray]:
-    """Least and largest values and a sum of zeros, or of NaN where something is not finite."""
+    """Least and largest values and a sum of zeros, or of NaN where something is not
+    finite.
+    """
     where, matrix = share
     out = np.zeros((3, matrix.shape[1]))
     out[0], out[1] = np.inf, -np.inf
-    _scan(matrix.dtype.name, "C" if matrix.flags.c_contiguous else "A")(np.asarray(matrix), out)
+    _scan(matrix.dtype.name, "C" if matrix.flags.c_contiguous else "A")(
+        np.asarray(matrix), out
+    )
     return where, out
 
 
 @cache
-def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndarray], None]:
-    """Compiled pass, row after row; one machine-code version for each type, whoever owns the array."""
+def _scan(
+    kind: str, layout: Literal["C", "A"]
+) -> Callable[[np.ndarray, np.ndarray], None]:
+    """Compiled pass, row after row; one machine-code version for each type, whoever
+    owns the array.
+    """
     from numba import from_dtype, types
 
     from ..laws.compiled import jit
@@ -109,7 +140,8 @@ def _scan(kind: str, layout: Literal["C", "A"]) -> Callable[[np.ndarray, np.ndar
 
 
 _CELLS = 40
-_MOST = 8_000  # samples at most; a cell beside a visited one counts as visited, see contains
+# samples at most; a cell beside a visited one counts as visited, see contains
+_MOST = 8_000
 
 
 @dataclass(frozen=True)
@@ -123,12 +155,17 @@ class VisitedRegion:
     @classmethod
     def of(cls, v: np.ndarray, s: np.ndarray) -> VisitedRegion:
         """Region visited by samples."""
-        low, high = (np.array([f(v), f(s)], dtype=float)[None] for f in (np.min, np.max))
+        low, high = (
+            np.array([f(v), f(s)], dtype=float)[None] for f in (np.min, np.max)
+        )
         return cls.of_storeys([(v[:, None], s[:, None])], low, high)[0]
 
     @classmethod
     def of_storeys(
-        cls, pieces: Sequence[tuple[np.ndarray, np.ndarray]], low: np.ndarray, high: np.ndarray
+        cls,
+        pieces: Sequence[tuple[np.ndarray, np.ndarray]],
+        low: np.ndarray,
+        high: np.ndarray,
     ) -> list[VisitedRegion]:
         """Regions visited by the samples of several records, one for each storey."""
         step = max(1, -(-sum(len(v) for v, _ in pieces) // _MOST))
@@ -136,10 +173,15 @@ class VisitedRegion:
         span = high - low
         scale = np.where(span > 0, _CELLS / np.where(span > 0, span, 1.0), 0.0)
         for piece in pieces:
-            places = ((x[::step] - low[:, k]) * scale[:, k] for k, x in enumerate(piece))
+            places = (
+                (x[::step] - low[:, k]) * scale[:, k] for k, x in enumerate(piece)
+            )
             i, j = (np.clip(place, 0, _CELLS - 1).astype(int) for place in places)
             cells[np.arange(len(low)), i, j] = True
-        return [cls(tuple(a), tuple(b), c) for a, b, c in zip(low.tolist(), high.tolist(), cells)]
+        return [
+            cls(tuple(a), tuple(b), c)
+            for a, b, c in zip(low.tolist(), high.tolist(), cells)
+        ]
 
     def contains(self, v: Any, s: Any) -> np.ndarray:
         """Whether points lie in a visited cell, or next to one."""
@@ -149,39 +191,57 @@ class VisitedRegion:
             values = np.broadcast_to(np.asarray(values, dtype=float), inside.shape)
             width = (b - a) / n or 1.0
             inside = inside & (values >= a - width) & (values <= b + width)
-            index.append(np.clip(np.floor((values - a) / width).astype(int) + 1, 0, n + 1))
+            index.append(
+                np.clip(np.floor((values - a) / width).astype(int) + 1, 0, n + 1)
+            )
         return inside & near[index[0], index[1]]
 
     def nearest(self, v: Any, s: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the visited cell nearest to each point, distances in shares of the rectangle."""
+        """The middle of the visited cell nearest to each point, distances in shares of
+        the rectangle.
+        """
         low, span = np.array(self.low), np.array(self.high) - np.array(self.low)
         span[span == 0] = 1.0
         middles = (np.argwhere(self.cells) + 0.5) / np.array(self.cells.shape)
         points = (np.column_stack([np.ravel(v), np.ravel(s)]) - low) / span
-        chosen = middles[((points[:, None, :] - middles[None]) ** 2).sum(axis=2).argmin(axis=1)]
+        chosen = middles[
+            ((points[:, None, :] - middles[None]) ** 2).sum(axis=2).argmin(axis=1)
+        ]
         v_near, s_near = (low + chosen * span).T
         return v_near, s_near
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
-            "low": list(self.low), "high": list(self.high),
+            "low": list(self.low),
+            "high": list(self.high),
             "cells": ["".join("x" if c else "." for c in row) for row in self.cells],
-        }  # fmt: skip
+        }
 
     @classmethod
     def from_dict(cls, data: Any) -> VisitedRegion:
         """Region from plain data."""
         low, high = (tuple(float(x) for x in data[key]) for key in ("low", "high"))
         cells = np.array([[c == "x" for c in row] for row in data["cells"]])
-        if len(low) != 2 or len(high) != 2 or not np.isfinite([*low, *high]).all() or cells.ndim != 2 or not cells.size:
-            raise ChannelError("A visited region is not a rectangle of cells", "It needs 'low', 'high' and 'cells'.")
+        if (
+            len(low) != 2
+            or len(high) != 2
+            or not np.isfinite([*low, *high]).all()
+            or cells.ndim != 2
+            or not cells.size
+        ):
+            raise ChannelError(
+                "A visited region is not a rectangle of cells",
+                "It needs 'low', 'high' and 'cells'.",
+            )
         return cls(low, high, cells)
 
 
 @dataclass
 class Segment:
-    """One contiguous record, ready for features; arrays of shape (n_samples, n_dof) or (n_samples,)."""
+    """One contiguous record, ready for features; arrays of shape (n_samples, n_dof) or
+    (n_samples,).
+    """
 
     name: str
     rows: slice  # in the arrays the user passed
@@ -192,13 +252,23 @@ class Segment:
     t: np.ndarray | None = None  # s, as the record counts them
     ag: np.ndarray | None = None  # base acceleration, m/s^2
     covariates: dict[str, np.ndarray] = field(default_factory=dict)
-    valid: slice = field(default_factory=lambda: slice(0, 0))  # rows inside the NaN edges
-    resolved: float | None = None  # Hz, up to which fused motions hold the motion; None as measured
-    band: tuple[float | None, float | None] | None = None  # Hz, of motion and forces before they came here
+    valid: slice = field(
+        default_factory=lambda: slice(0, 0)
+    )  # rows inside the NaN edges
+    resolved: float | None = (
+        None  # Hz, up to which fused motions hold the motion; None as measured
+    )
+    band: tuple[float | None, float | None] | None = (
+        None  # Hz, of motion and forces before they came here
+    )
     doubts: tuple[str, ...] = ()  # what looked wrong with the channels, in sentences
     weights: np.ndarray | None = None  # of the samples in the Gram matrices
-    noise: dict[str, float] = field(default_factory=dict)  # of the measured motion channels, SI rms, if known
-    _extent: tuple[slice, Extent] | None = field(default=None, repr=False, compare=False)
+    noise: dict[str, float] = field(
+        default_factory=dict
+    )  # of the measured motion channels, SI rms, if known
+    _extent: tuple[slice, Extent] | None = field(
+        default=None, repr=False, compare=False
+    )
 
     @property
     def n_samples(self) -> int:
@@ -218,13 +288,19 @@ class Segment:
     @property
     def dt(self) -> float | None:
         """Sampling step, s, if the time is known."""
-        return None if self.t is None or len(self.t) < 2 else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+        return (
+            None
+            if self.t is None or len(self.t) < 2
+            else float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+        )
 
     @property
     def step(self) -> float:
         """Sampling step, s; a ChannelError where the time is not known."""
         if self.dt is None:
-            cure = "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            cure = (
+                "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+            )
             raise ChannelError(f"The sampling step of {self.name!r} is not known", cure)
         return self.dt
 
@@ -234,7 +310,9 @@ class Segment:
 
         def along(array: np.ndarray) -> np.ndarray:
             part = array[rows, low:high]
-            line = part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64)
+            line = (
+                part[:, 0] if part.shape[1] == 1 else part.sum(axis=1, dtype=np.float64)
+            )
             return np.ascontiguousarray(line, dtype=np.float64)
 
         a = self.a[rows, high - 1].astype(np.float64)
@@ -243,26 +321,43 @@ class Segment:
         elif self.ag is not None and site.kind != "dof":
             a -= self.ag[rows]
         return Motion(
-            along(self.s), along(self.v), a, None if self.t is None else self.t[rows],
+            along(self.s),
+            along(self.v),
+            a,
+            None if self.t is None else self.t[rows],
             {k: c[rows] for k, c in self.covariates.items()},
-        )  # fmt: skip
+        )
 
     def part(self, rows: slice, at: int) -> Segment:
         """Some valid rows as a segment whose first row is row ``at`` of all."""
-        seen = {k: y for k in ("a", "v", "s", "F", "t", "ag") if (y := getattr(self, k)) is not None}
+        seen = {
+            k: y
+            for k in ("a", "v", "s", "F", "t", "ag")
+            if (y := getattr(self, k)) is not None
+        }
         cut: dict[str, Any] = {k: y[rows] for k, y in seen.items()}
         cut["covariates"] = {k: y[rows] for k, y in self.covariates.items()}
         size = rows.stop - rows.start
-        return replace(self, **cut, rows=slice(at, at + size), valid=slice(0, size), _extent=None)
+        return replace(
+            self, **cut, rows=slice(at, at + size), valid=slice(0, size), _extent=None
+        )
 
     def strongest(self, rows: slice, size: int) -> int:
-        """Where, in some valid rows, the stretch of a length begins that holds most energy of rates and forces."""
-        y = np.nan_to_num(np.hstack([part[self.valid][rows] for part in (self.v, self.F)]))
-        energy = np.cumsum(np.append(0.0, (y**2 / np.maximum(y.var(axis=0), 1e-300)).sum(axis=1)))
+        """Where, in some valid rows, the stretch of a length begins that holds most
+        energy of rates and forces.
+        """
+        y = np.nan_to_num(
+            np.hstack([part[self.valid][rows] for part in (self.v, self.F)])
+        )
+        energy = np.cumsum(
+            np.append(0.0, (y**2 / np.maximum(y.var(axis=0), 1e-300)).sum(axis=1))
+        )
         return rows.start + int(np.argmax(energy[size:] - energy[: len(energy) - size]))
 
     def moved(self, dof: int, **changes: np.ndarray) -> Segment:
-        """The record with changes (n_samples,) of the motion ``x``, ``v``, ``a`` of one DOF, or of its force ``F``."""
+        """The record with changes (n_samples,) of the motion ``x``, ``v``, ``a`` of one
+        DOF, or of its force ``F``.
+        """
         new: dict[str, Any] = {}
         for key, change in changes.items():
             name = "s" if key == "x" else key
@@ -273,7 +368,11 @@ class Segment:
         return replace(self, **new, _extent=None)
 
     def blocks(
-        self, layout: LawLayout, size: int | None = None, filter: Any = None, states: dict | None = None
+        self,
+        layout: LawLayout,
+        size: int | None = None,
+        filter: Any = None,
+        states: dict | None = None,
     ) -> Iterator[Block]:
         """Columns of all balances, block by block."""
         start, stop = self.valid.start, self.valid.stop
@@ -281,15 +380,27 @@ class Segment:
             size = max(stop - start, 1)
         size = size or block_size(layout)
         recipe = layout.recipe
-        storeys = tuple((site.q, site.p) for site in recipe.motions) == tuple((j, j + 1) for j in range(self.n_dof))
-        beside = _side_by_side(self.a, self.v, self.s) if storeys and not recipe.others else None
+        storeys = tuple((site.q, site.p) for site in recipe.motions) == tuple(
+            (j, j + 1) for j in range(self.n_dof)
+        )
+        beside = (
+            _side_by_side(self.a, self.v, self.s)
+            if storeys and not recipe.others
+            else None
+        )
         for begin in range(start, stop, size):
             rows = slice(begin, min(begin + size, stop))
             if beside is not None:
                 channels = _as_rows(beside, rows)
                 a, source = channels[: self.n_dof], channels[self.n_dof :]
             else:
-                source = self._source(layout, recipe, rows, states, lead=int(begin > start or bool(states)))
+                source = self._source(
+                    layout,
+                    recipe,
+                    rows,
+                    states,
+                    lead=int(begin > start or bool(states)),
+                )
                 a = _as_rows(self.a, rows)
             force = _as_rows(self.F, rows)
             weights = None if self.weights is None else self.weights[rows]
@@ -305,8 +416,17 @@ class Segment:
                     force[known] = filter.apply(force[known].T).T
                 yield Block(terms, a, force, weights=weights)
 
-    def _source(self, layout: LawLayout, recipe: Recipe, rows: slice, states: dict | None, lead: int) -> np.ndarray:
-        """Rates, drifts and the columns of laws that are not products of them, one row each."""
+    def _source(
+        self,
+        layout: LawLayout,
+        recipe: Recipe,
+        rows: slice,
+        states: dict | None,
+        lead: int,
+    ) -> np.ndarray:
+        """Rates, drifts and the columns of laws that are not products of them, one row
+        each.
+        """
         out = np.empty((recipe.n_source, rows.stop - rows.start))
         m = len(recipe.motions)
         at = 2 * m
@@ -334,29 +454,44 @@ class Segment:
 
     @property
     def extent(self) -> Extent:
-        """Least and largest value of a_1.., v_1.., s_1.., F_1.. inside the NaN edges."""
+        """Least and largest value of a_1.., v_1.., s_1.., F_1.. inside the NaN
+        edges.
+        """
         if self._extent is None or self._extent[0] != self.valid:
             rows = self.valid
-            self._extent = rows, Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
+            self._extent = (
+                rows,
+                Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]]),
+            )
         return self._extent[1]
 
 
 def _as_rows(channels: np.ndarray, rows: slice) -> np.ndarray:
-    """Some samples, one row for each channel; a view that cannot be written to, where they are doubles."""
+    """Some samples, one row for each channel; a view that cannot be written to, where
+    they are doubles.
+    """
     view = channels[rows].T
     view.flags.writeable = False
     return np.asarray(view, dtype=np.float64)
 
 
 def _side_by_side(a: np.ndarray, v: np.ndarray, s: np.ndarray) -> np.ndarray | None:
-    """The matrix of which a, v and s are neighbouring columns, if they are: one transposition instead of three."""
-    if not (a.dtype == v.dtype == s.dtype and a.shape == v.shape == s.shape and a.strides == v.strides == s.strides):
+    """The matrix of which a, v and s are neighbouring columns, if they are: one
+    transposition instead of three.
+    """
+    if not (
+        a.dtype == v.dtype == s.dtype
+        and a.shape == v.shape == s.shape
+        and a.strides == v.strides == s.strides
+    ):
         return None
     place = [x.__array_interface__["data"][0] for x in (a, v, s)]
     step = a.shape[1] * a.strides[1]
     if a.strides[1] <= 0 or place != [place[0], place[0] + step, place[0] + 2 * step]:
         return None
-    return np.lib.stride_tricks.as_strided(a, (a.shape[0], 3 * a.shape[1]), a.strides, writeable=False)
+    return np.lib.stride_tricks.as_strided(
+        a, (a.shape[0], 3 * a.shape[1]), a.strides, writeable=False
+    )
 
 
 class SegmentSet:
@@ -371,13 +506,17 @@ class SegmentSet:
     def forced(self) -> tuple[int, ...]:
         """DOFs forced in at least one record."""
         return tuple(
-            j + 1 for j in range(self.n_dof) if any(seg.extent.moves(3 * self.n_dof + j) for seg in self.segments)
+            j + 1
+            for j in range(self.n_dof)
+            if any(seg.extent.moves(3 * self.n_dof + j) for seg in self.segments)
         )
 
     @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown in every record."""
-        lost = np.all([np.isnan(seg.F[seg.valid.start]) for seg in self.segments], axis=0)
+        lost = np.all(
+            [np.isnan(seg.F[seg.valid.start]) for seg in self.segments], axis=0
+        )
         return tuple((np.flatnonzero(lost) + 1).tolist())
 
     @property
@@ -387,9 +526,15 @@ class SegmentSet:
 
     @property
     def doubts(self) -> list[str]:
-        """What looked wrong with the channels, in sentences; where there are several records with the name of each."""
+        """What looked wrong with the channels, in sentences; where there are several
+        records with the name of each.
+        """
         several = len(self.segments) > 1
-        said = (f"Record {s.name!r}: {text}" if several else text for s in self.segments for text in s.doubts)
+        said = (
+            f"Record {s.name!r}: {text}" if several else text
+            for s in self.segments
+            for text in s.doubts
+        )
         return list(dict.fromkeys(said))
 
     @property
@@ -414,12 +559,16 @@ class BlockRows:
 
 
 def half_the_rate(segments: Iterable[Segment]) -> float:
-    """Highest frequency that all of some records can tell, Hz; infinite without a clock."""
+    """Highest frequency that all of some records can tell, Hz; infinite without a
+    clock.
+    """
     step = max((seg.dt or 0.0 for seg in segments), default=0.0)
     return 0.5 / step if step else np.inf
 
 
 def feature_names(n_dof: int, coordinates: str = "relative") -> list[str]:
-    """Names of the columns of X: a1.., v1.., s1.. (paper eq. 8), or a1.., xdot1.., x1.."""
+    """Names of the columns of X: a1.., v1.., s1.. (paper eq. 8), or a1.., xdot1..,
+    x1..
+    """
     rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
     return [f"{p}{j}" for p in ("a", rate, drift) for j in range(1, n_dof + 1)]

@@ -1,4 +1,6 @@
-"""Plain SINDy, SINDy set up by an expert, and this package side by side, on the same data in the same call."""
+"""Plain SINDy, SINDy set up by an expert, and this package side by side, on the same
+data in the same call.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ class Part:
 
 @dataclass
 class Ruler:
-    """What every row is judged by: masses, true storey forces on the held-out part, their rms."""
+    """What every row is judged by: masses, true storey forces on the held-out part,
+    their rms.
+    """
 
     model: ChainModel
     known: bool
@@ -69,9 +73,14 @@ class Ruler:
 
     def balance_error(self, masses: np.ndarray, a_hat: np.ndarray, rest: Part) -> float:
         columns = masses * (a_hat - rest.a), rest.F, masses * rest.a
-        residual, force, inertia = (np.sqrt(np.mean(y**2, axis=0)).tolist() for y in columns)
+        residual, force, inertia = (
+            np.sqrt(np.mean(y**2, axis=0)).tolist() for y in columns
+        )
         sizes = zip(residual, force, inertia, self.size.tolist())
-        return pooled_percent(Sizes(r, f or i, size, "F" if f else "m a", len(rest.a)) for r, f, i, size in sizes)
+        return pooled_percent(
+            Sizes(r, f or i, size, "F" if f else "m a", len(rest.a))
+            for r, f, i, size in sizes
+        )
 
 
 def shares(kept: set, true: set) -> tuple[float, float]:
@@ -96,7 +105,9 @@ class PlainSINDy:
         return math.comb(2 * data.n_dof + len(data.forced) + self.degree, self.degree)
 
     def work(self, data: Part) -> float:
-        """Multiplications of a fit: a few passes of every target over the normal equations."""
+        """Multiplications of a fit: a few passes of every target over the normal
+        equations.
+        """
         return 10.0 * data.n_dof * len(data.a) * self.n_features(data) ** 2
 
     def state(self, data: Part) -> np.ndarray:
@@ -112,13 +123,27 @@ class PlainSINDy:
         return ps.STLSQ(normalize_columns=self.normalise)
 
     def fit(self, data: Part) -> None:
-        self.forced = data.forced  # a force that is zero throughout would be 0/0 when normalised
+        self.forced = (
+            data.forced
+        )  # a force that is zero throughout would be 0/0 when normalised
         model = ps.SINDy(optimizer=self.optimizer(), feature_library=self.library(data))
         rate = self.rate(data)
-        self.size = np.linalg.norm(rate, axis=0) if self.targets_of_one else np.ones(rate.shape[1])
-        self.model = model.fit(self.state(data), t=data.dt, x_dot=rate / self.size, u=data.F[:, self.forced])
-        # of the accelerations: that the rate of a position is a velocity is no term found
-        self.coefficients = (np.asarray(self.model.coefficients()) * self.size[:, None])[-data.n_dof :]
+        self.size = (
+            np.linalg.norm(rate, axis=0)
+            if self.targets_of_one
+            else np.ones(rate.shape[1])
+        )
+        self.model = model.fit(
+            self.state(data),
+            t=data.dt,
+            x_dot=rate / self.size,
+            u=data.F[:, self.forced],
+        )
+        # of the accelerations: that the rate of a position is a velocity is no term
+        # found
+        self.coefficients = (
+            np.asarray(self.model.coefficients()) * self.size[:, None]
+        )[-data.n_dof :]
         self.names = self.model.get_feature_names()
 
     @property
@@ -133,7 +158,9 @@ class PlainSINDy:
     def linear(self, prefix: str) -> np.ndarray:
         """Coefficients of the terms x0.. or u0.. in the accelerations."""
         column = {name: i for i, name in enumerate(self.names)}
-        count = sum(1 for name in self.names if name[:1] == prefix and name[1:].isdigit())
+        count = sum(
+            1 for name in self.names if name[:1] == prefix and name[1:].isdigit()
+        )
         return self.coefficients[:, [column[f"{prefix}{i}"] for i in range(count)]]
 
     def stiffness(self, n: int) -> np.ndarray:
@@ -141,10 +168,14 @@ class PlainSINDy:
         return self.linear("x")[:, :n]
 
     def masses(self, data: Part) -> np.ndarray:
-        """1/m is the coefficient of the force on the DOF; NaN where none acts, or its term was dropped."""
+        """1/m is the coefficient of the force on the DOF; NaN where none acts, or its
+        term was dropped.
+        """
         found = np.full(data.n_dof, np.nan)
         inverse = self.linear("u")[self.forced, np.arange(len(self.forced))]
-        found[self.forced] = np.divide(1.0, inverse, out=np.full(len(inverse), np.nan), where=inverse != 0)
+        found[self.forced] = np.divide(
+            1.0, inverse, out=np.full(len(inverse), np.nan), where=inverse != 0
+        )
         return found
 
     def predict(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -156,20 +187,31 @@ class PlainSINDy:
     derivative = predict
 
     def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
-        """The true terms are those of an exact fit of the true accelerations at random points."""
+        """The true terms are those of an exact fit of the true accelerations at random
+        points.
+        """
         rng = np.random.default_rng(0)
         size = 3 * self.n_features(data)
-        v, s, F = (rng.standard_normal((size, y.shape[1])) * y.std(axis=0) for y in (data.v, data.s, data.F))
+        v, s, F = (
+            rng.standard_normal((size, y.shape[1])) * y.std(axis=0)
+            for y in (data.v, data.s, data.F)
+        )
         R = truth.restoring_force(np.hstack([np.zeros_like(s), v, s]))
         a = (F - R + np.hstack([R[:, 1:], np.zeros((size, 1))])) / truth.masses
         points = Part(a, v, s, F, data.dt)
-        features = np.asarray(self.model.feature_library.transform(np.hstack([self.state(points), F[:, self.forced]])))
+        features = np.asarray(
+            self.model.feature_library.transform(
+                np.hstack([self.state(points), F[:, self.forced]])
+            )
+        )
         scale = np.sqrt(np.mean(features**2, axis=0))
         target = a / np.sqrt(np.mean(a**2, axis=0))
         exact, *_ = np.linalg.lstsq(features / scale, target, rcond=None)
         if np.abs(features / scale @ exact - target).max() > 1e-6:
             return np.nan, np.nan  # the library cannot hold the truth
-        return shares(self.kept, set(np.flatnonzero((np.abs(exact) > 1e-7).any(axis=1)).tolist()))
+        return shares(
+            self.kept, set(np.flatnonzero((np.abs(exact) > 1e-7).any(axis=1)).tolist())
+        )
 
     def third_law(self, masses: np.ndarray) -> tuple[float, str]:
         """Stiffness of each storey from the balance above it and from the one below."""
@@ -177,13 +219,22 @@ class PlainSINDy:
         if n == 1:
             return 0.0, "once"
         K = -masses[:, None] * self.stiffness(n)
-        upper, lower = K[np.arange(1, n), np.arange(n - 1)], K[np.arange(n - 1), np.arange(1, n)]
+        upper, lower = (
+            K[np.arange(1, n), np.arange(n - 1)],
+            K[np.arange(n - 1), np.arange(1, n)],
+        )
         mean = 0.5 * (np.abs(upper) + np.abs(lower))
-        return (float(np.max(100 * np.abs(upper - lower) / mean)) if mean.all() else np.nan), "twice"
+        return (
+            float(np.max(100 * np.abs(upper - lower) / mean)) if mean.all() else np.nan
+        ), "twice"
 
     def run(self, data: Part, deadline: float) -> np.ndarray:
         """The model alone, with the forces linear between samples."""
-        y, u, t = self.state(data), data.F[:, self.forced], data.dt * np.arange(len(data.a))
+        y, u, t = (
+            self.state(data),
+            data.F[:, self.forced],
+            data.dt * np.arange(len(data.a)),
+        )
         force, limit = make_interp_spline(t, u, k=1), _DIVERGED * np.abs(y).max(axis=0)
 
         def rate(time_: float, state: np.ndarray) -> np.ndarray:
@@ -200,11 +251,15 @@ class PlainSINDy:
 
 
 _HAND_THRESHOLD = 0.01  # of an acceleration's norm
-_HAND_RIDGE = 1e-8  # enough for the conditioning of a chain's columns; PySINDy's 0.05 outweighs normalised columns
+# enough for the conditioning of a chain's columns; PySINDy's 0.05 outweighs normalised
+# columns
+_HAND_RIDGE = 1e-8
 
 
 class HandSteeredSINDy(PlainSINDy):
-    """``ps.SINDy`` as one who knows both would use it: accelerations from the terms of each storey by itself."""
+    """``ps.SINDy`` as one who knows both would use it: accelerations from the terms of
+    each storey by itself.
+    """
 
     targets_of_one = True
 
@@ -231,7 +286,9 @@ class HandSteeredSINDy(PlainSINDy):
         )
 
     def optimizer(self) -> Any:
-        return ps.STLSQ(threshold=_HAND_THRESHOLD, alpha=_HAND_RIDGE, normalize_columns=True)
+        return ps.STLSQ(
+            threshold=_HAND_THRESHOLD, alpha=_HAND_RIDGE, normalize_columns=True
+        )
 
     def stiffness(self, n: int) -> np.ndarray:
         inter_storey = self.linear("x")[:, :n]  # d a / d s
@@ -242,7 +299,9 @@ class HandSteeredSINDy(PlainSINDy):
 
 
 class Ours:
-    """NRFRegressor with some optimizer, or with the terms that the held-out rule leaves ("select")."""
+    """NRFRegressor with some optimizer, or with the terms that the held-out rule leaves
+    ("select").
+    """
 
     finds_masses = True
 
@@ -251,14 +310,24 @@ class Ours:
 
     def fit(self, data: Part) -> None:
         if isinstance(self.optimizer, str):
-            model = select_sparsity(data.X, data.F, degree=self.degree, dt=data.dt).regressor()
+            model = select_sparsity(
+                data.X, data.F, degree=self.degree, dt=data.dt
+            ).regressor()
         else:
-            model = NRFRegressor(self.degree, optimizer=self.optimizer, estimation=self.estimation, dt=data.dt)
+            model = NRFRegressor(
+                self.degree,
+                optimizer=self.optimizer,
+                estimation=self.estimation,
+                dt=data.dt,
+            )
         self.model: Any = model.fit(data.X, data.F)
 
     @property
     def terms(self) -> int:
-        laws = sum(int(np.count_nonzero(R.coefficients)) for R in self.model.restoring_forces_.values())
+        laws = sum(
+            int(np.count_nonzero(R.coefficients))
+            for R in self.model.restoring_forces_.values()
+        )
         return len(self.model.masses_) + laws
 
     def masses(self, data: Part) -> np.ndarray:
@@ -269,7 +338,12 @@ class Ours:
 
     def hits(self, data: Part, truth: ChainModel) -> tuple[float, float]:
         def kept(forces: Any) -> set[tuple[str, str]]:
-            return {(str(site), label) for site, R in forces.items() for label, c in R.coefficients.items() if c}
+            return {
+                (str(site), label)
+                for site, R in forces.items()
+                for label, c in R.coefficients.items()
+                if c
+            }
 
         return shares(kept(self.model.restoring_forces_), kept(truth.restoring_forces))
 
@@ -282,11 +356,20 @@ class Ours:
 
 
 def compare_with_sindy(
-    X: Any, F: Any = None, dt: float | None = None, *, truth: ChainModel | None = None, degree: int = 3,
-    optimizers: Mapping[str, Any] | str | None = None, heldout: float = 0.3, free_run: int = 500,
-    time_limit: float = 10.0, coordinates: str = "relative",
-) -> pd.DataFrame:  # fmt: skip
-    """Fit plain SINDy and this package to the first part of a record and judge them on the rest.
+    X: Any,
+    F: Any = None,
+    dt: float | None = None,
+    *,
+    truth: ChainModel | None = None,
+    degree: int = 3,
+    optimizers: Mapping[str, Any] | str | None = None,
+    heldout: float = 0.3,
+    free_run: int = 500,
+    time_limit: float = 10.0,
+    coordinates: str = "relative",
+) -> pd.DataFrame:
+    """Fit plain SINDy and this package to the first part of a record and judge them on
+    the rest.
 
     Parameters
     ----------
@@ -297,14 +380,15 @@ def compare_with_sindy(
     dt : float
         Sampling step, s; not needed with a Record or a time index.
     truth : ChainModel, optional
-        The structure, if it is known (a simulation): gives ``precision``, ``recall``, ``mass_error``
-        and ``restoring_force_error``.
+        The structure, if it is known (a simulation): gives ``precision``, ``recall``,
+        ``mass_error`` and ``restoring_force_error``.
     degree : int
         Of the power series everywhere.
     optimizers : mapping of str to PySINDy optimizer, or "select", optional
-        Rows of this package beside least squares; ``"select"`` has one with the terms that
-        :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within the first part of the record. STLSQ
-        at PySINDy's default threshold (a tenth of each balance's force) and at a hundredth if None.
+        Rows of this package beside least squares; ``"select"`` has one with the terms
+        that :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within the
+        first part of the record. STLSQ at PySINDy's default threshold (a tenth of each
+        balance's force) and at a hundredth if None.
     heldout : float
         Share of the record at its end on which all errors are measured.
     free_run : int
@@ -319,21 +403,27 @@ def compare_with_sindy(
     DataFrame
         One row for each model:
 
-        * ``SINDy, defaults``: state [x, xdot], u = F, ``PolynomialLibrary(degree)``, default STLSQ;
+        * ``SINDy, defaults``: state [x, xdot], u = F, ``PolynomialLibrary(degree)``,
+          default STLSQ;
         * ``SINDy, normalised``: the same with ``normalize_columns=True``;
-        * ``SINDy, hand-steered``: SINDy at its best: the accelerations alone from terms of each storey by itself and
-          the forces that act, columns and targets of norm one, threshold 0.01, ridge 1e-8;
-        * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers given.
+        * ``SINDy, hand-steered``: SINDy at its best: the accelerations alone from terms
+          of each storey by itself and the forces that act, columns and targets of norm
+          one, threshold 0.01, ridge 1e-8;
+        * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers
+          given.
 
-        Columns: ``terms`` found (each counted once, in however many accelerations it stands; rows that say that the
-        rate of a position is a velocity do not count), ``precision`` and ``recall`` (shares) of the true terms in each
-        model's own library; ``mass_error`` (largest, percent); ``restoring_force_error``, where SINDy is given the
-        masses, and ``force_error_own_masses``, where it finds them as 1/m (NaN where a DOF is not forced);
-        ``balance_error`` (pooled percent NRMSE, one step, as the two before); ``free_run_error`` (percent NRMSE of the
-        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of the two estimates of a storey,
-        percent) and ``storeys_found`` (``"once"`` or ``"twice"``); ``seconds`` of the fit, choosing included; ``note``.
-        NaN = cannot be known. ``attrs["storey_forces"]`` holds the storey forces (N) that each model finds on the rest
-        of the record, by its name, and the true ones.
+        Columns: ``terms`` found (each counted once, in however many accelerations it
+        stands; rows that say that the rate of a position is a velocity do not count),
+        ``precision`` and ``recall`` (shares) of the true terms in each model's own
+        library; ``mass_error`` (largest, percent); ``restoring_force_error``, where
+        SINDy is given the masses, and ``force_error_own_masses``, where it finds them
+        as 1/m (NaN where a DOF is not forced); ``balance_error`` (pooled percent NRMSE,
+        one step, as the two before); ``free_run_error`` (percent NRMSE of the
+        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of
+        the two estimates of a storey, percent) and ``storeys_found`` (``"once"`` or
+        ``"twice"``); ``seconds`` of the fit, choosing included; ``note``. NaN = cannot
+        be known. ``attrs["storey_forces"]`` holds the storey forces (N) that each model
+        finds on the rest of the record, by its name, and the true ones.
 
     Raises
     ------
@@ -344,80 +434,136 @@ def compare_with_sindy(
 
     Notes
     -----
-    SINDy finds accelerations, not forces. To give it a restoring force, and balance errors in N, it is handed the
-    masses: the true ones, or those of this package's least squares. All rows see the same measured accelerations.
+    SINDy finds accelerations, not forces. To give it a restoring force, and balance
+    errors in N, it is handed the masses: the true ones, or those of this package's
+    least squares. All rows see the same measured accelerations.
 
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
     >>> from pysindy_nrf.selection.comparison import compare_with_sindy
-    >>> truth = ChainModel([10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)})
-    >>> F = excitation.band_limited_random(2, 1.0, 1000.0, excited=[1, 2], rms=50.0, band=(1, 60), random_state=0)
-    >>> table = compare_with_sindy(simulate(truth, F, 1e-3), truth=truth, free_run=2)
-    >>> bool(table.loc["pysindy_nrf, STLSQ", "terms"] < table.loc["SINDy, normalised", "terms"])
+    >>> truth = ChainModel(
+    ...     [10.0, 10.0], {i: laws.PowerSeries(1, [100.0, 1e5]) for i in (1, 2)}
+    ... )
+    >>> F = excitation.band_limited_random(
+    ...     2,
+    ...     1.0,
+    ...     1000.0,
+    ...     excited=[1, 2],
+    ...     rms=50.0,
+    ...     band=(1, 60),
+    ...     random_state=0,
+    ... )
+    >>> table = compare_with_sindy(
+    ...     simulate(truth, F, 1e-3), truth=truth, free_run=2
+    ... )
+    >>> bool(
+    ...     table.loc["pysindy_nrf, STLSQ", "terms"]
+    ...     < table.loc["SINDy, normalised", "terms"]
+    ... )
     True
     """
     data = from_arrays(X, F, coordinates=coordinates, dt=dt)
     if len(data.segments) != 1 or data.segments[0].ag is not None:
-        raise ChannelError("The comparison takes one contiguous record on a base at rest", "Choose one record.")
+        raise ChannelError(
+            "The comparison takes one contiguous record on a base at rest",
+            "Choose one record.",
+        )
     segment = data.segments[0]
     step = segment.dt
     if step is None:
         raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
     if not 0 < heldout < 1:
-        raise ChannelError(f"heldout={heldout!r} is not a share", "Give a number between 0 and 1.")
-    a, v, s, force = (getattr(segment, k)[segment.valid].astype(float) for k in ("a", "v", "s", "F"))
+        raise ChannelError(
+            f"heldout={heldout!r} is not a share", "Give a number between 0 and 1."
+        )
+    a, v, s, force = (
+        getattr(segment, k)[segment.valid].astype(float) for k in ("a", "v", "s", "F")
+    )
     whole = Part(a, v, s, force, step)
     if np.isnan(whole.F).any():
-        raise ChannelError("A force is unknown", "SINDy needs every force: give zeros where none acts.")
+        raise ChannelError(
+            "A force is unknown", "SINDy needs every force: give zeros where none acts."
+        )
     cut = round(len(whole.a) * (1 - heldout))
     search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
     given: Any = {"terms selected": "select"} if optimizers == "select" else optimizers
     if given is None:
         given = {"STLSQ": ps.STLSQ(), "STLSQ, threshold 0.01": ps.STLSQ(threshold=0.01)}
     if isinstance(given, str):
-        raise NRFError(f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name.")
+        raise NRFError(
+            f"optimizers={given!r} is unknown", "Give 'select', or optimizers by name."
+        )
     entries: dict[str, Any] = {
-        "SINDy, defaults": PlainSINDy(degree, normalise=False), "SINDy, normalised": PlainSINDy(degree),
-        "SINDy, hand-steered": HandSteeredSINDy(degree), "pysindy_nrf, least squares": Ours(degree, None),
+        "SINDy, defaults": PlainSINDy(degree, normalise=False),
+        "SINDy, normalised": PlainSINDy(degree),
+        "SINDy, hand-steered": HandSteeredSINDy(degree),
+        "pysindy_nrf, least squares": Ours(degree, None),
         "pysindy_nrf, instrumental variables": Ours(degree, None, "iv"),
-        **{f"pysindy_nrf, {name}": Ours(degree, optimizer) for name, optimizer in given.items()},
-    }  # fmt: skip
+        **{
+            f"pysindy_nrf, {name}": Ours(degree, optimizer)
+            for name, optimizer in given.items()
+        },
+    }
     with warnings.catch_warnings(action="ignore"):
         reference = Ours(degree, None)
         reference.fit(search)
         model = reference.model.model_ if truth is None else truth
         R = model.restoring_force(whole.X, dt=whole.dt)[cut:]
         ruler = Ruler(model, truth is not None, R, np.sqrt(np.mean(R**2, axis=0)))
-        found = {name: row_of(entry, search, rest, ruler, free_run, time_limit) for name, entry in entries.items()}
-    table = pd.DataFrame([line for line, _ in found.values()], pd.Index(found, name="model"), COLUMNS)
+        found = {
+            name: row_of(entry, search, rest, ruler, free_run, time_limit)
+            for name, entry in entries.items()
+        }
+    table = pd.DataFrame(
+        [line for line, _ in found.values()], pd.Index(found, name="model"), COLUMNS
+    )
     forces = {name: R for name, (_, R) in found.items() if R is not None}
-    table.attrs["storey_forces"] = _Forces({"truth": ruler.R, **forces} if ruler.known else forces)
+    table.attrs["storey_forces"] = _Forces(
+        {"truth": ruler.R, **forces} if ruler.known else forces
+    )
     return table
 
 
 class _Forces(dict[str, np.ndarray]):
-    """Storey forces by model. Tables that are joined compare what they carry: these are equal to themselves alone."""
+    """Storey forces by model. Tables that are joined compare what they carry: these are
+    equal to themselves alone.
+    """
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__  # type: ignore[assignment]
 
 
 COLUMNS = [
-    "terms", "precision", "recall", "mass_error", "restoring_force_error", "force_error_own_masses", "balance_error",
-    "free_run_error", "third_law_gap", "storeys_found", "seconds", "note",
-]  # fmt: skip
+    "terms",
+    "precision",
+    "recall",
+    "mass_error",
+    "restoring_force_error",
+    "force_error_own_masses",
+    "balance_error",
+    "free_run_error",
+    "third_law_gap",
+    "storeys_found",
+    "seconds",
+    "note",
+]
 _MOST_WORK = 2e11  # multiplications of a fit, some ten seconds
 
 
 def row_of(
     entry: Any, search: Part, rest: Part, ruler: Ruler, free_run: int, time_limit: float
 ) -> tuple[list[Any], np.ndarray | None]:
-    """The row of one model (see ``COLUMNS``), and the storey forces (N) it finds on the held-out part."""
+    """The row of one model (see ``COLUMNS``), and the storey forces (N) it finds on the
+    held-out part.
+    """
     if not entry.finds_masses and entry.work(search) > _MOST_WORK:
         size = entry.n_features(search)
         gigabytes = 32e-9 * size * (len(search.a) + size)
-        note = f"not run: {size} columns of {len(search.a)} samples take minutes and {gigabytes:.1f} GB"
+        note = (
+            f"not run: {size} columns of {len(search.a)} samples take minutes and"
+            f" {gigabytes:.1f} GB"
+        )
         return [np.nan] * 9 + ["", np.nan, note], None
     start = time.perf_counter()
     try:
@@ -428,15 +574,32 @@ def row_of(
     masses = entry.masses(search)
     handed = masses if entry.finds_masses else ruler.model.masses
     a_hat = entry.accelerations(rest)
-    R, own = (np.cumsum((rest.F - m * a_hat)[:, ::-1], axis=1)[:, ::-1] for m in (handed, masses))
-    hits = entry.hits(search, ruler.model) if ruler.known and not ruler.model.has_memory else (np.nan, np.nan)
+    R, own = (
+        np.cumsum((rest.F - m * a_hat)[:, ::-1], axis=1)[:, ::-1]
+        for m in (handed, masses)
+    )
+    hits = (
+        entry.hits(search, ruler.model)
+        if ruler.known and not ruler.model.has_memory
+        else (np.nan, np.nan)
+    )
     run, note = _free_run(entry, rest.part(slice(0, max(2, free_run))), time_limit)
     return [
-        entry.terms, *hits,
-        float(np.max(np.abs(100 * (masses / ruler.model.masses - 1)))) if ruler.known else np.nan,
-        ruler.force_error(R) if ruler.known else np.nan, ruler.force_error(own) if ruler.known else np.nan,
-        ruler.balance_error(handed, a_hat, rest), run, *entry.third_law(ruler.model.masses), seconds, note,
-    ], R  # fmt: skip
+        entry.terms,
+        *hits,
+        (
+            float(np.max(np.abs(100 * (masses / ruler.model.masses - 1))))
+            if ruler.known
+            else np.nan
+        ),
+        ruler.force_error(R) if ruler.known else np.nan,
+        ruler.force_error(own) if ruler.known else np.nan,
+        ruler.balance_error(handed, a_hat, rest),
+        run,
+        *entry.third_law(ruler.model.masses),
+        seconds,
+        note,
+    ], R
 
 
 def _free_run(entry: Any, rest: Part, time_limit: float) -> tuple[float, str]:

@@ -1,19 +1,23 @@
-"""Named scorers of identified chains, for scikit-learn's searches and for :func:`select_order`.
+"""Named scorers of identified chains, for scikit-learn's searches and for
+:func:`select_order`.
 
 ========================  ==============================================================================
 ``scorers.balance``       minus the pooled balance error (one step), percent NRMSE
-``scorers.acceleration``  R^2 of the accelerations the model predicts, as ``NRFRegressor.score``
+``scorers.acceleration``  R^2 of the accelerations the model predicts, as
+``NRFRegressor.score``
 ``scorers.free_run``      minus the error of the displacements the model reaches alone under the measured
                           forces, from the measured first state, percent NRMSE
 ========================  ==============================================================================
 
-:func:`select_order` knows them by name; scikit-learn's searches take the objects, ``scoring=scorers.balance``. Greater
-is better in all three; the band is the regressor's. scikit-learn's own ``scoring="r2"`` compares forces, which are
-zero on unforced DOFs: it means little under incomplete excitation.
+:func:`select_order` knows them by name; scikit-learn's searches take the objects,
+``scoring=scorers.balance``. Greater is better in all three; the band is the
+regressor's. scikit-learn's own ``scoring="r2"`` compares forces, which are zero on
+unforced DOFs: it means little under incomplete excitation.
 
-With ``sklearn.set_config(enable_metadata_routing=True)`` record ids, time, base acceleration and covariates that
-are passed to ``cross_validate`` or to the ``fit`` of a search reach these scorers without further request; a
-pipeline's own steps must have requested what they need.
+With ``sklearn.set_config(enable_metadata_routing=True)`` record ids, time, base
+acceleration and covariates that are passed to ``cross_validate`` or to the ``fit`` of a
+search reach these scorers without further request; a pipeline's own steps must have
+requested what they need.
 """
 
 from collections.abc import Callable
@@ -29,7 +33,9 @@ from ..signals.zero_phase_filter import filters_of
 
 
 class ChainScorer:
-    """A scorer that scikit-learn accepts, and that passes records, time and covariates on; greater is better."""
+    """A scorer that scikit-learn accepts, and that passes records, time and covariates
+    on; greater is better.
+    """
 
     def __init__(self, name: str, judge: Callable[..., float]) -> None:
         self.name, self.judge = name, judge
@@ -40,7 +46,11 @@ class ChainScorer:
         while hasattr(estimator, "steps"):
             before = estimator[:-1]
             if len(before):
-                consumed = before.get_metadata_routing().consumes("transform", metadata) if metadata else ()
+                consumed = (
+                    before.get_metadata_routing().consumes("transform", metadata)
+                    if metadata
+                    else ()
+                )
                 X = before.transform(X, **{k: metadata[k] for k in consumed})
             estimator = estimator[-1]
         if not hasattr(estimator, "balance_errors"):
@@ -70,9 +80,16 @@ def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> flo
 def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
     data = regressor._judged(X, F, **metadata)
     if any(seg.dt is None for seg in data.segments):
-        raise ChannelError("The free run needs the time of the samples", "Pass dt= (s), time=, or X with a time index.")
-    blocks = [BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)]
-    error = free_run_error(regressor.model_, data, filters_of(regressor.band, data), blocks)
+        raise ChannelError(
+            "The free run needs the time of the samples",
+            "Pass dt= (s), time=, or X with a time index.",
+        )
+    blocks = [
+        BlockRows(i, slice(0, seg.n_valid)) for i, seg in enumerate(data.segments)
+    ]
+    error = free_run_error(
+        regressor.model_, data, filters_of(regressor.band, data), blocks
+    )
     return -error if np.isfinite(error) else float("nan")
 
 

@@ -1,4 +1,6 @@
-"""Splitters that respect records and time: neighbouring samples of a vibration are nearly copies of each other."""
+"""Splitters that respect records and time: neighbouring samples of a vibration are
+nearly copies of each other.
+"""
 
 from collections.abc import Iterator
 from typing import Any
@@ -15,16 +17,23 @@ from ..laws.power_series import whole
 
 
 class _RecordSplitter(BaseCrossValidator):
-    """What both splitters share: record ids come as ``groups``, or as routed metadata named ``record``."""
+    """What both splitters share: record ids come as ``groups``, or as routed metadata
+    named ``record``.
+    """
 
-    # with sklearn.set_config(enable_metadata_routing=True), record= is passed once, to everything that needs it
+    # with sklearn.set_config(enable_metadata_routing=True), record= is passed once, to
+    # everything that needs it
     __metadata_request__split = {"groups": "record"}
 
     def __repr__(self) -> str:
-        held = ", ".join(f"{k}={v!r}" for k, v in vars(self).items() if not k.startswith("_"))
+        held = ", ".join(
+            f"{k}={v!r}" for k, v in vars(self).items() if not k.startswith("_")
+        )
         return f"{type(self).__name__}({held})"
 
-    def split(self, X: Any, y: Any = None, groups: Any = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def split(
+        self, X: Any, y: Any = None, groups: Any = None
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Row numbers of each fold.
 
         Parameters
@@ -51,11 +60,17 @@ class _RecordSplitter(BaseCrossValidator):
         names = pd.Series([name for name, _ in pieces])
         if len(again := names[names.duplicated()]):
             cure = "Sort the rows by record and time; never shuffle them."
-            raise ChannelError(f"The samples of record {again.iloc[0]} do not follow each other", cure)
+            raise ChannelError(
+                f"The samples of record {again.iloc[0]} do not follow each other", cure
+            )
         return [np.arange(rows.start, rows.stop) for _, rows in pieces]
 
-    def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Held-out rows of each fold, and rows near them that are left out of training."""
+    def _tests(
+        self, records: list[np.ndarray]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Held-out rows of each fold, and rows near them that are left out of
+        training.
+        """
         raise NotImplementedError
 
 
@@ -65,14 +80,18 @@ class RecordSplit(_RecordSplitter):
     Parameters
     ----------
     n_splits : int, optional
-        Number of folds, into which the records are dealt in turn; one fold for each record if None.
+        Number of folds, into which the records are dealt in turn; one fold for each
+        record if None.
 
     Examples
     --------
     >>> import numpy as np
     >>> from pysindy_nrf.selection import RecordSplit
     >>> ids = np.array(["hit 1"] * 3 + ["hit 2"] * 2)
-    >>> [test.tolist() for train, test in RecordSplit().split(np.zeros((5, 3)), groups=ids)]
+    >>> [
+    ...     test.tolist()
+    ...     for train, test in RecordSplit().split(np.zeros((5, 3)), groups=ids)
+    ... ]
     [[0, 1, 2], [3, 4]]
     """
 
@@ -80,17 +99,32 @@ class RecordSplit(_RecordSplitter):
         self.n_splits = n_splits
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
-        """Number of folds; parameters as of :meth:`split`, not needed if ``n_splits`` was given."""
+        """Number of folds; parameters as of :meth:`split`, not needed if ``n_splits``
+        was given.
+        """
         if self.n_splits is not None:
             return whole("n_splits", self.n_splits, 2)
         return len(self._records(X if X is not None else groups, groups))
 
-    def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def _tests(
+        self, records: list[np.ndarray]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Whole records, dealt to the folds in turn."""
-        n = len(records) if self.n_splits is None else whole("n_splits", self.n_splits, 2)
+        n = (
+            len(records)
+            if self.n_splits is None
+            else whole("n_splits", self.n_splits, 2)
+        )
         if len(records) < max(n, 2):
-            cure = "Pass the record ids as groups= (or record= with metadata routing), or use BlockedTimeSplit."
-            raise ChannelError(f"{len(records)} record{'s' * (len(records) != 1)} cannot make {max(n, 2)} folds", cure)
+            cure = (
+                "Pass the record ids as groups= (or record= with metadata routing), or"
+                " use BlockedTimeSplit."
+            )
+            raise ChannelError(
+                f"{len(records)} record{'s' * (len(records) != 1)} cannot make"
+                f" {max(n, 2)} folds",
+                cure,
+            )
         for i in range(n):
             yield np.sort(np.concatenate(records[i::n])), np.zeros(0, dtype=int)
 
@@ -103,14 +137,20 @@ class BlockedTimeSplit(_RecordSplitter):
     n_splits : int
         Blocks into which each record is cut; fold i holds out block i of every record.
     gap : int
-        Samples left out of the training data on either side of a held-out block, so that nothing of it leaks through a
-        filter or the memory of the motion: a period or two of the lowest mode, or the ``edge`` of the filter.
+        Samples left out of the training data on either side of a held-out block, so
+        that nothing of it leaks through a filter or the memory of the motion: a period
+        or two of the lowest mode, or the ``edge`` of the filter.
 
     Examples
     --------
     >>> import numpy as np
     >>> from pysindy_nrf.selection import BlockedTimeSplit
-    >>> [test.tolist() for train, test in BlockedTimeSplit(3, gap=1).split(np.zeros((9, 3)))]
+    >>> [
+    ...     test.tolist()
+    ...     for train, test in BlockedTimeSplit(3, gap=1).split(
+    ...         np.zeros((9, 3))
+    ...     )
+    ... ]
     [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
     """
 
@@ -121,19 +161,26 @@ class BlockedTimeSplit(_RecordSplitter):
         """Number of folds; parameters as of :meth:`split`, not needed."""
         return whole("n_splits", self.n_splits, 2)
 
-    def _tests(self, records: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def _tests(
+        self, records: list[np.ndarray]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """One block of every record, and the same with the gap around it."""
         n, gap = whole("n_splits", self.n_splits, 2), whole("gap", self.gap)
         short = min(records, key=len)
         if len(short) < n or len(short) - len(short) // n <= 2 * gap:
-            what = f"A record of {len(short)} samples is too short for {n} blocks with a gap of {gap} samples"
+            what = (
+                f"A record of {len(short)} samples is too short for {n} blocks with a"
+                f" gap of {gap} samples"
+            )
             raise ChannelError(what, "Use fewer blocks, a smaller gap, or RecordSplit.")
         # sizes as in scikit-learn's KFold: the first blocks are one sample longer
         blocks = [np.array_split(rows, n) for rows in records]
         for i in range(n):
             tests = [parts[i] for parts in blocks]
             near = [
-                np.arange(max(rows[0], test[0] - gap), min(rows[-1], test[-1] + gap) + 1)
+                np.arange(
+                    max(rows[0], test[0] - gap), min(rows[-1], test[-1] + gap) + 1
+                )
                 for rows, test in zip(records, tests)
             ]
             yield np.concatenate(tests), np.concatenate(near)

@@ -1,4 +1,6 @@
-"""Signals: one motion from many channels, and the same treatment for force and response."""
+"""Signals: one motion from many channels, and the same treatment for force and
+response.
+"""
 
 from ..common.lazy import public_names
 

@@ -1,4 +1,6 @@
-"""Compiled integrators: Runge-Kutta with located velocity reversals, and Newmark of average acceleration."""
+"""Compiled integrators: Runge-Kutta with located velocity reversals, and Newmark of
+average acceleration.
+"""
 
 from collections import namedtuple
 from functools import cache
@@ -10,7 +12,8 @@ from . import system as ops
 
 # why a run ended
 DONE, DIVERGED, CRAWLS = 0, 1, 2
-# Steps a sample, on average over the samples so far and these many more, beyond which a run is given up.
+# Steps a sample, on average over the samples so far and these many more, beyond which a
+# run is given up.
 PATIENCE, FIRST = 250, 100
 
 
@@ -27,8 +30,15 @@ def _sums(k, weights, count, j, n):
 
 @part
 def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
-    """One step of length h; returns the error over the tolerance (Dormand-Prince 8: Hairer's mix of two)."""
-    n, stages, n_states, n_sites = system.n_dof, rule.stages, system.n_states, system.n_sites
+    """One step of length h; returns the error over the tolerance (Dormand-Prince 8:
+    Hairer's mix of two).
+    """
+    n, stages, n_states, n_sites = (
+        system.n_dof,
+        rule.stages,
+        system.n_states,
+        system.n_sites,
+    )
     x1, v1, z1, dt = k.x1, k.v1, k.z1, drive.dt
     t0 = interval * dt + done
     for stage in range(stages):
@@ -50,12 +60,16 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
                 ops.put(z1, z0, n_states)
                 ops.inputs_at(drive, interval, (done + 0.5 * share * h) / dt, k.middle)
                 ops.advance_states(system, x0, v0, x1, v1, z1, share * h, k.middle, w.u)
-            ops.accelerate(system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, general)
+            ops.accelerate(
+                system, t0 + share * h, k.row, x1, v1, z1, rise, k.force, w, general
+            )
         power[0] = 0.0
         for j in range(n):
             power[0] += (k.row[j] - system.masses[j] * k.row[n]) * v1[j]
         for i in range(n_sites):
-            power[i + 1] = k.force[i] * ops.relative(v1, address_of(system.sites, i * ops.SITE))
+            power[i + 1] = k.force[i] * ops.relative(
+                v1, address_of(system.sites, i * ops.SITE)
+            )
     x_top, v_top = k.top[0], k.top[1]
     for j in range(n):
         dx, dv = _sums(k, rule.b, stages, j, n)
@@ -75,7 +89,8 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
     if norm5 != 0.0 or norm3 != 0.0:
         error = h * norm5 / (np.sqrt((norm5 + 0.01 * norm3) * 2.0 * n) * rule.rtol)
     if general is not None:
-        # states by one step and by two: zero for laws that do not care how fast the path is run
+        # states by one step and by two: zero for laws that do not care how fast the
+        # path is run
         for j in range(n):
             k.x_half[j] = 0.5 * (x0[j] + x1[j]) + 0.125 * h * (v0[j] - v1[j])
             k.v_half[j] = 1.5 * (x1[j] - x0[j]) / h - 0.25 * (v0[j] + v1[j])
@@ -84,13 +99,19 @@ def _attempt(system, drive, rule, interval, done, h, x0, v0, z0, k, w, general):
         ops.inputs_at(drive, interval, (done + 0.5 * h) / dt, k.middle)
         ops.advance_states(system, x0, v0, x1, v1, k.z_once, h, k.middle, w.u)
         ops.inputs_at(drive, interval, (done + 0.25 * h) / dt, k.middle)
-        ops.advance_states(system, x0, v0, k.x_half, k.v_half, z1, 0.5 * h, k.middle, w.u)
+        ops.advance_states(
+            system, x0, v0, k.x_half, k.v_half, z1, 0.5 * h, k.middle, w.u
+        )
         ops.inputs_at(drive, interval, (done + 0.75 * h) / dt, k.middle)
-        ops.advance_states(system, k.x_half, k.v_half, x1, v1, z1, 0.5 * h, k.middle, w.u)
+        ops.advance_states(
+            system, k.x_half, k.v_half, x1, v1, z1, 0.5 * h, k.middle, w.u
+        )
         for m in range(n_states):
             size = max(abs(z1[m]), k.z_top[m])
             if size > 0.0:
-                gap = abs(z1[m] - k.z_once[m]) / size / rule.ztol  # a product of tiny sizes would be zero
+                gap = (
+                    abs(z1[m] - k.z_once[m]) / size / rule.ztol
+                )  # a product of tiny sizes would be zero
                 # a second-order rule: put its error on the scale of an eighth-order one
                 error = max(error, gap ** (8.0 / 3.0)) if gap == gap else np.nan
     return error
@@ -109,8 +130,13 @@ def _reversal(system, regime, v0, v1, k, stages, v_tol):
             elif abs(start) > v_tol:
                 sign = np.sign(start)
             if sign != 0.0 and end * sign < -v_tol:
-                # from standstill forward and back: nothing to interpolate between yet, the step is too long
-                return i, 2 if abs(start) <= v_tol and ops.relative(k.a, site) * sign > 0.0 else 1
+                # from standstill forward and back: nothing to interpolate between yet,
+                # the step is too long
+                return i, (
+                    2
+                    if abs(start) <= v_tol and ops.relative(k.a, site) * sign > 0.0
+                    else 1
+                )
             plus = sign > 0.0 or end > v_tol
             minus = sign < 0.0 or end < -v_tol
             for stage in range(1, stages):
@@ -125,7 +151,9 @@ def _reversal(system, regime, v0, v1, k, stages, v_tol):
 
 @part
 def _settle(system, jump, v_tol, t, row, x, v, z, a, force, w):
-    """Decide which sites at standstill stick and which slip, and find the accelerations."""
+    """Decide which sites at standstill stick and which slip, and find the
+    accelerations.
+    """
     regime = w.regime
     for i in range(system.n_sites):
         if jump[i] and regime[i] != 0:
@@ -137,11 +165,18 @@ def _settle(system, jump, v_tol, t, row, x, v, z, a, force, w):
     for _ in range(system.n_sites + 1):
         ops.accelerate(system, t, row, x, v, z, a, force, w, True)
         changed = False
-        worst, most = -1, 1.0 + 1e-9  # one at a time: a site that slips relieves the others
+        worst, most = (
+            -1,
+            1.0 + 1e-9,
+        )  # one at a time: a site that slips relieves the others
         for i in range(system.n_sites):
             if jump[i] and regime[i] == 0:
                 if w.jump[i] <= 0.0:
-                    regime[i] = 1 if ops.relative(a, address_of(system.sites, i * ops.SITE)) > 0.0 else -1
+                    regime[i] = (
+                        1
+                        if ops.relative(a, address_of(system.sites, i * ops.SITE)) > 0.0
+                        else -1
+                    )
                     changed = True
                 elif abs(w.share[i]) > most:
                     worst, most = i, abs(w.share[i])
@@ -164,7 +199,9 @@ def _overload(system, jump, w):
 
 @part
 def _overload_inside(system, drive, interval, done, h, x0, v0, k, w):
-    """Most that a sticking site holds too much at the eighths of a step, along which forces bend."""
+    """Most that a sticking site holds too much at the eighths of a step, along which
+    forces bend.
+    """
     most, sticks = 0.0, False
     for i in range(system.n_sites):
         sticks |= k.jump[i] != 0 and w.regime[i] == 0
@@ -174,12 +211,20 @@ def _overload_inside(system, drive, interval, done, h, x0, v0, k, w):
         q = eighth / 8.0
         for j in range(system.n_dof):  # the cubic between both ends
             gap, v1 = k.x1[j] - x0[j], k.v1[j]
-            k.x_half[j] = x0[j] + q * q * (3.0 - 2.0 * q) * gap + h * q * (1.0 - q) * ((1.0 - q) * v0[j] - q * v1)
+            k.x_half[j] = (
+                x0[j]
+                + q * q * (3.0 - 2.0 * q) * gap
+                + h * q * (1.0 - q) * ((1.0 - q) * v0[j] - q * v1)
+            )
             k.v_half[j] = 6.0 * q * (1.0 - q) * gap / h
-            k.v_half[j] += (1.0 - q) * (1.0 - 3.0 * q) * v0[j] + q * (3.0 * q - 2.0) * v1
+            k.v_half[j] += (1.0 - q) * (1.0 - 3.0 * q) * v0[j] + q * (
+                3.0 * q - 2.0
+            ) * v1
         ops.inputs_at(drive, interval, (done + q * h) / drive.dt, k.middle)
         t = interval * drive.dt + done + q * h
-        ops.accelerate(system, t, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w, True)
+        ops.accelerate(
+            system, t, k.middle, k.x_half, k.v_half, k.z1, k.a1, k.force1, w, True
+        )
         most = max(most, _overload(system, k.jump, w)[1])
     return most
 
@@ -198,13 +243,33 @@ def _record(system, out, i, x, v, a, z, work, base):
 
 @jit
 def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, general):
-    """March a system over its samples; without ``general`` no site has memory, sticks or has inertia."""
-    system, drive, rule, k, w, x, v, z, out = addresses((system, drive, rule, k, w, x, v, z, out))
+    """March a system over its samples; without ``general`` no site has memory, sticks
+    or has inertia.
+    """
+    system, drive, rule, k, w, x, v, z, out = addresses(
+        (system, drive, rule, k, w, x, v, z, out)
+    )
     regime, jump = w.regime, k.jump
-    n, n_sites, n_states, n_inputs, stages = system.n_dof, system.n_sites, system.n_states, drive.n_inputs, rule.stages
-    a, x1, v1, z1, a1, force1, dt, last = k.a0, k.x1, k.v1, k.z1, k.a1, k.force1, drive.dt, drive.last
+    n, n_sites, n_states, n_inputs, stages = (
+        system.n_dof,
+        system.n_sites,
+        system.n_states,
+        drive.n_inputs,
+        rule.stages,
+    )
+    a, x1, v1, z1, a1, force1, dt, last = (
+        k.a0,
+        k.x1,
+        k.v1,
+        k.z1,
+        k.a1,
+        k.force1,
+        drive.dt,
+        drive.last,
+    )
     steps, rejected, forced, proposal = 0, 0, 0, dt
-    # motion too small to matter: below it errors are absolute, or round-off would rule the first steps
+    # motion too small to matter: below it errors are absolute, or round-off would rule
+    # the first steps
     strongest = 0.0
     for interval in range(last + 1):
         row = address_of(drive.samples, interval * n_inputs)
@@ -221,7 +286,9 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
         if general is not None:
             _settle(system, jump, v_tol, interval * dt, k.row, x, v, z, a, k.force0, w)
         else:
-            ops.accelerate(system, interval * dt, k.row, x, v, z, a, k.force0, w, general)
+            ops.accelerate(
+                system, interval * dt, k.row, x, v, z, a, k.force0, w, general
+            )
         _record(system, out, interval, x, v, a, z, k.work, k.row[n])
         if interval == last:
             break
@@ -231,15 +298,28 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
             if dt - done - h < 1e-9 * dt:
                 h = dt - done
             h_tried = h
-            arrived = -1  # site that comes to a standstill, or starts to slip, at the end of this step
+            # site that comes to a standstill, or starts to slip, at the end of this
+            # step
+            arrived = -1
             tries = 0  # left to find the instant of a standstill
             low, high, v_low, v_high = 0.0, 0.0, 0.0, 0.0
             while True:
-                error = _attempt(system, drive, rule, interval, done, h, x, v, z, k, w, general)
-                if general is not None and tries > 0:  # towards the standstill of a site: regula falsi (Illinois)
-                    rate = ops.relative(v1, address_of(system.sites, arrived * ops.SITE))
+                error = _attempt(
+                    system, drive, rule, interval, done, h, x, v, z, k, w, general
+                )
+                if (
+                    general is not None and tries > 0
+                ):  # towards the standstill of a site: regula falsi (Illinois)
+                    rate = ops.relative(
+                        v1, address_of(system.sites, arrived * ops.SITE)
+                    )
                     tries -= 1
-                    if tries > 0 and error == error and abs(rate) > v_tol and high - low >= 1e-14 * dt:
+                    if (
+                        tries > 0
+                        and error == error
+                        and abs(rate) > v_tol
+                        and high - low >= 1e-14 * dt
+                    ):
                         if (rate > 0.0) == (v_high > 0.0):
                             high, v_high = h, rate
                             v_low *= 0.5
@@ -259,9 +339,16 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                         low, high = 0.0, h
                         where = address_of(system.sites, site * ops.SITE)
                         v_low, v_high = ops.relative(v, where), ops.relative(v1, where)
-                        h = 1e-9 * dt  # of a slipping site that starts from standstill in the wrong direction
+                        h = (
+                            1e-9 * dt
+                            # of a slipping site that starts from standstill in the
+                            # wrong direction
+                        )
                         if v_low * v_high < 0.0:
-                            tries, h = 60, (low * v_high - high * v_low) / (v_high - v_low)
+                            tries, h = (
+                                60,
+                                (low * v_high - high * v_low) / (v_high - v_low),
+                            )
                         arrived = site
                         located += 1
                         continue
@@ -274,14 +361,18 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                     if crawled == 64:  # it slides along a jump that is not at zero rate
                         shortest *= 8.0
                     break
-                shrink = 0.9 * error ** (-0.125) if error == error and error < 1e300 else 0.1
+                shrink = (
+                    0.9 * error ** (-0.125) if error == error and error < 1e300 else 0.1
+                )
                 h = max(h * min(max(shrink, 0.1), 0.9), shortest)
                 arrived = -1
             steps += 1
             if steps + rejected > PATIENCE * (interval + FIRST):
                 return CRAWLS, interval, 0, steps, rejected, forced
             for j in range(n):
-                if error != error or not (abs(x1[j]) < rule.limit and abs(v1[j]) < 1e100):
+                if error != error or not (
+                    abs(x1[j]) < rule.limit and abs(v1[j]) < 1e100
+                ):
                     return DIVERGED, interval, j, steps, rejected, forced
             ops.inputs_at(drive, interval, (done + h) / dt, k.row)
             t = interval * dt + done + h
@@ -291,7 +382,9 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                 if arrived >= 0 and jump[arrived]:
                     regime[arrived] = 0
                 for i in range(n_sites):
-                    if regime[i] == 0:  # a sticking site stands still exactly, not to within round-off
+                    if (
+                        regime[i] == 0
+                    ):  # a sticking site stands still exactly, not to within round-off
                         where = address_of(system.sites, i * ops.SITE)
                         p, q = where[ops.UPPER], where[ops.LOWER]
                         if i != arrived:
@@ -301,19 +394,26 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
                     _settle(system, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
                 else:
                     inside = 0.0
-                    if drive.order > 1 and h > shortest:  # a force that bends may exceed what friction holds
-                        inside = _overload_inside(system, drive, interval, done, h, x, v, k, w)
+                    if (
+                        drive.order > 1 and h > shortest
+                    ):  # a force that bends may exceed what friction holds
+                        inside = _overload_inside(
+                            system, drive, interval, done, h, x, v, k, w
+                        )
                     ops.accelerate(system, t, k.row, x1, v1, z1, a1, force1, w, general)
                     site, most = _overload(system, jump, w)
                     if max(most, inside) > 1e-6 and h > shortest and located < 100:
-                        # it starts to slip inside this step: come closer to that instant
+                        # it starts to slip inside this step: come closer to that
+                        # instant
                         located += 1
                         rejected += 1
                         steps -= 1
                         proposal = max(0.5 * h, shortest)
                         continue
                     if site >= 0:
-                        _settle(system, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w)
+                        _settle(
+                            system, jump, v_tol, t, k.row, x1, v1, z1, a1, force1, w
+                        )
             for m in range(n_sites + 1):
                 gain = 0.0
                 for stage in range(stages):
@@ -329,7 +429,9 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
             done = dt if h == dt - done else done + h
             if adaptive:
                 grow = 10.0 if error < 1e-9 else min(0.9 * error ** (-0.125), 10.0)
-                proposal = min(max(h * max(grow, 0.1), h_tried if arrived >= 0 else shortest), dt)
+                proposal = min(
+                    max(h * max(grow, 0.1), h_tried if arrived >= 0 else shortest), dt
+                )
             else:
                 proposal = dt
     return DONE, last, 0, steps, rejected, forced
@@ -337,7 +439,9 @@ def runge_kutta(system, drive, rule, k, w, x, v, z, adaptive, smallest, out, gen
 
 @part
 def _move(system, site, s0, r0, s1, r1, z, dt, middle, u):
-    """Move the states of a site over one step, split where its linear rate crosses zero."""
+    """Move the states of a site over one step, split where its linear rate crosses
+    zero.
+    """
     if r0 * r1 < 0.0:
         until = dt * r0 / (r0 - r1)
         s_there = s0 + 0.5 * r0 * until
@@ -353,17 +457,37 @@ def _move_all(system, x0, v0, x1, v1, z, dt, middle, u):
     for i in range(system.n_sites):
         site = address_of(system.sites, i * ops.SITE)
         if site[ops.MEMORY]:
-            r0, s1, r1 = ops.relative(v0, site), ops.relative(x1, site), ops.relative(v1, site)
+            r0, s1, r1 = (
+                ops.relative(v0, site),
+                ops.relative(x1, site),
+                ops.relative(v1, site),
+            )
             _move(system, site, ops.relative(x0, site), r0, s1, r1, z, dt, middle, u)
 
 
 @part
 def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudge):
-    """Force of a site at the end of a step whose relative acceleration there is larger by the nudge."""
-    s1, r1 = ops.relative(x1, site) + 0.25 * dt * dt * nudge, ops.relative(v1, site) + 0.5 * dt * nudge
+    """Force of a site at the end of a step whose relative acceleration there is larger
+    by the nudge.
+    """
+    s1, r1 = (
+        ops.relative(x1, site) + 0.25 * dt * dt * nudge,
+        ops.relative(v1, site) + 0.5 * dt * nudge,
+    )
     if site[ops.MEMORY]:
         ops.put(z1, z0, system.n_states)
-        _move(system, site, ops.relative(x0, site), ops.relative(v0, site), s1, r1, z1, dt, middle, w.u)
+        _move(
+            system,
+            site,
+            ops.relative(x0, site),
+            ops.relative(v0, site),
+            s1,
+            r1,
+            z1,
+            dt,
+            middle,
+            w.u,
+        )
     force, _ = ops.site_force(system, site, s1, r1, t, row, z1, w.u, w.out, True)
     return force
 
@@ -372,8 +496,20 @@ def _end_force(system, w, site, t, row, middle, dt, x0, v0, x1, v1, z0, z1, nudg
 def newmark(system, drive, k, w, x, v, z, out):
     """March a system over its samples."""
     system, drive, k, w, x, v, z, out = addresses((system, drive, k, w, x, v, z, out))
-    n, n_sites, n_states, n_inputs = system.n_dof, system.n_sites, system.n_states, drive.n_inputs
-    base, dt, last, middle, matrix, work = n, drive.dt, drive.last, k.middle, w.matrix, k.work
+    n, n_sites, n_states, n_inputs = (
+        system.n_dof,
+        system.n_sites,
+        system.n_states,
+        drive.n_inputs,
+    )
+    base, dt, last, middle, matrix, work = (
+        n,
+        drive.dt,
+        drive.last,
+        k.middle,
+        w.matrix,
+        k.work,
+    )
     a, x1, v1, z1, a1, force, force1 = k.a0, k.x1, k.v1, k.z1, k.a1, k.force0, k.force1
     found, step, slope = k.a, k.v, k.force
     iterations, forced, top = 0, 0, 1e-12
@@ -395,8 +531,12 @@ def newmark(system, drive, k, w, x, v, z, out):
                 v1[j] = v[j] + 0.5 * dt * (a[j] + a1[j])
             for m in range(n_sites):
                 site, nudge = address_of(system.sites, m * ops.SITE), 1e-6 * top
-                now = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, 0.0)
-                nudged = _end_force(system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, nudge)
+                now = _end_force(
+                    system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, 0.0
+                )
+                nudged = _end_force(
+                    system, w, site, t, row, middle, dt, x, v, x1, v1, z, z1, nudge
+                )
                 slope[m] = (nudged - now) / nudge
             ops.put(z1, z, n_states)
             _move_all(system, x, v, x1, v1, z1, dt, middle, w.u)
@@ -433,28 +573,48 @@ def newmark(system, drive, k, w, x, v, z, out):
         _move_all(system, x, v, x1, v1, z, dt, middle, w.u)
         ops.accelerate(system, t, row, x1, v1, z, a1, force1, w, True)
         for j in range(n):
-            before, after = was[j] - system.masses[j] * was[base], row[j] - system.masses[j] * row[base]
+            before, after = (
+                was[j] - system.masses[j] * was[base],
+                row[j] - system.masses[j] * row[base],
+            )
             work[0] += 0.5 * dt * (before * v[j] + after * v1[j])
         for m in range(n_sites):
             site = address_of(system.sites, m * ops.SITE)
-            work[m + 1] += 0.5 * dt * (force[m] * ops.relative(v, site) + force1[m] * ops.relative(v1, site))
+            work[m + 1] += (
+                0.5
+                * dt
+                * (
+                    force[m] * ops.relative(v, site)
+                    + force1[m] * ops.relative(v1, site)
+                )
+            )
             force[m] = force1[m]
         for j in range(n):
             x[j], v[j], a[j] = x1[j], v1[j], a1[j]
     return DONE, last, 0, last, iterations, forced
 
 
-Rule = namedtuple("Rule", "a b c e3 e5 stages rtol ztol limit")  # see rule_of; ztol: of states; limit: of motion
+Rule = namedtuple(
+    "Rule", "a b c e3 e5 stages rtol ztol limit"
+)  # see rule_of; ztol: of states; limit: of motion
 
 
 @cache
 def rule_of(method: str) -> tuple[np.ndarray, ...]:
-    """Coefficients a, b, c and weights e3, e5 of the embedded errors: SciPy's DOP853, or the classical rule."""
+    """Coefficients a, b, c and weights e3, e5 of the embedded errors: SciPy's DOP853,
+    or the classical rule.
+    """
     if method == "classical":
         a = np.zeros((4, 4))
         a[1, 0] = a[2, 1] = 0.5
         a[3, 2] = 1.0
-        return a, np.array([1, 2, 2, 1]) / 6, np.array([0, 0.5, 0.5, 1]), np.zeros(4), np.zeros(4)
+        return (
+            a,
+            np.array([1, 2, 2, 1]) / 6,
+            np.array([0, 0.5, 0.5, 1]),
+            np.zeros(4),
+            np.zeros(4),
+        )
     from scipy.integrate import DOP853
 
     s = DOP853.n_stages

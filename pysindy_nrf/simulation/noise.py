@@ -13,20 +13,28 @@ from ..exceptions import ChannelError
 _LINES = {short: key for key, short in BASES.items()}
 
 
-def add_noise(record: Record, level: float, random_state: Any = None, channels: Iterable[str] | None = None) -> Record:
+def add_noise(
+    record: Record,
+    level: float,
+    random_state: Any = None,
+    channels: Iterable[str] | None = None,
+) -> Record:
     """A record with white Gaussian noise on its channels.
 
     Parameters
     ----------
     record : Record
     level : float
-        Standard deviation of the noise as a share of the RMS of the channel, 0.05 = 5 % (the paper's "5 % noise" is
-        a share of the mean, almost nothing for a signal that swings about zero).
+        Standard deviation of the noise as a share of the RMS of the channel, 0.05 = 5 %
+        (the paper's "5 % noise" is a share of the mean, almost nothing for a signal
+        that swings about zero).
     random_state : int, Generator or None
-        A whole number gives noise a stream of its own: it may be the one that the excitation was drawn from.
+        A whole number gives noise a stream of its own: it may be the one that the
+        excitation was drawn from.
     channels : iterable of str, optional
-        ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a covariate; by default every
-        measured force and motion. Channels of zeros (known to be unforced) stay zero.
+        ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a
+        covariate; by default every measured force and motion. Channels of zeros (known
+        to be unforced) stay zero.
 
     Raises
     ------
@@ -39,14 +47,20 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
     >>> from pysindy_nrf import Record
     >>> from pysindy_nrf.simulation.noise import add_noise
     >>> t = np.arange(5000) / 1000
-    >>> rec = Record(acceleration=3 * np.sin(40 * t), force=np.cos(9 * t), fs=1000.0)
+    >>> rec = Record(
+    ...     acceleration=3 * np.sin(40 * t), force=np.cos(9 * t), fs=1000.0
+    ... )
     >>> noisy = add_noise(rec, 0.05, random_state=0)
-    >>> round(float(np.std(noisy.acceleration - rec.acceleration)), 2)  # 5 % of 3 / sqrt(2)
+    >>> round(
+    ...     float(np.std(noisy.acceleration - rec.acceleration)), 2
+    ... )  # 5 % of 3 / sqrt(2)
     0.11
     """
     share = number_of(level)
     if not np.isfinite(share) or share < 0:
-        raise ChannelError(f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %.")
+        raise ChannelError(
+            f"level={level!r} is not a share of the RMS", "Give e.g. 0.05 for 5 %."
+        )
     measured = record.channels()
     rng = generator(random_state, "noise")
     changes: dict[str, Any] = {}
@@ -60,19 +74,30 @@ def add_noise(record: Record, level: float, random_state: Any = None, channels: 
             changes[_LINES[name]] = column
         else:
             key = OF_LETTER[name[0]]
-            changes.setdefault(key, np.array(getattr(record, key), dtype=float))[:, int(name[1:]) - 1] = column
+            changes.setdefault(key, np.array(getattr(record, key), dtype=float))[
+                :, int(name[1:]) - 1
+            ] = column
     return record.replace(**changes)
 
 
-def _chosen(measured: dict[str, np.ndarray], record: Record, channels: Iterable[str] | None) -> list[str]:
+def _chosen(
+    measured: dict[str, np.ndarray], record: Record, channels: Iterable[str] | None
+) -> list[str]:
     """Names of the channels that get noise, in the order of the record."""
     if channels is None:
         return [name for name in measured if name not in record.covariates]
     wanted = [channels] if isinstance(channels, str) else list(channels)
     chosen = set()
     for text in wanted:
-        group = [name for name in measured if name == text or (text in OF_LETTER and re.fullmatch(rf"{text}\d+", name))]
+        group = [
+            name
+            for name in measured
+            if name == text or (text in OF_LETTER and re.fullmatch(rf"{text}\d+", name))
+        ]
         if not group:
-            raise ChannelError(f"Channel {text!r} is not in record {record.name!r}", f"It has {', '.join(measured)}.")
+            raise ChannelError(
+                f"Channel {text!r} is not in record {record.name!r}",
+                f"It has {', '.join(measured)}.",
+            )
         chosen.update(group)
     return [name for name in measured if name in chosen]

@@ -13,7 +13,9 @@ def written(tmp_path):
 
     def write(content, name="own.csv", encoding="utf-8"):
         path = tmp_path / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode(encoding))
+        path.write_bytes(
+            content if isinstance(content, bytes) else content.encode(encoding)
+        )
         return path
 
     return write
@@ -21,7 +23,9 @@ def written(tmp_path):
 
 @pytest.fixture
 def columns_file(written):
-    """Function that writes a head line, columns of cells and a footer as delimited text."""
+    """Function that writes a head line, columns of cells and a footer as delimited
+    text.
+    """
 
     def write(head, columns, separator=";", tail="", name="own.csv"):
         rows = "\n".join(separator.join(cells) for cells in zip(*columns))
@@ -32,12 +36,22 @@ def columns_file(written):
 
 @pytest.fixture(scope="session")
 def frame():
-    """Motions of two floors and a force on the upper one, 300 samples at 500 Hz, SI units."""
+    """Motions of two floors and a force on the upper one, 300 samples at 500 Hz, SI
+    units.
+    """
     t = np.arange(300) / 500.0
     x = np.column_stack([1e-3 * np.sin(40 * t), 1.7e-3 * np.sin(40 * t + 0.3)])
     v = np.column_stack([0.04 * np.cos(40 * t), 0.068 * np.cos(40 * t + 0.3)])
-    columns = {"t": t, "F1": 0 * t, "F2": 30 * np.cos(40 * t), "a1": -1600 * x[:, 0], "a2": -1600 * x[:, 1]}
-    return pd.DataFrame(columns | {"v1": v[:, 0], "v2": v[:, 1], "x1": x[:, 0], "x2": x[:, 1]})
+    columns = {
+        "t": t,
+        "F1": 0 * t,
+        "F2": 30 * np.cos(40 * t),
+        "a1": -1600 * x[:, 0],
+        "a2": -1600 * x[:, 1],
+    }
+    return pd.DataFrame(
+        columns | {"v1": v[:, 0], "v2": v[:, 1], "x1": x[:, 0], "x2": x[:, 1]}
+    )
 
 
 @pytest.fixture
@@ -47,7 +61,9 @@ def small():
 
     def record(**more):
         options = {"fs": 100.0, "name": "small"} | more
-        return Record(displacement=np.sin(t)[:, None], force=np.cos(t)[:, None], **options)
+        return Record(
+            displacement=np.sin(t)[:, None], force=np.cos(t)[:, None], **options
+        )
 
     return record
 

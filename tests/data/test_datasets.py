@@ -46,9 +46,14 @@ def test_nees_units_agree_between_its_channels(test):
     """Inches twice differentiated are the g of the table."""
     from pysindy_nrf import FairFilter
 
-    rec = measured_sets.load_nees_three_storey(test, measured.folder("nees_three_storey"))
+    rec = measured_sets.load_nees_three_storey(
+        test, measured.folder("nees_three_storey")
+    )
     assert (
-        rec.n_dof == 3 and rec.coordinates == "absolute" and not rec.forced and rec.fs == pytest.approx(256, abs=0.01)
+        rec.n_dof == 3
+        and rec.coordinates == "absolute"
+        and not rec.forced
+        and rec.fs == pytest.approx(256, abs=0.01)
     )
     band = FairFilter((0.5, 6.0), rec.fs)
     ag = band.apply(rec.base_acceleration)
@@ -69,7 +74,11 @@ def test_dampers_dissipate():
     runs = measured_sets.mr_damper_cyclic_runs(root)
     assert len(runs) == 82
     records = [measured_sets.load_mr_damper_cyclic(run, root) for run in runs[:5]]
-    records.append(measured_sets.load_mr_damper_white_noise(measured.folder("mr_damper_white_noise")))
+    records.append(
+        measured_sets.load_mr_damper_white_noise(
+            measured.folder("mr_damper_white_noise")
+        )
+    )
     for rec in records:
         force = rec.force[:, 0] - rec.force[:, 0].mean()
         assert np.diff(rec.displacement[:, 0]) @ (force[1:] + force[:-1]) > 0, rec.name
@@ -78,14 +87,18 @@ def test_dampers_dissipate():
 
 
 def test_a_damper_alone_is_a_chain_without_inertia():
-    rec = measured_sets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic"))
+    rec = measured_sets.load_mr_damper_cyclic(
+        folder=measured.folder("mr_damper_cyclic")
+    )
     model = NRFRegressor(degree=1, known_masses={1: 0.0})
     with pytest.warns(UserWarning):  # the offset and the hysteresis are missing
         model.fit(rec)
     X, F = rec.to_features()
     columns = X[["v1", "s1"]].to_numpy()
     np.testing.assert_allclose(
-        model.restoring_forces_[1].coefficients, np.linalg.lstsq(columns, F["F1"].to_numpy(), rcond=None)[0], rtol=1e-9
+        model.restoring_forces_[1].coefficients,
+        np.linalg.lstsq(columns, F["F1"].to_numpy(), rcond=None)[0],
+        rtol=1e-9,
     )
 
 
@@ -97,5 +110,11 @@ def test_dry_friction_storey_is_shaken_at_two_hertz():
 
 
 def test_bouc_wen_benchmark():
-    rec = measured_sets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark"))
-    assert rec.n_samples == 8192 and rec.fs == 750 and np.sqrt(np.mean(rec.force**2)) == pytest.approx(50, rel=1e-3)
+    rec = measured_sets.load_bouc_wen_benchmark(
+        "multisine", measured.folder("bouc_wen_benchmark")
+    )
+    assert (
+        rec.n_samples == 8192
+        and rec.fs == 750
+        and np.sqrt(np.mean(rec.force**2)) == pytest.approx(50, rel=1e-3)
+    )

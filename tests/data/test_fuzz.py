@@ -1,4 +1,6 @@
-"""Damaged files are read or refused by name: no other exception, no dead process, no hang, no hunger for memory."""
+"""Damaged files are read or refused by name: no other exception, no dead process, no
+hang, no hunger for memory.
+"""
 
 import os
 import sys
@@ -15,7 +17,9 @@ from pysindy_nrf.exceptions import NRFError
 pytestmark = pytest.mark.fuzz
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 if not BENCHMARKS.is_dir():
-    pytest.skip("the benchmarks are not part of an installed package", allow_module_level=True)
+    pytest.skip(
+        "the benchmarks are not part of an installed package", allow_module_level=True
+    )
 sys.path.insert(0, str(BENCHMARKS))
 
 from fuzz import fuzz  # noqa: E402
@@ -31,12 +35,48 @@ def test_some_seconds_of_damaged_files():
 
 CELLS = st.one_of(
     st.floats(-1e6, 1e6).map(repr),
-    st.sampled_from(["nan", "", "1,5", "inf", "-", "1e400", '"', "2024-05-01", "0x10", "1_000", "٣", "#", "'", "True", "1e5j"]),
+    st.sampled_from(
+        [
+            "nan",
+            "",
+            "1,5",
+            "inf",
+            "-",
+            "1e400",
+            '"',
+            "2024-05-01",
+            "0x10",
+            "1_000",
+            "٣",
+            "#",
+            "'",
+            "True",
+            "1e5j",
+        ]
+    ),
 )
 
 
 @given(
-    st.lists(st.sampled_from(["t", "a1", "x1", "F1", "v1 [mm/s]", "a_1", "t [ms]", "", "<b>", "a1 [g]", "volt"]), min_size=1, max_size=4),
+    st.lists(
+        st.sampled_from(
+            [
+                "t",
+                "a1",
+                "x1",
+                "F1",
+                "v1 [mm/s]",
+                "a_1",
+                "t [ms]",
+                "",
+                "<b>",
+                "a1 [g]",
+                "volt",
+            ]
+        ),
+        min_size=1,
+        max_size=4,
+    ),
     st.lists(st.lists(CELLS, min_size=1, max_size=4), max_size=8),
     st.sampled_from([",", ";", "\t", " ", "|"]),
 )

@@ -1,4 +1,6 @@
-"""Records and the arrays they are made of: clocks, gaps, values that stand for "not measured"."""
+"""Records and the arrays they are made of: clocks, gaps, values that stand for "not
+measured".
+"""
 
 import warnings
 
@@ -30,13 +32,20 @@ def test_a_record_without_a_clock_serves_an_element_without_mass_only():
         slider[i] = np.clip(slider[i - 1] + step, -0.002, 0.002)
     record = Record(force=(3e4 * x + 2e5 * slider)[:, None], displacement=x[:, None])
     assert not record.has_clock and "without a clock" in repr(record)
-    element = NRFRegressor(laws={1: [laws.LinearElastic(), laws.Jenkins()]}, massless=True).fit(record)
+    element = NRFRegressor(
+        laws={1: [laws.LinearElastic(), laws.Jenkins()]}, massless=True
+    ).fit(record)
     spring, found = element.model_.laws["storey 1"]
-    assert record.rows(slice(10, 90)).by_sample().time[0] == 0.0  # a part counts its samples anew
+    assert (
+        record.rows(slice(10, 90)).by_sample().time[0] == 0.0
+    )  # a part counts its samples anew
     assert spring.parameters["k"] == pytest.approx(3e4, rel=1e-3)
     assert found.parameters["Fy"] == pytest.approx(400.0, rel=1e-3)
     assert element.masses_ == pytest.approx([0.0])
-    for other in (NRFRegressor(degree=1, massless=True), NRFRegressor(laws={1: [laws.LinearElastic()]})):
+    for other in (
+        NRFRegressor(degree=1, massless=True),
+        NRFRegressor(laws={1: [laws.LinearElastic()]}),
+    ):
         with pytest.raises(ChannelError, match="has no clock.*massless=True"):
             other.fit(record)
     with pytest.raises(ChannelError, match="no clock"):
@@ -79,27 +88,42 @@ def test_gaps_and_jitter_are_named_and_counted(tmp_path):
     t = np.arange(1000) / 256
 
     def timed(time):
-        pd.DataFrame({"t": time, "a1": np.sin(9 * t[: len(time)])}).to_csv(path, index=False)
+        pd.DataFrame({"t": time, "a1": np.sin(9 * t[: len(time)])}).to_csv(
+            path, index=False
+        )
         return path
 
     even = inspect_record(timed(t))
     assert even.record.fs == 256 and even.clock == "256 Hz, from the time 't', even"
     loose = inspect_record(timed(t + rng.uniform(-0.01, 0.01, 1000) / 256))
-    assert loose.record.fs == pytest.approx(256, rel=1e-4) and "steps vary by up to" in loose.clock
+    assert (
+        loose.record.fs == pytest.approx(256, rel=1e-4)
+        and "steps vary by up to" in loose.clock
+    )
     with pytest.raises(ChannelError, match="2 gaps, about 75 samples are missing"):
-        inspect_record(timed(np.delete(np.concatenate([t[:300], t[350:]]), slice(600, 625))))
+        inspect_record(
+            timed(np.delete(np.concatenate([t[:300], t[350:]]), slice(600, 625)))
+        )
     with pytest.raises(ChannelError, match="jitter, steps of .*resample"):
         inspect_record(timed(t + rng.uniform(-0.3, 0.3, 1000) / 256))
-    # a time rounded to milliseconds is not jitter of the clock: the cure says so, and works
+    # a time rounded to milliseconds is not jitter of the clock: the cure says so, and
+    # works
     with pytest.raises(ChannelError, match="jitter.*only rounded.*t = 'none'.*fs=256"):
         inspect_record(timed(t.round(3)))
-    assert inspect_record(path, mapping={"t": "none"}, fs=256.0).clock == "256 Hz, as given"
+    assert (
+        inspect_record(path, mapping={"t": "none"}, fs=256.0).clock
+        == "256 Hz, as given"
+    )
 
 
 def test_a_part_of_a_record_keeps_its_times(frame):
     record = Record.from_frame(frame)
     part = record.window(0.1, 0.3)
-    assert part.n_samples == 100 and part.time[0] == pytest.approx(0.1) and record.n_samples == 300
+    assert (
+        part.n_samples == 100
+        and part.time[0] == pytest.approx(0.1)
+        and record.n_samples == 300
+    )
     np.testing.assert_array_equal(part.displacement, record.displacement[50:150])
     np.testing.assert_array_equal(record.rows(slice(50, 150)).time, part.time)
     assert part.replace(name="hit").t0 == part.t0
@@ -115,7 +139,9 @@ def test_a_part_of_a_record_keeps_its_times(frame):
     st.integers(2, 5),
 )
 def test_only_values_far_beyond_all_others_are_fillers(line, value, times):
-    """A channel that comes near the number by itself, or holds it in half of its rows, is left as it is."""
+    """A channel that comes near the number by itself, or holds it in half of its rows,
+    is left as it is.
+    """
     line = np.array(line)
     held = np.insert(line, np.linspace(0, len(line), times).astype(int), value)
     rows, _ = fillers(held)
@@ -127,10 +153,17 @@ def test_only_values_far_beyond_all_others_are_fillers(line, value, times):
 
 @pytest.mark.parametrize(
     "line",
-    [[0.0, 999.0, 0.0, 1.0], [np.nan] * 4, [np.inf, 1.0, 2.0, 3.0], [0.0] * 4, [-9999.0] * 4,
-     [9999.0, -9999.0, 9999.0, 1.0], []],
+    [
+        [0.0, 999.0, 0.0, 1.0],
+        [np.nan] * 4,
+        [np.inf, 1.0, 2.0, 3.0],
+        [0.0] * 4,
+        [-9999.0] * 4,
+        [9999.0, -9999.0, 9999.0, 1.0],
+        [],
+    ],
     ids=str,
-)  # fmt: skip
+)
 def test_honest_channels_are_left_alone(line):
     with warnings.catch_warnings(action="error"):
         assert len(fillers(np.array(line, dtype=float))[0]) == 0

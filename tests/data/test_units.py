@@ -15,19 +15,49 @@ from pysindy_nrf.exceptions import ChannelError
 
 pytest.importorskip("pint")
 
-# By definition: 1 in = 0.0254 m, 1 lb = 0.45359237 kg, g = 9.80665 m/s^2, 1 gal = 1 cm/s^2, 1 kip = 1000 lbf.
+# By definition: 1 in = 0.0254 m, 1 lb = 0.45359237 kg, g = 9.80665 m/s^2, 1 gal = 1
+# cm/s^2, 1 kip = 1000 lbf.
 POUND_FORCE = 0.45359237 * 9.80665
 DEFINED = {
-    ("mm", "x1"): 1e-3, ("MM", "x1"): 1e-3, ("in", "xg"): 0.0254, ("inches", "x1"): 0.0254, ("Inch", "x1"): 0.0254,
-    ("mil", "x1"): 2.54e-5, ("ft", "x1"): 0.3048, ("µm", "x1"): 1e-6, ("μm", "x1"): 1e-6, ("um", "x1"): 1e-6,
-    ("g", "a1"): 9.80665, ("G", "a1"): 9.80665, ("mg", "ag"): 9.80665e-3, ("Gal", "a1"): 0.01, ("cm/s^2", "a1"): 0.01,
-    ("CM/SEC/SEC", "a1"): 0.01, ("cm/sec2", "a1"): 0.01, ("cm/s/s", "a1"): 0.01, ("in/s^2", "a1"): 0.0254,
-    ("mm/s²", "a1"): 1e-3, ("m·s⁻²", "a1"): 1.0, ("ms-2", "a1"): 1.0, ("m s^-2", "a1"): 1.0, ("[m/s2]", "a1"): 1.0,
-    ("cm/s", "vg"): 0.01, ("in/s", "v2"): 0.0254,
-    ("N", "F1"): 1.0, ("kN", "F1"): 1e3, ("KN", "F1"): 1e3, ("MN", "F1"): 1e6, ("mN", "F1"): 1e-3,
-    ("lbf", "F1"): POUND_FORCE, ("lb", "F1"): POUND_FORCE, ("kip", "F1"): 1e3 * POUND_FORCE,
-    ("kips", "F1"): 1e3 * POUND_FORCE, ("kgf", "F1"): 9.80665, ("ms", "t"): 1e-3, ("min", "t"): 60.0,
-}  # fmt: skip
+    ("mm", "x1"): 1e-3,
+    ("MM", "x1"): 1e-3,
+    ("in", "xg"): 0.0254,
+    ("inches", "x1"): 0.0254,
+    ("Inch", "x1"): 0.0254,
+    ("mil", "x1"): 2.54e-5,
+    ("ft", "x1"): 0.3048,
+    ("µm", "x1"): 1e-6,
+    ("μm", "x1"): 1e-6,
+    ("um", "x1"): 1e-6,
+    ("g", "a1"): 9.80665,
+    ("G", "a1"): 9.80665,
+    ("mg", "ag"): 9.80665e-3,
+    ("Gal", "a1"): 0.01,
+    ("cm/s^2", "a1"): 0.01,
+    ("CM/SEC/SEC", "a1"): 0.01,
+    ("cm/sec2", "a1"): 0.01,
+    ("cm/s/s", "a1"): 0.01,
+    ("in/s^2", "a1"): 0.0254,
+    ("mm/s²", "a1"): 1e-3,
+    ("m·s⁻²", "a1"): 1.0,
+    ("ms-2", "a1"): 1.0,
+    ("m s^-2", "a1"): 1.0,
+    ("[m/s2]", "a1"): 1.0,
+    ("cm/s", "vg"): 0.01,
+    ("in/s", "v2"): 0.0254,
+    ("N", "F1"): 1.0,
+    ("kN", "F1"): 1e3,
+    ("KN", "F1"): 1e3,
+    ("MN", "F1"): 1e6,
+    ("mN", "F1"): 1e-3,
+    ("lbf", "F1"): POUND_FORCE,
+    ("lb", "F1"): POUND_FORCE,
+    ("kip", "F1"): 1e3 * POUND_FORCE,
+    ("kips", "F1"): 1e3 * POUND_FORCE,
+    ("kgf", "F1"): 9.80665,
+    ("ms", "t"): 1e-3,
+    ("min", "t"): 60.0,
+}
 
 
 @pytest.mark.parametrize(("unit", "channel"), DEFINED, ids=lambda x: x)
@@ -49,7 +79,11 @@ def test_factors_are_those_of_the_definitions(unit, channel):
         ("deg", "x1", "a number or an angle"),
         ("wug", "x1", "'wug' of channel x1 is unknown"),
         ("mV", "F1", "unknown"),
-        ("K", "temperature", "'temperature' is a covariate and keeps its unit, 'K' cannot be converted"),
+        (
+            "K",
+            "temperature",
+            "'temperature' is a covariate and keeps its unit, 'K' cannot be converted",
+        ),
         # nothing is evaluated
         ("9**9**9**9", "x1", "x1"),
         ("mm**999999999", "x1", "x1"),
@@ -89,29 +123,53 @@ except MissingExtraError as error:
 
 def test_without_pint_si_is_read_and_other_units_name_the_extra(written):
     path = written("t [s],a1 [m/s²],F1 [N]\n0,1,1\n1,2,2\n2,3,3\n", "si.csv")
-    run = subprocess.run([sys.executable, "-c", WITHOUT_PINT, str(path)], capture_output=True, text=True, timeout=120)
-    assert run.stdout.startswith("3.0\n") and "pysindy_nrf[files]" in run.stdout, run.stderr
+    run = subprocess.run(
+        [sys.executable, "-c", WITHOUT_PINT, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert run.stdout.startswith("3.0\n") and "pysindy_nrf[files]" in run.stdout, (
+        run.stderr
+    )
 
 
 @pytest.mark.parametrize("unit", ["kg", "V", "t", "furlong", "floor 2"])
 def test_a_force_whose_unit_cannot_be_used_is_not_known_to_be_unforced(tmp_path, unit):
     path = tmp_path / "a.csv"
-    path.write_text(f"t,F2 [{unit}],x1,x2\n" + "".join(f"{k / 100},{k % 7},{k % 5},{k % 3}\n" for k in range(40)))
+    path.write_text(
+        f"t,F2 [{unit}],x1,x2\n"
+        + "".join(f"{k / 100},{k % 7},{k % 5},{k % 3}\n" for k in range(40))
+    )
     with pytest.raises(ChannelError, match=f"(F2.*{unit}|{unit}.*F2)"):
         read_record(path)
     assert read_record(path, mapping={"F2": "none"}).forced == ()
-    name = "F2" if unit == "furlong" else f"F2 [{unit}]"  # a unit that is known leaves the name
-    assert read_record(path, mapping={"F2": f'"{name}" * 9.81 @ N'}).force[:, 1].max() == 6 * 9.81
+    name = (
+        "F2" if unit == "furlong" else f"F2 [{unit}]"
+    )  # a unit that is known leaves the name
+    assert (
+        read_record(path, mapping={"F2": f'"{name}" * 9.81 @ N'}).force[:, 1].max()
+        == 6 * 9.81
+    )
     table = pd.read_csv(path).rename(columns={f"F2 [{unit}]": "F2 [kN]"})
     table.to_parquet(tmp_path / "a.parquet")
     assert read_record(tmp_path / "a.parquet").force[:, 1].max() == 6000
 
 
-@pytest.mark.parametrize("name", ["F2_kg", "F2 kg", "F2/V", "Force 2 [V]", "F 2 (t)", "F2 raw"])
+@pytest.mark.parametrize(
+    "name", ["F2_kg", "F2 kg", "F2/V", "Force 2 [V]", "F 2 (t)", "F2 raw"]
+)
 def test_a_column_that_names_a_force_is_read_or_asked_for(tmp_path, name):
     path = tmp_path / "a.csv"
-    path.write_text(f"t,{name},F1,x1,x2\n" + "".join(f"{k / 100},{k % 7},{k % 2},{k % 5},{k % 3}\n" for k in range(40)))
-    with pytest.raises(ChannelError, match="'F2': 'name . number @ N'|F2.*measures mass"):
+    path.write_text(
+        f"t,{name},F1,x1,x2\n"
+        + "".join(f"{k / 100},{k % 7},{k % 2},{k % 5},{k % 3}\n" for k in range(40))
+    )
+    with pytest.raises(
+        ChannelError, match="'F2': 'name . number @ N'|F2.*measures mass"
+    ):
         read_record(path)
     assert read_record(path, mapping={"F2": "none"}).forced == (1,)
-    assert read_record(path, mapping={"F2": f'"{name}" * 2 @ N'}).force[:, 1].max() == 12
+    assert (
+        read_record(path, mapping={"F2": f'"{name}" * 2 @ N'}).force[:, 1].max() == 12
+    )

@@ -1,4 +1,6 @@
-"""Forces whose channel is not linear or not steady, and records that do not belong together: named, with the size."""
+"""Forces whose channel is not linear or not steady, and records that do not belong
+together: named, with the size.
+"""
 
 import re
 import warnings
@@ -10,13 +12,26 @@ from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.signals.channel_checks import check_channels
 from pysindy_nrf.simulation.noise import add_noise
 
-LAWS = {f"storey {i}": (laws.LinearElastic(k), laws.LinearViscous(50.0)) for i, k in ((1, 4e4), (2, 3e4), (3, 2.5e4))}
+LAWS = {
+    f"storey {i}": (laws.LinearElastic(k), laws.LinearViscous(50.0))
+    for i, k in ((1, 4e4), (2, 3e4), (3, 2.5e4))
+}
 FRAME, OTHER = (ChainModel([12.0, 9.0, m], LAWS) for m in (15.0, 18.0))
 
 
 def record(seed=0, model=FRAME, excited=(1, 2, 3)):
-    F = excitation.band_limited_random(3, 15.0, 400.0, excited=list(excited), rms=100.0, band=(1, 40), random_state=seed)
-    return add_noise(simulate(model, F, 1 / 400, name=f"test {seed}"), 0.01, random_state=seed)
+    F = excitation.band_limited_random(
+        3,
+        15.0,
+        400.0,
+        excited=list(excited),
+        rms=100.0,
+        band=(1, 40),
+        random_state=seed,
+    )
+    return add_noise(
+        simulate(model, F, 1 / 400, name=f"test {seed}"), 0.01, random_state=seed
+    )
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +53,12 @@ def doubts(records):
 
 RAMP = np.linspace(-0.5, 0.5, 6000)
 DISTORTED = {
-    "it lacks 1[6-9]\\S* N on either side of zero .a dead band": lambda y: np.sign(y) * np.maximum(np.abs(y) - 18, 0),
-    "its gain differs by (9|10|11)\\S* % between push and pull": lambda y: np.where(y > 0, y, 0.9 * y),
+    "it lacks 1[6-9]\\S* N on either side of zero .a dead band": (
+        lambda y: np.sign(y) * np.maximum(np.abs(y) - 18, 0)
+    ),
+    "its gain differs by (9|10|11)\\S* % between push and pull": lambda y: np.where(
+        y > 0, y, 0.9 * y
+    ),
     "too small .saturation": lambda y: 300 * np.tanh(y / 300),
     "its gain drifts by (19|20) % over": lambda y: y * (1 + 0.2 * RAMP),
 }
@@ -47,7 +66,11 @@ DISTORTED = {
 
 @pytest.mark.parametrize("words", DISTORTED)
 def test_a_distorted_force_is_named_with_its_size(one, words):
-    said = [text for text in doubts(changed(one, DISTORTED[words]))["forces"] if text.startswith("F2: ")]
+    said = [
+        text
+        for text in doubts(changed(one, DISTORTED[words]))["forces"]
+        if text.startswith("F2: ")
+    ]
     assert len(said) == 1
     assert re.search(words, said[0]), said
 
@@ -60,7 +83,10 @@ def lost(y):
 @pytest.mark.parametrize(
     ("problem", "change"),
     [
-        ("interpolated", lambda y: np.interp(np.arange(6000), np.arange(0, 6000, 4), y[::4])),
+        (
+            "interpolated",
+            lambda y: np.interp(np.arange(6000), np.arange(0, 6000, 4), y[::4]),
+        ),
         ("interpolated", lambda y: y[np.arange(6000) // 5 * 5]),
         ("dropouts", lost),
         ("hum", lambda y: y + 10 * np.sin(2 * np.pi * 50 * np.arange(6000) / 400)),
@@ -76,8 +102,13 @@ def test_records_that_do_not_belong_together_are_named(one):
     assert not any(doubts([one, record(1)]).values())
     assert "hold the same samples" in doubts([one, one])["records"][0]
     said = " ".join(doubts([one, changed(record(1), lambda y: 1.2 * y)])["forces"])
-    assert "do not belong together" in said and "is the gain of F2 another one there?" in said
+    assert (
+        "do not belong together" in said
+        and "is the gain of F2 another one there?" in said
+    )
     said = " ".join(doubts([one, record(1, OTHER)])["forces"])
     assert "the balance of DOF 3" in said and "another structure" in said
     alone, other = (record(k, model, [1]) for k, model in enumerate((FRAME, OTHER)))
-    assert "the balance of DOF 3 in record" in " ".join(doubts([alone, other])["forces"])  # on which no force acts
+    assert "the balance of DOF 3 in record" in " ".join(
+        doubts([alone, other])["forces"]
+    )  # on which no force acts

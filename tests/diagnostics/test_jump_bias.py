@@ -17,8 +17,13 @@ FORCE = 8.0  # N
 
 
 def fitted(fs=500.0, noise=0.02, estimation="ls", friction=None, band=None, storey=2):
-    """Two floors with friction in one storey, and the warnings of a fit that knows of it."""
-    held = {1: [laws.LinearElastic(7.2e4), laws.LinearViscous(139.0)], 2: [laws.LinearElastic(1.9e5), laws.LinearViscous(440.0)]}
+    """Two floors with friction in one storey, and the warnings of a fit that knows of
+    it.
+    """
+    held = {
+        1: [laws.LinearElastic(7.2e4), laws.LinearViscous(139.0)],
+        2: [laws.LinearElastic(1.9e5), laws.LinearViscous(440.0)],
+    }
     held[storey].append(friction or laws.CoulombFriction(FORCE))
     record = driven(ChainModel([18.0, 29.0], held), 2, 16.0, fs, 200.0, (1, 60))
     told = {site: [type(law)() for law in group] for site, group in held.items()}
@@ -26,39 +31,58 @@ def fitted(fs=500.0, noise=0.02, estimation="ls", friction=None, band=None, stor
         model = NRFRegressor(laws=told, estimation=estimation, band=band).fit(
             add_noise(record, noise, random_state=50) if noise else record
         )
-    return model, [str(w.message) for w in caught if issubclass(w.category, BiasWarning)]
+    return model, [
+        str(w.message) for w in caught if issubclass(w.category, BiasWarning)
+    ]
 
 
 @pytest.mark.parametrize("noise", [0.005, 0.02, 0.05])
-def test_a_friction_biased_by_noise_is_warned_of_and_its_value_away_from_reversals_is_right(noise):
+def test_a_friction_biased_by_noise_is_warned_of_and_its_value_away_from_reversals_is_right(
+    noise,
+):
     model, said = fitted(noise=noise)
     row = model.jump_bias_.loc["storey 2: sgn(v)"]
     assert row["found"] == model.model_.laws["storey 2"][2].values[0] < 0.85 * FORCE
     assert row["away"] == pytest.approx(FORCE, rel=0.1) and row["wrong"]
     assert row["lost"] == pytest.approx(1 - row["found"] / row["away"], abs=0.02)
-    assert any(f"sgn(v) is {row['found']:.4g} N, but {row['away']:.4g} without" in text for text in said)
+    assert any(
+        f"sgn(v) is {row['found']:.4g} N, but {row['away']:.4g} without" in text
+        for text in said
+    )
     found = model.diagnose().table.set_index("limit")
-    assert found.loc["jump", "where"] == "storey 2: sgn(v)" and "estimation='iv'" in found.loc["jump", "message"]
+    assert (
+        found.loc["jump", "where"] == "storey 2: sgn(v)"
+        and "estimation='iv'" in found.loc["jump", "message"]
+    )
 
 
 def test_jumps_between_samples_that_are_too_far_apart_are_warned_of_without_any_noise():
     model, said = fitted(noise=0.0, friction=laws.CoulombFriction(30.0))
-    assert model.jump_bias_["wrong"].all() and any("sampling rate too low" in text for text in said)
+    assert model.jump_bias_["wrong"].all() and any(
+        "sampling rate too low" in text for text in said
+    )
 
 
 def test_samples_close_enough_and_laws_without_jumps_and_instruments_say_nothing():
     model, said = fitted(fs=2000.0, noise=0.0)
-    assert model.jump_bias_["away"].iloc[0] == pytest.approx(FORCE, rel=1e-3) and not model.jump_bias_["wrong"].any()
+    assert (
+        model.jump_bias_["away"].iloc[0] == pytest.approx(FORCE, rel=1e-3)
+        and not model.jump_bias_["wrong"].any()
+    )
     assert not said and "jump" not in model.diagnose().table["limit"].tolist()
     assert fitted(friction=laws.QuadraticDamping(500.0))[0].jump_bias_.empty
-    assert fitted(band=(1.0, 80.0))[0].jump_bias_.empty  # the filter spreads each jump: nothing is near a reversal alone
+    assert fitted(band=(1.0, 80.0))[
+        0
+    ].jump_bias_.empty  # the filter spreads each jump: nothing is near a reversal alone
     model, said = fitted(estimation="iv")
     assert model.jump_bias_.empty and not said
     assert model.model_.laws["storey 2"][2].values[0] == pytest.approx(FORCE, rel=0.05)
 
 
 def test_a_friction_of_micronewtons_is_nothing_to_warn_of():
-    """A friction that is not there, on motions without noise: rounding in its coefficient differs by what it likes."""
+    """A friction that is not there, on motions without noise: rounding in its
+    coefficient differs by what it likes.
+    """
     model, said = fitted(fs=2000.0, noise=0.0, friction=laws.CoulombFriction(1e-6))
     assert not said and not model.jump_bias_["wrong"].any()
     model, _ = fitted(noise=0.02, friction=laws.CoulombFriction(0.02))

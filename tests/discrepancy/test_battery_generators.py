@@ -1,4 +1,6 @@
-"""The battery's simulations: independent of the package, right by another integrator, of the size they claim."""
+"""The battery's simulations: independent of the package, right by another integrator,
+of the size they claim.
+"""
 
 import ast
 import subprocess
@@ -14,18 +16,36 @@ pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 if not BENCHMARKS.is_dir():
-    pytest.skip("the benchmarks are not part of an installed package", allow_module_level=True)
+    pytest.skip(
+        "the benchmarks are not part of an installed package", allow_module_level=True
+    )
 sys.path.insert(0, str(BENCHMARKS))
 
 from battery.formulas import KINDS  # noqa: E402
-from battery.generators import Effect, Structure, frequencies, make_case, shares, simulate  # noqa: E402
+from battery.generators import (
+    Effect,
+    Structure,
+    frequencies,
+    make_case,
+    shares,
+    simulate,
+)  # noqa: E402
 
 
 def test_generators_do_not_know_the_package():
     for name in ("formulas.py", "generators.py"):
         tree = ast.parse((BENCHMARKS / "battery" / name).read_text())
-        roots = {getattr(node, "module", None) or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-        roots |= {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+        roots = {
+            getattr(node, "module", None) or ""
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+        }
+        roots |= {
+            alias.name
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Import)
+            for alias in node.names
+        }
         assert not any(r.startswith("pysindy_nrf") for r in roots)
     code = "import sys, battery.generators; sys.exit('pysindy_nrf' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=BENCHMARKS).returncode == 0
@@ -63,21 +83,37 @@ def test_simulation_agrees_with_dop853(kind):
     t = np.arange(n) / fs
     m, k, c = np.array([10.0, 12.0]), np.array([1e5, 8e4]), np.array([60.0, 50.0])
     F = np.zeros((n, 2))
-    F[:, 1] = 60 * sum(np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (4.0, 7.0, 17.0, 25.0))
+    F[:, 1] = 60 * sum(
+        np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (4.0, 7.0, 17.0, 25.0)
+    )
     zero = np.zeros(n)
-    run = simulate(Structure(m, k, c, np.zeros(2)), [Effect(kind, 2, 1, par)], F, zero, zero, zero, fs)
+    run = simulate(
+        Structure(m, k, c, np.zeros(2)),
+        [Effect(kind, 2, 1, par)],
+        F,
+        zero,
+        zero,
+        zero,
+        fs,
+    )
     load = CubicSpline(t, F)
 
     def rhs(time, y):
         x1, x2, v1, v2, z = y
         s, v = x2 - x1, v2 - v1
         r1 = k[0] * x1 + c[0] * v1
-        r2 = k[1] * s + c[1] * v + (par[0] * z if kind in WITH_STATE else formula(s, v, z, time, par))
+        r2 = (
+            k[1] * s
+            + c[1] * v
+            + (par[0] * z if kind in WITH_STATE else formula(s, v, z, time, par))
+        )
         f = load(time)
         rate = formula(z, s, v, par) if kind in WITH_STATE else 0.0
         return [v1, v2, (f[0] - r1 + r2) / m[0], (f[1] - r2) / m[1], rate]
 
-    exact = solve_ivp(rhs, (0, t[-1]), np.zeros(5), "DOP853", t, rtol=1e-9, atol=1e-12, max_step=2e-3).y
+    exact = solve_ivp(
+        rhs, (0, t[-1]), np.zeros(5), "DOP853", t, rtol=1e-9, atol=1e-12, max_step=2e-3
+    ).y
     scale = np.abs(exact[:2]).max()
     assert np.abs(run.x.T - exact[:2]).max() < 2e-5 * scale
     assert np.abs(run.v.T - exact[2:4]).max() < 1e-4 * np.abs(exact[2:4]).max()
@@ -88,11 +124,17 @@ def test_a_case_is_what_it_claims(kind):
     case = make_case("x", "blind", 5, 0.05, (kind,), n_samples=4096)
     structure, effect, run = case.structure, case.effects[0], case.runs[0]
     f = frequencies(structure.m, structure.k)
-    assert 1 - 1e-9 <= f[0] and f[-1] <= 30 + 1e-9 and (structure.m >= 5).all() and (structure.m <= 5e4).all()
+    assert (
+        1 - 1e-9 <= f[0]
+        and f[-1] <= 30 + 1e-9
+        and (structure.m >= 5).all()
+        and (structure.m <= 5e4).all()
+    )
     assert 0.03 <= effect.share <= 0.30
     assert shares(structure, case.effects, run)[0] == pytest.approx(effect.share)
 
-    # the balances close on the clean channels, with the effect's force where the site says
+    # the balances close on the clean channels, with the effect's force where the site
+    # says
     s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
     R = structure.k * s + structure.c * v
     left = structure.m * run.a + R - np.c_[R[:, 1:], np.zeros(len(s))] - run.F
@@ -102,11 +144,18 @@ def test_a_case_is_what_it_claims(kind):
     assert np.abs(left).max() < 1e-9 * np.abs(R).max()
     # and the force follows from the sampled motion alone
     along = effect.force(run.t, *run.ends(effect), run.vg, 64)
-    assert np.sqrt(np.mean((along - run.effects[:, 0]) ** 2)) < 0.01 * np.sqrt(np.mean(run.effects**2))
+    assert np.sqrt(np.mean((along - run.effects[:, 0]) ** 2)) < 0.01 * np.sqrt(
+        np.mean(run.effects**2)
+    )
 
     # white noise of 5 % of the rms on every channel, nothing on forces that are zero
     seen = case.seen[0]
-    for name, clean in (("acceleration", run.a), ("velocity", run.v), ("displacement", run.x), ("force", run.F)):
+    for name, clean in (
+        ("acceleration", run.a),
+        ("velocity", run.v),
+        ("displacement", run.x),
+        ("force", run.F),
+    ):
         size = np.sqrt(np.mean(clean**2, axis=0))
         noise = np.sqrt(np.mean((seen[name] - clean) ** 2, axis=0))
         assert noise == pytest.approx(0.05 * size, rel=0.1)
@@ -118,7 +167,9 @@ def test_quick_battery(tmp_path):
     from discrepancy_battery import main
 
     groups = ["--cases", "1", "--seed", "2", "--group", "blind", "nothing"]
-    table = main(["--quick", *groups, "--noise", "0.01", "--out", str(tmp_path / "rows.csv")])
+    table = main(
+        ["--quick", *groups, "--noise", "0.01", "--out", str(tmp_path / "rows.csv")]
+    )
     assert len(table) == 2 and "crash" not in table
     assert table[table.group == "blind"].eligible.all() and table.right.all()
 

@@ -1,4 +1,6 @@
-"""The sign pattern points at the right site, whatever the excitation and the strategy of the baseline."""
+"""The sign pattern points at the right site, whatever the excitation and the strategy
+of the baseline.
+"""
 
 import numpy as np
 import pytest
@@ -39,7 +41,9 @@ def force_of(site, strength):
     return extra
 
 
-def residual(site, excitation, seed=0, strength=8.0, n_samples=4000, degree=1, noise=0.0):
+def residual(
+    site, excitation, seed=0, strength=8.0, n_samples=4000, degree=1, noise=0.0
+):
     dofs = EXCITATIONS[excitation]
     rng = np.random.default_rng(seed)
     m, c, k, k3 = parameters(N, rng, cubic=False)
@@ -57,14 +61,24 @@ def residual(site, excitation, seed=0, strength=8.0, n_samples=4000, degree=1, n
     known = None if dofs else dict(enumerate(m, 1))
     X, F, rec = case.X, case.F, None
     if noise:
-        clean = dict(zip(CHANNELS, (case.F, case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1))))
+        clean = dict(
+            zip(
+                CHANNELS, (case.F, case.a, case.v.cumsum(axis=1), case.s.cumsum(axis=1))
+            )
+        )
         levels = {k: noise * np.sqrt((p**2).mean(axis=0)) for k, p in clean.items()}
-        noisy = {k: p + levels[k] * rng.standard_normal(p.shape) for k, p in clean.items()}
+        noisy = {
+            k: p + levels[k] * rng.standard_normal(p.shape) for k, p in clean.items()
+        }
         rec = Record(**noisy, fs=1e3, base_acceleration=ag)
         X, F = rec.to_features()
-    fit = NRFRegressor(degree=degree, known_masses=known, dt=1e-3).fit(X, F, base_acceleration=ag)
+    fit = NRFRegressor(degree=degree, known_masses=known, dt=1e-3).fit(
+        X, F, base_acceleration=ag
+    )
     data = from_arrays(X, F, dt=1e-3, base_acceleration=ag)
-    return residual_of(fit.model_, data), rec and floor_of_noise(fit.model_, rec, levels)
+    return residual_of(fit.model_, data), rec and floor_of_noise(
+        fit.model_, rec, levels
+    )
 
 
 def located(found, floor=None):
@@ -73,9 +87,16 @@ def located(found, floor=None):
 
 @pytest.mark.parametrize(
     ("site", "excitation"),
-    [("storey 1", "base"), ("storey 3", "top"), ("storey 3", "complete"), ("link 3-1", "middle"), ("link 3-1", "base"),
-     ("ground 3", "complete"), ("ground 3", "top")],
-)  # fmt: skip
+    [
+        ("storey 1", "base"),
+        ("storey 3", "top"),
+        ("storey 3", "complete"),
+        ("link 3-1", "middle"),
+        ("link 3-1", "base"),
+        ("ground 3", "complete"),
+        ("ground 3", "top"),
+    ],
+)
 def test_right_site_comes_first_without_noise(site, excitation):
     table = located(residual(site, excitation)[0]).table
     assert table.index[0] == site and table["share"].iloc[0] > 99.9
@@ -103,7 +124,9 @@ def test_outside_force_is_told_from_a_ground_link_by_its_motion():
     X = np.hstack([a, v, s])
     fit = NRFRegressor(degree=1, dt=1e-3).fit(X, F)
     table = located(residual_of(fit.model_, from_arrays(X, F, dt=1e-3))).table
-    assert table.index[0] == "dof 2" and table.loc["ground 2", "share"] == pytest.approx(table["share"].iloc[0])
+    assert table.index[0] == "dof 2" and table.loc[
+        "ground 2", "share"
+    ] == pytest.approx(table["share"].iloc[0])
 
 
 def test_unknown_balance_hides_what_cannot_be_told():
@@ -111,10 +134,14 @@ def test_unknown_balance_hides_what_cannot_be_told():
     F = np.array([seg.F for seg in found.data.segments])[0].copy()
     F[:, 0] = np.nan
     seg = found.data.segments[0]
-    masked = residual_of(found.model, from_arrays(np.hstack([seg.a, seg.v, seg.s]), F, dt=1e-3))
+    masked = residual_of(
+        found.model, from_arrays(np.hstack([seg.a, seg.v, seg.s]), F, dt=1e-3)
+    )
     table = located(masked).table
     assert table.loc["storey 2", "share"] > 99.9
-    assert table.loc["storey 2", "share"] == pytest.approx(table.loc["dof 2", "share"])  # the lower end is not seen
+    assert table.loc["storey 2", "share"] == pytest.approx(
+        table.loc["dof 2", "share"]
+    )  # the lower end is not seen
     assert np.isnan(table.loc["storey 1", "share"])
 
 
@@ -128,5 +155,7 @@ def test_bars_show_the_best_site_on_top():
     from pysindy_nrf.output.displays.evidence import localisation_figure
 
     figure = localisation_figure(located(residual("storey 3", "complete")[0]).table)
-    assert figure.y.ticks[0].startswith("storey 3") and figure.y.ticks[0].endswith("(-2, +3)")
+    assert figure.y.ticks[0].startswith("storey 3") and figure.y.ticks[0].endswith(
+        "(-2, +3)"
+    )
     assert figure.marks[0].values.iloc[0] == pytest.approx(100, abs=0.1)

@@ -15,7 +15,9 @@ class PowerSpring(laws.ForceLaw):
     shapes = (laws.Shape("p", "1", 1.3, 6.0),)
     passive = True
     variable = "s"
-    special_cases = {laws.CubicStiffness: lambda cubic: PowerSpring(p=3.0, k=cubic.values[0])}
+    special_cases = {
+        laws.CubicStiffness: lambda cubic: PowerSpring(p=3.0, k=cubic.values[0])
+    }
 
     def __init__(self, p: float | None = None, k: float | None = None) -> None:
         super().__init__({"p": p}, {"k": k})
@@ -44,10 +46,14 @@ class ResistingSpring(PowerSpring):
 
 
 def first_effect(own, catalogue, noise=0.0):
-    """The effect that one step of the search finds in storey 2 of a chain of two masses."""
+    """The effect that one step of the search finds in storey 2 of a chain of two
+    masses.
+    """
     linear = [laws.LinearElastic(2e5), laws.LinearViscous(80.0)]
     truth = ChainModel([12.0, 12.0], {1: linear, 2: [*linear, own]})
-    F = excitation.band_limited_random(2, 16.0, 500.0, excited=2, rms=60.0, band=(1.0, 40.0), random_state=1)
+    F = excitation.band_limited_random(
+        2, 16.0, 500.0, excited=2, rms=60.0, band=(1.0, 40.0), random_state=1
+    )
     record = simulate(truth, F, 1 / 500)
     if noise:
         record = add_noise(record, noise, random_state=0)
@@ -55,12 +61,23 @@ def first_effect(own, catalogue, noise=0.0):
     return report.steps[0] if report.steps else None
 
 
-SPRINGS = [laws.QuadraticStiffness(), laws.CubicStiffness(), laws.QuinticStiffness(), laws.CoulombFriction()]
+SPRINGS = [
+    laws.QuadraticStiffness(),
+    laws.CubicStiffness(),
+    laws.QuinticStiffness(),
+    laws.CoulombFriction(),
+]
 
 
 def test_a_law_of_the_user_is_found():
-    step = first_effect(PowerSpring(p=4.0, k=60.0 / 1e-3**4.0), [*SPRINGS, PowerSpring()])
-    assert (step.law, step.family, step.site) == ("own_power_spring", "stiffness", "storey 2")
+    step = first_effect(
+        PowerSpring(p=4.0, k=60.0 / 1e-3**4.0), [*SPRINGS, PowerSpring()]
+    )
+    assert (step.law, step.family, step.site) == (
+        "own_power_spring",
+        "stiffness",
+        "storey 2",
+    )
     assert step.shape["p"] == pytest.approx(4.0, rel=1e-3)
 
 
@@ -68,10 +85,15 @@ def test_a_law_of_the_user_is_found():
 def test_a_special_case_that_the_data_cannot_tell_from_it_is_taken_or_named():
     nearly_cubic = PowerSpring(p=3.05, k=60.0 / 1e-3**3.05)
     step = first_effect(nearly_cubic, [*SPRINGS, PowerSpring()], noise=0.01)
-    assert step.site == "storey 2" and "cubic_stiffness" in (step.law, *(law for law, _, _ in step.tied))
+    assert step.site == "storey 2" and "cubic_stiffness" in (
+        step.law,
+        *(law for law, _, _ in step.tied),
+    )
 
 
-@pytest.mark.parametrize(("spring", "accepted"), [(UndeclaredPowerSpring, True), (ResistingSpring, False)])
+@pytest.mark.parametrize(
+    ("spring", "accepted"), [(UndeclaredPowerSpring, True), (ResistingSpring, False)]
+)
 def test_a_sign_that_it_rules_out_is_not_accepted(spring, accepted):
     step = first_effect(PowerSpring(p=3.0, k=-4.0 / 1e-3**3), [spring()], noise=0.01)
     assert (step is not None) == accepted

@@ -1,5 +1,6 @@
-"""The residual is the missing force with its sign, in the band, in one step and in a free run."""
-
+"""The residual is the missing force with its sign, in the band, in one step and in a
+free run.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ FS = 1000.0
 
 
 def model_of(case, chain=None, **extra):
-    held = {i + 1: [laws.LinearViscous(case.c[i]), laws.LinearElastic(case.k[i])] for i in range(case.n)}
+    held = {
+        i + 1: [laws.LinearViscous(case.c[i]), laws.LinearElastic(case.k[i])]
+        for i in range(case.n)
+    }
     for i in range(case.n):
         if case.k3[i]:
             held[i + 1].append(laws.CubicStiffness(case.k3[i]))
@@ -25,18 +29,25 @@ def model_of(case, chain=None, **extra):
 
 
 def data_of(case, F=None):
-    return from_arrays(case.X, case.F if F is None else F, dt=case.dt, base_acceleration=case.ag)
+    return from_arrays(
+        case.X, case.F if F is None else F, dt=case.dt, base_acceleration=case.ag
+    )
 
 
 def test_missing_storey_force_has_opposite_signs_below_and_above():
     case = duffing(4, [1, 2, 3, 4], seed=1)
     residual = residual_of(
-        model_of(case).with_laws({2: [laws.LinearViscous(case.c[1]), laws.LinearElastic(case.k[1])]}), data_of(case)
+        model_of(case).with_laws(
+            {2: [laws.LinearViscous(case.c[1]), laws.LinearElastic(case.k[1])]}
+        ),
+        data_of(case),
     )
     missing = case.k3[1] * case.s[:, 1] ** 3
     e, rho = residual.balance[0], residual.storey[0]
     tiny = 1e-9 * np.abs(case.F).max()
-    assert np.allclose(e[:, 1], missing, atol=tiny) and np.allclose(e[:, 0], -missing, atol=tiny)
+    assert np.allclose(e[:, 1], missing, atol=tiny) and np.allclose(
+        e[:, 0], -missing, atol=tiny
+    )
     assert np.allclose(rho[:, 1], missing, atol=tiny)
     assert np.abs(rho[:, [0, 2, 3]]).max() < tiny and np.abs(e[:, [2, 3]]).max() < tiny
 
@@ -54,7 +65,9 @@ def test_missing_brace_shows_in_every_cut_it_crosses():
     case = duffing(n, [4], seed=3, given=given, extra=brace)
     rho = residual_of(model_of(case), data_of(case)).storey[0]
     force = 2e4 * (case.s[:, 1] + case.s[:, 2])
-    assert np.allclose(rho[:, 1], force, atol=1e-7) and np.allclose(rho[:, 2], force, atol=1e-7)
+    assert np.allclose(rho[:, 1], force, atol=1e-7) and np.allclose(
+        rho[:, 2], force, atol=1e-7
+    )
     assert np.abs(rho[:, [0, 3]]).max() < 1e-7
 
 
@@ -64,9 +77,15 @@ def test_unknown_force_masks_its_balance_and_the_cuts_below():
     F[:, 1] = np.nan
     residual = residual_of(model_of(case), data_of(case, F))
     assert residual.known.tolist() == [[True, False, True]]
-    assert np.isnan(residual.balance[0][:, 1]).all() and np.isnan(residual.storey[0][:, :2]).all()
+    assert (
+        np.isnan(residual.balance[0][:, 1]).all()
+        and np.isnan(residual.storey[0][:, :2]).all()
+    )
     assert np.isfinite(residual.storey[0][:, 2]).all()
-    assert residual.sizes.loc["dof 1", "rms"] < 1e-9 * residual.sizes.loc["dof 1", "reference"]
+    assert (
+        residual.sizes.loc["dof 1", "rms"]
+        < 1e-9 * residual.sizes.loc["dof 1", "reference"]
+    )
     F[:] = np.nan
     with pytest.raises(ChannelError, match="unknown on every DOF"):
         residual_of(model_of(case), data_of(case, F))
@@ -78,12 +97,18 @@ def test_band_is_the_same_filter_on_the_sum():
     f = FairFilter((2.0, 30.0), FS)
     inside = residual_of(model, data_of(case), [f])
     missing = case.c[0] * case.v[:, 0] + case.k3[0] * case.s[:, 0] ** 3
-    assert np.allclose(inside.balance[0][:, 0], f.apply(missing), atol=1e-8 * np.abs(missing).max())
-    assert inside.sizes.loc["dof 1", "reference"] == pytest.approx(np.sqrt(np.mean(f.apply(case.F[:, 0]) ** 2)))
+    assert np.allclose(
+        inside.balance[0][:, 0], f.apply(missing), atol=1e-8 * np.abs(missing).max()
+    )
+    assert inside.sizes.loc["dof 1", "reference"] == pytest.approx(
+        np.sqrt(np.mean(f.apply(case.F[:, 0]) ** 2))
+    )
 
 
 def test_unforced_balance_is_measured_by_its_inertia():
     case = duffing(2, [2], seed=6)
-    sizes = residual_of(ChainModel(case.m * [1.1, 1.0], model_of(case).laws), data_of(case)).sizes
+    sizes = residual_of(
+        ChainModel(case.m * [1.1, 1.0], model_of(case).laws), data_of(case)
+    ).sizes
     assert list(sizes["of"]) == ["m a", "F", "storey force", "storey force"]
     assert sizes.loc["dof 1", "percent"] == pytest.approx(100 * 0.1 / 1.1, rel=1e-9)

@@ -13,7 +13,10 @@ from pysindy_nrf import NRFRegressor
 def data():
     case = chains.duffing(3, [1, 2, 3], seed=4, n_samples=6000)
     rng = np.random.default_rng(0)
-    return tuple(x + 0.01 * x.std(axis=0) * rng.standard_normal(x.shape) for x in (case.X, case.F))
+    return tuple(
+        x + 0.01 * x.std(axis=0) * rng.standard_normal(x.shape)
+        for x in (case.X, case.F)
+    )
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"
 def test_the_page_runs_as_printed(monkeypatch, capsys):
     pytest.importorskip("dask")
     pytest.importorskip("pyarrow")
-    blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```",
+        PAGE.read_text(encoding="utf-8"),
+        re.DOTALL | re.MULTILINE,
+    )
     assert len(blocks) >= 6
     namespace = {"__name__": "fleet"}
     for block in blocks:

@@ -30,12 +30,18 @@ def test_dissipated_energy_balances_the_work_of_the_force():
     record = result.record
     kinetic = 0.5 * 10.0 * (record.velocity[-1] ** 2).sum()
     stored = 0.5 * 5e4 * (X[["s1", "s2", "s3"]].to_numpy()[-1] ** 2).sum()
-    assert lost == pytest.approx(result.energy["input"].iloc[-1] - kinetic - stored, rel=1e-3)
+    assert lost == pytest.approx(
+        result.energy["input"].iloc[-1] - kinetic - stored, rel=1e-3
+    )
 
 
 def test_energy_shares_do_not_depend_on_the_level_but_on_the_damage():
     shares = []
-    for rms, extra in ((50.0, ()), (200.0, ()), (50.0, ((2, laws.LinearViscous(120.0)),))):
+    for rms, extra in (
+        (50.0, ()),
+        (200.0, ()),
+        (50.0, ((2, laws.LinearViscous(120.0)),)),
+    ):
         X, F = features(run(chain(*extra), [3], rms))
         shares.append(energy_shares(NRFRegressor(degree=1).fit(X, F), X)["share"])
     assert shares[1].to_numpy() == pytest.approx(shares[0].to_numpy(), rel=1e-6)
@@ -54,7 +60,9 @@ def test_noise_reference_covers_what_noise_does_to_a_planar_storey():
     inside = []
     for seed in range(2):
         X, F = noisy(run(chain(), [3], seed=seed), 0.1, seed)
-        table = planarity(NRFRegressor(degree=3).fit(X, F), X, F, draws=6, random_state=0)
+        table = planarity(
+            NRFRegressor(degree=3).fit(X, F), X, F, draws=6, random_state=0
+        )
         inside.append((table["index"] < 2 * table["reference"]).to_numpy())
         assert (table["reference"] > 0.05).all()  # it is not nothing
     assert np.mean(inside) > 0.7
@@ -73,19 +81,28 @@ def test_damper_located_wherever_it_sits(storey, dofs):
 
 def test_linear_chain_has_no_nonlinear_storey():
     X, F = noisy(run(chain(), [3]), 0.02)
-    location = locate_nonlinearity(NRFRegressor(degree=3).fit(X, F), X, F, draws=4, random_state=0)
+    location = locate_nonlinearity(
+        NRFRegressor(degree=3).fit(X, F), X, F, draws=4, random_state=0
+    )
     assert location.storeys == [] and str(location) == "Every storey is planar."
 
 
 def test_model_agreement_in_percent():
     X, F = features(run(chain(), [3]))
     other = ChainModel(
-        [10.0, 11.0, 10.0], {i: laws.PowerSeries(1, [60.0, 5e4 * (1.1 if i == 2 else 1)]) for i in (1, 2, 3)}
+        [10.0, 11.0, 10.0],
+        {
+            i: laws.PowerSeries(1, [60.0, 5e4 * (1.1 if i == 2 else 1)])
+            for i in (1, 2, 3)
+        },
     )
     table = model_agreement(chain(), other, X)
     assert table["mass"].tolist() == pytest.approx([0, 10, 0])
     assert table["k"].tolist() == pytest.approx([0, 10, 0])
-    assert table.loc["storey 1", "force"] == 0 and 8 < table.loc["storey 2", "force"] < 10.5
+    assert (
+        table.loc["storey 1", "force"] == 0
+        and 8 < table.loc["storey 2", "force"] < 10.5
+    )
 
 
 def test_found_twice_needs_complete_excitation():

@@ -1,4 +1,6 @@
-"""A shaken base and nothing but accelerometers: what the floors go through, the base goes through as well."""
+"""A shaken base and nothing but accelerometers: what the floors go through, the base
+goes through as well.
+"""
 
 import integrated
 import numpy as np
@@ -6,15 +8,23 @@ import pytest
 
 from pysindy_nrf import NRFRegressor, Record
 
-pytestmark = [pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning"), pytest.mark.slow]
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning"),
+    pytest.mark.slow,
+]
 FS, M, C, K = 200.0, np.array([12.0, 10.0, 8.0]), [60.0, 40.0, 30.0], [4e4, 3e4, 2e4]
 
 
 @pytest.fixture(scope="module")
 def shaken():
-    """Half the base's motion is slower than what accelerations alone tell of the floors."""
+    """Half the base's motion is slower than what accelerations alone tell of the
+    floors.
+    """
     rng = np.random.default_rng(0)
-    slow, quick = (integrated.multisine(rng, FS, 40.0, band, 1.5) for band in ((0.05, 1.0), (1.0, 15.0)))
+    slow, quick = (
+        integrated.multisine(rng, FS, 40.0, band, 1.5)
+        for band in ((0.05, 1.0), (1.0, 15.0))
+    )
 
     def base(t):
         return slow(t) + quick(t)
@@ -35,8 +45,12 @@ def test_relative_masses_and_stiffness(shaken, estimation):
     assert X.attrs["band"][0] > 1.0
     ways = [((X, F), {"base_acceleration": shaken.base_acceleration})]
     for given, beside in [*ways, ((shaken,), {})]:
-        model = NRFRegressor(degree=1, known_masses={3: M[2]}, estimation=estimation).fit(*given, **beside)
+        model = NRFRegressor(
+            degree=1, known_masses={3: M[2]}, estimation=estimation
+        ).fit(*given, **beside)
         stiffness = [model.restoring_forces_[i].coefficients["s"] for i in (1, 2, 3)]
-        assert model.masses_ == pytest.approx(M, rel=0.01) and stiffness == pytest.approx(K, rel=0.01)
+        assert model.masses_ == pytest.approx(
+            M, rel=0.01
+        ) and stiffness == pytest.approx(K, rel=0.01)
         if estimation != "ls":
             assert model.model_.info["estimation"]["correlation"] > 0.9995

@@ -13,7 +13,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "add_your_own_law.md"
 @pytest.mark.examples
 def test_the_page_runs_as_printed(monkeypatch, capsys):
     monkeypatch.setattr(base, "_REGISTRY", dict(base._REGISTRY))
-    blocks = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    blocks = re.findall(
+        r"^```python\n(.*?)^```",
+        PAGE.read_text(encoding="utf-8"),
+        re.DOTALL | re.MULTILINE,
+    )
     assert len(blocks) >= 5
     namespace = {"__name__": "own_laws"}
     for block in blocks:

@@ -28,7 +28,13 @@ def test_second_process_loads_integrator_and_gram_pass_from_disk():
     """Whatever the seed of the hashes of a process."""
     for seed in ("1", "2"):
         env = {**os.environ, "PYTHONHASHSEED": seed}
-        done = subprocess.run([sys.executable, "-c", START], check=True, capture_output=True, text=True, env=env)
+        done = subprocess.run(
+            [sys.executable, "-c", START],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=env,
+        )
     assert done.stdout.split() == ["1", "0"] * 2
 
 
@@ -43,11 +49,20 @@ def test_fingerprints_are_of_the_code_and_of_all_it_uses():
         return outer
 
     one, two = np.array([1.0]), np.array([2.0])
-    made = make(one), make(two), make(one, 2.5), make(one, 2.0, 4.0), make(one, function=np.cos)
+    made = (
+        make(one),
+        make(two),
+        make(one, 2.5),
+        make(one, 2.0, 4.0),
+        make(one, function=np.cos),
+    )
     assert len({compiled.fingerprint(f) for f in made}) == 5
     assert compiled.fingerprint(make(one)) == compiled.fingerprint(make(one.copy()))
     assert compiled.fingerprint(make(one), make(two)) != compiled.fingerprint(make(one))
-    fast = [compiled.fingerprint(compiled.inline(make(one), fastmath=f)) for f in (False, True)]
+    fast = [
+        compiled.fingerprint(compiled.inline(make(one), fastmath=f))
+        for f in (False, True)
+    ]
     assert fast[0] != fast[1]
 
     def recursive(x):
@@ -71,19 +86,33 @@ for name in sys.argv[1:]:
 def total(cache, *names):
     """Sums that a fresh process prints, with its cache of machine code there."""
     env = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    out = subprocess.run([sys.executable, "-c", TOGETHER, *names], check=True, capture_output=True, text=True, env=env)
+    out = subprocess.run(
+        [sys.executable, "-c", TOGETHER, *names],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=env,
+    )
     return dict(line.split() for line in out.stdout.splitlines())
 
 
 @pytest.mark.slow
 def test_laws_take_the_right_code_from_the_disk_or_are_compiled_anew(tmp_path):
-    """Two processes start numbering their machine code at the same number; code that cannot be read is no code."""
+    """Two processes start numbering their machine code at the same number; code that
+    cannot be read is no code.
+    """
     alone = total(tmp_path, "dahl") | total(tmp_path, "jenkins")
-    assert alone["dahl"] != alone["jenkins"] and total(tmp_path, "jenkins", "dahl") == alone
+    assert (
+        alone["dahl"] != alone["jenkins"]
+        and total(tmp_path, "jenkins", "dahl") == alone
+    )
     for file in tmp_path.rglob("*.nbc"):
         file.write_bytes(b"")
     (tmp_path / "file").write_text("")
-    for folder in (tmp_path, tmp_path / "file" / "below"):  # damaged, and where none can be written
+    for folder in (
+        tmp_path,
+        tmp_path / "file" / "below",
+    ):  # damaged, and where none can be written
         assert total(folder, "jenkins")["jenkins"] == alone["jenkins"]
 
 
@@ -93,9 +122,16 @@ def test_what_cannot_be_compiled_is_named():
         def advance(z, s0, v0, s1, v1, dt, u, theta):
             z[0] = {}.no_such_thing(s0)
 
-    for call in (lambda law: law.features(Motion(np.zeros(3), np.zeros(3))), compiled.pointers):
-        with pytest.raises(LawError, match="Strange cannot be compiled for single samples"):
+    for call in (
+        lambda law: law.features(Motion(np.zeros(3), np.zeros(3))),
+        compiled.pointers,
+    ):
+        with pytest.raises(
+            LawError, match="Strange cannot be compiled for single samples"
+        ):
             call(Strange(sigma=1.0))
     law = laws.Dahl()
-    assert "(the last line)" in str(compiled.cannot_compile(law, ValueError("first\nthe last line\n")))
+    assert "(the last line)" in str(
+        compiled.cannot_compile(law, ValueError("first\nthe last line\n"))
+    )
     assert "(ValueError)" in str(compiled.cannot_compile(law, ValueError(" ")))

@@ -1,4 +1,6 @@
-"""Force laws against formulas of the literature, closed-form paths of their states, and each promise of the contract."""
+"""Force laws against formulas of the literature, closed-form paths of their states, and
+each promise of the contract.
+"""
 
 import json
 import math
@@ -18,11 +20,12 @@ E = math.e
 def at(s=0.0, v=0.0, a=0.0, t=0.0, **covariates):
     """One sample of a motion."""
     return Motion(
-        *(np.array([float(x)]) for x in (s, v, a, t)), {k: np.array([float(x)]) for k, x in covariates.items()}
+        *(np.array([float(x)]) for x in (s, v, a, t)),
+        {k: np.array([float(x)]) for k, x in covariates.items()},
     )
 
 
-# -- forces at points, by hand --------------------------------------------------------------------
+# -- forces at points, by hand -------------------------------------------------
 
 POINTS = [
     (laws.LinearElastic(2e4), at(s=3e-3), 60.0),
@@ -45,7 +48,11 @@ POINTS = [
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=-0.02), -(10.0 + 6.0 / E)),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.04), 10.0 + 6.0 / E**2),
     (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=1e30), 10.0),
-    (laws.RegularizedFriction(0.02, 10.0), at(v=-0.02), -10.0 * (E**2 - 1) / (E**2 + 1)),
+    (
+        laws.RegularizedFriction(0.02, 10.0),
+        at(v=-0.02),
+        -10.0 * (E**2 - 1) / (E**2 + 1),
+    ),
     (laws.PositionDependentFriction(5.0, 2e3), at(s=-2e-3, v=0.1), 9.0),
     (laws.PositionDependentFriction(5.0, 2e3), at(s=2e-3, v=0.0), 0.0),
     (laws.ShiftedFriction(4.0, 7.0), at(s=0.01, v=-0.03), 7.0),
@@ -54,7 +61,11 @@ POINTS = [
     (laws.GroundFriction(3.0), at(v=-0.2, vg=0.3), 3.0),
     (laws.GroundFriction(3.0), at(v=-0.2, vg=0.1), -3.0),
     (laws.GroundFriction(3.0, covariate="table"), at(v=-0.2, table=0.2), 0.0),
-    (laws.CovariateFriction("V", 100.0, 40.0, 10.0), at(v=-0.5, V=3.0), -100.0 - 120.0 - 15.0),
+    (
+        laws.CovariateFriction("V", 100.0, 40.0, 10.0),
+        at(v=-0.5, V=3.0),
+        -100.0 - 120.0 - 15.0,
+    ),
     (laws.OneSidedGap(1e-3, 2e4), at(s=3e-3), 40.0),
     (laws.OneSidedGap(1e-3, 2e4), at(s=1e-3), 0.0),
     (laws.OneSidedGap(1e-3, 2e4), at(s=-3e-3), 0.0),
@@ -69,7 +80,11 @@ POINTS = [
     (laws.TwoSidedGap(1e-3, 2e4), at(s=1e-3), 0.0),
     (laws.TwoSidedGap(1e-3, 2e4), at(s=1.5e-3), 10.0),
     (laws.TwoSidedGap(1e-3, 2e4), at(s=-1.5e-3), -10.0),
-    (laws.DeadZone(1e-3, 0.5, 2e4), at(s=1.5e-3), 0.0),  # the play reaches from -0.5 to 1.5 mm
+    (
+        laws.DeadZone(1e-3, 0.5, 2e4),
+        at(s=1.5e-3),
+        0.0,
+    ),  # the play reaches from -0.5 to 1.5 mm
     (laws.DeadZone(1e-3, 0.5, 2e4), at(s=2e-3), 10.0),
     (laws.DeadZone(1e-3, 0.5, 2e4), at(s=-0.5e-3), 0.0),
     (laws.DeadZone(1e-3, 0.5, 2e4), at(s=-1e-3), -10.0),
@@ -96,7 +111,11 @@ POINTS = [
 ]
 
 
-@pytest.mark.parametrize(("law", "motion", "force"), POINTS, ids=[f"{k}-{p[0].name}" for k, p in enumerate(POINTS)])
+@pytest.mark.parametrize(
+    ("law", "motion", "force"),
+    POINTS,
+    ids=[f"{k}-{p[0].name}" for k, p in enumerate(POINTS)],
+)
 def test_force_at_a_point(law, motion, force):
     assert law.force(motion)[0] == pytest.approx(force, rel=1e-13, abs=1e-13)
     double = law.with_values(2.0 * law.values)  # linear in the coefficients
@@ -105,43 +124,82 @@ def test_force_at_a_point(law, motion, force):
 
 def test_nine_terms_of_the_papers_equation_9():
     v, s = 2.0, 3.0
-    expected = [2.0, 3.0, 4.0, 6.0, 9.0, 8.0, 12.0, 18.0, 27.0]  # v, s, v^2, v s, s^2, v^3, v^2 s, v s^2, s^3
+    expected = [
+        2.0,
+        3.0,
+        4.0,
+        6.0,
+        9.0,
+        8.0,
+        12.0,
+        18.0,
+        27.0,
+    ]  # v, s, v^2, v s, s^2, v^3, v^2 s, v s^2, s^3
     assert laws.PowerSeries(3).features(at(s, v))[0].tolist() == expected
-    assert [t.symbol for t in laws.PowerSeries(2).terms()] == ["c_1_0", "c_0_1", "c_2_0", "c_1_1", "c_0_2"]
+    assert [t.symbol for t in laws.PowerSeries(2).terms()] == [
+        "c_1_0",
+        "c_0_1",
+        "c_2_0",
+        "c_1_1",
+        "c_0_2",
+    ]
     units = ["N s/m", "N/m", "N s^2/m^2", "N s/m^2", "N/m^2"]
     assert [t.unit for t in laws.PowerSeries(2).terms()] == units
 
 
-@pytest.mark.parametrize("degree", [-1, 61, 2.0, True, "3", (1,), (1, 2, 3), (1, -1), (61, 0), (0, 61), (1, 1.5), None])
+@pytest.mark.parametrize(
+    "degree",
+    [
+        -1,
+        61,
+        2.0,
+        True,
+        "3",
+        (1,),
+        (1, 2, 3),
+        (1, -1),
+        (61, 0),
+        (0, 61),
+        (1, 1.5),
+        None,
+    ],
+)
 def test_degree_of_a_power_series_is_a_whole_number_up_to_60(degree):
     with pytest.raises(LawError, match="order=|degree=|k=|q="):
         laws.PowerSeries(degree)
 
 
-# -- what a law says about itself -----------------------------------------------------------------
+# -- what a law says about itself ----------------------------------------------
 
 
 def test_only_shapes_of_either_sign_may_be_zero_or_negative():
     assert laws.DeadZone(gap=1.0, centre=-0.5).shape["centre"] == -0.5
-    assert laws.StiffnessStep(t0=0.0).shape == {"t0": 0.0} and laws.BoucWen(rho=0.0).free_shape == ("beta", "n")
+    assert laws.StiffnessStep(t0=0.0).shape == {"t0": 0.0} and laws.BoucWen(
+        rho=0.0
+    ).free_shape == ("beta", "n")
     for value in (0.0, -1e-300):
         with pytest.raises(LawError, match="gap=.* is not positive. Its unit is m"):
             laws.TwoSidedGap(gap=value)
     assert laws.TwoSidedGap(gap=1e-300).shape["gap"] == 1e-300
 
 
-# -- values, text, plain data ---------------------------------------------------------------------
+# -- values, text, plain data --------------------------------------------------
 
 
 def test_coefficients_by_name_or_in_order():
     assert laws.Duffing(k=3.0).coefficients.tolist() == [3.0, 0.0]
-    assert laws.Duffing(k3=3.0).coefficients.tolist() == [0.0, 3.0] and laws.Duffing().coefficients is None
+    assert (
+        laws.Duffing(k3=3.0).coefficients.tolist() == [0.0, 3.0]
+        and laws.Duffing().coefficients is None
+    )
     law = laws.Duffing().with_values([1, 2])
     assert law.parameters == {"k": 1.0, "k3": 2.0} and law.values.dtype == float
     assert law.with_values({"k": None, "k3": None}).coefficients is None
     assert law.with_values({"k3": 7}).values.tolist() == [0.0, 7.0]
     assert law.values.tolist() == [1.0, 2.0]
-    with pytest.raises(LawError, match="Duffing has 2 coefficients, 1 were given. Their order is k, k3"):
+    with pytest.raises(
+        LawError, match="Duffing has 2 coefficients, 1 were given. Their order is k, k3"
+    ):
         law.with_values([1.0])
     with pytest.raises(LawError, match="Duffing has no coefficient 'c'. It has k, k3"):
         law.with_values({"k": 1.0, "c": 2.0})
@@ -154,16 +212,27 @@ def test_coefficients_by_name_or_in_order():
 
 def test_shape_parameters_by_name():
     law = laws.Iwan(uy=1e-3, F1=1.0, F2=2.0)
-    assert law.free_shape == ("ratio",) and law.parameters == {"uy": 1e-3, "ratio": None, "F1": 1.0, "F2": 2.0}
+    assert law.free_shape == ("ratio",) and law.parameters == {
+        "uy": 1e-3,
+        "ratio": None,
+        "F1": 1.0,
+        "F2": 2.0,
+    }
     with pytest.raises(LawError, match="Iwan: ratio has no value"):
         law.features(at(1.0))
     with pytest.raises(LawError, match="Iwan: uy, ratio has no value"):
         _ = laws.Iwan().theta
     full = law.with_values(shape={"ratio": 3})
-    assert full.theta.tolist() == [1e-3, 3.0] and full.free_shape == () and law.shape["ratio"] is None
+    assert (
+        full.theta.tolist() == [1e-3, 3.0]
+        and full.free_shape == ()
+        and law.shape["ratio"] is None
+    )
     assert full.values is law.values or full.values.tolist() == [1.0, 2.0]
     assert full.with_values(shape={"uy": None}).free_shape == ("uy",)
-    with pytest.raises(LawError, match="Iwan has no shape parameter 'n'. It has uy, ratio"):
+    with pytest.raises(
+        LawError, match="Iwan has no shape parameter 'n'. It has uy, ratio"
+    ):
         law.with_values(shape={"n": 2.0})
     with pytest.raises(LawError, match="Iwan: ratio='wide' is not a finite number"):
         law.with_values(shape={"ratio": "wide"})
@@ -174,7 +243,11 @@ def test_shape_parameters_by_name():
 def test_a_contact_has_two_sides(cls, side):
     with pytest.raises(LawError, match=f"{cls.__name__}: side="):
         cls(side=side)
-    assert [cls(side=x).terms()[0].label[:3] for x in (1, -1, np.int64(-1))] == ["max", "min", "min"]
+    assert [cls(side=x).terms()[0].label[:3] for x in (1, -1, np.int64(-1))] == [
+        "max",
+        "min",
+        "min",
+    ]
 
 
 @pytest.mark.parametrize("name", [3, "", "  ", None, ("ag",)])
@@ -202,23 +275,51 @@ def test_text():
     assert laws.Duffing(1e5, -2.0).equation(3) == "1e+05 s3 - 2 s3^3"
     assert laws.Duffing().equation() == "k s + k3 s^3"
     assert laws.Duffing(k=1.23456, k3=0.0).equation("2", digits=3) == "1.23 s2 + 0 s2^3"
-    assert laws.ConstantForce().equation(1) == "f0" and laws.ConstantForce(2.5).equation(1) == "2.5"
-    assert laws.ModifiedDahl(sigma=5.0).equation(2) == "K0 s2 + C0 v2 + Fd Z2 + f0  (sigma = 5 1/m)"
-    assert laws.Iwan(uy=0.25).equation(2) == "F1 Jenkins[s2; uy] + F2 Jenkins[s2; ratio uy]  (uy = 0.25 m)"
+    assert (
+        laws.ConstantForce().equation(1) == "f0"
+        and laws.ConstantForce(2.5).equation(1) == "2.5"
+    )
+    assert (
+        laws.ModifiedDahl(sigma=5.0).equation(2)
+        == "K0 s2 + C0 v2 + Fd Z2 + f0  (sigma = 5 1/m)"
+    )
+    assert (
+        laws.Iwan(uy=0.25).equation(2)
+        == "F1 Jenkins[s2; uy] + F2 Jenkins[s2; ratio uy]  (uy = 0.25 m)"
+    )
     assert laws.PowerSeries(0).equation() == "0"
-    assert repr(laws.OneSidedGap(0.5, 2e4, -1)) == "OneSidedGap(side=-1, gap=0.5, k=2e+04)"
-    assert repr(laws.OneSidedGap()) == "OneSidedGap(side=1)" and repr(laws.Duffing(1.0, 2.0)) == "Duffing(k=1, k3=2)"
+    assert (
+        repr(laws.OneSidedGap(0.5, 2e4, -1)) == "OneSidedGap(side=-1, gap=0.5, k=2e+04)"
+    )
+    assert (
+        repr(laws.OneSidedGap()) == "OneSidedGap(side=1)"
+        and repr(laws.Duffing(1.0, 2.0)) == "Duffing(k=1, k3=2)"
+    )
 
 
 def test_plain_data_and_back():
     law = laws.OneSidedGap(gap=0.5, k=2e4, side=-1)
     data = law.to_dict()
-    assert data == {"law": "one_sided_gap", "options": {"side": -1}, "shape": {"gap": 0.5}, "coefficients": [2e4]}
+    assert data == {
+        "law": "one_sided_gap",
+        "options": {"side": -1},
+        "shape": {"gap": 0.5},
+        "coefficients": [2e4],
+    }
     copy = laws.from_dict(json.loads(json.dumps(data)))
-    assert copy == law and hash(copy) == hash(law) and copy.side == -1 and copy is not law
-    assert laws.Duffing().to_dict() == {"law": "duffing", "options": {}, "shape": {}, "coefficients": None}
+    assert (
+        copy == law and hash(copy) == hash(law) and copy.side == -1 and copy is not law
+    )
+    assert laws.Duffing().to_dict() == {
+        "law": "duffing",
+        "options": {},
+        "shape": {},
+        "coefficients": None,
+    }
     assert laws.from_dict({"law": "jenkins"}) == laws.Jenkins()
-    assert laws.from_dict({"law": "power_series", "options": {"degree": [2, 1]}}) == laws.PowerSeries((2, 1))
+    assert laws.from_dict(
+        {"law": "power_series", "options": {"degree": [2, 1]}}
+    ) == laws.PowerSeries((2, 1))
     assert laws.OneSidedGap(0.5, 2e4) != law != law.with_values(shape={"gap": 0.6})
     assert laws.AddedMass(1.0) != laws.Inerter(1.0) and laws.Duffing() != "duffing"
     assert len({laws.Duffing(1.0), laws.Duffing(1.0), laws.Duffing(2.0)}) == 2
@@ -227,10 +328,19 @@ def test_plain_data_and_back():
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        ({"law": "none of these"}, "There is no law 'none of these'. Known laws: .*absolute_quadratic_stiffness, added_mass, "),
+        (
+            {"law": "none of these"},
+            (
+                "There is no law 'none of these'. Known laws:"
+                " .*absolute_quadratic_stiffness, added_mass, "
+            ),
+        ),
         ({}, "does not describe a law. It needs 'law', 'options'"),
         ({"law": "dahl", "options": {"side": 1}}, "Law 'dahl' cannot be built from"),
-        ({"law": "dahl", "coefficients": [1.0, 2.0]}, "Dahl has 1 coefficients, 2 were given"),
+        (
+            {"law": "dahl", "coefficients": [1.0, 2.0]},
+            "Dahl has 1 coefficients, 2 were given",
+        ),
     ],
 )
 def test_data_that_is_no_law_is_named(data, words):
@@ -241,21 +351,31 @@ def test_data_that_is_no_law_is_named(data, words):
 def test_the_registry_is_handed_out_as_a_copy():
     laws.registry().clear()
     assert laws.registry()["dahl"] is laws.Dahl
-    with pytest.raises(LawError, match="The name 'iwan' is taken by the law Iwan. Choose another name"):
+    with pytest.raises(
+        LawError, match="The name 'iwan' is taken by the law Iwan. Choose another name"
+    ):
         type("Other", (ForceLaw,), {"name": "iwan"})
     type("Nameless", (laws.Dahl,), {})  # takes no name
     assert laws.registry()["dahl"] is laws.Dahl
 
 
-# -- features -------------------------------------------------------------------------------------
+# -- features ------------------------------------------------------------------
 
 
 def test_features_are_columns_of_the_whole_record():
     s = np.array([1.0, 2.0, 3.0])
     motion = Motion(s, v=-s)
     columns = laws.LinkSpringDashpot().features(motion)
-    assert columns.tolist() == [[1.0, -1.0], [2.0, -2.0], [3.0, -3.0]] and columns.flags.f_contiguous
-    assert motion.n_samples == 3 and dict(motion.covariates) == {} and motion.a is None and motion.t is None
+    assert (
+        columns.tolist() == [[1.0, -1.0], [2.0, -2.0], [3.0, -3.0]]
+        and columns.flags.f_contiguous
+    )
+    assert (
+        motion.n_samples == 3
+        and dict(motion.covariates) == {}
+        and motion.a is None
+        and motion.t is None
+    )
     assert laws.PowerSeries(0).features(motion).shape == (3, 0)
     with pytest.raises(LawError, match="AddedMass needs the acceleration"):
         laws.AddedMass().features(motion)
@@ -274,9 +394,18 @@ def test_readings_of_faulty_sensors():
     assert np.isnan(late[:3]).all() and np.isfinite(late[3:]).all()
     assert np.allclose(late[8:-4], np.sin(3 * (t[8:-4] - 0.025)), atol=1e-9)
     back = laws.ChannelDelay(tau=0.025).corrected(y, dt=0.01)
-    assert np.isnan(back[-3:]).all() and np.allclose(back[8:-8], np.sin(3 * (t[8:-8] + 0.025)), atol=1e-9)
-    assert np.allclose(laws.ChannelDelay(0.005).corrected(y[:4], 0.01)[:3], np.sin(3 * t[:3] + 0.015), atol=1e-5)  # few
-    assert laws.GainError(-2.0).reading([1, 2], 0.1).tolist() == [-1.0, -2.0]  # a wrong sign
+    assert np.isnan(back[-3:]).all() and np.allclose(
+        back[8:-8], np.sin(3 * (t[8:-8] + 0.025)), atol=1e-9
+    )
+    assert np.allclose(
+        laws.ChannelDelay(0.005).corrected(y[:4], 0.01)[:3],
+        np.sin(3 * t[:3] + 0.015),
+        atol=1e-5,
+    )  # few
+    assert laws.GainError(-2.0).reading([1, 2], 0.1).tolist() == [
+        -1.0,
+        -2.0,
+    ]  # a wrong sign
     assert laws.GainError(0.25).corrected([5, 10], 0.1).tolist() == [4.0, 8.0]
     assert laws.SensorOffset(0.5).reading([1, 2], 0.1).tolist() == [1.5, 2.5]
     assert laws.SensorOffset(0.5).corrected([1, 2], 0.1).tolist() == [0.5, 1.5]
@@ -285,7 +414,7 @@ def test_readings_of_faulty_sensors():
             method([1.0], 0.1)
 
 
-# -- states: one stroke in closed form ------------------------------------------------------------
+# -- states: one stroke in closed form -----------------------------------------
 
 
 def stroke(law, start, ds, v0=1.0, v1=1.0, dt=1.0, u=(), s0=0.3):
@@ -297,7 +426,9 @@ def stroke(law, start, ds, v0=1.0, v1=1.0, dt=1.0, u=(), s0=0.3):
 
 def test_break_away_peaks_after_each_reversal():
     law = laws.BreakAwayFriction(d=2e-3)
-    assert stroke(law, 0.0, 1e-3)[0] == pytest.approx(math.exp(-0.5), rel=1e-14)  # from rest
+    assert stroke(law, 0.0, 1e-3)[0] == pytest.approx(
+        math.exp(-0.5), rel=1e-14
+    )  # from rest
     assert stroke(law, 0.3, 4e-3)[0] == pytest.approx(0.3 / E**2, rel=1e-14)
     assert stroke(law, 0.3, -4e-3)[0] == pytest.approx(-1.0 / E**2, rel=1e-14)
     assert stroke(law, 0.3, 0.0)[0] == 0.3 and stroke(law, 1e-100, 1e-3)[0] == 1e-100
@@ -305,29 +436,47 @@ def test_break_away_peaks_after_each_reversal():
 
 def test_lag_of_a_covariate_in_one_step():
     lagged = laws.LaggedCovariateFriction(tau=0.5)
-    assert stroke(lagged, [0.0, 0.0], 0.1, dt=0.25, u=[3.0]).tolist() == [3.0, 1.0]  # a fresh one starts at the command
-    assert stroke(lagged, [1.0, 1.0], 0.1, dt=0.25, u=[3.0])[0] == pytest.approx(3.0 - 2.0 * math.exp(-0.5), rel=1e-14)
-    assert stroke(lagged, [5.0, 1.0], 0.1, dt=1.0, u=[3.0])[0] == pytest.approx(3.0 + 2.0 * math.exp(-2.0), rel=1e-14)
+    assert stroke(lagged, [0.0, 0.0], 0.1, dt=0.25, u=[3.0]).tolist() == [
+        3.0,
+        1.0,
+    ]  # a fresh one starts at the command
+    assert stroke(lagged, [1.0, 1.0], 0.1, dt=0.25, u=[3.0])[0] == pytest.approx(
+        3.0 - 2.0 * math.exp(-0.5), rel=1e-14
+    )
+    assert stroke(lagged, [5.0, 1.0], 0.1, dt=1.0, u=[3.0])[0] == pytest.approx(
+        3.0 + 2.0 * math.exp(-2.0), rel=1e-14
+    )
     both = laws.CovariateDahl(sigma=20.0, tau=0.5)
     found = stroke(both, [1.0, 1.0, 0.25], -0.1, dt=0.25, u=[3.0])
     expected = [3.0 - 2.0 * math.exp(-0.5), 1.0, -1.0 + 1.25 * math.exp(-2.0)]
     assert found.tolist() == pytest.approx(expected, rel=1e-12)
-    assert stroke(both, [0.0, 0.0, 0.0], 0.1, dt=0.25, u=[3.0]).tolist() == pytest.approx(
-        [3.0, 1.0, 1.0 - math.exp(-2.0)]
-    )
-    assert stroke(both, [0.0, 1.0, 0.5], 0.0, dt=0.5, u=[1.0]).tolist() == pytest.approx([1.0 - 1.0 / E, 1.0, 0.5])
+    assert stroke(
+        both, [0.0, 0.0, 0.0], 0.1, dt=0.25, u=[3.0]
+    ).tolist() == pytest.approx([3.0, 1.0, 1.0 - math.exp(-2.0)])
+    assert stroke(
+        both, [0.0, 1.0, 0.5], 0.0, dt=0.5, u=[1.0]
+    ).tolist() == pytest.approx([1.0 - 1.0 / E, 1.0, 0.5])
 
 
-# -- Bouc-Wen in one stroke -----------------------------------------------------------------------
+# -- Bouc-Wen in one stroke ----------------------------------------------------
 
 
 def _length(start, end, rho, n):
-    """x of a stroke from y = start to end: the integral of dy / (1 - (sgn y + rho) |y|^n)."""
+    """x of a stroke from y = start to end: the integral of dy / (1 - (sgn y + rho)
+    |y|^n).
+    """
     edges = [start, 0.0, end] if start * end < 0.0 else [start, end]
     total = 0.0
     for low, high in zip(edges[:-1], edges[1:]):
         c = rho + (1.0 if low + high > 0.0 else -1.0)
-        total += quad(lambda y, c=c: 1.0 / (1.0 - c * abs(y) ** n), low, high, epsabs=1e-14, epsrel=1e-12, limit=200)[0]
+        total += quad(
+            lambda y, c=c: 1.0 / (1.0 - c * abs(y) ** n),
+            low,
+            high,
+            epsabs=1e-14,
+            epsrel=1e-12,
+            limit=200,
+        )[0]
     return total
 
 
@@ -336,8 +485,22 @@ def _length(start, end, rho, n):
 def test_bouc_wen_strokes_have_the_length_they_were_given(n, rho):
     beta = 40.0
     law = laws.BoucWen(beta=beta, rho=rho, n=n)
-    top = (1.0 + rho) ** (-1.0 / n) if rho > -1.0 else 3.0  # where a softening loop ends
-    for start in (-4.0, -1.3, -0.7 * top, -0.2, -0.01, 0.0, 1e-4, 0.3 * top, 0.8 * top, 1.7 * top, 8.0):
+    top = (
+        (1.0 + rho) ** (-1.0 / n) if rho > -1.0 else 3.0
+    )  # where a softening loop ends
+    for start in (
+        -4.0,
+        -1.3,
+        -0.7 * top,
+        -0.2,
+        -0.01,
+        0.0,
+        1e-4,
+        0.3 * top,
+        0.8 * top,
+        1.7 * top,
+        8.0,
+    ):
         for x in (1e-3, 0.07, 0.4, 1.1):
             end = stroke(law, start, x / beta, s0=0.0)[0]
             assert stroke(law, -start, -x / beta, s0=0.0)[0] == -end  # odd

@@ -31,17 +31,25 @@ def test_path_in_blocks_that_share_a_sample_is_the_same_to_the_last_bit():
     state, pieces = np.zeros(1), []
     for start in range(0, 2000, 250):
         rows = slice(start, start + 251)
-        piece = state_path(law, Motion(s[rows], v[rows], a[rows], t[rows]), none[:, rows], law.theta, state)
+        piece = state_path(
+            law,
+            Motion(s[rows], v[rows], a[rows], t[rows]),
+            none[:, rows],
+            law.theta,
+            state,
+        )
         assert state[0] == piece[0, -1]
         pieces.append(piece[:, 1:])
     assert np.array_equal(np.hstack([whole[:, :1], *pieces]), whole)
 
 
-# -- the way between two samples --------------------------------------------------------------------
+# -- the way between two samples -----------------------------------------------
 
 
 class Diary(ForceLaw):
-    """Notes every stretch of the way that its state is moved along, the last eight of them word by word."""
+    """Notes every stretch of the way that its state is moved along, the last eight of
+    them word by word.
+    """
 
     shapes = (Shape("pace", "1", 1.0, 2.0),)  # not read
     n_states = 3 + 6 * 8
@@ -83,19 +91,30 @@ def moving_by(p, edges, with_a=True, with_t=True):
     """A motion that is a polynomial of the time, known at a few times."""
     t = np.asarray(edges, dtype=float)
     v, a = p.deriv(), p.deriv(2)
-    return Motion(p(t), v(t), a(t) if with_a else None, t if with_t else None, {"level": np.arange(1.0, len(t) + 1.0)})
+    return Motion(
+        p(t),
+        v(t),
+        a(t) if with_a else None,
+        t if with_t else None,
+        {"level": np.arange(1.0, len(t) + 1.0)},
+    )
 
 
 def stretches(p, way, levels):
     v = p.deriv()
-    return [(p(b), v(b), p(e), v(e), e - b, x) for b, e, x in zip(way[:-1], way[1:], levels, strict=True)]
+    return [
+        (p(b), v(b), p(e), v(e), e - b, x)
+        for b, e, x in zip(way[:-1], way[1:], levels, strict=True)
+    ]
 
 
 H, SIZE = 0.02, 1e-3
 
 
 def _in_time(roots, factor=(1.0,)):
-    """Drift of SIZE (m) on a time of H (s) whose rate has these zeros, in shares of H."""
+    """Drift of SIZE (m) on a time of H (s) whose rate has these zeros, in shares of
+    H.
+    """
     rate = Polynomial(factor)
     for root in roots:
         rate = rate * Polynomial([-root, 1.0])
@@ -103,7 +122,9 @@ def _in_time(roots, factor=(1.0,)):
     return Polynomial([SIZE * c / H**k for k, c in enumerate(share.coef)])
 
 
-TURNS = {  # rate as a polynomial, where it turns inside the step, whether the acceleration is given
+# rate as a polynomial, where it turns inside the step, whether the acceleration is
+# given
+TURNS = {
     "straight": (_in_time([], (1.0, 0.5)), [], True),
     "parabola": (_in_time([0.3]), [0.3], False),
     "parabola late": (_in_time([0.9]), [0.9], True),
@@ -129,9 +150,15 @@ def test_the_way_is_cut_where_the_motion_turns(case, mirror):
     found, columns = read(moving_by(p, edges, with_a))
     assert columns[1, 1] == 1 + len(turns)
     ends = np.array([(e[0], e[2]) for e in expected])
-    seen = np.array([[True, True], [True, False], [False, True]]) if len(turns) == 2 else np.full(ends.shape, True)
+    seen = (
+        np.array([[True, True], [True, False], [False, True]])
+        if len(turns) == 2
+        else np.full(ends.shape, True)
+    )
     np.testing.assert_allclose(found[:, [0, 2]][seen], ends[seen], atol=1e-12 * SIZE)
-    np.testing.assert_allclose(found[:, [1, 3]], [[e[1], e[3]] for e in expected], atol=1e-12 * SIZE / H)
+    np.testing.assert_allclose(
+        found[:, [1, 3]], [[e[1], e[3]] for e in expected], atol=1e-12 * SIZE / H
+    )
     np.testing.assert_allclose(found[:, 4], [e[4] for e in expected], atol=1e-9 * H)
     assert found[:, 5].tolist() == [1.5] * len(expected)  # the mean of both samples
     for k in range(len(turns)):
@@ -143,19 +170,26 @@ def test_without_time_every_way_is_straight():
     law = laws.Jenkins(uy=10.0 * SIZE)
     direct = (p(H) - p(0.0)) / (10.0 * SIZE)
     for with_a in (True, False):
-        assert law.features(moving_by(p, [0.0, H], with_a, with_t=False))[1, 0] == pytest.approx(direct, rel=1e-12)
+        assert law.features(moving_by(p, [0.0, H], with_a, with_t=False))[
+            1, 0
+        ] == pytest.approx(direct, rel=1e-12)
 
 
 def _two_samples(s, v, a=None, h=1.0):
     return Motion(
-        np.array(s), np.array(v), None if a is None else np.array(a), np.array([0.0, h]), {"level": np.ones(2)}
+        np.array(s),
+        np.array(v),
+        None if a is None else np.array(a),
+        np.array([0.0, h]),
+        {"level": np.ones(2)},
     )
 
 
 @pytest.mark.parametrize(
     ("s", "v", "a", "drifts"),
     [
-        # the accelerations contradict the rates: the quintic turns on the wrong side, the cubic is taken
+        # the accelerations contradict the rates: the quintic turns on the wrong side,
+        # the cubic is taken
         ([0.0, 0.0], [1.0, -1.0], [-900.0, -900.0], [0.0, 0.25, 0.0]),
         ([0.0, 0.0], [-1.0, 1.0], [900.0, 900.0], [0.0, -0.25, 0.0]),
         ([0.0, 0.0], [1.0, -1.0], [-2.0, -2.0], [0.0, 0.25, 0.0]),  # a true parabola
@@ -178,7 +212,9 @@ def test_records_of_one_sample_and_of_none():
     law = laws.Dahl(sigma=1e3)
     assert law.features(ONE_SAMPLE).tolist() == [[0.0]]
     state = np.array([0.4])
-    assert law.features(ONE_SAMPLE, state).tolist() == [[0.4]] and state.tolist() == [0.4]
+    assert law.features(ONE_SAMPLE, state).tolist() == [[0.4]] and state.tolist() == [
+        0.4
+    ]
     assert law.features(Motion(np.empty(0), np.empty(0))).shape == (0, 1)
 
 
@@ -189,5 +225,7 @@ def test_states_that_cannot_be_moved_are_named():
     with pytest.raises(LawError, match=r"The state of Diary diverges .*\(pace = 1.5\)"):
         DIARY.features(Motion(s, s, t=np.array([0.0, np.nan]), covariates=level))
     for bad in (Motion(np.array([0.0, np.nan]), s), Motion(s, np.array([np.inf, 0.0]))):
-        with pytest.raises(ChannelError, match="The motion of a law with memory is not finite"):
+        with pytest.raises(
+            ChannelError, match="The motion of a law with memory is not finite"
+        ):
             laws.Dahl(sigma=1.0).features(bad)

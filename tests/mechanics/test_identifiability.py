@@ -13,7 +13,12 @@ from pysindy_nrf.exceptions import ChainError, IdentifiabilityError
 def situations(draw):
     n = draw(st.integers(1, 4))
     dofs = st.sets(st.integers(1, n))
-    links = draw(st.sets(st.sampled_from(["link 3-1", "link 4-2", "ground 2", "ground 3"]), max_size=1))
+    links = draw(
+        st.sets(
+            st.sampled_from(["link 3-1", "link 4-2", "ground 2", "ground 3"]),
+            max_size=1,
+        )
+    )
     links = [x for x in links if int(x.split()[1][0]) <= n]
     return n, links, draw(dofs), draw(dofs), draw(dofs)
 
@@ -26,9 +31,14 @@ def _joint_rank(n, links, forced, unknown, known, seed=0):
     F = np.zeros((size, n))
     for j in forced | unknown:
         F[:, j - 1] = rng.normal(size=size)
-    D = np.array([[site.q < j <= site.p for j in range(1, n + 1)] for site in chain.sites], dtype=float)
+    D = np.array(
+        [[site.q < j <= site.p for j in range(1, n + 1)] for site in chain.sites],
+        dtype=float,
+    )
     drift, rate = s @ D.T, v @ D.T
-    R = drift * rng.uniform(1, 3, len(chain.sites)) + rate * rng.uniform(1, 3, len(chain.sites))
+    R = drift * rng.uniform(1, 3, len(chain.sites)) + rate * rng.uniform(
+        1, 3, len(chain.sites)
+    )
     a = (F - R @ chain.incidence().T) / rng.uniform(1, 3, n)
     free = [j for j in range(1, n + 1) if j not in known]
     rows = []
@@ -39,7 +49,10 @@ def _joint_rank(n, links, forced, unknown, known, seed=0):
         if j in free:
             row[:, free.index(j)] = a[:, j - 1]
         for i, sign in enumerate(chain.incidence()[j - 1]):
-            row[:, len(free) + 2 * i], row[:, len(free) + 2 * i + 1] = sign * drift[:, i], sign * rate[:, i]
+            row[:, len(free) + 2 * i], row[:, len(free) + 2 * i + 1] = (
+                sign * drift[:, i],
+                sign * rate[:, i],
+            )
         rows.append(row)
     columns = len(free) + 2 * len(chain.sites)
     if not rows:
@@ -53,9 +66,13 @@ def _joint_rank(n, links, forced, unknown, known, seed=0):
 @settings(max_examples=200)
 @given(situations())
 def test_the_order_refuses_exactly_what_the_data_cannot_hold(situation):
-    """A solve order is complete if and only if all balances together determine every unknown."""
+    """A solve order is complete if and only if all balances together determine every
+    unknown.
+    """
     n, links, forced, unknown, known = situation
-    solve_order = Chain(n, links).identifiability(forced - unknown, unknown=unknown, known_masses=known)
+    solve_order = Chain(n, links).identifiability(
+        forced - unknown, unknown=unknown, known_masses=known
+    )
     rank, columns = _joint_rank(n, links, forced - unknown, unknown, known)
     assert solve_order.complete == (rank == columns), str(solve_order)
     assert bool(solve_order.reasons) == (not solve_order.complete)
@@ -64,7 +81,9 @@ def test_the_order_refuses_exactly_what_the_data_cannot_hold(situation):
 @given(situations())
 def test_a_solve_order_finds_each_thing_once_and_uses_only_what_it_has(situation):
     n, links, forced, unknown, known = situation
-    solve_order = Chain(n, links).identifiability(forced - unknown, unknown=unknown, known_masses=known, strategy="sequential")
+    solve_order = Chain(n, links).identifiability(
+        forced - unknown, unknown=unknown, known_masses=known, strategy="sequential"
+    )
     masses, sites = set(known), set()
     for step in solve_order.steps:
         assert not set(step.dofs) & unknown
@@ -80,7 +99,10 @@ def test_a_solve_order_finds_each_thing_once_and_uses_only_what_it_has(situation
 def test_the_words_name_the_storey_and_the_cure():
     solve_order = Chain(4).identifiability(excited=4, unknown=[3])
     text = str(solve_order)
-    assert "storey 3 cannot be scaled: the force on DOF 3 is unknown" in text and "hit floor 2" in text
+    assert (
+        "storey 3 cannot be scaled: the force on DOF 3 is unknown" in text
+        and "hit floor 2" in text
+    )
     with pytest.raises(IdentifiabilityError, match="storey 3 cannot be scaled"):
         solve_order.require_complete()
     assert "no force and no known mass" in str(Chain(2).identifiability())
@@ -103,6 +125,8 @@ def test_a_plan_without_a_floor_to_hit_asks_for_a_mass():
 
 
 def test_what_only_a_brace_scales_comes_after_what_a_storey_scales():
-    """Both balances have two unknowns left; a brace carries a small part of the shear, and its errors would rule."""
+    """Both balances have two unknowns left; a brace carries a small part of the shear,
+    and its errors would rule.
+    """
     order = Chain(3, ["link 3-1"]).identifiability(1)
     assert [step.dofs for step in order.steps] == [(1,), (2,), (3,)]

@@ -10,7 +10,9 @@ from pysindy_nrf.data.io import write_record
 
 @pytest.fixture(scope="session")
 def demo_file(tmp_path_factory):
-    return str(write_record(datasets.load_demo(), tmp_path_factory.mktemp("demo") / "demo.csv"))
+    return str(
+        write_record(datasets.load_demo(), tmp_path_factory.mktemp("demo") / "demo.csv")
+    )
 
 
 @pytest.fixture(scope="session")
@@ -30,4 +32,7 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def spoken(capsys):
     """What a command printed as strict JSON."""
-    return lambda: json.loads(capsys.readouterr().out, parse_constant=lambda word: pytest.fail(f"{word} in JSON"))
+    return lambda: json.loads(
+        capsys.readouterr().out,
+        parse_constant=lambda word: pytest.fail(f"{word} in JSON"),
+    )

@@ -1,4 +1,6 @@
-"""Full disk, unwritable folder, killed process, Ctrl-C: the old file survives, nothing half-written is taken for a result."""
+"""Full disk, unwritable folder, killed process, Ctrl-C: the old file survives, nothing
+half-written is taken for a result.
+"""
 
 import ast
 import errno
@@ -16,7 +18,9 @@ from pysindy_nrf import ChainModel, datasets, laws
 from pysindy_nrf.common.files import atomic_write
 from pysindy_nrf.output.cli.group import run
 
-MODEL = ChainModel([10.0, 12.0], {1: laws.LinearElastic(1e5), 2: laws.Dahl(sigma=1e3, Fd=20.0)})
+MODEL = ChainModel(
+    [10.0, 12.0], {1: laws.LinearElastic(1e5), 2: laws.Dahl(sigma=1e3, Fd=20.0)}
+)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +30,10 @@ def earlier(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patched:
         patched.chdir(folder)
         datasets.load_demo().to_frame().iloc[:3000].to_csv("test.csv")
-        assert run(["identify", "test.csv", "-o", "out", "--degree", "1", "--no-figures"]) == 0
+        assert (
+            run(["identify", "test.csv", "-o", "out", "--degree", "1", "--no-figures"])
+            == 0
+        )
     return folder
 
 
@@ -49,7 +56,12 @@ def test_no_space_left_is_said_in_words(finished, monkeypatch, capsys):
     monkeypatch.setattr(os, "fsync", no_space)
     assert run(["identify", "test.csv", "-o", "out", "--degree", "2"]) == 1
     said = capsys.readouterr().err
-    assert "out/" in said and "No space left on device. Make room there" in said and "Traceback" not in said and "fault of pysindy-nrf" not in said
+    assert (
+        "out/" in said
+        and "No space left on device. Make room there" in said
+        and "Traceback" not in said
+        and "fault of pysindy-nrf" not in said
+    )
     assert contents(finished / "out") == old
 
 
@@ -58,7 +70,11 @@ def test_a_folder_that_cannot_be_made(finished, capsys, folder):
     before = Path("test.csv").read_bytes()
     assert run(["identify", "test.csv", "-o", folder, "--degree", "1"]) in (1, 2)
     said = capsys.readouterr().err
-    assert "test.csv" in said and "Traceback" not in said and "fault of pysindy-nrf" not in said
+    assert (
+        "test.csv" in said
+        and "Traceback" not in said
+        and "fault of pysindy-nrf" not in said
+    )
     assert Path("test.csv").read_bytes() == before
 
 
@@ -80,7 +96,10 @@ def test_a_process_that_is_stopped_while_it_writes(tmp_path, how):
     MODEL.to_json(path)
     old = path.read_bytes()
     process = subprocess.Popen(
-        [sys.executable, "-c", SLOW_WRITE, str(path)], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        [sys.executable, "-c", SLOW_WRITE, str(path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     assert process.stdout.readline() == "writing\n"
     assert path.read_bytes() == old  # while it writes, too
@@ -89,10 +108,16 @@ def test_a_process_that_is_stopped_while_it_writes(tmp_path, how):
     process.stdout.close()
     assert path.read_bytes() == old and ChainModel.from_json(path) == MODEL
     left = [p for p in tmp_path.iterdir() if p != path]
-    assert all(p.name.startswith(".model.json.") and p.suffix == ".part" for p in left)  # never taken for a result
+    assert all(
+        p.name.startswith(".model.json.") and p.suffix == ".part" for p in left
+    )  # never taken for a result
     assert not left or how != signal.SIGINT
-    MODEL.with_laws({1: laws.LinearElastic(2e5)}).to_json(path)  # the next run is not in the way of it, and cleans up
-    assert ChainModel.from_json(path) != MODEL and [p.name for p in tmp_path.iterdir()] == ["model.json"]
+    MODEL.with_laws({1: laws.LinearElastic(2e5)}).to_json(
+        path
+    )  # the next run is not in the way of it, and cleans up
+    assert ChainModel.from_json(path) != MODEL and [
+        p.name for p in tmp_path.iterdir()
+    ] == ["model.json"]
 
 
 @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
@@ -135,17 +160,32 @@ def test_every_file_is_written_through_the_one_door():
         inside = {
             id(inner)
             for node in ast.walk(tree)
-            if isinstance(node, ast.With) and "atomic_write" in ast.unparse(node.items[0].context_expr)
+            if isinstance(node, ast.With)
+            and "atomic_write" in ast.unparse(node.items[0].context_expr)
             for inner in ast.walk(node)
         }
         for node in ast.walk(tree):
             if not isinstance(node, ast.Call) or id(node) in inside:
                 continue
-            name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            name = (
+                node.func.attr
+                if isinstance(node.func, ast.Attribute)
+                else getattr(node.func, "id", "")
+            )
             mode = ast.unparse(node.args[1]) if len(node.args) > 1 else ""
-            mode += "".join(ast.unparse(k.value) for k in node.keywords if k.arg == "mode")
+            mode += "".join(
+                ast.unparse(k.value) for k in node.keywords if k.arg == "mode"
+            )
             opens = name == "open" and any(c in mode for c in "wax+") and "'" in mode
-            if opens or name in ("write_text", "write_bytes", "savefig", "savez", "savemat", "to_parquet", "to_csv"):
+            if opens or name in (
+                "write_text",
+                "write_bytes",
+                "savefig",
+                "savez",
+                "savemat",
+                "to_parquet",
+                "to_csv",
+            ):
                 if not _to_memory(node):
                     wrong.append(f"{where}:{node.lineno} {ast.unparse(node)[:80]}")
     assert not wrong, "\n".join(wrong)
@@ -154,4 +194,6 @@ def test_every_file_is_written_through_the_one_door():
 def _to_memory(node: ast.Call) -> bool:
     """Whether the target is a buffer or an open file rather than a path."""
     target = ast.unparse(node.args[0]) if node.args else ""
-    return target in ("buffer", "file", "stream", "memory", "out") or (not node.args and not node.keywords)
+    return target in ("buffer", "file", "stream", "memory", "out") or (
+        not node.args and not node.keywords
+    )

@@ -1,4 +1,6 @@
-"""The page holds what was measured, found and decided; it is whole by itself and safe whatever the files hold."""
+"""The page holds what was measured, found and decided; it is whole by itself and safe
+whatever the files hold.
+"""
 
 import copy
 import json
@@ -15,13 +17,39 @@ import pytest
 from chains import driven
 from hypothesis import given
 from hypothesis import strategies as st
-from report_cases import K3, NASTY, C, K, cubic, loop_report, nasty_report, record, regressor
+from report_cases import (
+    K3,
+    NASTY,
+    C,
+    K,
+    cubic,
+    loop_report,
+    nasty_report,
+    record,
+    regressor,
+)
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, close_loop, datasets, excitation, laws, simulate
+from pysindy_nrf import (
+    ChainModel,
+    NRFRegressor,
+    Record,
+    close_loop,
+    datasets,
+    excitation,
+    laws,
+    simulate,
+)
 from pysindy_nrf.exceptions import MissingExtraError, NRFError
 from pysindy_nrf.output.report import write_html
 from pysindy_nrf.output.report.content import cautions, lead, of_loop, of_model
-from pysindy_nrf.output.report.equations import Estimate, as_text, feature, law_equation, mathml, number
+from pysindy_nrf.output.report.equations import (
+    Estimate,
+    as_text,
+    feature,
+    law_equation,
+    mathml,
+    number,
+)
 from pysindy_nrf.output.report.write import page
 
 pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
@@ -58,7 +86,9 @@ class Page(HTMLParser):
         return [attrs for name, attrs, _ in self.elements if name == tag]
 
     def text(self, *but):
-        return " ".join(d for tag, d in self.texts if tag not in ("script", "style", *but))
+        return " ".join(
+            d for tag, d in self.texts if tag not in ("script", "style", *but)
+        )
 
 
 @pytest.fixture(scope="module")
@@ -70,16 +100,29 @@ def loop_page():
 def pages(loop_page):
     model, rec = regressor()
     return {
-        "loop": Page(loop_page), "regressor": Page(page(model, rec)), "model": Page(page(model.model_)),
+        "loop": Page(loop_page),
+        "regressor": Page(page(model, rec)),
+        "model": Page(page(model.model_)),
         "nasty": Page(page(nasty_report())),
-    }  # fmt: skip
+    }
 
 
 def figures(text):
-    size, packed = re.search(r'<script type="text/plain" id="figures" data-size="(\d+)">(.*?)</script>', text).groups()
-    value = {sign: k for k, sign in enumerate(chr(c) for c in range(33, 127) if chr(c) not in "'<\\")}
-    bits = "".join(f"{91 * value[a] + value[b]:013b}" for a, b in zip(packed[::2], packed[1::2]))
-    return json.loads(zlib.decompress(bytes(int(bits[k : k + 8], 2) for k in range(0, 8 * int(size), 8))))
+    size, packed = re.search(
+        r'<script type="text/plain" id="figures" data-size="(\d+)">(.*?)</script>', text
+    ).groups()
+    value = {
+        sign: k
+        for k, sign in enumerate(chr(c) for c in range(33, 127) if chr(c) not in "'<\\")
+    }
+    bits = "".join(
+        f"{91 * value[a] + value[b]:013b}" for a, b in zip(packed[::2], packed[1::2])
+    )
+    return json.loads(
+        zlib.decompress(
+            bytes(int(bits[k : k + 8], 2) for k in range(0, 8 * int(size), 8))
+        )
+    )
 
 
 @pytest.mark.parametrize("kind", ["loop", "regressor", "model", "nasty"])
@@ -89,7 +132,11 @@ def test_page_is_well_formed_and_asks_nothing_of_a_network(pages, kind):
     for _, attrs, _ in found.elements:
         assert "src" not in attrs and attrs.get("href", "#").startswith("#")
         assert not any(name.startswith("on") for name in attrs)
-    policy = next(a["content"] for a in found.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
+    policy = next(
+        a["content"]
+        for a in found.all("meta")
+        if a.get("http-equiv") == "Content-Security-Policy"
+    )
     assert "default-src 'none'" in policy and "http" not in policy
     assert len(found.all("script")) == 3 and found.all("img") == []
 
@@ -98,22 +145,42 @@ def test_a_page_takes_two_megabytes_at_most(loop_page):
     record = datasets.load_demo()
     assert len(page(NRFRegressor(degree=3).fit(record), [record]).encode()) < 1.97e6
     assert len(loop_page.encode()) < 1.9e6
-    floors = ChainModel([10.0] * 10, {j: [laws.LinearElastic(1e5), laws.LinearViscous(60.0)] for j in range(1, 11)})
-    force = excitation.band_limited_random(10, 8.0, 500.0, excited=10, rms=100.0, band=(1, 60), random_state=0)
+    floors = ChainModel(
+        [10.0] * 10,
+        {j: [laws.LinearElastic(1e5), laws.LinearViscous(60.0)] for j in range(1, 11)},
+    )
+    force = excitation.band_limited_random(
+        10, 8.0, 500.0, excited=10, rms=100.0, band=(1, 60), random_state=0
+    )
     tall = simulate(floors, force, 1 / 500)
     assert len(page(NRFRegressor(degree=3).fit(tall), [tall]).encode()) < 2e6
 
 
 def test_numbers_under_the_pointer_have_their_units(loop_page):
-    told = {figure["layout"]["yaxis"]["title"]["text"]: trace["hovertemplate"] for figure in figures(loop_page).values()
-            if "yaxis" in figure["layout"] for trace in figure["data"]}  # fmt: skip
-    assert "%{x:.4g} mm<br>" in told["force R<sub>1</sub> (N)"] and "%{y:.4g} N<" in told["force R<sub>1</sub> (N)"]
-    assert "%{x}<br>" in told["held-out balance error (% NRMSE)"] and "%{y:.4g} % NRMSE" in told["held-out balance error (% NRMSE)"]
+    told = {
+        figure["layout"]["yaxis"]["title"]["text"]: trace["hovertemplate"]
+        for figure in figures(loop_page).values()
+        if "yaxis" in figure["layout"]
+        for trace in figure["data"]
+    }
+    assert (
+        "%{x:.4g} mm<br>" in told["force R<sub>1</sub> (N)"]
+        and "%{y:.4g} N<" in told["force R<sub>1</sub> (N)"]
+    )
+    assert (
+        "%{x}<br>" in told["held-out balance error (% NRMSE)"]
+        and "%{y:.4g} % NRMSE" in told["held-out balance error (% NRMSE)"]
+    )
 
 
 def test_digits_follow_the_interval_zeros_among_them():
-    assert as_text(Estimate(8.0, 7.966, 8.034)) == "8.000" and as_text(Estimate(3e4, 29880.0, 30120.0)) == "3.000×10⁴"
-    assert as_text(Estimate(35070.0, 35055.0, 35085.0)) == "35070" and as_text(8.0) == "8"
+    assert (
+        as_text(Estimate(8.0, 7.966, 8.034)) == "8.000"
+        and as_text(Estimate(3e4, 29880.0, 30120.0)) == "3.000×10⁴"
+    )
+    assert (
+        as_text(Estimate(35070.0, 35055.0, 35085.0)) == "35070" and as_text(8.0) == "8"
+    )
     assert Estimate(1.0, -2.0, 3.0).faint and not Estimate(1.0, 0.5, 1.5).faint
 
 
@@ -124,8 +191,14 @@ def test_page_can_be_read_without_eyes_or_mouse(pages, kind):
     assert len(ids) == len(set(ids))
     targets = [a["href"][1:] for a in found.all("a")]
     assert set(targets) <= set(ids) and targets[0] == "main"
-    levels = [int(tag[1]) for tag, _, _ in found.elements if re.fullmatch(r"h[1-6]", tag)]
-    assert levels[0] == 1 and levels.count(1) == 1 and all(b <= a + 1 for a, b in zip(levels, levels[1:]))
+    levels = [
+        int(tag[1]) for tag, _, _ in found.elements if re.fullmatch(r"h[1-6]", tag)
+    ]
+    assert (
+        levels[0] == 1
+        and levels.count(1) == 1
+        and all(b <= a + 1 for a, b in zip(levels, levels[1:]))
+    )
     plots = [a for a in found.all("div") if "plot" in a.get("class", "").split()]
     assert all(len(a["aria-label"]) > 30 for a in plots)
     assert all(a.get("tabindex") == "0" for a in plots if "turns" in a["class"])
@@ -141,7 +214,14 @@ def test_page_tells_the_story_with_its_evidence(pages):
         assert re.sub(r"\s+", " ", said) in text
     assert f"{step.error_before:.3g} → {step.error_after:.3g} %" in text
     assert "shaker <b>1</b>" in text  # as text, not as markup
-    for said in ("random_state", "least gain", "draws", "numpy", "Symbols", "What was measured"):
+    for said in (
+        "random_state",
+        "least gain",
+        "draws",
+        "numpy",
+        "Symbols",
+        "What was measured",
+    ):
         assert said in text
     assert "<b>" not in [tag for tag, *_ in pages["loop"].elements]
 
@@ -153,10 +233,15 @@ def test_every_drawing_has_its_numbers_in_a_table(loop_page):
     assert {"surface", "scatter3d", "scatter", "bar"} <= kinds
     assert loop_page.count("<figure") == len(drawn)
     opened = re.findall(r'data-numbers="(.*?)"', loop_page)
-    assert opened == [name for name, figure in drawn.items() if figure["numbers"]] and len(opened) >= len(drawn) - 3
+    assert (
+        opened == [name for name, figure in drawn.items() if figure["numbers"]]
+        and len(opened) >= len(drawn) - 3
+    )
     for name in opened:
         numbers = Page(drawn[name]["numbers"])
-        assert numbers.errors == [] and numbers.open == [] and len(numbers.all("tr")) > 1
+        assert (
+            numbers.errors == [] and numbers.open == [] and len(numbers.all("tr")) > 1
+        )
 
 
 def test_surface_is_the_restoring_force_and_marks_what_was_visited(pages):
@@ -165,13 +250,19 @@ def test_surface_is_the_restoring_force_and_marks_what_was_visited(pages):
     surface = next(
         f
         for f in drawn.values()
-        if f["data"][0]["type"] == "surface" and "s<sub>2</sub>" in f["layout"]["scene"]["xaxis"]["title"]["text"]
+        if f["data"][0]["type"] == "surface"
+        and "s<sub>2</sub>" in f["layout"]["scene"]["xaxis"]["title"]["text"]
     )
     scale = {"m": 1.0, "mm": 1e-3, "m/s": 1.0, "mm/s": 1e-3, "N": 1.0, "kN": 1e3}
     titles = [surface["layout"]["scene"][f"{k}axis"]["title"]["text"] for k in "xy"]
-    units = [re.search(r"\((.*)\)", text)[1] for text in (*titles, surface["layout"]["annotations"][0]["text"])]
+    units = [
+        re.search(r"\((.*)\)", text)[1]
+        for text in (*titles, surface["layout"]["annotations"][0]["text"])
+    ]
     top = surface["data"][0]
-    s, v = np.meshgrid(scale[units[0]] * np.array(top["x"]), scale[units[1]] * np.array(top["y"]))
+    s, v = np.meshgrid(
+        scale[units[0]] * np.array(top["x"]), scale[units[1]] * np.array(top["y"])
+    )
     R = scale[units[2]] * np.array(top["z"], dtype=float)
     seen = np.isfinite(R)
     region = model.visited["storey 2"]
@@ -181,11 +272,17 @@ def test_surface_is_the_restoring_force_and_marks_what_was_visited(pages):
 
 
 def test_force_that_depends_on_the_path_is_drawn_as_a_path():
-    model = ChainModel([10.0], {1: [laws.LinearElastic(1e4), laws.Dahl(sigma=1e4, Fd=20.0)]})
+    model = ChainModel(
+        [10.0], {1: [laws.LinearElastic(1e4), laws.Dahl(sigma=1e4, Fd=20.0)]}
+    )
     t = np.arange(3000) / 500
     x = 2e-3 * np.sin(7 * t)[:, None]
     rec = Record(
-        displacement=x, velocity=14e-3 * np.cos(7 * t)[:, None], acceleration=-49 * x, force=0 * x + 1e-9, fs=500.0
+        displacement=x,
+        velocity=14e-3 * np.cos(7 * t)[:, None],
+        acceleration=-49 * x,
+        force=0 * x + 1e-9,
+        fs=500.0,
     )
     drawn = figures(page(model, rec))
     kinds = [trace["type"] for f in drawn.values() for trace in f["data"]]
@@ -198,13 +295,19 @@ def test_markup_from_files_stays_text(pages):
     assert NASTY in found.text()
     assert "<img" not in nasty_report().to_markdown()
     rec = Record(
-        displacement=np.sin(np.arange(50.0))[:, None], fs=10.0, name=NASTY, covariates={NASTY: np.arange(50.0)}
+        displacement=np.sin(np.arange(50.0))[:, None],
+        fs=10.0,
+        name=NASTY,
+        covariates={NASTY: np.arange(50.0)},
     )
     assert "<img" not in rec._repr_html_() and "&lt;img" in rec._repr_html_()
 
 
 @given(
-    st.text(alphabet=st.characters(codec="ascii", categories=["L", "N", "P", "S", "Zs"]), min_size=1),
+    st.text(
+        alphabet=st.characters(codec="ascii", categories=["L", "N", "P", "S", "Zs"]),
+        min_size=1,
+    ),
     st.sampled_from(["", "2", "4,2"]),
 )
 def test_any_label_becomes_well_formed_mathml(label, index):
@@ -219,12 +322,24 @@ def test_any_number_becomes_latex_of_the_same_value(x):
 def test_equation_holds_every_coefficient():
     model = ChainModel([1.0], {1: laws.PowerSeries(2, [100.0, 2e5, -3.0, 4.0, 5e-6])})
     force = model.restoring_forces["storey 1"]
-    text = "".join("".join(ElementTree.fromstring(mathml([piece])).itertext()) for piece in law_equation(force))
-    assert text.startswith("R1(s1,v1)=100v1+2×105s1") and "−3v12" in text and "5×10−6" in text
-    assert r"R_{1}(s_{1}, v_{1}) &= 100\, v_{1} + 2\times 10^{5}\, s_{1} - 3\, v_{1}^{2}" in model.to_latex()
+    text = "".join(
+        "".join(ElementTree.fromstring(mathml([piece])).itertext())
+        for piece in law_equation(force)
+    )
+    assert (
+        text.startswith("R1(s1,v1)=100v1+2×105s1")
+        and "−3v12" in text
+        and "5×10−6" in text
+    )
+    assert (
+        r"R_{1}(s_{1}, v_{1}) &= 100\, v_{1} + 2\times 10^{5}\, s_{1} - 3\, v_{1}^{2}"
+        in model.to_latex()
+    )
 
 
-def test_without_its_extra_the_page_names_it_and_leaves_the_old_file(monkeypatch, tmp_path):
+def test_without_its_extra_the_page_names_it_and_leaves_the_old_file(
+    monkeypatch, tmp_path
+):
     old = tmp_path / "report.html"
     old.write_text("before")
     model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
@@ -247,7 +362,13 @@ def test_regressor_page_holds_intervals_and_warnings(pages, tmp_path):
     model, rec = regressor()
     text = pages["regressor"].text()
     assert "with 95 % intervals" in text and "Newton's third law" in text
-    write_html(tmp_path / "r.html", model, rec, notes=["the roof was <wet>"], title="Frame & shaker")
+    write_html(
+        tmp_path / "r.html",
+        model,
+        rec,
+        notes=["the roof was <wet>"],
+        title="Frame & shaker",
+    )
     found = Page((tmp_path / "r.html").read_text())
     assert "the roof was <wet>" in found.text() and found.all("wet") == []
 
@@ -265,37 +386,56 @@ def test_what_further_terms_would_explain_is_said_with_units(tmp_path):
         linear = NRFRegressor(degree=1).fit(datasets.load_demo())  # storey 1 is cubic
         write_html(tmp_path / "report.html", linear, datasets.load_demo())
     page = (tmp_path / "report.html").read_text("utf-8")
-    table = page.split("What terms beyond the laws would explain", 2)[-1].split("</table>")[0]
-    assert "residual (% of its force)" in table and "mass moves with them by (%)" in table
+    table = page.split("What terms beyond the laws would explain", 2)[-1].split(
+        "</table>"
+    )[0]
+    assert (
+        "residual (% of its force)" in table and "mass moves with them by (%)" in table
+    )
     rows = re.findall(r"<tr>(.*?)</tr>", table.split("<tbody>")[1], re.DOTALL)
-    assert ["yes" if ">yes<" in row else "no" for row in rows if "balance of DOF 1" in row] == ["yes"]
+    assert [
+        "yes" if ">yes<" in row else "no" for row in rows if "balance of DOF 1" in row
+    ] == ["yes"]
     assert sum(">no<" in row for row in rows) == 2
 
 
 def test_a_page_of_a_model_with_a_storey_that_holds_nothing(tmp_path):
     """A storey without a law is no section of the page."""
-    model = ChainModel([8.0, 6.0], {"storey 1": [laws.PowerSeries(1, [30.0, 4e4])], "storey 2": []})
+    model = ChainModel(
+        [8.0, 6.0], {"storey 1": [laws.PowerSeries(1, [30.0, 4e4])], "storey 2": []}
+    )
     rec = driven(model, [1], 4.0, 500.0, 60.0, (1, 40))
     page = of_model(model, rec)
     assert [part.site for part in page.sites] == ["storey 1"]
     hidden = rec.replace(force=np.full_like(rec.force, np.nan))
-    assert "force unknown on DOF 1, 2" in of_model(model, hidden).measured[0][0].sentence
+    assert (
+        "force unknown on DOF 1, 2" in of_model(model, hidden).measured[0][0].sentence
+    )
 
 
 @pytest.fixture(scope="module")
 def nothing_found():
     """A linear chain, and a catalogue that holds nothing it lacks."""
-    return close_loop(record(None, seed=3, noise=0.01), catalogue=[laws.CubicStiffness()], max_steps=2)
+    return close_loop(
+        record(None, seed=3, noise=0.01), catalogue=[laws.CubicStiffness()], max_steps=2
+    )
 
 
 def test_a_loop_that_finds_nothing_says_so_on_its_page(nothing_found):
     assert not nothing_found.steps
     assert lead(nothing_found).endswith("the loop added nothing to it.")
-    assert lead(nothing_found).startswith(f"The declared model leaves {nothing_found.table['held-out'].iloc[0]:.3g} %")
+    assert lead(nothing_found).startswith(
+        f"The declared model leaves {nothing_found.table['held-out'].iloc[0]:.3g} %"
+    )
     page = of_loop(nothing_found)
     tiles = {name: (value, note) for name, value, note in page.tiles}
-    assert tiles["Effects confirmed"] == ("0", "") and tiles["Held-out balance error"][1] == "the baseline's"
-    assert tiles["Held-out free-run error"][1] == "" and [c.title for c in page.chapters] == ["What is left"]
+    assert (
+        tiles["Effects confirmed"] == ("0", "")
+        and tiles["Held-out balance error"][1] == "the baseline's"
+    )
+    assert tiles["Held-out free-run error"][1] == "" and [
+        c.title for c in page.chapters
+    ] == ["What is left"]
     said = nothing_found.to_markdown()
     assert "No effect was added." in said
 
@@ -308,60 +448,96 @@ def test_doubts_about_a_step_are_said():
     doubtful = copy.copy(report)
     doubtful.steps = [replace(step, free_run_before=10.0, free_run_after=30.0)]
     said = " ".join(cautions(doubtful))
-    assert f"at {step.site} the held-out free run is worse than before (10 to 30 %)" in said
+    assert (
+        f"at {step.site} the held-out free run is worse than before (10 to 30 %)"
+        in said
+    )
     doubtful.model = ChainModel([-1.0, 2.0, 3.0], report.model.laws, report.model.chain)
     assert doubtful.verdict.state == "red" and "m1 = -1 kg" in doubtful.verdict.sentence
-    doubtful.model, doubtful.steps = report.model, [replace(step, free_run_before=np.nan, free_run_after=np.nan)]
+    doubtful.model, doubtful.steps = (
+        report.model,
+        [replace(step, free_run_before=np.nan, free_run_after=np.nan)],
+    )
     names = [name for name, _ in of_loop(doubtful).chapters[0].facts]
     assert "Held-out data" in names and "Held-out free-run error" not in names
 
 
 def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
-    """Headline, tiles, chapter, table, figure, Markdown and notebook view say so; the errors are those of the model."""
+    """Headline, tiles, chapter, table, figure, Markdown and notebook view say so; the
+    errors are those of the model.
+    """
     report = copy.copy(loop_report())
     step = report.steps[0]
-    report.steps = [replace(step, confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3)]
+    report.steps = [
+        replace(step, confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3)
+    ]
     report.model = report.models[0]
     found = of_loop(report)
     before = report.table["held-out"].iloc[0]
-    assert "the loop added nothing to it. NOT CONFIRMED on held-out data, and not in the model: " in found.lead
+    assert (
+        "the loop added nothing to it. NOT CONFIRMED on held-out data, and not in the"
+        " model: " in found.lead
+    )
     tiles = {name: (value, note) for name, value, note in found.tiles}
     assert tiles["Effects confirmed"] == ("0", "1 more not confirmed")
-    assert tiles["Held-out balance error"][0] == f"{before:.3g} %" and tiles["Band"][1] == "found from the data"
-    assert found.chapters[0].state == "NOT CONFIRMED" and dict(found.chapters[0].facts)["Held-out data"].startswith(
-        "NOT"
+    assert (
+        tiles["Held-out balance error"][0] == f"{before:.3g} %"
+        and tiles["Band"][1] == "found from the data"
     )
+    assert found.chapters[0].state == "NOT CONFIRMED" and dict(found.chapters[0].facts)[
+        "Held-out data"
+    ].startswith("NOT")
     assert found.effects.rows[0][-1] == found.errors[0].rows[1][-1] == "NOT CONFIRMED"
     assert found.picture[0].marks[1].hatched and not found.picture[0].marks[0].hatched
     assert "band" not in found.errors[0].head
     assert "is NOT CONFIRMED: the held-out error goes from" in found.care[0]
-    assert "NOT CONFIRMED" in report._repr_html_() and "| NOT CONFIRMED |" in report.to_markdown()
+    assert (
+        "NOT CONFIRMED" in report._repr_html_()
+        and "| NOT CONFIRMED |" in report.to_markdown()
+    )
     both = copy.copy(report)
     both.steps, both.model = [step, *report.steps], report.models[1]
     both.table = report.table.iloc[[0, 1, 1]]
-    assert f"falls from {before:.3g} to {both.table['held-out'].iloc[1]:.3g} %. NOT CONFIRMED" in lead(both)
+    assert (
+        f"falls from {before:.3g} to {both.table['held-out'].iloc[1]:.3g} %. NOT"
+        " CONFIRMED" in lead(both)
+    )
 
 
 def test_where_nothing_is_claimed_the_headline_gives_the_reason(nothing_found):
     withdrawn = copy.copy(nothing_found)
-    withdrawn.stopped_because = "the best model leaves 85 % of the balance of DOF 2. Nothing is claimed"
-    assert lead(withdrawn).endswith("The best model leaves 85 % of the balance of DOF 2. Nothing is claimed.")
+    withdrawn.stopped_because = (
+        "the best model leaves 85 % of the balance of DOF 2. Nothing is claimed"
+    )
+    assert lead(withdrawn).endswith(
+        "The best model leaves 85 % of the balance of DOF 2. Nothing is claimed."
+    )
 
 
 def test_what_the_data_cannot_tell_apart_is_said_once():
     report = copy.copy(loop_report())
     step = report.steps[0]
     report.steps = [
-        replace(step, sure=False, company=["dahl"], alternatives=["hysteresis"], tied=[("dahl", "storey 2", 4.2)]),
+        replace(
+            step,
+            sure=False,
+            company=["dahl"],
+            alternatives=["hysteresis"],
+            tied=[("dahl", "storey 2", 4.2)],
+        ),
         replace(step, law="dahl", sure=False, company=[step.law]),
     ]
     report.table = report.table.iloc[[0, 1, 1]]
     said = [text for text in cautions(report) if "together" in text]
     assert said == [
-        "At storey 2 coulomb friction and dahl may together stand for one law that is not in the catalogue."
+        "At storey 2 coulomb friction and dahl may together stand for one law that is"
+        " not in the catalogue."
     ]
     chapter = of_loop(report).chapters[0]
-    assert "cannot tell friction from hysteresis" in dict(chapter.facts)["What else it may be"]
-    assert [t.rows for t in chapter.tables if t.caption.startswith("The data cannot tell")] == [
-        [["dahl", "storey 2", 4.2]]
-    ]
+    assert (
+        "cannot tell friction from hysteresis"
+        in dict(chapter.facts)["What else it may be"]
+    )
+    assert [
+        t.rows for t in chapter.tables if t.caption.startswith("The data cannot tell")
+    ] == [[["dahl", "storey 2", 4.2]]]

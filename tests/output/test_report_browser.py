@@ -1,4 +1,6 @@
-"""The page in a real headless Chromium: drawn, sorted, turned, at phone and desk width, in light and dark."""
+"""The page in a real headless Chromium: drawn, sorted, turned, at phone and desk width,
+in light and dark.
+"""
 
 import shutil
 import time
@@ -8,18 +10,33 @@ from report_cases import loop_report
 
 from pysindy_nrf.output.report import available
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+webdriver = pytest.importorskip(
+    "selenium.webdriver", reason="selenium is not installed"
+)
+BROWSER = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
+    None,
+)
 DRIVER = shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.browser,
-    pytest.mark.skipif(BROWSER is None or DRIVER is None, reason="chromium and chromedriver are not installed"),
+    pytest.mark.skipif(
+        BROWSER is None or DRIVER is None,
+        reason="chromium and chromedriver are not installed",
+    ),
     pytest.mark.skipif(not available(), reason="the page needs the extra 'report'"),
 ]
 FLAGS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader",
-)  # fmt: skip
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--enable-unsafe-swiftshader",
+)
 DESK, PHONE = (1280, 900), (375, 740)
 
 
@@ -45,7 +62,12 @@ def address(tmp_path_factory):
 
 
 def opened(browser, address, size, scheme="light"):
-    metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 1, "mobile": size[0] < 600}
+    metrics = {
+        "width": size[0],
+        "height": size[1],
+        "deviceScaleFactor": 1,
+        "mobile": size[0] < 600,
+    }
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
@@ -67,31 +89,54 @@ def shown(browser, selector):
     """The first element of a kind, scrolled to and drawn."""
     place = browser.find_element("css selector", selector)
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", place)
-    drawn = "const p = arguments[0].querySelector('svg.main-svg, canvas'); return p && p.getBoundingClientRect().width > 100"
-    assert until(lambda: browser.execute_script(drawn, place)), f"{selector} was not drawn"
+    drawn = (
+        "const p = arguments[0].querySelector('svg.main-svg, canvas'); return p &&"
+        " p.getBoundingClientRect().width > 100"
+    )
+    assert until(lambda: browser.execute_script(drawn, place)), (
+        f"{selector} was not drawn"
+    )
     return place
 
 
 def errors(browser):
-    return [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+    return [
+        entry["message"]
+        for entry in browser.get_log("browser")
+        if entry["level"] == "SEVERE"
+    ]
 
 
 def eye(browser, place):
-    return browser.execute_script("const c = arguments[0]._fullLayout.scene.camera.eye; return [c.x, c.y, c.z]", place)
+    return browser.execute_script(
+        "const c = arguments[0]._fullLayout.scene.camera.eye; return [c.x, c.y, c.z]",
+        place,
+    )
 
 
 def column(table, k):
     return [
-        (cell := row.find_elements("css selector", "th, td")[k]).get_attribute("data-v") or cell.text
+        (cell := row.find_elements("css selector", "th, td")[k]).get_attribute("data-v")
+        or cell.text
         for row in table.find_elements("css selector", "tbody tr")
     ]
 
 
-@pytest.mark.parametrize(("size", "scheme"), [(DESK, "light"), (PHONE, "dark")], ids=["desk, light", "phone, dark"])
-def test_every_figure_is_drawn_without_an_error_and_nothing_overflows_and_print_is_light(browser, address, size, scheme):
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [(DESK, "light"), (PHONE, "dark")],
+    ids=["desk, light", "phone, dark"],
+)
+def test_every_figure_is_drawn_without_an_error_and_nothing_overflows_and_print_is_light(
+    browser, address, size, scheme
+):
     """Plane figures are drawn before anybody scrolls to them."""
     opened(browser, address, size, scheme)
-    assert until(lambda: browser.execute_script("return document.documentElement.dataset.drawn === 'all'"))
+    assert until(
+        lambda: browser.execute_script(
+            "return document.documentElement.dataset.drawn === 'all'"
+        )
+    )
     places = browser.find_elements("css selector", ".plot")
     assert len(places) >= 12
     for place in places:
@@ -103,24 +148,43 @@ def test_every_figure_is_drawn_without_an_error_and_nothing_overflows_and_print_
     out = """return [...document.querySelectorAll('main *')].filter(e => !e.closest('.scroll, pre, .plot, .hidden')
         && e.getBoundingClientRect().right > window.innerWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
     assert browser.execute_script(out) == []
-    light = browser.execute_script("return getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)")
+    light = browser.execute_script(
+        "return"
+        " getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)"
+    )
     assert (sum(light) > 600) == (scheme == "light")
     if scheme == "dark":  # for the paper all figures are drawn anew, in light
-        pdf = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})["data"]
+        pdf = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})[
+            "data"
+        ]
         assert len(pdf) > 50_000 and errors(browser) == []
-    empty = "return [...document.querySelectorAll('.plot:not(.turns)')].filter(p => !p.querySelector('svg')).length"
+    empty = (
+        "return [...document.querySelectorAll('.plot:not(.turns)')].filter(p =>"
+        " !p.querySelector('svg')).length"
+    )
     assert browser.execute_script(empty) == 0
 
 
-def test_the_keyboard_reaches_the_content_and_a_table_is_sorted_and_copied_with_all_digits(browser, address):
+def test_the_keyboard_reaches_the_content_and_a_table_is_sorted_and_copied_with_all_digits(
+    browser, address
+):
     opened(browser, address, DESK)
     webdriver.ActionChains(browser).send_keys("\ue004").perform()  # Tab
-    assert browser.execute_script("return document.activeElement.textContent") == "Skip to the content"
+    assert (
+        browser.execute_script("return document.activeElement.textContent")
+        == "Skip to the content"
+    )
     webdriver.ActionChains(browser).send_keys("\ue007").perform()
     assert until(lambda: browser.execute_script("return location.hash") == "#main")
     table = browser.find_element("css selector", "#measured table")
-    peak = next(b for b in table.find_elements("css selector", "button.sort") if b.text.startswith("peak"))
-    k = [b.text for b in table.find_elements("css selector", "button.sort")].index(peak.text)
+    peak = next(
+        b
+        for b in table.find_elements("css selector", "button.sort")
+        if b.text.startswith("peak")
+    )
+    k = [b.text for b in table.find_elements("css selector", "button.sort")].index(
+        peak.text
+    )
     before = [float(x) for x in column(table, k)]
     assert before != sorted(before)
     peak.click()
@@ -132,12 +196,17 @@ def test_the_keyboard_reaches_the_content_and_a_table_is_sorted_and_copied_with_
     assert head.get_attribute("aria-sort") == "descending"
     assert "peak" in browser.find_element("id", "status").get_attribute("textContent")
     assert len(column(table, 0)) == len(before) and errors(browser) == []
-    catch = "Object.defineProperty(navigator, 'clipboard', {value: {writeText: t => { window.copied = t; return Promise.resolve(); }}})"
+    catch = (
+        "Object.defineProperty(navigator, 'clipboard', {value: {writeText: t => {"
+        " window.copied = t; return Promise.resolve(); }}})"
+    )
     browser.execute_script(catch)
     table = browser.find_element("css selector", "#model .table")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", table)
     table.find_element("css selector", "[data-copy]").click()
-    lines = until(lambda: browser.execute_script("return window.copied || ''")).splitlines()
+    lines = until(
+        lambda: browser.execute_script("return window.copied || ''")
+    ).splitlines()
     masses = loop_report().model.masses
     assert [float(line.split("\t")[1]) for line in lines[1:]] == list(masses)
 
@@ -145,7 +214,9 @@ def test_the_keyboard_reaches_the_content_and_a_table_is_sorted_and_copied_with_
 def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser, address):
     opened(browser, address, PHONE)
     place = shown(browser, ".turns")
-    if not browser.execute_script("return Boolean(document.createElement('canvas').getContext('webgl'))"):
+    if not browser.execute_script(
+        "return Boolean(document.createElement('canvas').getContext('webgl'))"
+    ):
         pytest.skip("this browser draws nothing in space (no WebGL)")
     start = until(lambda: eye(browser, place))
     drag = webdriver.ActionChains(browser).move_to_element(place).click_and_hold()
@@ -161,4 +232,7 @@ def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser, address):
     browser.find_element("css selector", "[data-turn=down]").click()
     assert until(lambda: eye(browser, place)[2] < pressed[2])
     browser.find_element("css selector", "[data-turn=home]").click()
-    assert until(lambda: eye(browser, place) == pytest.approx(start)) and errors(browser) == []
+    assert (
+        until(lambda: eye(browser, place) == pytest.approx(start))
+        and errors(browser) == []
+    )

@@ -1,4 +1,6 @@
-"""The one solve: exact where theory says exact, and that of NumPy where the model is wrong."""
+"""The one solve: exact where theory says exact, and that of NumPy where the model is
+wrong.
+"""
 
 import warnings
 
@@ -14,7 +16,8 @@ from pysindy_nrf.exceptions import BiasWarning, IdentifiabilityError, RankWarnin
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 
-EXACT = 1e-8  # relative, of every mass and true coefficient; absent terms, of the storey's force
+# relative, of every mass and true coefficient; absent terms, of the storey's force
+EXACT = 1e-8
 
 
 def assert_exact(model, case, tolerance=EXACT):
@@ -24,10 +27,13 @@ def assert_exact(model, case, tolerance=EXACT):
     assert worst([f["v"] for f in found], case.c) < tolerance
     if case.k3.any():
         assert worst([f["s^3"] for f in found], case.k3) < tolerance
-    assert absent_share(model, case, ("v", "s", "s^3") if case.k3.any() else ("v", "s")) < tolerance
+    assert (
+        absent_share(model, case, ("v", "s", "s^3") if case.k3.any() else ("v", "s"))
+        < tolerance
+    )
 
 
-# -- noise-free chains ----------------------------------------------------------------------------
+# -- noise-free chains ---------------------------------------------------------
 
 
 @pytest.mark.parametrize("cubic", [False, True], ids=["linear", "Duffing"])
@@ -65,7 +71,7 @@ def test_high_degrees_fall_back_on_qr_and_stay_exact(degree, chain4):
     assert_exact(model, chain4)
 
 
-# -- what scales the chain besides a force --------------------------------------------------------
+# -- what scales the chain besides a force -------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -78,23 +84,39 @@ def shaken():
 @pytest.mark.parametrize("known", [[1], [2], [3], [4], [3, 4], [1, 2, 3, 4]], ids=str)
 def test_base_excitation_with_known_masses(shaken, known):
     given_masses = {j: shaken.m[j - 1] for j in known}
-    model = NRFRegressor(degree=3, known_masses=given_masses).fit(shaken.X, base_acceleration=shaken.ag)
+    model = NRFRegressor(degree=3, known_masses=given_masses).fit(
+        shaken.X, base_acceleration=shaken.ag
+    )
     assert_exact(model, shaken)
     if len(known) == 4:  # top down: each storey from the inertia above it
-        assert [step.dofs for step in model.solve_order_.steps] == [(4,), (3, 4), (2, 3, 4), (1, 2, 3, 4)]
+        assert [step.dofs for step in model.solve_order_.steps] == [
+            (4,),
+            (3, 4),
+            (2, 3, 4),
+            (1, 2, 3, 4),
+        ]
 
 
 def test_a_wrong_known_mass_scales_everything(shaken):
     model = NRFRegressor(degree=3, known_masses={2: 1.1 * shaken.m[1]}).fit(shaken.X)
     assert worst(model.masses_, 1.1 * shaken.m) < EXACT
-    assert worst([model.restoring_forces_[i].coefficients["s"] for i in range(1, 5)], 1.1 * shaken.k) < EXACT
+    assert (
+        worst(
+            [model.restoring_forces_[i].coefficients["s"] for i in range(1, 5)],
+            1.1 * shaken.k,
+        )
+        < EXACT
+    )
 
 
 @pytest.fixture(scope="module")
 def hammer():
     """Three records of one chain, each with another floor hit; lengths differ."""
     same = chains.parameters(3, np.random.default_rng(9))
-    return [chains.duffing(3, [j], seed=20 + j, n_samples=1200 + 300 * j, given=same) for j in (1, 2, 3)]
+    return [
+        chains.duffing(3, [j], seed=20 + j, n_samples=1200 + 300 * j, given=same)
+        for j in (1, 2, 3)
+    ]
 
 
 def _pool(cases):
@@ -106,12 +128,23 @@ def _pool(cases):
 def test_roving_hammer_equals_one_record_with_all_forces(hammer, strategy):
     X, F, ids = _pool(hammer)
     roving = NRFRegressor(degree=3, strategy=strategy).fit(X, F, record=ids)
-    together = chains.duffing(3, [1, 2, 3], seed=30, given=(hammer[0].m, hammer[0].c, hammer[0].k, hammer[0].k3))
+    together = chains.duffing(
+        3,
+        [1, 2, 3],
+        seed=30,
+        given=(hammer[0].m, hammer[0].c, hammer[0].k, hammer[0].k3),
+    )
     once = NRFRegressor(degree=3).fit(together.X, together.F)
     assert_exact(roving, hammer[0])
-    assert once.solve_order_.strategy == "joint" and worst(roving.masses_, once.masses_) < EXACT
+    assert (
+        once.solve_order_.strategy == "joint"
+        and worst(roving.masses_, once.masses_) < EXACT
+    )
     if strategy == "auto":
-        assert roving.solve_order_.strategy == "joint" and roving.third_law_gap_.max() < 1e-6
+        assert (
+            roving.solve_order_.strategy == "joint"
+            and roving.third_law_gap_.max() < 1e-6
+        )
 
 
 def test_force_unknown_in_some_records(hammer):
@@ -122,19 +155,26 @@ def test_force_unknown_in_some_records(hammer):
     assert_exact(model, hammer[0])
     wrong = F.copy()
     wrong[ids == "second", 1] = 0.0  # claiming that none acted is another thing
-    assert worst(NRFRegressor(degree=3).fit(X, wrong, record=ids).masses_, hammer[0].m) > 1e-3
+    assert (
+        worst(NRFRegressor(degree=3).fit(X, wrong, record=ids).masses_, hammer[0].m)
+        > 1e-3
+    )
 
 
 def test_force_unknown_in_every_record():
     case = chains.duffing(5, [1, 3, 5], seed=3)
     F = case.F.copy()
     F[:, 2] = np.nan
-    with pytest.raises(IdentifiabilityError, match="m3 cannot be found: the force on DOF 3 is unknown"):
+    with pytest.raises(
+        IdentifiabilityError, match="m3 cannot be found: the force on DOF 3 is unknown"
+    ):
         NRFRegressor(degree=3).fit(case.X, F)
-    assert_exact(NRFRegressor(degree=3, known_masses={3: case.m[2]}).fit(case.X, F), case)
+    assert_exact(
+        NRFRegressor(degree=3, known_masses={3: case.m[2]}).fit(case.X, F), case
+    )
 
 
-# -- other topologies -----------------------------------------------------------------------------
+# -- other topologies ----------------------------------------------------------
 
 
 def _brace_and_ground(x, v):
@@ -150,17 +190,25 @@ def _brace_and_ground(x, v):
 def test_a_brace_that_skips_a_floor_and_a_link_to_the_ground(forced):
     case = chains.duffing(4, forced, seed=11, n_samples=1500, extra=_brace_and_ground)
     chain = Chain(4, links=["link 4-2", "ground 3"])
-    model = NRFRegressor(degree=3, chain=chain, orders={"link 4-2": 1, "ground 3": (0, 1)}).fit(case.X, case.F)
+    model = NRFRegressor(
+        degree=3, chain=chain, orders={"link 4-2": 1, "ground 3": (0, 1)}
+    ).fit(case.X, case.F)
     assert_exact(model, case)
-    assert model.restoring_forces_["link 4-2"].coefficients.to_dict() == pytest.approx({"v": 20.0, "s": 3e4}, rel=EXACT)
-    assert model.restoring_forces_["link 3-0"].coefficients["s"] == pytest.approx(2e4, rel=EXACT)
+    assert model.restoring_forces_["link 4-2"].coefficients.to_dict() == pytest.approx(
+        {"v": 20.0, "s": 3e4}, rel=EXACT
+    )
+    assert model.restoring_forces_["link 3-0"].coefficients["s"] == pytest.approx(
+        2e4, rel=EXACT
+    )
 
 
 def test_a_missing_brace_biases_the_masses():
     case = chains.duffing(4, [4], seed=11, extra=_brace_and_ground)
     with pytest.warns(BiasWarning):
         model = NRFRegressor(degree=3).fit(case.X, case.F)
-    assert worst(model.masses_, case.m) > 0.02 and model.errors_.loc["pooled", "error"] > 1
+    assert (
+        worst(model.masses_, case.m) > 0.02 and model.errors_.loc["pooled", "error"] > 1
+    )
 
 
 def test_a_free_chain_floats():
@@ -169,8 +217,13 @@ def test_a_free_chain_floats():
     case = chains.duffing(3, [2], seed=1, given=(m, c, k, k3))
     model = NRFRegressor(degree=3, chain=Chain(3, ground="free")).fit(case.X, case.F)
     assert worst(model.masses_, m) < EXACT
-    assert worst([model.restoring_forces_[i].coefficients["s"] for i in (2, 3)], k[1:]) < EXACT
-    assert model.modes()["frequency"].iloc[0] == pytest.approx(0.0, abs=1e-4)  # the rigid body
+    assert (
+        worst([model.restoring_forces_[i].coefficients["s"] for i in (2, 3)], k[1:])
+        < EXACT
+    )
+    assert model.modes()["frequency"].iloc[0] == pytest.approx(
+        0.0, abs=1e-4
+    )  # the rigid body
     assert not model.restoring_force(case.X)[:, 0].any()
 
 
@@ -184,10 +237,12 @@ def test_a_chain_held_at_both_ends(forced):
     case = chains.duffing(3, forced, seed=1, extra=wall)
     model = NRFRegressor(degree=3, chain=Chain(3, ground="both")).fit(case.X, case.F)
     assert_exact(model, case)
-    assert model.restoring_forces_[4].coefficients[["v", "s"]].tolist() == pytest.approx([60.0, 5e4], rel=EXACT)
+    assert model.restoring_forces_[4].coefficients[
+        ["v", "s"]
+    ].tolist() == pytest.approx([60.0, 5e4], rel=EXACT)
 
 
-# -- the paper's damper ---------------------------------------------------------------------------
+# -- the paper's damper --------------------------------------------------------
 
 
 @pytest.mark.parametrize(("strategy", "error"), [("complete", 1e-6), ("auto", 1e-4)])
@@ -196,7 +251,9 @@ def test_hysteresis_in_storey_1_leaves_storey_2_exact(dahl, strategy, error):
     with pytest.warns(BiasWarning):
         model = NRFRegressor(degree=3, strategy=strategy).fit(case.X, case.F)
     R2 = case.storey_forces[:, 1]
-    assert np.abs(model.restoring_force(case.X)[:, 1] - R2).max() < error * np.sqrt(np.mean(R2**2))
+    assert np.abs(model.restoring_force(case.X)[:, 1] - R2).max() < error * np.sqrt(
+        np.mean(R2**2)
+    )
     assert model.masses_[0] < 9.95 and model.third_law_gap_["storey 2"] > 0.1
 
 
@@ -206,8 +263,12 @@ def test_the_true_law_in_storey_1_gives_the_masses(dahl):
     model = NRFRegressor(degree=1, laws=held, dt=case.dt).fit(case.X, case.F)
     assert worst(model.masses_, case.m) < 1e-6
     found = model.restoring_forces_[1].coefficients
-    assert found.to_dict() == pytest.approx({"v": 499.0, "s": 100050.0, "Z": 34.85}, rel=1e-5)
-    assert np.abs(model.restoring_force(case.X)[:, 0] - R1).max() < 1e-4 * np.abs(R1).max()
+    assert found.to_dict() == pytest.approx(
+        {"v": 499.0, "s": 100050.0, "Z": 34.85}, rel=1e-5
+    )
+    assert (
+        np.abs(model.restoring_force(case.X)[:, 0] - R1).max() < 1e-4 * np.abs(R1).max()
+    )
 
 
 def test_the_modified_dahl_law_with_its_constant_force():
@@ -218,17 +279,23 @@ def test_the_modified_dahl_law_with_its_constant_force():
     assert model.restoring_forces_[1].coefficients["1"] == pytest.approx(5.0, rel=1e-3)
 
 
-@pytest.mark.parametrize("others", [laws.PowerSeries(1), laws.PowerSeries(3)], ids=["linear", "cubic"])
+@pytest.mark.parametrize(
+    "others", [laws.PowerSeries(1), laws.PowerSeries(3)], ids=["linear", "cubic"]
+)
 def test_the_shape_of_the_loop_is_estimated(dahl, others):
     case, *_ = dahl
     with warnings.catch_warnings(action="error"):
-        model = NRFRegressor(degree=1, laws={"storey 1": [others, laws.Dahl()]}, dt=case.dt).fit(case.X, case.F)
+        model = NRFRegressor(
+            degree=1, laws={"storey 1": [others, laws.Dahl()]}, dt=case.dt
+        ).fit(case.X, case.F)
     law = model.model_.laws["storey 1"][1]
-    assert law.shape["sigma"] == pytest.approx(5e4, rel=1e-3) and law.coefficients[0] == pytest.approx(34.85, rel=1e-4)
+    assert law.shape["sigma"] == pytest.approx(5e4, rel=1e-3) and law.coefficients[
+        0
+    ] == pytest.approx(34.85, rel=1e-4)
     assert worst(model.masses_, case.m) < 1e-4
 
 
-# -- rank -----------------------------------------------------------------------------------------
+# -- rank ----------------------------------------------------------------------
 
 
 def _harmonic(noise, seed=0):
@@ -237,20 +304,28 @@ def _harmonic(noise, seed=0):
     s, v = 1e-3 * np.sin(w * t), 1e-3 * w * np.cos(w * t)
     X = np.column_stack([-w * w * s, v, s])
     F = X @ [10.0, 50.0, 1e5]
-    return X + noise * X.std(axis=0) * np.random.default_rng(seed).standard_normal(X.shape), F
+    return (
+        X
+        + noise * X.std(axis=0) * np.random.default_rng(seed).standard_normal(X.shape),
+        F,
+    )
 
 
 @pytest.mark.parametrize("degree", [1, 3])
 def test_a_steady_harmonic_force_cannot_tell_mass_from_stiffness(degree):
     X, F = _harmonic(0.0)
-    with pytest.raises(IdentifiabilityError, match="m1 cannot be told from the storey's stiffness"):
+    with pytest.raises(
+        IdentifiabilityError, match="m1 cannot be told from the storey's stiffness"
+    ):
         NRFRegressor(degree=degree).fit(X, F)
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-3, 0.02, 0.1])
 @pytest.mark.parametrize("degree", [1, 3])
 def test_noise_that_hides_the_rank_loss_is_warned_of(degree, noise):
-    """Noise makes the columns independent and the mass meaningless: -45 kg instead of 10 in this case."""
+    """Noise makes the columns independent and the mass meaningless: -45 kg instead of
+    10 in this case.
+    """
     X, F = _harmonic(noise)
     with pytest.warns(BiasWarning, match="m1 = .* kg is likely biased"):
         model = NRFRegressor(degree=degree).fit(X, F)
@@ -261,7 +336,9 @@ def test_with_the_mass_known_the_terms_that_cannot_be_told_apart_are_named():
     X, F = _harmonic(0.0)
     with pytest.warns(RankWarning, match="v\\^3.*linearly dependent"):
         model = NRFRegressor(degree=3, known_masses={1: 10.0}).fit(X, F)
-    assert np.allclose(np.ravel(model.predict(X)), F, atol=1e-6 * np.abs(F).max())  # the force is right all the same
+    assert np.allclose(
+        np.ravel(model.predict(X)), F, atol=1e-6 * np.abs(F).max()
+    )  # the force is right all the same
 
 
 def test_broad_excitation_raises_no_alarm(chain4):

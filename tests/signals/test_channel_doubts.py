@@ -1,4 +1,6 @@
-"""Channels that contradict each other are named where a record becomes features, once; good data pass in silence."""
+"""Channels that contradict each other are named where a record becomes features, once;
+good data pass in silence.
+"""
 
 import re
 import warnings
@@ -26,7 +28,9 @@ TRUTH = ChainModel([10.0, 12.0, 11.0], {f"storey {i}": STOREY for i in (1, 2, 3)
 @cache
 def record(noise=0.02, base=False):
     if base:
-        ag = excitation.band_limited_random(1, 8.0, 500.0, excited=[1], rms=2.0, band=(0.5, 40), random_state=3)[:, 0]
+        ag = excitation.band_limited_random(
+            1, 8.0, 500.0, excited=[1], rms=2.0, band=(0.5, 40), random_state=3
+        )[:, 0]
         rec = simulate(TRUTH, None, 1 / 500.0, base_acceleration=ag)
     else:
         rec = driven(TRUTH, [3], 8.0, 500.0, 100.0, (0.5, 60.0))
@@ -49,25 +53,52 @@ def base_displacement(rec: Record) -> np.ndarray:
 
 
 FAULTS = {
-    "mm beside m/s^2": (lambda: changed(record(), "displacement", 2, lambda y: 1e3 * y), ["x2", "mm"]),
-    "g beside m": (lambda: changed(record(), "acceleration", 1, lambda y: y / 9.80665), ["a1", " g"]),
-    "wrong sign": (lambda: changed(record(), "acceleration", 3, lambda y: -y), ["a3", "sign"]),
-    "late": (lambda: changed(record(), "acceleration", 1, lambda y: np.roll(y, 5)), ["a1", "samples) early"]),
-    "copied": (lambda: record().replace(displacement=record().displacement[:, [0, 0, 2]]), ["x2", "x1", "copied"]),
-    "swapped": (lambda: record().replace(acceleration=record().acceleration[:, [1, 0, 2]]), ["a1", "columns swapped"]),
+    "mm beside m/s^2": (
+        lambda: changed(record(), "displacement", 2, lambda y: 1e3 * y),
+        ["x2", "mm"],
+    ),
+    "g beside m": (
+        lambda: changed(record(), "acceleration", 1, lambda y: y / 9.80665),
+        ["a1", " g"],
+    ),
+    "wrong sign": (
+        lambda: changed(record(), "acceleration", 3, lambda y: -y),
+        ["a3", "sign"],
+    ),
+    "late": (
+        lambda: changed(record(), "acceleration", 1, lambda y: np.roll(y, 5)),
+        ["a1", "samples) early"],
+    ),
+    "copied": (
+        lambda: record().replace(displacement=record().displacement[:, [0, 0, 2]]),
+        ["x2", "x1", "copied"],
+    ),
+    "swapped": (
+        lambda: record().replace(acceleration=record().acceleration[:, [1, 0, 2]]),
+        ["a1", "columns swapped"],
+    ),
     "absolute as relative": (
-        lambda: record(base=True).replace(displacement=record(base=True).displacement + base_displacement(record(base=True))),
+        lambda: record(base=True).replace(
+            displacement=record(base=True).displacement
+            + base_displacement(record(base=True))
+        ),
         ["x1", "coordinates='absolute'"],
     ),
     "relative as absolute": (
-        lambda: record(base=True).replace(coordinates="absolute", base_displacement=base_displacement(record(base=True))[:, 0]),
+        lambda: record(base=True).replace(
+            coordinates="absolute",
+            base_displacement=base_displacement(record(base=True))[:, 0],
+        ),
         ["x1", "coordinates='relative'"],
     ),
     "acceleration relative to the base": (
-        lambda: record(base=True).replace(acceleration=record(base=True).acceleration - record(base=True).base_acceleration[:, None]),
+        lambda: record(base=True).replace(
+            acceleration=record(base=True).acceleration
+            - record(base=True).base_acceleration[:, None]
+        ),
         ["a1", "add ag"],
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -75,7 +106,11 @@ def test_a_fault_is_named_on_the_way_to_the_features(fault):
     make, words = FAULTS[fault]
     with pytest.warns(DataQualityWarning) as caught:
         make().replace(force=None).to_features()
-    said = [str(w.message) for w in caught if "pysindy_nrf.signals.alignment" in str(w.message)]
+    said = [
+        str(w.message)
+        for w in caught
+        if "pysindy_nrf.signals.alignment" in str(w.message)
+    ]
     assert len(said) == 1 and all(word in said[0] for word in words), said
 
 
@@ -84,7 +119,9 @@ def test_fit_says_it_once(estimation):
     rec = FAULTS["wrong sign"][0]()
     with warnings.catch_warnings(record=True, action="always") as caught:
         NRFRegressor(degree=1, estimation=estimation).fit(rec)
-    named = [w for w in caught if w.category is DataQualityWarning and "a3" in str(w.message)]
+    named = [
+        w for w in caught if w.category is DataQualityWarning and "a3" in str(w.message)
+    ]
     assert len(named) == 1 and "opposite sign" in str(named[0].message)
 
 
@@ -94,7 +131,10 @@ def test_good_channels_are_not_doubted(noise, base):
     rec = record(noise, base)
     assert data_warnings(rec) == []
     if base:
-        absolute = rec.replace(displacement=rec.displacement + base_displacement(rec), coordinates="absolute")
+        absolute = rec.replace(
+            displacement=rec.displacement + base_displacement(rec),
+            coordinates="absolute",
+        )
         assert data_warnings(absolute) == []
 
 
@@ -102,39 +142,64 @@ def test_good_channels_are_not_doubted(noise, base):
 @pytest.mark.parametrize("gain", [0.95, 1.05, 1.15])
 def test_a_calibration_that_is_some_percent_off_is_named_at_its_dof_alone(gain, noise):
     said = data_warnings(changed(record(noise), "acceleration", 2, lambda y: gain * y))
-    assert len(said) == 1 and said[0].startswith("x2 is") and "calibration" in said[0], said
+    assert (
+        len(said) == 1 and said[0].startswith("x2 is") and "calibration" in said[0]
+    ), said
     assert float(said[0].split()[2]) == pytest.approx(1 / gain, rel=0.01)
 
 
 def accelerations_alone(k, rms):
-    truth = ChainModel([2.0], {"storey 1": laws.PowerSeries(1, [0.02 * np.sqrt(2.0 * k), k])})
+    truth = ChainModel(
+        [2.0], {"storey 1": laws.PowerSeries(1, [0.02 * np.sqrt(2.0 * k), k])}
+    )
     top = np.sqrt(k / 2.0) / np.pi
-    return driven(truth, [1], 8.0, 2000.0, rms, (0.05 * top, top)).replace(velocity=None, displacement=None)
+    return driven(truth, [1], 8.0, 2000.0, rms, (0.05 * top, top)).replace(
+        velocity=None, displacement=None
+    )
 
 
 @pytest.mark.parametrize("hertz", [20.0, 130.0])
-def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked_for(hertz):
+def test_a_light_frame_may_shake_hard_and_millimetres_for_metres_are_still_asked_for(
+    hertz,
+):
     rec = accelerations_alone(2.0 * (2 * np.pi * hertz) ** 2, 5.0)
-    hard = rec.replace(acceleration=rec.acceleration * (15 * hertz / np.abs(rec.acceleration).max()))  # 300, 1950 m/s^2
+    hard = rec.replace(
+        acceleration=rec.acceleration * (15 * hertz / np.abs(rec.acceleration).max())
+    )  # 300, 1950 m/s^2
     assert data_warnings(hard) == []
-    assert "unit" in data_warnings(hard.replace(acceleration=1e3 * hard.acceleration))[0]
+    assert (
+        "unit" in data_warnings(hard.replace(acceleration=1e3 * hard.acceleration))[0]
+    )
 
 
-@pytest.mark.parametrize(("key", "name"), [("displacement", "x2"), ("acceleration", "a2")])
+@pytest.mark.parametrize(
+    ("key", "name"), [("displacement", "x2"), ("acceleration", "a2")]
+)
 def test_a_gain_that_drifts_is_named_with_its_size(key, name):
     rec = record()
     ramp = 1 + 0.2 * np.linspace(-0.5, 0.5, rec.n_samples)
-    (said,) = data_warnings(changed(rec.replace(velocity=None), key, 2, lambda y: y * ramp))
-    share = float(re.search(r"the gain of x2 or a2 drifts: their ratio changes by ([+-]\d+) %", said)[1])
+    (said,) = data_warnings(
+        changed(rec.replace(velocity=None), key, 2, lambda y: y * ramp)
+    )
+    share = float(
+        re.search(
+            r"the gain of x2 or a2 drifts: their ratio changes by ([+-]\d+) %", said
+        )[1]
+    )
     assert share == pytest.approx(20 if key == "displacement" else -20, abs=5)
 
 
-@pytest.mark.parametrize(("length", "second"), [(1.0, 1.0), (1e-6, 1e-4), (1e-8, 1e-6), (10.0, 10.0)])
+@pytest.mark.parametrize(
+    ("length", "second"), [(1.0, 1.0), (1e-6, 1e-4), (1e-8, 1e-6), (10.0, 10.0)]
+)
 def test_channels_agree_or_not_at_any_scale(length, second):
     """A chain in micrometres and megahertz is the same chain."""
     rec = record()
     small = rec.replace(
-        acceleration=rec.acceleration * length / second**2, displacement=rec.displacement * length, velocity=None, fs=rec.fs / second
+        acceleration=rec.acceleration * length / second**2,
+        displacement=rec.displacement * length,
+        velocity=None,
+        fs=rec.fs / second,
     )
     assert not data_warnings(small)
     table = channel_alignment(small.replace(displacement=1.1 * small.displacement))
@@ -142,32 +207,57 @@ def test_channels_agree_or_not_at_any_scale(length, second):
 
 
 def test_an_integration_rule_is_no_wrong_calibration():
-    """Displacements summed by the trapezoidal rule lose (w dt)^2 / 6, so that no frequency has the same gain."""
+    """Displacements summed by the trapezoidal rule lose (w dt)^2 / 6, so that no
+    frequency has the same gain.
+    """
     rec = record(0.0)
     f = np.fft.rfftfreq(rec.n_samples, rec.dt)
     rule = np.ones_like(f)
-    turn = np.pi * f[1:] * rec.dt * 5  # as if integrated at a fifth of the rate, and only slow motion kept
+    turn = (
+        np.pi * f[1:] * rec.dt * 5
+    )  # as if integrated at a fifth of the rate, and only slow motion kept
     rule[1:] = np.where(turn < 1.5, turn / np.tan(np.minimum(turn, 1.5)), 0.0) ** 2
-    summed = np.fft.irfft(rule[:, None] * np.fft.rfft(rec.displacement, axis=0), rec.n_samples, axis=0)
-    assert not [text for text in data_warnings(rec.replace(displacement=summed)) if "calibration" in text]
+    summed = np.fft.irfft(
+        rule[:, None] * np.fft.rfft(rec.displacement, axis=0), rec.n_samples, axis=0
+    )
+    assert not [
+        text
+        for text in data_warnings(rec.replace(displacement=summed))
+        if "calibration" in text
+    ]
 
 
 @pytest.mark.parametrize(("friction", "noise"), [(0.0, 0.1), (70.0, 0.0)])
 def test_the_papers_hammer_tests_are_not_doubted(friction, noise):
-    assert data_warnings(cases.four_storey(cases.INCOMPLETE_FRAME, friction, noise, duration=16.0).measured) == []
+    assert (
+        data_warnings(
+            cases.four_storey(
+                cases.INCOMPLETE_FRAME, friction, noise, duration=16.0
+            ).measured
+        )
+        == []
+    )
 
 
 def test_no_measured_set_is_doubted():
     root = measured.folder("nees_three_storey")
     recs = [
-        measured_sets.load_nees_three_storey(test, root) for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")
+        measured_sets.load_nees_three_storey(test, root)
+        for test in ("fbgm162s1", "fbgm162s3", "fbgm162s5", "fpgm111s1")
     ]
-    recs += [measured_sets.load_six_storey_hotel(event, measured.folder("six_storey_hotel")) for event in (1, 7, 14, 21)]
+    recs += [
+        measured_sets.load_six_storey_hotel(event, measured.folder("six_storey_hotel"))
+        for event in (1, 7, 14, 21)
+    ]
     recs += [
         measured_sets.load_emps(measured.folder("emps")),
-        measured_sets.load_bouc_wen_benchmark("multisine", measured.folder("bouc_wen_benchmark")),
+        measured_sets.load_bouc_wen_benchmark(
+            "multisine", measured.folder("bouc_wen_benchmark")
+        ),
         measured_sets.load_dry_friction_storey(measured.folder("dry_friction_storey")),
-        measured_sets.load_mr_damper_white_noise(measured.folder("mr_damper_white_noise")),
+        measured_sets.load_mr_damper_white_noise(
+            measured.folder("mr_damper_white_noise")
+        ),
         measured_sets.load_mr_damper_cyclic(folder=measured.folder("mr_damper_cyclic")),
     ]
     assert {rec.name: said for rec in recs if (said := data_warnings(rec))} == {}
@@ -189,9 +279,13 @@ def test_a_record_with_numbers_for_not_measured_is_doubted(table):
     assert found["message"].iloc[0] in data_warnings(Record.from_frame(bad))
 
 
-@pytest.mark.parametrize(("unit", "shown", "factor"), [("ms", "ms", 1e3), ("us", "µs", 1e6)])
+@pytest.mark.parametrize(
+    ("unit", "shown", "factor"), [("ms", "ms", 1e3), ("us", "µs", 1e6)]
+)
 def test_a_time_in_other_units_is_asked_for(table, tmp_path, unit, shown, factor):
-    """Three kinds of motion leave one explanation; a file of accelerations at such a rate is refused."""
+    """Three kinds of motion leave one explanation; a file of accelerations at such a
+    rate is refused.
+    """
     path = tmp_path / "scope.csv"
     late = table.assign(t=table["t"] * factor)
     late.to_csv(path, index=False)
@@ -199,7 +293,11 @@ def test_a_time_in_other_units_is_asked_for(table, tmp_path, unit, shown, factor
     assert f"as if the time were in {shown}" in said and f"--unit t={shown}" in said
     with pytest.raises(ChannelError, match=f"the time is in {unit}, not in s"):
         read_record(path)
-    assert data_warnings(read_record(path, units={"t": shown})) == data_warnings(read_record(path, units={"t": unit})) == []
+    assert (
+        data_warnings(read_record(path, units={"t": shown}))
+        == data_warnings(read_record(path, units={"t": unit}))
+        == []
+    )
 
 
 def test_a_right_clock_and_slow_displacements_are_not_doubted(table):
@@ -207,7 +305,9 @@ def test_a_right_clock_and_slow_displacements_are_not_doubted(table):
     assert data_warnings(Record.from_frame(table)) == []
     slow = table[["t", *(c for c in table if c[0] in "Fx")]].assign(t=table["t"] * 500)
     assert data_warnings(Record.from_frame(slow)) == []
-    one = table.assign(**{f"v{j}": table[f"v{j}"] * 1e-3 for j in (1, 2, 3)})  # one kind in another unit
+    one = table.assign(
+        **{f"v{j}": table[f"v{j}"] * 1e-3 for j in (1, 2, 3)}
+    )  # one kind in another unit
     assert not any("the time" in text for text in data_warnings(Record.from_frame(one)))
 
 
@@ -216,7 +316,11 @@ ARRAYS = {
     "v and s swapped": (lambda x: x[:, [0, 1, 2, 6, 7, 8, 3, 4, 5]], DT, "v1 .*s1 "),
     "a and v swapped": (lambda x: x[:, [3, 4, 5, 0, 1, 2, 6, 7, 8]], DT, "v1 "),
     "a clock ten times too slow": (lambda x: x, 10 * DT, "v1 is 0.1 times as large"),
-    "standardised": (lambda x: (x - x.mean(axis=0)) / x.std(axis=0), None, "standard deviation of one"),
+    "standardised": (
+        lambda x: (x - x.mean(axis=0)) / x.std(axis=0),
+        None,
+        "standard deviation of one",
+    ),
     "as they are": (lambda x: x, DT, ""),
     "two folds": (lambda x: np.delete(x, slice(900, 1700), axis=0), DT, ""),
     "in no order": (lambda x: np.random.default_rng(0).permutation(x), DT, ""),
@@ -230,6 +334,10 @@ def test_arrays_that_are_no_motion_are_named_by_fit_and_by_diagnose(fault):
     model = NRFRegressor(degree=1, dt=dt)
     with warnings.catch_warnings(record=True, action="always") as caught:
         model.fit(change(case.noisy(0.05)), change(np.tile(case.F, 3))[:, :3])
-    said = [str(w.message) for w in caught if w.category is DataQualityWarning and str(w.message)[:2] == "X:"]
+    said = [
+        str(w.message)
+        for w in caught
+        if w.category is DataQualityWarning and str(w.message)[:2] == "X:"
+    ]
     assert len(said) == bool(words) and (not words or re.search(words, said[0]))
     assert ("channel" in set(model.diagnose().table["limit"])) == bool(words)

@@ -29,10 +29,20 @@ def test_gain_is_the_squared_butterworth_and_the_phase_is_zero():
     for f in (1.5, 5.0, 20.0, 55.0, 80.0):
         out = operator.apply(np.sin(2 * np.pi * f * t))[operator.edge : -operator.edge]
         inside = t[operator.edge : -operator.edge]
-        basis = np.column_stack([np.sin(2 * np.pi * f * inside), np.cos(2 * np.pi * f * inside)])
+        basis = np.column_stack(
+            [np.sin(2 * np.pi * f * inside), np.cos(2 * np.pi * f * inside)]
+        )
         gain = np.linalg.lstsq(basis, out, rcond=None)[0]
-        low = np.abs(sosfreqz(butter(4, 60.0, fs=fs, output="sos"), [f], fs=fs)[1][0]) ** 2
-        high = np.abs(sosfreqz(butter(4, 2.0, "high", fs=fs, output="sos"), [f], fs=fs)[1][0]) ** 2
+        low = (
+            np.abs(sosfreqz(butter(4, 60.0, fs=fs, output="sos"), [f], fs=fs)[1][0])
+            ** 2
+        )
+        high = (
+            np.abs(
+                sosfreqz(butter(4, 2.0, "high", fs=fs, output="sos"), [f], fs=fs)[1][0]
+            )
+            ** 2
+        )
         np.testing.assert_allclose(gain, [low * high, 0.0], atol=1e-3)
 
 
@@ -49,11 +59,17 @@ def test_unmeasured_columns_stay_nan_and_holes_are_refused():
 @pytest.mark.parametrize(
     ("band", "words"),
     [
-        ((None, 50.0), "Nyquist"), ((60.0, None), "Nyquist"), ((20.0, 10.0), "empty"), ((10.0, 10.0), "empty"),
-        ((-1.0, 10.0), "impossible"), ((np.nan, 10.0), "impossible"), (5.0, "pair"), ((1, 2, 3), "pair"),
+        ((None, 50.0), "Nyquist"),
+        ((60.0, None), "Nyquist"),
+        ((20.0, 10.0), "empty"),
+        ((10.0, 10.0), "empty"),
+        ((-1.0, 10.0), "impossible"),
+        ((np.nan, 10.0), "impossible"),
+        (5.0, "pair"),
+        ((1, 2, 3), "pair"),
         (("a", 2), "pair"),
     ],
-)  # fmt: skip
+)
 def test_impossible_bands_are_refused(band, words):
     with pytest.raises(ChannelError, match=words):
         FairFilter(band, fs=100.0)
@@ -73,4 +89,6 @@ def test_the_noise_that_a_filter_passes_is_the_energy_of_its_impulse_response(ba
     filter = FairFilter(band, 500.0)
     impulse = np.zeros(20001)
     impulse[10000] = 1.0
-    assert filter.noise_gain() == pytest.approx((filter.apply(impulse) ** 2).sum(), rel=1e-3)
+    assert filter.noise_gain() == pytest.approx(
+        (filter.apply(impulse) ** 2).sum(), rel=1e-3
+    )

@@ -19,23 +19,38 @@ DAHL = laws.ModifiedDahl(K0=50.0, C0=399.0, Fd=34.85, f0=0.0, sigma=5e4)
 
 
 def model(chain, masses, **by_site):
-    return ChainModel(masses, {text.replace("_", " "): group for text, group in by_site.items()}, chain=chain)
+    return ChainModel(
+        masses,
+        {text.replace("_", " "): group for text, group in by_site.items()},
+        chain=chain,
+    )
 
 
 def two_storeys(kind):
     first = {"linear": LINEAR, "duffing": DUFFING, "dahl": (LINEAR, DAHL)}[kind]
-    return model(Chain(2), [10.0, 10.0], storey_1=first, storey_2=LINEAR if kind == "dahl" else first)
+    return model(
+        Chain(2),
+        [10.0, 10.0],
+        storey_1=first,
+        storey_2=LINEAR if kind == "dahl" else first,
+    )
 
 
 def by_scipy(rate, F, dt, y0):
-    """Integrate sample interval by sample interval under straight lines between the forces."""
+    """Integrate sample interval by sample interval under straight lines between the
+    forces.
+    """
     path = [np.asarray(y0, dtype=float)]
     for f0, f1 in zip(F[:-1], F[1:]):
 
         def field(t, y, f0=f0, f1=f1):
             return rate(y, f0 + (f1 - f0) * t / dt)
 
-        path.append(solve_ivp(field, (0, dt), path[-1], method="DOP853", rtol=1e-12, atol=1e-15).y[:, -1])
+        path.append(
+            solve_ivp(
+                field, (0, dt), path[-1], method="DOP853", rtol=1e-12, atol=1e-15
+            ).y[:, -1]
+        )
     return np.array(path)
 
 
@@ -49,7 +64,9 @@ def two_storey_rate(kind):
         if kind == "dahl":
             R[0] += 50.0 * s[0] + 399.0 * r[0] + 34.85 * y[4]
             rest = [5e4 * (r[0] - y[4] * abs(r[0]))]
-        return np.array([y[2], y[3], (F[0] - R[0] + R[1]) / 10, (F[1] - R[1]) / 10, *rest])
+        return np.array(
+            [y[2], y[3], (F[0] - R[0] + R[1]) / 10, (F[1] - R[1]) / 10, *rest]
+        )
 
     return rate
 
@@ -60,13 +77,26 @@ def top_force(rms, n=300, seed=0, n_dof=2):
     return F
 
 
-@pytest.mark.parametrize("kind, rms", [("linear", 200.0), ("duffing", 800.0), ("dahl", 50.0), ("dahl", 800.0)])
+@pytest.mark.parametrize(
+    "kind, rms",
+    [("linear", 200.0), ("duffing", 800.0), ("dahl", 50.0), ("dahl", 800.0)],
+)
 def test_default_method_agrees_with_scipy(kind, rms):
     F = top_force(rms)
     truth = by_scipy(two_storey_rate(kind), F, DT, np.zeros(5 if kind == "dahl" else 4))
     run = free_run(two_storeys(kind), F, DT)
-    np.testing.assert_allclose(run.record.displacement, truth[:, :2], atol=1e-8 * np.abs(truth[:, :2]).max(), rtol=0)
-    np.testing.assert_allclose(run.record.velocity, truth[:, 2:4], atol=1e-8 * np.abs(truth[:, 2:4]).max(), rtol=0)
+    np.testing.assert_allclose(
+        run.record.displacement,
+        truth[:, :2],
+        atol=1e-8 * np.abs(truth[:, :2]).max(),
+        rtol=0,
+    )
+    np.testing.assert_allclose(
+        run.record.velocity,
+        truth[:, 2:4],
+        atol=1e-8 * np.abs(truth[:, 2:4]).max(),
+        rtol=0,
+    )
     if kind == "dahl":
         ((_, states),) = run.states.items()
         np.testing.assert_allclose(states[:, 0], truth[:, 4], atol=1e-7)
@@ -89,7 +119,12 @@ def test_energy_and_sampled_balance_close(kind):
 
 def linear_system(M, K, C, x0, v0, t):
     n = len(M)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    A = np.block(
+        [
+            [np.zeros((n, n)), np.eye(n)],
+            [-np.linalg.solve(M, K), -np.linalg.solve(M, C)],
+        ]
+    )
     return np.array([expm(A * s) @ np.r_[x0, v0] for s in t])
 
 
@@ -105,7 +140,9 @@ def test_linear_decay_with_extra_links_is_the_matrix_exponential(ground):
         K += k * np.outer(b, b)
         C += c * np.outer(b, b)
     x0, v0 = [1e-3, -2e-3, 5e-4], [0.1, 0.0, -0.2]
-    rec = simulate(model(chain, masses, **groups), np.zeros((101, 3)), 2e-3, x0=x0, v0=v0)
+    rec = simulate(
+        model(chain, masses, **groups), np.zeros((101, 3)), 2e-3, x0=x0, v0=v0
+    )
     truth = linear_system(M, K, C, x0, v0, rec.time)
     np.testing.assert_allclose(rec.displacement, truth[:, :3], atol=1e-11)
     np.testing.assert_allclose(rec.velocity, truth[:, 3:], atol=1e-8)
@@ -114,9 +151,17 @@ def test_linear_decay_with_extra_links_is_the_matrix_exponential(ground):
 def test_floating_chain_keeps_its_momentum():
     m = np.array([5.0, 7.0])
     F = top_force(100.0, 500)
-    rec = simulate(model(Chain(2, ground="free"), m, storey_2=(LINEAR, laws.Dahl(sigma=1e4, Fd=20.0))), F, DT)
+    rec = simulate(
+        model(
+            Chain(2, ground="free"), m, storey_2=(LINEAR, laws.Dahl(sigma=1e4, Fd=20.0))
+        ),
+        F,
+        DT,
+    )
     impulse = np.concatenate([[0.0], np.cumsum(0.5 * DT * (F[1:, 1] + F[:-1, 1]))])
-    np.testing.assert_allclose(rec.velocity @ m, impulse, atol=1e-12 * np.abs(impulse).max() + 1e-12)
+    np.testing.assert_allclose(
+        rec.velocity @ m, impulse, atol=1e-12 * np.abs(impulse).max() + 1e-12
+    )
 
 
 @pytest.mark.parametrize("method", ["default", "newmark"])
@@ -126,80 +171,138 @@ def test_base_motion_is_an_inertia_force_on_the_relative_motion(method):
     moved = simulate(case, np.zeros((400, 2)), DT, base_acceleration=ag, method=method)
     pushed = simulate(case, -np.outer(ag, case.masses), DT, method=method)
     np.testing.assert_allclose(moved.displacement, pushed.displacement, atol=1e-14)
-    np.testing.assert_allclose(moved.acceleration, pushed.acceleration + ag[:, None], atol=1e-9)
-    assert moved.base_acceleration is not None and not np.shares_memory(moved.base_acceleration, ag)
+    np.testing.assert_allclose(
+        moved.acceleration, pushed.acceleration + ag[:, None], atol=1e-9
+    )
+    assert moved.base_acceleration is not None and not np.shares_memory(
+        moved.base_acceleration, ag
+    )
 
 
 @pytest.mark.parametrize("method", ["default", "newmark"])
 def test_added_mass_and_inerter_are_masses(method):
     ag, F = top_force(3.0, 300)[:, 1], top_force(100.0, 300, seed=1)
     heavy = model(Chain(2), [14.0, 10.0], storey_1=LINEAR, storey_2=LINEAR)
-    loaded = model(Chain(2), [10.0, 10.0], storey_1=LINEAR, storey_2=LINEAR, dof_1=laws.AddedMass(dm=4.0))
-    inert = model(Chain(2), [10.0, 10.0], storey_1=(LINEAR, laws.Inerter(b=4.0)), storey_2=LINEAR)
+    loaded = model(
+        Chain(2),
+        [10.0, 10.0],
+        storey_1=LINEAR,
+        storey_2=LINEAR,
+        dof_1=laws.AddedMass(dm=4.0),
+    )
+    inert = model(
+        Chain(2), [10.0, 10.0], storey_1=(LINEAR, laws.Inerter(b=4.0)), storey_2=LINEAR
+    )
     truth = simulate(heavy, F, DT, base_acceleration=ag, method=method).displacement
     atol = 1e-10 * np.abs(truth).max()
     np.testing.assert_allclose(
-        simulate(loaded, F, DT, base_acceleration=ag, method=method).displacement, truth, atol=atol
+        simulate(loaded, F, DT, base_acceleration=ag, method=method).displacement,
+        truth,
+        atol=atol,
     )
     truth = simulate(heavy, F, DT, method=method).displacement
-    np.testing.assert_allclose(simulate(inert, F, DT, method=method).displacement, truth, atol=atol)
+    np.testing.assert_allclose(
+        simulate(inert, F, DT, method=method).displacement, truth, atol=atol
+    )
 
 
 @pytest.mark.parametrize("method", ["default", "newmark"])
 def test_a_dof_that_laws_leave_no_mass_is_named(method):
-    """12 kg less 13 kg: a spring would push such a floor away; with 11 kg less it is a floor of 1 kg."""
+    """12 kg less 13 kg: a spring would push such a floor away; with 11 kg less it is a
+    floor of 1 kg.
+    """
 
     def load(dm):
-        return ChainModel([10.0, 12.0], {1: LINEAR, 2: LINEAR, "dof 2": laws.AddedMass(dm=dm)})
+        return ChainModel(
+            [10.0, 12.0], {1: LINEAR, 2: LINEAR, "dof 2": laws.AddedMass(dm=dm)}
+        )
 
-    with pytest.raises(SimulationError, match="DOF 2 has 12 kg and -13 kg added to it, -1 kg in all"):
+    with pytest.raises(
+        SimulationError, match="DOF 2 has 12 kg and -13 kg added to it, -1 kg in all"
+    ):
         load(-13.0).simulate(np.ones((20, 2)), DT, method=method)
-    with pytest.raises(ChainError, match="DOF 2 has 12 kg and -13 kg added to it, -1 kg in all"):
+    with pytest.raises(
+        ChainError, match="DOF 2 has 12 kg and -13 kg added to it, -1 kg in all"
+    ):
         load(-13.0).modes()
     light = ChainModel([10.0, 1.0], {1: LINEAR, 2: LINEAR})
     np.testing.assert_allclose(load(-11.0).modes(), light.modes(), rtol=1e-9)
-    runs = [m.simulate(np.ones((20, 2)), DT, method=method).displacement for m in (load(-11.0), light)]
+    runs = [
+        m.simulate(np.ones((20, 2)), DT, method=method).displacement
+        for m in (load(-11.0), light)
+    ]
     np.testing.assert_allclose(*runs, rtol=1e-9, atol=1e-14)
 
 
 def test_coulomb_friction_decays_by_four_friction_drifts_a_cycle_and_then_sticks():
     m, k, Fc, x0 = 10.0, 1e4, 20.0, 0.0152
-    case = model(Chain(1), [m], storey_1=(laws.LinearElastic(k=k), laws.CoulombFriction(Fc=Fc)))
+    case = model(
+        Chain(1), [m], storey_1=(laws.LinearElastic(k=k), laws.CoulombFriction(Fc=Fc))
+    )
     half = np.pi * np.sqrt(m / k)
     run = free_run(case, np.zeros((1201, 1)), half / 200, x0=[x0])
     turns = run.record.displacement[:1001:200, 0]
     expected = [(-1) ** i * (x0 - 2 * i * Fc / k) for i in range(4)]
     np.testing.assert_allclose(turns[:4], expected, atol=1e-9)
-    assert np.abs(run.record.displacement[-1, 0]) < Fc / k and (run.record.velocity[-200:] == 0).all()
+    assert (
+        np.abs(run.record.displacement[-1, 0]) < Fc / k
+        and (run.record.velocity[-200:] == 0).all()
+    )
     assert run.quality["forced"] == 0 and run.energy_gap < 1e-9
 
 
 def test_dry_friction_holds_below_its_level_and_slips_above():
-    case = model(Chain(1), [10.0], storey_1=(laws.LinearElastic(k=1e4), laws.CoulombFriction(Fc=20.0)))
+    case = model(
+        Chain(1),
+        [10.0],
+        storey_1=(laws.LinearElastic(k=1e4), laws.CoulombFriction(Fc=20.0)),
+    )
     t = np.arange(1000) * DT
     rec = simulate(case, (40.0 * t)[:, None], DT)
     x = rec.displacement[:, 0]
     assert (x[t < 0.499] == 0).all() and x[-1] > 1e-3
     slip = t >= 0.501
     w, b = np.sqrt(1e3), 40.0
-    tau = t[slip] - 0.5  # 10 x'' + 1e4 x = 40 tau from rest: x = b/k (tau - sin(w tau)/w), never backwards
-    np.testing.assert_allclose(x[slip], b / 1e4 * (tau - np.sin(w * tau) / w), atol=1e-8)
+    tau = (
+        t[slip] - 0.5
+        # 10 x'' + 1e4 x = 40 tau from rest: x = b/k (tau - sin(w tau)/w), never
+        # backwards
+    )
+    np.testing.assert_allclose(
+        x[slip], b / 1e4 * (tau - np.sin(w * tau) / w), atol=1e-8
+    )
 
 
 def test_rate_dependent_memory_agrees_with_scipy():
     F = top_force(100.0, 200, n_dof=1)
-    rec = simulate(model(Chain(1), [10.0], storey_1=(LINEAR, laws.MaxwellBranch(tau=0.02, k=5e4))), F, DT)
+    rec = simulate(
+        model(Chain(1), [10.0], storey_1=(LINEAR, laws.MaxwellBranch(tau=0.02, k=5e4))),
+        F,
+        DT,
+    )
 
     def rate(y, f):
-        return np.array([y[1], (f[0] - 100 * y[1] - 1e5 * y[0] - 5e4 * y[2]) / 10, y[1] - y[2] / 0.02])
+        return np.array(
+            [
+                y[1],
+                (f[0] - 100 * y[1] - 1e5 * y[0] - 5e4 * y[2]) / 10,
+                y[1] - y[2] / 0.02,
+            ]
+        )
 
     truth = by_scipy(rate, F, DT, np.zeros(3))
-    np.testing.assert_allclose(rec.displacement[:, 0], truth[:, 0], atol=1e-6 * np.abs(truth[:, 0]).max())
+    np.testing.assert_allclose(
+        rec.displacement[:, 0], truth[:, 0], atol=1e-6 * np.abs(truth[:, 0]).max()
+    )
 
 
-@pytest.mark.parametrize("rule, order", [(partial(simulate, method="newmark"), 2), (classical_run, 4)])
+@pytest.mark.parametrize(
+    "rule, order", [(partial(simulate, method="newmark"), 2), (classical_run, 4)]
+)
 def test_order_of_the_fixed_step_rules(rule, order):
-    """The error of a Duffing oscillator falls with the power of dt that theory gives."""
+    """The error of a Duffing oscillator falls with the power of dt that theory
+    gives.
+    """
     case = model(Chain(2), [10.0, 10.0], storey_1=DUFFING, storey_2=DUFFING)
 
     def end(dt, rule):
@@ -213,7 +316,9 @@ def test_order_of_the_fixed_step_rules(rule, order):
 
 
 def test_newmark_of_a_linear_oscillator_shortens_frequency_as_theory_says():
-    """Average acceleration turns w into (2 / dt) atan(w dt / 2) and keeps the amplitude."""
+    """Average acceleration turns w into (2 / dt) atan(w dt / 2) and keeps the
+    amplitude.
+    """
     w, dt = 100.0, 2e-3
     case = model(Chain(1), [10.0], storey_1=laws.LinearElastic(k=10.0 * w**2))
     rec = simulate(case, np.zeros((2001, 1)), dt, method="newmark", x0=[1e-3])
@@ -228,8 +333,12 @@ def test_holds_are_what_they_say():
     F[2] = 1.0
     step = simulate(case, F, 0.1, hold="zero")
     hat = simulate(case, F, 0.1, hold="linear")
-    np.testing.assert_allclose(step.velocity[:, 0], [0, 0, 0, 0.1, 0.1, 0.1], atol=1e-15)
-    np.testing.assert_allclose(hat.velocity[:, 0], [0, 0, 0.05, 0.1, 0.1, 0.1], atol=1e-15)
+    np.testing.assert_allclose(
+        step.velocity[:, 0], [0, 0, 0, 0.1, 0.1, 0.1], atol=1e-15
+    )
+    np.testing.assert_allclose(
+        hat.velocity[:, 0], [0, 0, 0.05, 0.1, 0.1, 0.1], atol=1e-15
+    )
 
 
 def test_divergence_names_time_and_dof():
@@ -239,7 +348,9 @@ def test_divergence_names_time_and_dof():
 
 
 def test_a_run_ends_where_it_exceeds_its_limit():
-    """x = x0 exp(2 t) of a negative spring is ten times as large after ln(10) / 2 = 1.151 s."""
+    """x = x0 exp(2 t) of a negative spring is ten times as large after ln(10) / 2 =
+    1.151 s.
+    """
     model, rest = ChainModel([1.0], {1: laws.LinearElastic(-4.0)}), np.zeros((300, 1))
     with pytest.raises(SimulationError, match=r"diverges at 1\.15 s, at DOF 1"):
         simulate(model, rest, 0.01, x0=[1e-3], v0=[2e-3], limit=1e-2)
@@ -251,11 +362,16 @@ def test_a_run_ends_where_it_exceeds_its_limit():
 @pytest.mark.parametrize(
     "change, word",
     [
-        ({"F": np.zeros((50, 3))}, "columns"), ({"F": np.full((50, 2), np.nan)}, "F1"), ({"x0": [0.0]}, "x0"),
-        ({"v0": [0.0, np.inf]}, "v2"), ({"base_acceleration": np.zeros(49)}, "ag"), ({"dt": 0.0}, "dt"),
-        ({"method": "rk4"}, "method='rk4' is unknown.*Choose 'default' or 'newmark'"), ({"hold": "quintic"}, "hold"),
+        ({"F": np.zeros((50, 3))}, "columns"),
+        ({"F": np.full((50, 2), np.nan)}, "F1"),
+        ({"x0": [0.0]}, "x0"),
+        ({"v0": [0.0, np.inf]}, "v2"),
+        ({"base_acceleration": np.zeros(49)}, "ag"),
+        ({"dt": 0.0}, "dt"),
+        ({"method": "rk4"}, "method='rk4' is unknown.*Choose 'default' or 'newmark'"),
+        ({"hold": "quintic"}, "hold"),
     ],
-)  # fmt: skip
+)
 def test_bad_input_is_named(change, word):
     call = {"F": np.zeros((50, 2)), "dt": DT} | change
     with pytest.raises((ChannelError, SimulationError), match=word):
@@ -273,22 +389,46 @@ def test_input_is_left_alone():
 
 @pytest.mark.parametrize("method", ["default", "newmark"])
 def test_a_run_that_begins_later_finds_the_clock_of_its_laws(method):
-    """Cut in two and started again from the state in the middle, the run is the same: forces that know the time go on."""
+    """Cut in two and started again from the state in the middle, the run is the same:
+    forces that know the time go on.
+    """
     held = {
-        Site(1): (laws.LinearElastic(2e4), laws.LinearViscous(15.0), laws.StiffnessDrift(kt=-900.0)),
-        Site(2): (laws.LinearElastic(1e4), laws.LinearViscous(9.0), laws.StiffnessStep(t0=3.1, dk=4e3)),
+        Site(1): (
+            laws.LinearElastic(2e4),
+            laws.LinearViscous(15.0),
+            laws.StiffnessDrift(kt=-900.0),
+        ),
+        Site(2): (
+            laws.LinearElastic(1e4),
+            laws.LinearViscous(9.0),
+            laws.StiffnessStep(t0=3.1, dk=4e3),
+        ),
         Site("dof 2"): (laws.HarmonicForce(frequency=3.3, A=4.0, B=-7.0),),
     }
     model = ChainModel([8.0, 5.0], held)
     F = np.cumsum(np.random.default_rng(2).standard_normal((1001, 2)), axis=0)
     whole = simulate(model, F, 0.005, method=method)
     late = simulate(
-        model, F[500:], 0.005, method=method, t0=2.5, x0=whole.displacement[500], v0=whole.velocity[500], name="late"
+        model,
+        F[500:],
+        0.005,
+        method=method,
+        t0=2.5,
+        x0=whole.displacement[500],
+        v0=whole.velocity[500],
+        name="late",
     )
     assert late.time[0] == 2.5
     scale = np.abs(whole.displacement).max()
     assert np.abs(late.displacement - whole.displacement[500:]).max() < 1e-9 * scale
-    lost = simulate(model, F[500:], 0.005, method=method, x0=whole.displacement[500], v0=whole.velocity[500])
+    lost = simulate(
+        model,
+        F[500:],
+        0.005,
+        method=method,
+        x0=whole.displacement[500],
+        v0=whole.velocity[500],
+    )
     assert np.abs(lost.displacement - whole.displacement[500:]).max() > 1e-2 * scale
     energy = free_run(model, F[500:], 0.005, t0=2.5).energy
     assert energy.index[0] == 2.5

@@ -1,6 +1,7 @@
 """Files of binary arrays: NumPy, HDF5, MATLAB, Parquet.
 
-Sizes that a file declares are checked before memory is taken. Pickled objects, which could run code, are never loaded.
+Sizes that a file declares are checked before memory is taken. Pickled objects, which
+could run code, are never loaded.
 """
 
 import math
@@ -24,7 +25,9 @@ from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, reading_as
 
 
 def flattened(content: Mapping[str, Any], prefix: str = "") -> dict[str, np.ndarray]:
-    """Numeric arrays by name; fields of structures as ``struct.field``; single columns one-dimensional."""
+    """Numeric arrays by name; fields of structures as ``struct.field``; single columns
+    one-dimensional.
+    """
     out: dict[str, np.ndarray] = {}
     for name, value in content.items():
         array = value if isinstance(value, Mapping) else np.asarray(value)
@@ -44,13 +47,21 @@ def read_npz(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     with reading_as(path, "NumPy"):
         if path.suffix.lower() == ".npz":
             with zipfile.ZipFile(path) as archive:
-                members = [item for item in archive.infolist() if item.filename.endswith(".npy")]
+                members = [
+                    item
+                    for item in archive.infolist()
+                    if item.filename.endswith(".npy")
+                ]
                 check_size(path, sum(item.file_size for item in members), max_bytes)
                 for item in members:
                     with archive.open(item) as stream:
                         _check_header(path, stream, item.file_size)
             with np.load(path, allow_pickle=False) as loaded:
-                variables = {name: loaded[name] for name in loaded.files if f"{name}.npy" in loaded.zip.namelist()}
+                variables = {
+                    name: loaded[name]
+                    for name in loaded.files
+                    if f"{name}.npy" in loaded.zip.namelist()
+                }
         else:
             with open(path, "rb") as stream:
                 _check_header(path, stream, path.stat().st_size)
@@ -60,24 +71,38 @@ def read_npz(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def _check_header(path: Path, stream: IO[bytes], held: int) -> None:
-    """Refuse an array whose header declares more bytes than the file holds; NumPy would allocate them first."""
-    read: Any = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    """Refuse an array whose header declares more bytes than the file holds; NumPy would
+    allocate them first.
+    """
+    read: Any = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
     version = np.lib.format.read_magic(stream)
     if version not in read:
         return  # NumPy itself refuses unknown versions
     shape, _, dtype = read[version](stream)
     if dtype.hasobject:
         cure = "Save plain arrays: numpy.savez(path, a1=..., x1=...)."
-        raise FileFormatError(f"{path} holds pickled Python objects, which could run code and are never loaded", cure)
+        raise FileFormatError(
+            f"{path} holds pickled Python objects, which could run code and are never"
+            " loaded",
+            cure,
+        )
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > held:
-        raise ValueError(f"an array declares the shape {shape} of {dtype} but the file holds {held} bytes")
+        raise ValueError(
+            f"an array declares the shape {shape} of {dtype} but the file holds {held}"
+            " bytes"
+        )
 
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> Table:
-    """Read the numeric data sets of an HDF5 file; the names of groups are joined by points."""
+    """Read the numeric data sets of an HDF5 file; the names of groups are joined by
+    points.
+    """
     h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
     kind = "MATLAB v7.3" if matlab else "HDF5"
     variables: dict[str, np.ndarray] = {}
@@ -99,25 +124,49 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     return _without_objects(path, kind, flattened(variables), objects)
 
 
-def _without_objects(path: Path, kind: str, variables: dict[str, np.ndarray], objects: list[str]) -> Table:
-    """The table of a file without MATLAB's objects (timetables, durations), which are numbers to MATLAB alone."""
+def _without_objects(
+    path: Path, kind: str, variables: dict[str, np.ndarray], objects: list[str]
+) -> Table:
+    """The table of a file without MATLAB's objects (timetables, durations), which are
+    numbers to MATLAB alone.
+    """
     if objects and not any(values.size > 1 for values in variables.values()):
-        export = "T = timetable2table(TT); t = seconds(T.Time); a1 = T.a1; save('test.mat', 't', 'a1', '-v7')"
-        raise FileFormatError(f"{path} holds {', '.join(objects)}, which MATLAB alone can read", f"In MATLAB: {export}")
-    return Table(path, kind, variables, notes=[f"not read, an object of MATLAB: {one}" for one in objects])
+        export = (
+            "T = timetable2table(TT); t = seconds(T.Time); a1 = T.a1; save('test.mat',"
+            " 't', 'a1', '-v7')"
+        )
+        raise FileFormatError(
+            f"{path} holds {', '.join(objects)}, which MATLAB alone can read",
+            f"In MATLAB: {export}",
+        )
+    return Table(
+        path,
+        kind,
+        variables,
+        notes=[f"not read, an object of MATLAB: {one}" for one in objects],
+    )
 
 
 def require_own(path: Any, name: str, item: Any) -> None:
     """Refuse a data set whose values lie in other files."""
     if item.external or item.is_virtual:
         cure = "Export the measured values themselves into one file."
-        raise FileFormatError(f"{path}: the data set {name!r} lies in another file, which is not opened", cure)
+        raise FileFormatError(
+            f"{path}: the data set {name!r} lies in another file, which is not opened",
+            cure,
+        )
 
 
 def data_sets(h5py: Any, file: Any) -> dict[str, Any]:
-    """Data sets by name, each once, that the file itself holds; links into other files are not followed."""
+    """Data sets by name, each once, that the file itself holds; links into other files
+    are not followed.
+    """
     found: dict[str, Any] = {}
-    file.visititems(lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {}))
+    file.visititems(
+        lambda name, item: found.update(
+            {name: item} if isinstance(item, h5py.Dataset) else {}
+        )
+    )
     return found
 
 
@@ -143,7 +192,11 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read a MATLAB file: up to v7 by SciPy, v7.3 by h5py."""
     with open(path, "rb") as file:
         head = file.read(520)
-    if head[:8] == SIGNATURE or head[512:520] == SIGNATURE or b"MATLAB 7.3" in head[:128]:
+    if (
+        head[:8] == SIGNATURE
+        or head[512:520] == SIGNATURE
+        or b"MATLAB 7.3" in head[:128]
+    ):
         return read_hdf5(path, max_bytes, matlab=True)
     with reading_as(path, "MATLAB"):
         _check_unpacked(path, head, max_bytes)
@@ -152,21 +205,31 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def _loaded(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """Variables and objects of a v4 or v5 file, read in a process of its own: damaged bytes can crash SciPy."""
+    """Variables and objects of a v4 or v5 file, read in a process of its own: damaged
+    bytes can crash SciPy.
+    """
     limit = _SECONDS + path.stat().st_size / _BYTES_PER_SECOND
     command = [sys.executable, "-P", "-W", "ignore", "-c", _LOAD, str(path.absolute())]
     try:
-        done = subprocess.run(command, capture_output=True, timeout=limit, stdin=subprocess.DEVNULL)
+        done = subprocess.run(
+            command, capture_output=True, timeout=limit, stdin=subprocess.DEVNULL
+        )
     except subprocess.TimeoutExpired:
         raise ValueError(f"it was not read within {limit:.0f} s") from None
     if done.returncode:
         crash = "its variables are damaged (SciPy's reader ended its process)"
-        raise ValueError(done.stderr.decode(errors="replace").strip() if done.returncode == 1 else crash)
+        raise ValueError(
+            done.stderr.decode(errors="replace").strip()
+            if done.returncode == 1
+            else crash
+        )
     return pickle.loads(done.stdout)  # noqa: S301 - what this very process sends back
 
 
 def _check_unpacked(path: Path, head: bytes, max_bytes: int) -> None:
-    """Refuse compressed variables that unpack to more than the limit; they are unpacked in pieces that are dropped."""
+    """Refuse compressed variables that unpack to more than the limit; they are unpacked
+    in pieces that are dropped.
+    """
     if head[126:128] not in (b"IM", b"MI"):
         return  # v4, not compressed
     order = "<" if head[126:128] == b"IM" else ">"
@@ -191,7 +254,9 @@ ATTRIBUTES_KEY = SCHEMA.encode()
 
 
 def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read the columns of a Parquet file that hold numbers, times or texts; a time index becomes the column ``t``."""
+    """Read the columns of a Parquet file that hold numbers, times or texts; a time
+    index becomes the column ``t``.
+    """
     types = require("pyarrow.types", "files", "Reading Parquet files")
     parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
     with reading_as(path, "Parquet"):
@@ -199,17 +264,33 @@ def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         schema, about = file.schema_arrow, file.metadata
         twice = [name for name, count in Counter(schema.names).items() if count > 1]
         if twice:
-            raise FileFormatError(f"{path} has two columns named {twice[0]!r}", "Rename one.")
-        texts = [f.name for f in schema if types.is_string(f.type) or types.is_large_string(f.type)]
-        kept = texts + [f.name for f in schema if types.is_primitive(f.type) or types.is_dictionary(f.type)]
-        declared = sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))
+            raise FileFormatError(
+                f"{path} has two columns named {twice[0]!r}", "Rename one."
+            )
+        texts = [
+            f.name
+            for f in schema
+            if types.is_string(f.type) or types.is_large_string(f.type)
+        ]
+        kept = texts + [
+            f.name
+            for f in schema
+            if types.is_primitive(f.type) or types.is_dictionary(f.type)
+        ]
+        declared = sum(
+            about.row_group(i).total_byte_size for i in range(about.num_row_groups)
+        )
         check_size(path, max(declared, 8 * about.num_rows * len(kept)), max_bytes)
         # dictionaries keep a repeated text from being unpacked once for each row
-        held = parquet.read_table(path, columns=[n for n in schema.names if n in kept], read_dictionary=texts)
+        held = parquet.read_table(
+            path, columns=[n for n in schema.names if n in kept], read_dictionary=texts
+        )
         attributes = (schema.metadata or {}).get(ATTRIBUTES_KEY)
         frame = held.to_pandas()
     variables = {}
-    if frame.index.name in ("t", "time") or isinstance(frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+    if frame.index.name in ("t", "time") or isinstance(
+        frame.index, (pd.DatetimeIndex, pd.TimedeltaIndex)
+    ):
         variables["t"] = frame.index.to_numpy()
     for name in frame.columns:
         column = frame[name]
@@ -221,17 +302,35 @@ def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
 
 def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read the channels of a TDMS file of LabVIEW, their units and their sampling rate."""
+    """Read the channels of a TDMS file of LabVIEW, their units and their sampling
+    rate.
+    """
     nptdms = require("nptdms", "files", "Reading TDMS files")
     check_size(path, path.stat().st_size, max_bytes)
     with reading_as(path, "TDMS"):
-        channels = [channel for group in nptdms.TdmsFile.read(path).groups() for channel in group.channels()]
+        channels = [
+            channel
+            for group in nptdms.TdmsFile.read(path).groups()
+            for channel in group.channels()
+        ]
         several = len({channel.group_name for channel in channels}) > 1
         variables, units, steps = {}, {}, set()
         for channel in channels:
-            name = f"{channel.group_name}.{channel.name}" if several else str(channel.name)
+            name = (
+                f"{channel.group_name}.{channel.name}" if several else str(channel.name)
+            )
             variables[name] = np.asarray(channel[:])
-            units[name] = str(channel.properties.get("unit_string", channel.properties.get("NI_UnitDescription", "")))
+            units[name] = str(
+                channel.properties.get(
+                    "unit_string", channel.properties.get("NI_UnitDescription", "")
+                )
+            )
             steps.add(float(channel.properties.get("wf_increment", 0.0)))
     fs = 1.0 / steps.pop() if len(steps) == 1 and 0.0 not in steps else None
-    return Table(path, "TDMS", variables, {name: unit for name, unit in units.items() if unit}, fs=fs)
+    return Table(
+        path,
+        "TDMS",
+        variables,
+        {name: unit for name, unit in units.items() if unit},
+        fs=fs,
+    )

@@ -1,4 +1,6 @@
-"""Delimited text: separator, decimal mark, comments, header and units are found from the file itself."""
+"""Delimited text: separator, decimal mark, comments, header and units are found from
+the file itself.
+"""
 
 import csv
 import re
@@ -15,7 +17,15 @@ import pandas as pd
 from ...common.lazy import require
 from ...exceptions import FileFormatError
 from .mapping import EASTERN_WORDS
-from .table import MAX_BYTES, SCHEMA, Attributes, Table, check_size, reading_as, unreadable
+from .table import (
+    MAX_BYTES,
+    SCHEMA,
+    Attributes,
+    Table,
+    check_size,
+    reading_as,
+    unreadable,
+)
 from .units import is_unit
 
 _HEAD_BYTES = _TAIL_BYTES = 65536
@@ -50,16 +60,31 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         return _own(path, first)
     dialect = sniff(path)
     options: dict[str, Any] = dict(
-        sep=_SEPARATORS[dialect.separator], decimal=dialect.decimal, header=None,
-        names=list(range(len(dialect.header))), index_col=False, skiprows=dialect.first_row, encoding=dialect.encoding,
-        skipinitialspace=True, comment="#", na_values=sorted(_MISSING - {"", "inf", "-inf"}), low_memory=False,
-    )  # fmt: skip
+        sep=_SEPARATORS[dialect.separator],
+        decimal=dialect.decimal,
+        header=None,
+        names=list(range(len(dialect.header))),
+        index_col=False,
+        skiprows=dialect.first_row,
+        encoding=dialect.encoding,
+        skipinitialspace=True,
+        comment="#",
+        na_values=sorted(_MISSING - {"", "inf", "-inf"}),
+        low_memory=False,
+    )
     cut = _ends_inside_a_number(path, dialect)
     try:
         frame = pd.read_csv(path, **options)
-        if cut:  # read again without the last row, which may have turned a column into text
+        if (
+            cut
+        ):  # read again without the last row, which may have turned a column into text
             frame = pd.read_csv(path, nrows=len(frame) - 1, **options)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeError, ValueError) as error:
+    except (
+        pd.errors.ParserError,
+        pd.errors.EmptyDataError,
+        UnicodeError,
+        ValueError,
+    ) as error:
         raise unreadable(path, "delimited text", error) from error
     variables, units = {}, {}
     for i, name in enumerate(dialect.header):
@@ -68,27 +93,45 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             continue
         label = name or f"c{i + 1}"
         if label in variables:
-            raise FileFormatError(f"{path} has two columns named {label!r}", "Rename one.")
-        variables[label] = column.to_numpy(dtype=float if column.dtype.kind in "biuf" else object)
+            raise FileFormatError(
+                f"{path} has two columns named {label!r}", "Rename one."
+            )
+        variables[label] = column.to_numpy(
+            dtype=float if column.dtype.kind in "biuf" else object
+        )
         if dialect.units[i]:
             units[label] = dialect.units[i]
     mark = "decimal comma" if dialect.decimal == "," else "decimal point"
-    separator = {"tab": "tabs", "blank": "blanks"}.get(dialect.separator, repr(dialect.separator))
+    separator = {"tab": "tabs", "blank": "blanks"}.get(
+        dialect.separator, repr(dialect.separator)
+    )
     unnamed = "" if dialect.named else "; no names in the file, columns are c1, c2, ..."
     notes = [f"columns separated by {separator}, {mark}{unnamed}"]
     if cut:
-        notes.append(f"the file ends inside a number, {cut!r}: its last row is left out; was it copied completely?")
-    return Table(path, "delimited text", variables, units, notes, decimal=dialect.decimal)
+        notes.append(
+            f"the file ends inside a number, {cut!r}: its last row is left out; was it"
+            " copied completely?"
+        )
+    return Table(
+        path, "delimited text", variables, units, notes, decimal=dialect.decimal
+    )
 
 
 def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
-    """Read the longest sheet of an Excel file (.xlsx): a row of names, one of units if there is any, numbers."""
+    """Read the longest sheet of an Excel file (.xlsx): a row of names, one of units if
+    there is any, numbers.
+    """
     openpyxl = require("openpyxl", "files", "Reading Excel sheets")
     with reading_as(path, "Excel"):
         with zipfile.ZipFile(path) as archive:
-            check_size(path, sum(item.file_size for item in archive.infolist()), max_bytes)
+            check_size(
+                path, sum(item.file_size for item in archive.infolist()), max_bytes
+            )
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        sheet, rows = max(((one.title, list(one.iter_rows(values_only=True))) for one in book), key=lambda x: len(x[1]))
+        sheet, rows = max(
+            ((one.title, list(one.iter_rows(values_only=True))) for one in book),
+            key=lambda x: len(x[1]),
+        )
 
     def numeric(row: Sequence[Any]) -> bool:
         filled = [c for c in row if c is not None]
@@ -96,31 +139,53 @@ def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
     start = next((k for k, row in enumerate(rows) if numeric(row)), None)
     if start is None:
-        cure = "Give numbers, one row per sample; a decimal comma that Excel took for text is no number."
-        raise FileFormatError(f"{path}: the sheet {sheet!r} holds no rows of numbers", cure)
+        cure = (
+            "Give numbers, one row per sample; a decimal comma that Excel took for text"
+            " is no number."
+        )
+        raise FileFormatError(
+            f"{path}: the sheet {sheet!r} holds no rows of numbers", cure
+        )
     width = max(k for k, c in enumerate(rows[start], 1) if c is not None)
-    above = [(k, ["" if c is None else str(c).strip() for c in row[:width]]) for k, row in enumerate(rows[: start + 1])]
+    above = [
+        (k, ["" if c is None else str(c).strip() for c in row[:width]])
+        for k, row in enumerate(rows[: start + 1])
+    ]
     header, units, _ = _header([], above, start, width, "tab")
     variables = {}
     for k, name in enumerate(header):
         column = pd.Series([row[k] for row in rows[start:]])
-        variables[name or f"c{k + 1}"] = column.to_numpy(dtype=float if column.dtype.kind in "biuf" else None)
+        variables[name or f"c{k + 1}"] = column.to_numpy(
+            dtype=float if column.dtype.kind in "biuf" else None
+        )
     known = {name: unit for name, unit in zip(header, units) if unit}
     return Table(path, "Excel", variables, known, [f"sheet {sheet!r}"])
 
 
 def _ends_inside_a_number(path: Path, dialect: Dialect) -> str:
-    """The last number, if the file ends without a line feed and every number above it has more decimals; or ""."""
+    """The last number, if the file ends without a line feed and every number above it
+    has more decimals; or "".
+    """
     start = max(0, path.stat().st_size - _TAIL_BYTES)
     with open(path, "rb") as file:
         file.seek(start - start % 4)  # not inside a character of UTF-16
-        lines = file.read().decode(dialect.encoding, errors="replace").splitlines(keepends=True)
+        lines = (
+            file.read()
+            .decode(dialect.encoding, errors="replace")
+            .splitlines(keepends=True)
+        )
     if len(lines) <= _ABOVE + 1 or lines[-1].endswith(("\n", "\r")):
         return ""
-    *above, last = (_cells(line.strip(), dialect.separator) for line in lines[-_ABOVE - 1 :])
+    *above, last = (
+        _cells(line.strip(), dialect.separator) for line in lines[-_ABOVE - 1 :]
+    )
 
     def behind(row: list[str]) -> int:
-        return len(row[len(last) - 1].partition(dialect.decimal)[2]) if len(row) >= len(last) else 0
+        return (
+            len(row[len(last) - 1].partition(dialect.decimal)[2])
+            if len(row) >= len(last)
+            else 0
+        )
 
     return last[-1] if behind(last) < min(behind(row) for row in above) else ""
 
@@ -134,12 +199,20 @@ def _own(path: Path, first: bytes) -> Table:
     attributes = Attributes.from_json(first[1:].strip(), path)
     names = ["t", *attributes.columns]
     try:  # exact to the last digit, slower than pandas
-        values = np.loadtxt(path, delimiter=",", skiprows=2, comments=None, ndmin=2, encoding="utf-8")
+        values = np.loadtxt(
+            path, delimiter=",", skiprows=2, comments=None, ndmin=2, encoding="utf-8"
+        )
     except (ValueError, UnicodeError) as error:
         raise unreadable(path, "delimited text", error) from error
     if values.shape[1] != len(names):
-        raise unreadable(path, "delimited text", f"{values.shape[1]} columns where {len(names)} are announced")
-    return Table(path, "CSV", dict(zip(names, values.T)), attributes=attributes, fs=attributes.fs)
+        raise unreadable(
+            path,
+            "delimited text",
+            f"{values.shape[1]} columns where {len(names)} are announced",
+        )
+    return Table(
+        path, "CSV", dict(zip(names, values.T)), attributes=attributes, fs=attributes.fs
+    )
 
 
 def sniff(path: Path) -> Dialect:
@@ -150,29 +223,61 @@ def sniff(path: Path) -> Dialect:
     if b"\x00" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff"):
         raise unreadable(path, "delimited text", "it holds binary data")
     encoding, text = _decode(raw, path)
-    lines = re.split(r"\r\n|\n|\r", text)  # splitlines() also splits at characters that pandas keeps
+    lines = re.split(
+        r"\r\n|\n|\r", text
+    )  # splitlines() also splits at characters that pandas keeps
     if not lines[-1] or not whole:
         lines.pop()  # empty, or probably cut
     if not lines:
-        raise unreadable(path, "delimited text", f"its first line is longer than {_HEAD_BYTES // 1024} KB")
+        raise unreadable(
+            path,
+            "delimited text",
+            f"its first line is longer than {_HEAD_BYTES // 1024} KB",
+        )
     trials = [(sep, mark) for sep in _SEPARATORS for mark in (".", ",") if sep != mark]
-    found = next(filter(None, (_try(lines, *trial, encoding, 1.0) for trial in trials)), None)
-    if found is None:  # a column holds text: take the reading under which most cells are numbers
+    found = next(
+        filter(None, (_try(lines, *trial, encoding, 1.0) for trial in trials)), None
+    )
+    if (
+        found is None
+    ):  # a column holds text: take the reading under which most cells are numbers
         kept = [line for line in lines[:400] if not _is_comment(line)]
-        rows = {sep: [cells for line in kept if len(cells := _cells(line, sep)) > 1] for sep, _ in trials}
-        best = max(trials, key=lambda trial: sum(len(cells) * _share(cells, trial[1]) for cells in rows[trial[0]]))
+        rows = {
+            sep: [cells for line in kept if len(cells := _cells(line, sep)) > 1]
+            for sep, _ in trials
+        }
+        best = max(
+            trials,
+            key=lambda trial: sum(
+                len(cells) * _share(cells, trial[1]) for cells in rows[trial[0]]
+            ),
+        )
         found = _try(lines, *best, encoding, 0.5)
     if found is not None:
         return found
     first = next((line for line in lines if not _is_comment(line)), "")
-    if re.search(r"\d[+-]\s*[\d.]+(e[+-]?\d+)?[ij]\b", lines[-1] if lines else "", re.IGNORECASE):
+    if re.search(
+        r"\d[+-]\s*[\d.]+(e[+-]?\d+)?[ij]\b", lines[-1] if lines else "", re.IGNORECASE
+    ):
         cure = "Read it with read_frf (--frf)."
-        raise FileFormatError(f"{path} holds complex numbers, so it is a frequency response, not a record", cure)
-    what = f"{path} holds no rows of numbers separated by ';', ',', tab, '|' or blanks (it starts with {first[:60]!r})"
-    raise FileFormatError(what, "Give a table of numbers: one row per sample, one column per channel.")
+        raise FileFormatError(
+            f"{path} holds complex numbers, so it is a frequency response, not a"
+            " record",
+            cure,
+        )
+    what = (
+        f"{path} holds no rows of numbers separated by ';', ',', tab, '|' or blanks (it"
+        f" starts with {first[:60]!r})"
+    )
+    raise FileFormatError(
+        what, "Give a table of numbers: one row per sample, one column per channel."
+    )
 
 
-_EASTERN = ("cp932", "gb18030")  # nearly any bytes are a text in them: one that speaks of channels is
+_EASTERN = (
+    "cp932",
+    "gb18030",
+)  # nearly any bytes are a text in them: one that speaks of channels is
 
 
 def _decode(raw: bytes, path: Path) -> tuple[str, str]:
@@ -181,9 +286,13 @@ def _decode(raw: bytes, path: Path) -> tuple[str, str]:
         for cut in range(4):  # the head may end inside a character
             with suppress(UnicodeError):
                 text = raw[: len(raw) - cut].decode(encoding)
-                if encoding not in _EASTERN or any(word in text for word in EASTERN_WORDS):
+                if encoding not in _EASTERN or any(
+                    word in text for word in EASTERN_WORDS
+                ):
                     return encoding, text
-    raise unreadable(path, "delimited text", "its characters are neither UTF-8 nor UTF-16")
+    raise unreadable(
+        path, "delimited text", "its characters are neither UTF-8 nor UTF-16"
+    )
 
 
 def _is_comment(line: str) -> bool:
@@ -196,7 +305,10 @@ def _cells(line: str, separator: str) -> list[str]:
     mark = _SEPARATORS[separator]
     if '"' not in line:
         return [cell.strip() for cell in line.split(mark)]
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))]
+    return [
+        cell.strip()
+        for cell in next(csv.reader([line], delimiter=mark, skipinitialspace=True))
+    ]
 
 
 def _share(cells: list[str], decimal: str) -> float:
@@ -207,47 +319,86 @@ def _share(cells: list[str], decimal: str) -> float:
     return good / len(filled) if filled else 0.0
 
 
-def _try(lines: list[str], separator: str, decimal: str, encoding: str, share: float) -> Dialect | None:
-    """The dialect, if this separator and decimal mark give consecutive rows of numbers; or None."""
+def _try(
+    lines: list[str], separator: str, decimal: str, encoding: str, share: float
+) -> Dialect | None:
+    """The dialect, if this separator and decimal mark give consecutive rows of numbers;
+    or None.
+    """
 
     def is_row(cells: list[str]) -> bool:
-        return _share(cells, decimal) >= share if share == 1.0 else _share(cells, decimal) > share
+        return (
+            _share(cells, decimal) >= share
+            if share == 1.0
+            else _share(cells, decimal) > share
+        )
 
-    rows = [(i, _cells(line, separator)) for i, line in enumerate(lines) if not _is_comment(line)]
+    rows = [
+        (i, _cells(line, separator))
+        for i, line in enumerate(lines)
+        if not _is_comment(line)
+    ]
     least = 1 if separator == "," and share == 1.0 else 2
-    start = next((k for k, (_, cells) in enumerate(rows) if len(cells) >= least and is_row(cells)), None)
+    start = next(
+        (
+            k
+            for k, (_, cells) in enumerate(rows)
+            if len(cells) >= least and is_row(cells)
+        ),
+        None,
+    )
     if start is None:
         return None
     width = len(rows[start][1])
     body = rows[start : start + 200]
     even = sum(len(cells) == width and is_row(cells) for _, cells in body)
-    if even < 0.8 * len(body) or decimal == "," and not any("," in cell for _, cells in body for cell in cells):
+    if (
+        even < 0.8 * len(body)
+        or decimal == ","
+        and not any("," in cell for _, cells in body for cell in cells)
+    ):
         return None
     header, units, named = _header(lines, rows, start, width, separator)
     return Dialect(separator, decimal, header, units, rows[start][0], encoding, named)
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """Name of a column and the unit written behind it, ``"a1 [mm]"``, ``"a1 (g)"`` or in brackets of full width."""
+    """Name of a column and the unit written behind it, ``"a1 [mm]"``, ``"a1 (g)"`` or
+    in brackets of full width.
+    """
     text = column.strip()
-    opening = text.rfind({"]": "[", ")": "(", "）": "（", "］": "［", "】": "【"}.get(text[-1:], "\n"))
+    opening = text.rfind(
+        {"]": "[", ")": "(", "）": "（", "］": "［", "】": "【"}.get(text[-1:], "\n")
+    )
     name = text[: max(opening, 0)].strip()
     return (name, text[opening + 1 : -1].strip() or None) if name else (text, None)
 
 
 def _header(
-    lines: list[str], rows: list[tuple[int, list[str]]], start: int, width: int, separator: str
+    lines: list[str],
+    rows: list[tuple[int, list[str]]],
+    start: int,
+    width: int,
+    separator: str,
 ) -> tuple[tuple[str, ...], tuple[str, ...], bool]:
     above = [cells for _, cells in rows[:start] if len(cells) == width]
     if not above:
         # names may stand in the last comment line: "# t, a1, a2"
-        comments = [line.lstrip().lstrip("#%/").strip() for line in lines[: rows[start][0]] if line.strip()]
+        comments = [
+            line.lstrip().lstrip("#%/").strip()
+            for line in lines[: rows[start][0]]
+            if line.strip()
+        ]
         cells = _cells(comments[-1], separator) if comments else []
         if len(cells) == width and width > 1:
             above = [cells]
     units = [""] * width
     for row in (-1, -2):  # below the names, as a rule; some programs write them above
-        if len(above) > 1 and any(above[row]) and all(not c or is_unit(c) or not c.strip("[]()-") for c in above[row]):
+        if (
+            len(above) > 1
+            and any(above[row])
+            and all(not c or is_unit(c) or not c.strip("[]()-") for c in above[row])
+        ):
             units = [c.strip("[]()- ") for c in above.pop(row)]
             break
     if not above:

@@ -10,11 +10,17 @@ from .reading import Reading
 from .table import Table, short
 from .units import si_unit
 
-_KINDS = {"a": "absolute acceleration", "v": "velocity", "x": "displacement", "F": "force"}
+_KINDS = {
+    "a": "absolute acceleration",
+    "v": "velocity",
+    "x": "displacement",
+    "F": "force",
+}
 
 
 def describe(what: Record | Reading) -> str:
-    """Describe a record in words: clock, channels, units, sizes, and which DOFs are forced.
+    """Describe a record in words: clock, channels, units, sizes, and which DOFs are
+    forced.
 
     Parameters
     ----------
@@ -28,7 +34,13 @@ def describe(what: Record | Reading) -> str:
     >>> t = np.arange(1000) / 200
     >>> x = np.column_stack([np.sin(9 * t), 2 * np.sin(9 * t)])
     >>> force = np.column_stack([np.cos(9 * t), 0 * t])
-    >>> print(io.describe(Record(displacement=x, force=force, fs=200.0, name="shaker on 1")))
+    >>> print(
+    ...     io.describe(
+    ...         Record(
+    ...             displacement=x, force=force, fs=200.0, name="shaker on 1"
+    ...         )
+    ...     )
+    ... )
     shaker on 1: 2 DOFs, 1000 samples at 200 Hz, 5 s
       F1  force                             rms 0.7109 N, peak 1 N
       F2  force                             zero throughout
@@ -38,27 +50,44 @@ def describe(what: Record | Reading) -> str:
     """
     reading = what if isinstance(what, Reading) else None
     record = what.record if isinstance(what, Reading) else what
-    assumed = set() if reading is None else {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
+    assumed = (
+        set()
+        if reading is None
+        else {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
+    )
     columns = record.channels()
     shown = [name for name in columns if name not in assumed]
     width = max(map(len, shown))
     where = f" from {reading.table.path}" if reading else ""
     dofs = f"{record.n_dof} DOF{'s' if record.n_dof > 1 else ''}"
     lasts = record.n_samples / record.fs
-    lines = [f"{record.name}{where}: {dofs}, {record.n_samples} samples at {record.fs:g} Hz, {lasts:.4g} s"]
+    lines = [
+        f"{record.name}{where}: {dofs}, {record.n_samples} samples at {record.fs:g} Hz,"
+        f" {lasts:.4g} s"
+    ]
     if reading:
-        lines.append(f"  read as {'; '.join([reading.table.kind, *reading.table.notes])}")
+        lines.append(
+            f"  read as {'; '.join([reading.table.kind, *reading.table.notes])}"
+        )
         lines.append(f"  clock: {reading.clock}")
     for name in shown:
         source = _origin(reading, name) if reading else ""
-        lines.append(f"  {name:{width}s}  {kind_of(record, name):33s} {_size(record, name, columns[name])}{source}")
+        lines.append(
+            f"  {name:{width}s}  {kind_of(record, name):33s}"
+            f" {_size(record, name, columns[name])}{source}"
+        )
     lines.append(f"  {_forces(record)}")
     valid = finite_span(list(columns.values()), list(columns), record.name)
     lost = record.n_samples - (valid.stop - valid.start)
     if lost:
-        lines.append(f"  {lost} rows at the edges are empty in some channel and not used")
+        lines.append(
+            f"  {lost} rows at the edges are empty in some channel and not used"
+        )
     if reading and reading.unused:
-        lines.append(f"  not used: {', '.join(reading.unused[:12])}{' and more' if len(reading.unused) > 12 else ''}")
+        lines.append(
+            "  not used:"
+            f" {', '.join(reading.unused[:12])}{' and more' if len(reading.unused) > 12 else ''}"
+        )
     return "\n".join(lines)
 
 
@@ -76,7 +105,11 @@ def contents(table: Table, most: int = 40) -> str:
 def _extent(values: np.ndarray) -> str:
     if values.ndim == 0:
         return f"{values[()]:.6g}" if values.dtype.kind in "iuf" else str(values[()])
-    shape = f"{len(values)} values" if values.ndim == 1 else " x ".join(map(str, values.shape))
+    shape = (
+        f"{len(values)} values"
+        if values.ndim == 1
+        else " x ".join(map(str, values.shape))
+    )
     if values.dtype.kind not in "iuf" or not np.isfinite(values).any():
         return f"{shape}, no numbers" if values.dtype.kind in "OUS" else shape
     return f"{shape}, {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
@@ -85,14 +118,24 @@ def _extent(values: np.ndarray) -> str:
 def summary(record: Record) -> dict[str, Any]:
     """Summary of a record as plain data, for JSON."""
     return {
-        "name": record.name, "n_dof": record.n_dof, "n_samples": record.n_samples, "fs": record.fs,
-        "duration": record.n_samples / record.fs, "coordinates": record.coordinates, "forced": list(record.forced),
-        "force_unknown": list(record.unknown), "base_moves": record.base_moves,
+        "name": record.name,
+        "n_dof": record.n_dof,
+        "n_samples": record.n_samples,
+        "fs": record.fs,
+        "duration": record.n_samples / record.fs,
+        "coordinates": record.coordinates,
+        "forced": list(record.forced),
+        "force_unknown": list(record.unknown),
+        "base_moves": record.base_moves,
         "channels": {
-            name: {"unit": si_unit(name), "rms": _rms(line), "peak": float(np.nanmax(np.abs(line)))}
+            name: {
+                "unit": si_unit(name),
+                "rms": _rms(line),
+                "peak": float(np.nanmax(np.abs(line))),
+            }
             for name, line in record.channels().items()
         },
-    }  # fmt: skip
+    }
 
 
 def kind_of(record: Record, name: str) -> str:
@@ -102,7 +145,9 @@ def kind_of(record: Record, name: str) -> str:
         return bases[name]
     if name[:1] not in _KINDS or not name[1:].isdigit():
         return "covariate"
-    reference = " relative to base" if record.coordinates == "relative" else ", absolute"
+    reference = (
+        " relative to base" if record.coordinates == "relative" else ", absolute"
+    )
     return _KINDS[name[0]] + (reference if name[0] in "vx" else "")
 
 

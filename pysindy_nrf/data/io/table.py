@@ -1,4 +1,6 @@
-"""Content of a file: variables by name, and the attributes by which a record written here is restored bit for bit."""
+"""Content of a file: variables by name, and the attributes by which a record written
+here is restored bit for bit.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ class Table:
 
     path: Path
     kind: str  # "CSV", "Parquet", "MAT", ...
-    variables: dict[str, np.ndarray]  # columns of shape (n_samples,), matrices and scalars
+    variables: dict[
+        str, np.ndarray
+    ]  # columns of shape (n_samples,), matrices and scalars
     units: dict[str, str] = field(default_factory=dict)  # written in the header
     notes: list[str] = field(default_factory=list)  # decisions of the reader, in words
     attributes: Attributes | None = None  # of a record that this package wrote
@@ -35,10 +39,19 @@ class Table:
     def names(self) -> str:
         """Names and shapes of the variables, for messages."""
         shown = [
-            name if values.ndim == 1 else f"{name} {'x'.join(map(str, values.shape)) if values.ndim else '(a number)'}"
+            (
+                name
+                if values.ndim == 1
+                else (
+                    f"{name}"
+                    f" {'x'.join(map(str, values.shape)) if values.ndim else '(a number)'}"
+                )
+            )
             for name, values in zip(map(short, self.variables), self.variables.values())
         ]
-        return ", ".join(shown[:20]) + (f" and {len(shown) - 20} more" if len(shown) > 20 else "")
+        return ", ".join(shown[:20]) + (
+            f" and {len(shown) - 20} more" if len(shown) > 20 else ""
+        )
 
 
 def short(name: str) -> str:
@@ -51,24 +64,41 @@ def check_file(path: Path, max_bytes: int = MAX_BYTES) -> None:
     if not path.exists():
         raise FileFormatError(f"{path} does not exist", "Check the path.")
     if not path.is_file():
-        raise FileFormatError(f"{path} is not a file", "Give one file with the channels of one test.")
+        raise FileFormatError(
+            f"{path} is not a file", "Give one file with the channels of one test."
+        )
     size = path.stat().st_size
     if size == 0:
         raise FileFormatError(f"{path} is empty (0 bytes)", "Export it again.")
     check_size(path, size, max_bytes)
 
 
-# Samples of sensors shrink to a third or a tenth; a channel of zeros shrinks a thousandfold, but is not alone.
-_SHRINKS, _HARMLESS = 100, 200_000_000  # times, and bytes below which it does not matter
+# Samples of sensors shrink to a third or a tenth; a channel of zeros shrinks a
+# thousandfold, but is not alone.
+_SHRINKS, _HARMLESS = (
+    100,
+    200_000_000,
+)  # times, and bytes below which it does not matter
 
 
 def check_size(path: Path, size: int, max_bytes: int) -> None:
-    """Refuse a content of more bytes than the limit, or out of all proportion to its file."""
+    """Refuse a content of more bytes than the limit, or out of all proportion to its
+    file.
+    """
     if _HARMLESS < size <= max_bytes and size > _SHRINKS * path.stat().st_size:
-        what = f"{path}, a file of {path.stat().st_size / 1e6:.2g} MB, unpacks to more than {size / 1e9:.2g} GB"
-        raise FileFormatError(f"{what}, as no measured channels do", "Save it uncompressed if it is right.")
+        what = (
+            f"{path}, a file of {path.stat().st_size / 1e6:.2g} MB, unpacks to more"
+            f" than {size / 1e9:.2g} GB"
+        )
+        raise FileFormatError(
+            f"{what}, as no measured channels do",
+            "Save it uncompressed if it is right.",
+        )
     if size > max_bytes:
-        what = f"{path} holds {size / 1e9:.3g} GB, more than the limit of {max_bytes / 1e9:.3g} GB"
+        what = (
+            f"{path} holds {size / 1e9:.3g} GB, more than the limit of"
+            f" {max_bytes / 1e9:.3g} GB"
+        )
         raise FileFormatError(what, "Split it into records, or raise max_bytes=.")
 
 
@@ -77,13 +107,16 @@ def unreadable(path: Path, kind: str, error: Exception | str) -> FileFormatError
     reason = " ".join(str(error).split()) or type(error).__name__
     return FileFormatError(
         f"{path} cannot be read as {kind}: {reason[:300]}",
-        "It may be cut off, damaged or of another type; export it again, or rename it to its true type.",
+        "It may be cut off, damaged or of another type; export it again, or rename it"
+        " to its true type.",
     )
 
 
 @contextmanager
 def reading_as(path: Path, kind: str) -> Iterator[None]:
-    """What a library raises on a damaged file, which may be anything, as an error that names the file."""
+    """What a library raises on a damaged file, which may be anything, as an error that
+    names the file.
+    """
     try:
         yield
     except NRFError:
@@ -94,7 +127,9 @@ def reading_as(path: Path, kind: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Attributes:
-    """Attributes of a record; names of all columns, of those that are covariates, and of those in single precision."""
+    """Attributes of a record; names of all columns, of those that are covariates, and
+    of those in single precision.
+    """
 
     name: str
     coordinates: str
@@ -109,13 +144,24 @@ class Attributes:
     def of(cls, record: Record) -> Attributes:
         """Attributes of a record."""
         columns = columns_of(record)
-        single = tuple(name for name, line in columns.items() if line.dtype == np.float32)
+        single = tuple(
+            name for name, line in columns.items() if line.dtype == np.float32
+        )
         clock = float(record.fs), float(record.t0), record.n_samples
-        return cls(record.name, record.coordinates, *clock, tuple(columns), tuple(record.covariates), single)
+        return cls(
+            record.name,
+            record.coordinates,
+            *clock,
+            tuple(columns),
+            tuple(record.covariates),
+            single,
+        )
 
     def to_json(self) -> str:
         """Attributes as one line of ASCII."""
-        return json.dumps({"schema": SCHEMA, "version": VERSION, **asdict(self)}, allow_nan=False)
+        return json.dumps(
+            {"schema": SCHEMA, "version": VERSION, **asdict(self)}, allow_nan=False
+        )
 
     @classmethod
     def from_json(cls, text: str | bytes, where: Any) -> Attributes:
@@ -127,23 +173,42 @@ class Attributes:
             return cls.checked(data, where)
         except FileFormatError:
             raise
-        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        except (
+            ValueError,
+            KeyError,
+            TypeError,
+            AttributeError,
+            OverflowError,
+            RecursionError,
+        ) as error:
             cure = "Write it again with write_record."
-            raise FileFormatError(f"The attributes of the record in {where} are damaged: {error}", cure) from error
+            raise FileFormatError(
+                f"The attributes of the record in {where} are damaged: {error}", cure
+            ) from error
 
     @classmethod
     def checked(cls, data: Mapping[str, Any], where: Any) -> Attributes:
-        """Attributes from a mapping; ValueError, KeyError or TypeError if it is damaged."""
+        """Attributes from a mapping; ValueError, KeyError or TypeError if it is
+        damaged.
+        """
         version = data["version"]
         if not isinstance(version, int) or isinstance(version, bool):
             raise ValueError(f"its version is {version!r}")
         if version > VERSION:
-            what = f"The record in {where} has version {version}, this package reads up to {VERSION}"
+            what = (
+                f"The record in {where} has version {version}, this package reads up to"
+                f" {VERSION}"
+            )
             raise FileVersionError(what, "Update pysindy_nrf.")
         texts: dict[str, Any] = {key: data[key] for key in ("name", "coordinates")}
         numbers: dict[str, Any] = {key: float(data[key]) for key in ("fs", "t0")}
-        lists: dict[str, Any] = {key: tuple(data[key]) for key in ("columns", "covariates", "float32")}
-        if not all(isinstance(text, str) for text in (*texts.values(), *sum(lists.values(), ()))):
+        lists: dict[str, Any] = {
+            key: tuple(data[key]) for key in ("columns", "covariates", "float32")
+        }
+        if not all(
+            isinstance(text, str)
+            for text in (*texts.values(), *sum(lists.values(), ()))
+        ):
             raise ValueError("a name is not a text")
         if texts["coordinates"] not in ("relative", "absolute"):
             raise ValueError(f"its coordinates are {texts['coordinates']!r}")
@@ -155,16 +220,25 @@ class Attributes:
 
 
 def columns_of(record: Record) -> dict[str, np.ndarray]:
-    """All columns of a record by name, including columns of NaN (not measured, force unknown)."""
+    """All columns of a record by name, including columns of NaN (not measured, force
+    unknown).
+    """
     out: dict[str, np.ndarray] = {}
     for key, prefix in MATRICES.items():
         matrix = getattr(record, key)
         if matrix is not None:
             out |= {f"{prefix}{j + 1}": matrix[:, j] for j in range(record.n_dof)}
-    out |= {short: line for key, short in BASES.items() if (line := getattr(record, key)) is not None}
+    out |= {
+        short: line
+        for key, short in BASES.items()
+        if (line := getattr(record, key)) is not None
+    }
     for name, line in record.covariates.items():
         if name in out or name == "t":
-            what = f"The covariate {name!r} of record {record.name!r} has the name of another column of the file"
+            what = (
+                f"The covariate {name!r} of record {record.name!r} has the name of"
+                " another column of the file"
+            )
             raise ChannelError(what, "Rename it: record.replace(covariates=...).")
         out[str(name)] = line
     return out
@@ -175,22 +249,40 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
     lines = {}
     for name in attributes.columns:
         if name not in columns:
-            raise FileFormatError(f"The file lacks the column {name!r} of {attributes.name!r}", "Write it again.")
+            raise FileFormatError(
+                f"The file lacks the column {name!r} of {attributes.name!r}",
+                "Write it again.",
+            )
         if len(columns[name]) != attributes.n_samples:
-            what = f"{attributes.name!r} had {attributes.n_samples} samples, {len(columns[name])} of {name!r} are there"
+            what = (
+                f"{attributes.name!r} had {attributes.n_samples} samples,"
+                f" {len(columns[name])} of {name!r} are there"
+            )
             raise FileFormatError(what, "The file is cut off; write it again.")
         try:
-            lines[name] = np.asarray(columns[name]).astype(np.float32 if name in attributes.float32 else np.float64)
+            lines[name] = np.asarray(columns[name]).astype(
+                np.float32 if name in attributes.float32 else np.float64
+            )
         except (TypeError, ValueError) as error:
             what = f"The column {name!r} of record {attributes.name!r} holds no numbers"
             raise FileFormatError(what, "Write it again.") from error
     covariates = {name: lines.pop(name) for name in attributes.covariates}
-    parts: dict[str, Any] = {key: lines[short] for key, short in BASES.items() if short in lines}
+    parts: dict[str, Any] = {
+        key: lines[short] for key, short in BASES.items() if short in lines
+    }
     for key, prefix in MATRICES.items():
-        own = [line for name, line in lines.items() if name[:1] == prefix and name[1:].isdigit()]
+        own = [
+            line
+            for name, line in lines.items()
+            if name[:1] == prefix and name[1:].isdigit()
+        ]
         if own:
             parts[key] = np.column_stack(own)
-    about: dict[str, Any] = {"name": attributes.name, "coordinates": attributes.coordinates, "fs": attributes.fs}
+    about: dict[str, Any] = {
+        "name": attributes.name,
+        "coordinates": attributes.coordinates,
+        "fs": attributes.fs,
+    }
     record = Record(**parts, **about, covariates=covariates)
     record.t0 = attributes.t0
     return record

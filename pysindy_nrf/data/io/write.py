@@ -1,4 +1,6 @@
-"""Writing of records, tables of results and reconstructed forces. A file is written completely or not at all."""
+"""Writing of records, tables of results and reconstructed forces. A file is written
+completely or not at all.
+"""
 
 import csv
 from pathlib import Path
@@ -25,8 +27,9 @@ def write_record(record: Record, path: Any) -> Path:
     ----------
     record : Record
     path : path-like
-        ``.parquet``, ``.uff`` or ``.unv`` (UFF 58, binary), or ``.csv``. All columns are kept (those of NaN too),
-        in SI units, with sampling rate, first time, name, coordinates, covariates and base motion.
+        ``.parquet``, ``.uff`` or ``.unv`` (UFF 58, binary), or ``.csv``. All columns
+        are kept (those of NaN too), in SI units, with sampling rate, first time, name,
+        coordinates, covariates and base motion.
 
     Raises
     ------
@@ -41,7 +44,9 @@ def write_record(record: Record, path: Any) -> Path:
     >>> from pysindy_nrf import datasets, io
     >>> record = datasets.load_demo()
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     back = io.read_record(io.write_record(record, pathlib.Path(folder, "test.csv")))
+    ...     back = io.read_record(
+    ...         io.write_record(record, pathlib.Path(folder, "test.csv"))
+    ...     )
     >>> bool((back.acceleration == record.acceleration).all())
     True
     """
@@ -57,7 +62,9 @@ def write_record(record: Record, path: Any) -> Path:
     return path
 
 
-def _write_csv(path: Path, columns: dict[str, np.ndarray], attributes: Attributes) -> None:
+def _write_csv(
+    path: Path, columns: dict[str, np.ndarray], attributes: Attributes
+) -> None:
     with atomic_write(path) as file:
         file.write(f"# {attributes.to_json()}\n")
         # the second line is for human readers; names are read from the first
@@ -66,16 +73,27 @@ def _write_csv(path: Path, columns: dict[str, np.ndarray], attributes: Attribute
         frame.to_csv(file, index=False, header=False, na_rep="nan", lineterminator="\n")
 
 
-def _write_parquet(path: Path, columns: dict[str, np.ndarray], attributes: Attributes | None = None) -> None:
+def _write_parquet(
+    path: Path, columns: dict[str, np.ndarray], attributes: Attributes | None = None
+) -> None:
     pyarrow: Any = require("pyarrow", "files", "Writing Parquet files")
     parquet: Any = require("pyarrow.parquet", "files", "Writing Parquet files")
     try:
         # from_pandas=False: NaN is kept and not turned into a missing value
-        table = pyarrow.table({name: pyarrow.array(line, from_pandas=False) for name, line in columns.items()})
+        table = pyarrow.table(
+            {
+                name: pyarrow.array(line, from_pandas=False)
+                for name, line in columns.items()
+            }
+        )
     except (pyarrow.ArrowException, UnicodeError) as error:
-        raise ChannelError(f"{path}: a column cannot be written: {error}", "Rename it.") from error
+        raise ChannelError(
+            f"{path}: a column cannot be written: {error}", "Rename it."
+        ) from error
     if attributes is not None:
-        table = table.replace_schema_metadata({ATTRIBUTES_KEY: attributes.to_json().encode()})
+        table = table.replace_schema_metadata(
+            {ATTRIBUTES_KEY: attributes.to_json().encode()}
+        )
     with atomic_write(path, "wb") as file:
         parquet.write_table(table, file)
 
@@ -106,9 +124,16 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     >>> import pathlib, tempfile
     >>> import pandas as pd
     >>> from pysindy_nrf.data.io import write_table
-    >>> table = pd.DataFrame({"mass": [12.03, 10.03]}, index=pd.Index(["m1", "m2"], name="parameter"))
+    >>> table = pd.DataFrame(
+    ...     {"mass": [12.03, 10.03]},
+    ...     index=pd.Index(["m1", "m2"], name="parameter"),
+    ... )
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     print(write_table(table, pathlib.Path(folder, "masses.csv")).read_text())
+    ...     print(
+    ...         write_table(
+    ...             table, pathlib.Path(folder, "masses.csv")
+    ...         ).read_text()
+    ...     )
     parameter,mass
     m1,12.03
     m2,10.03
@@ -118,14 +143,19 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     flat = table.reset_index() if table.index.name else table
     if suffix == ".csv":
         with atomic_write(path) as file:
-            flat.map(_no_formula).rename(columns=_no_formula).to_csv(file, index=False, lineterminator="\n")
+            flat.map(_no_formula).rename(columns=_no_formula).to_csv(
+                file, index=False, lineterminator="\n"
+            )
     else:
-        _write_parquet(path, {str(name): flat[name].to_numpy() for name in flat.columns})
+        _write_parquet(
+            path, {str(name): flat[name].to_numpy() for name in flat.columns}
+        )
     return path
 
 
 def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
-    """Write the restoring forces that a model reconstructs along a record, one column for each site.
+    """Write the restoring forces that a model reconstructs along a record, one column
+    for each site.
 
     Parameters
     ----------
@@ -133,8 +163,9 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     data : Record
         One record; its channels are fused into one motion.
     path : path-like
-        ``.uff`` or ``.unv`` (UFF 58: node = upper DOF, reference node = lower DOF, reaction force, N),
-        ``.parquet`` or ``.csv`` (column ``t`` in s and one for each site, N).
+        ``.uff`` or ``.unv`` (UFF 58: node = upper DOF, reference node = lower DOF,
+        reaction force, N), ``.parquet`` or ``.csv`` (column ``t`` in s and one for each
+        site, N).
     **options
         As for :meth:`ChainModel.predict`.
 
@@ -150,7 +181,11 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     >>> import pathlib, tempfile
     >>> from pysindy_nrf import datasets, io
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = io.write_forces(datasets.demo_truth(), datasets.load_demo(), pathlib.Path(folder, "forces.csv"))
+    ...     path = io.write_forces(
+    ...         datasets.demo_truth(),
+    ...         datasets.load_demo(),
+    ...         pathlib.Path(folder, "forces.csv"),
+    ...     )
     ...     list(io.read_table(path).variables)
     ['t', 'storey 1', 'storey 2', 'storey 3']
     """
@@ -159,7 +194,9 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     model = getattr(model, "model_", model)
     segments = model.segments(data, **options)
     if len(segments.segments) != 1:
-        raise FileFormatError("Forces are written one record at a time", "Pass one record.")
+        raise FileFormatError(
+            "Forces are written one record at a time", "Pass one record."
+        )
     segment = segments.segments[0]
     dt = segment.dt or 1.0
     sites = {site: i for i, (site, laws) in enumerate(model.laws.items()) if laws}
@@ -168,16 +205,25 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
         sets = []
         for line, site in zip(forces.T, sites):
             texts = [f"restoring force of {site}, N", segment.name]
-            sets.append(history(line, 1.0 / dt, 0.0, texts, _REACTION, site.p, max(site.q, 0), "N"))
+            sets.append(
+                history(
+                    line, 1.0 / dt, 0.0, texts, _REACTION, site.p, max(site.q, 0), "N"
+                )
+            )
         write_sets(path, sets)
         return path
-    columns = {"t": np.arange(len(forces)) * dt, **{str(s): line for s, line in zip(sites, forces.T)}}
+    columns = {
+        "t": np.arange(len(forces)) * dt,
+        **{str(s): line for s, line in zip(sites, forces.T)},
+    }
     return write_table(pd.DataFrame(columns), path)
 
 
 def _suffix(path: Path, known: tuple[str, ...]) -> str:
     suffix = path.suffix.lower()
     if suffix not in known:
-        raise FileFormatError(f"{path} has the type {suffix or '(none)'}, which is not written here",
-                              f"Choose one of {', '.join(known)}.")  # fmt: skip
+        raise FileFormatError(
+            f"{path} has the type {suffix or '(none)'}, which is not written here",
+            f"Choose one of {', '.join(known)}.",
+        )
     return suffix

@@ -1,4 +1,6 @@
-"""Accumulated sums of one pass over chunks: Gram matrices of blocks, channel ranges and sample windows; sums add."""
+"""Accumulated sums of one pass over chunks: Gram matrices of blocks, channel ranges and
+sample windows; sums add.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from ..problem import LEAST_SQUARES, Problem, law_list
 from .sources import Chunk, seconds_since
 
 Key = tuple[int, int]  # number of the chunk, number of the piece in it
-Key3 = tuple[int, int, int]  # with the number of the block, or of the first sample, in the piece
+Key3 = tuple[
+    int, int, int
+]  # with the number of the block, or of the first sample, in the piece
 LINES = ("a", "v", "s", "F", "t", "ag")
 N_BLOCKS = 64  # kept at least; at most twice as many
 N_WINDOWS = 64  # at most
@@ -31,7 +35,9 @@ _WINDOW_BYTES = 2**24  # of all windows together
 
 @dataclass
 class Run:
-    """Consecutive pieces of one record; NaN edges and unknown forces are checked record by record."""
+    """Consecutive pieces of one record; NaN edges and unknown forces are checked record
+    by record.
+    """
 
     name: str
     first: Key  # keys of the first and the last piece
@@ -47,23 +53,44 @@ class Run:
     def follows(self, other: Run) -> bool:
         """True if it continues where another run stopped."""
         touching = self.first[0] == other.last[0] + 1 and self.first[1] == 0
-        return touching and not self.starts and not other.ends and self.name == other.name
+        return (
+            touching and not self.starts and not other.ends and self.name == other.name
+        )
 
     def join(self, other: Run) -> Run:
         """This run and the one that follows it."""
         if not (self.empty or other.empty):
             if self.tail or other.head:
-                cure = "Split the record there, or fill the gap; only leading and trailing NaN rows are masked."
-                raise ChannelError(f"Record {self.name!r} holds NaN about row {self.rows}, between finite rows", cure)
+                cure = (
+                    "Split the record there, or fill the gap; only leading and trailing"
+                    " NaN rows are masked."
+                )
+                raise ChannelError(
+                    f"Record {self.name!r} holds NaN about row {self.rows}, between"
+                    " finite rows",
+                    cure,
+                )
             if self.unknown != other.unknown:
                 j = min(set(self.unknown) ^ set(other.unknown))
-                what = f"F{j} of record {self.name!r} is NaN on one side of row {self.rows} and known on the other"
-                raise ChannelError(what, "Split the record there (a column record=), or fill the gap.")
+                what = (
+                    f"F{j} of record {self.name!r} is NaN on one side of row"
+                    f" {self.rows} and known on the other"
+                )
+                raise ChannelError(
+                    what, "Split the record there (a column record=), or fill the gap."
+                )
         return Run(
-            self.name, self.first, other.last, self.starts, other.ends,
-            self.empty or self.head, other.empty or other.tail, self.empty and other.empty,
-            other.unknown if self.empty else self.unknown, self.rows + other.rows,
-        )  # fmt: skip
+            self.name,
+            self.first,
+            other.last,
+            self.starts,
+            other.ends,
+            self.empty or self.head,
+            other.empty or other.tail,
+            self.empty and other.empty,
+            other.unknown if self.empty else self.unknown,
+            self.rows + other.rows,
+        )
 
 
 def joined(runs: Iterable[Run]) -> list[Run]:
@@ -88,7 +115,11 @@ def is_empty(x: Any) -> bool:
     if hasattr(x, "to_numpy"):
         x = x.to_numpy()
     x = np.asarray(x)
-    if x.dtype.kind != "f" or not len(x) or not (np.isnan(x[0]).any() and np.isnan(x[-1]).any()):
+    if (
+        x.dtype.kind != "f"
+        or not len(x)
+        or not (np.isnan(x[0]).any() and np.isnan(x[-1]).any())
+    ):
         return False
     return bool(np.isnan(x).any(axis=1).all())
 
@@ -103,7 +134,9 @@ class BlockEntry:
 
 
 class Model:
-    """Chain, laws, columns and the balances to accumulate, from the parameters of an estimator."""
+    """Chain, laws, columns and the balances to accumulate, from the parameters of an
+    estimator.
+    """
 
     def __init__(self, estimator: Any, n_dof: int) -> None:
         self.problem: Problem = estimator.problem(n_dof)
@@ -113,7 +146,11 @@ class Model:
         n = self.chain.n_dof
         singles = [(j,) for j in range(1, n + 1)]
         # for base excitation, see plan_solve_order
-        sums = [tuple(range(i, n + 1)) for i in range(1, n) if all(j in self.known_masses for j in range(i, n + 1))]
+        sums = [
+            tuple(range(i, n + 1))
+            for i in range(1, n)
+            if all(j in self.known_masses for j in range(i, n + 1))
+        ]
         self.groups: list[Group] = [self.layout.group(dofs) for dofs in singles + sums]
 
 
@@ -121,7 +158,9 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
     """Raise a ChainError for settings that need whole records in memory."""
     cure = "Give Records, or arrays that fit in memory."
     if estimator.estimation not in LEAST_SQUARES:
-        raise ChainError(f"estimation={estimator.estimation!r} needs whole records", cure)
+        raise ChainError(
+            f"estimation={estimator.estimation!r} needs whole records", cure
+        )
     if estimator.band is not None:
         what = "band= filters whole records and cannot be applied to pieces of them"
         raise ChainError(what, f"Filter them before. {cure}")
@@ -129,8 +168,8 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
         for law in held:
             if law.free_shape:
                 raise ChainError(
-                    f"{site}: {type(law).__name__} has no value for {law.free_shape[0]}; its estimation needs many "
-                    "passes",
+                    f"{site}: {type(law).__name__} has no value for"
+                    f" {law.free_shape[0]}; its estimation needs many passes",
                     "Estimate it on one record, then give the value.",
                 )
 
@@ -138,21 +177,33 @@ def require_streamable(estimator: Any, layout: LawLayout) -> None:
 class Accumulator:
     """One pass over chunks; accumulators of different chunks of the same data add."""
 
-    def __init__(self, estimator: Any, kind: str = "gram", n_samples: int | None = None) -> None:
+    def __init__(
+        self, estimator: Any, kind: str = "gram", n_samples: int | None = None
+    ) -> None:
         self.estimator, self.kind = estimator, kind
-        self.block_rows = 64 if n_samples is None else max(64, -(-n_samples // N_BLOCKS))
+        self.block_rows = (
+            64 if n_samples is None else max(64, -(-n_samples // N_BLOCKS))
+        )
         self.model: Model | None = None
         self.blocks: list[BlockEntry] = []  # in the order of time after close()
         self.runs: list[Run] = []
-        self.windows: list[tuple[Key3, Segment]] = []  # some raw samples, evenly spread, for diagnosis
+        self.windows: list[
+            tuple[Key3, Segment]
+        ] = []  # some raw samples, evenly spread, for diagnosis
         self.window_every, self._offered = 1, 0
         self.extent: Extent | None = None  # of all channels a, v, s, F
         self.n_samples = 0  # NaN edges included
         self.origin: Any = None  # of time
-        self.settings: dict[str, str] = {}  # of the estimator, between calls of partial_fit
-        self._open: tuple[Key3, str, GramPass] | None = None  # key, record and sums of the last block
+        self.settings: dict[
+            str, str
+        ] = {}  # of the estimator, between calls of partial_fit
+        self._open: tuple[Key3, str, GramPass] | None = (
+            None  # key, record and sums of the last block
+        )
         self._pass: GramPass | None = None  # its plan of products is that of all blocks
-        self._carry: dict[str, Any] | None = None  # end of the last run: states, last sample, its time
+        self._carry: dict[str, Any] | None = (
+            None  # end of the last run: states, last sample, its time
+        )
 
     def add(self, chunk: Chunk, number: int) -> None:
         """Add the chunk of this number."""
@@ -164,17 +215,41 @@ class Accumulator:
     def _add(self, key: Key, chunk: Chunk, ends: bool) -> int:
         """Add samples of one record and return the number of the next piece."""
         if is_empty(chunk.X):
-            _append(self.runs, Run(chunk.record, key, key, chunk.first, ends, True, True, True, (), chunk.n_samples))
+            _append(
+                self.runs,
+                Run(
+                    chunk.record,
+                    key,
+                    key,
+                    chunk.first,
+                    ends,
+                    True,
+                    True,
+                    True,
+                    (),
+                    chunk.n_samples,
+                ),
+            )
             return key[1] + 1
         segments = self._segments(chunk)
         for i, segment in enumerate(segments):  # more than one where the clock has gaps
             here, size, inside = (key[0], key[1] + i), segment.n_samples, segment.valid
-            unknown = tuple(j + 1 for j in range(segment.n_dof) if np.isnan(segment.F[inside.start, j]))
+            unknown = tuple(
+                j + 1
+                for j in range(segment.n_dof)
+                if np.isnan(segment.F[inside.start, j])
+            )
             trimmed = inside.start > 0, inside.stop < size
             starts, stops = chunk.first or i > 0, ends or i < len(segments) - 1
-            run = Run(chunk.record, here, here, starts, stops, *trimmed, False, unknown, size)
+            run = Run(
+                chunk.record, here, here, starts, stops, *trimmed, False, unknown, size
+            )
             goes_on = _append(self.runs, run)
-            self.extent = segment.extent if self.extent is None else self.extent.merge(segment.extent)
+            self.extent = (
+                segment.extent
+                if self.extent is None
+                else self.extent.merge(segment.extent)
+            )
             self._accumulate(segment, here, goes_on)
             self._offer_windows(here, segment)
         return key[1] + len(segments)
@@ -187,12 +262,17 @@ class Accumulator:
                 self.origin = time[0]
             time = seconds_since(time, self.origin)
         data = from_arrays(
-            chunk.X, chunk.F, time=time, base_acceleration=chunk.base_acceleration, covariates=chunk.covariates,
-            coordinates=chunk.coordinates or self.estimator.coordinates, dt=self.estimator.dt,
+            chunk.X,
+            chunk.F,
+            time=time,
+            base_acceleration=chunk.base_acceleration,
+            covariates=chunk.covariates,
+            coordinates=chunk.coordinates or self.estimator.coordinates,
+            dt=self.estimator.dt,
             n_dof=None if model is None else model.chain.n_dof,
             has_memory=any(law.has_memory for law in law_list(self.estimator.laws)),
             every_row=True,  # a piece may go on in the next chunk
-        )  # fmt: skip
+        )
         if model is None:
             self.model = Model(self.estimator, data.n_dof)
         for segment in data.segments:
@@ -204,11 +284,16 @@ class Accumulator:
         carry = self._carry if goes_on else None
         end = 0.0
         if segment.t is not None:
-            if carry is not None and self.origin is None:  # dt counts from the start of each chunk
+            if (
+                carry is not None and self.origin is None
+            ):  # dt counts from the start of each chunk
                 segment.t = segment.t + (carry["end"] + self.estimator.dt)
             end = float(segment.t[-1])
             if carry is not None and segment.t[0] <= carry["end"]:
-                what = f"The time of record {segment.name!r} does not increase from one piece to the next"
+                what = (
+                    f"The time of record {segment.name!r} does not increase from one"
+                    " piece to the next"
+                )
                 raise ChannelError(what, "Give the pieces in order.")
         states: dict = {}
         if layout.has_memory and carry is not None:
@@ -232,11 +317,15 @@ class Accumulator:
         """Running sums of an empty block, or of one that continues a total."""
         model = self.require_model()
         if self._pass is None:
-            self._pass = GramPass(model.layout, model.groups, model.known_masses, self.kind)
+            self._pass = GramPass(
+                model.layout, model.groups, model.known_masses, self.kind
+            )
         return self._pass.empty(before)
 
     def _shut(self) -> None:
-        """Close the block being filled; if there are many blocks, neighbours are merged."""
+        """Close the block being filled; if there are many blocks, neighbours are
+        merged.
+        """
         if self._open is not None:
             self.blocks.append(self.open_entry())
             self._open = None
@@ -260,10 +349,14 @@ class Accumulator:
         size = int(np.clip(_WINDOW_BYTES // (N_WINDOWS * 32 * n), 64, 1024))
         inside = segment.valid
         # one window in each stretch of eight: enough to choose from, little to copy
-        for start in range(inside.start, max(inside.stop - size // 2, inside.start + 1), 8 * size):
+        for start in range(
+            inside.start, max(inside.stop - size // 2, inside.start + 1), 8 * size
+        ):
             if self._offered % self.window_every == 0:
                 stop = min(start + size, inside.stop)
-                self.windows.append(((*key, start - inside.start), _copied(segment, start, stop)))
+                self.windows.append(
+                    ((*key, start - inside.start), _copied(segment, start, stop))
+                )
                 if len(self.windows) > N_WINDOWS:
                     self.windows = self.windows[::2]
                     self.window_every *= 2
@@ -272,7 +365,11 @@ class Accumulator:
     def copy(self) -> Accumulator:
         """A copy to which records can be added; this one does not change."""
         out = copy(self)
-        out.blocks, out.runs, out.windows = list(self.blocks), list(self.runs), list(self.windows)
+        out.blocks, out.runs, out.windows = (
+            list(self.blocks),
+            list(self.runs),
+            list(self.windows),
+        )
         out._shut()  # what follows is another record
         return out
 
@@ -290,7 +387,10 @@ class Accumulator:
                     setattr(self, name, value)
         elif self.model is not None and other.model is not None:
             if self.model.chain.n_dof != other.model.chain.n_dof:
-                what = f"One part of the data has {self.model.chain.n_dof} DOFs, another {other.model.chain.n_dof}"
+                what = (
+                    f"One part of the data has {self.model.chain.n_dof} DOFs, another"
+                    f" {other.model.chain.n_dof}"
+                )
                 raise ChannelError(what, "Give records of one chain.")
             self.blocks = sorted([*self.blocks, *other.blocks], key=lambda b: b.key)
             while len(self.blocks) > 2 * N_BLOCKS:
@@ -299,15 +399,23 @@ class Accumulator:
             while len(self.windows) > N_WINDOWS:
                 self.windows = self.windows[::2]
             if other.extent is not None:
-                self.extent = other.extent if self.extent is None else self.extent.merge(other.extent)
+                self.extent = (
+                    other.extent
+                    if self.extent is None
+                    else self.extent.merge(other.extent)
+                )
         self.runs = joined([*self.runs, *other.runs])
         self.n_samples += other.n_samples
         return self
 
     def require_model(self) -> Model:
-        """The model, known from the first sample on; before, a ChannelError is raised."""
+        """The model, known from the first sample on; before, a ChannelError is
+        raised.
+        """
         if self.model is None:
-            raise ChannelError("There are no samples", "The source is empty, or holds only NaN.")
+            raise ChannelError(
+                "There are no samples", "The source is empty, or holds only NaN."
+            )
         return self.model
 
     def grams(self) -> BlockGrams:
@@ -315,14 +423,20 @@ class Accumulator:
         entries = self.entries
         if not entries:
             raise NRFError("There are no samples", "Check the source.")
-        names = {name: i for i, name in enumerate(dict.fromkeys(e.record for e in entries))}
-        return BlockGrams.stack([e.grams for e in entries], [names[e.record] for e in entries])
+        names = {
+            name: i for i, name in enumerate(dict.fromkeys(e.record for e in entries))
+        }
+        return BlockGrams.stack(
+            [e.grams for e in entries], [names[e.record] for e in entries]
+        )
 
     @property
     def forced(self) -> tuple[int, ...]:
         """DOFs forced somewhere."""
         n, extent = self.require_model().chain.n_dof, self.extent
-        return tuple(j + 1 for j in range(n) if extent is not None and extent.moves(3 * n + j))
+        return tuple(
+            j + 1 for j in range(n) if extent is not None and extent.moves(3 * n + j)
+        )
 
     @property
     def unknown(self) -> tuple[int, ...]:
@@ -337,7 +451,9 @@ class Accumulator:
         held = {g.dofs for g in model.groups}
         if any(g.dofs not in held for g in groups_of(model.layout, solve_order)):
             cure = "Give them as arrays that fit in memory."
-            raise NRFError("These data need sums of balances that were not accumulated", cure)
+            raise NRFError(
+                "These data need sums of balances that were not accumulated", cure
+            )
         return solve_order
 
 
@@ -362,12 +478,17 @@ def _paired(blocks: list[BlockEntry], across: bool) -> list[BlockEntry]:
 
 
 def _behind(last: Segment, segment: Segment) -> Segment:
-    """A segment with the sample before it in front; its own samples stay the valid ones."""
+    """A segment with the sample before it in front; its own samples stay the valid
+    ones.
+    """
     joint: dict[str, Any] = {}
     for k in LINES:
         pair = getattr(last, k), getattr(segment, k)
         joint[k] = None if pair[0] is None or pair[1] is None else np.concatenate(pair)
-    covariates = {k: np.concatenate([last.covariates[k], c]) for k, c in segment.covariates.items()}
+    covariates = {
+        k: np.concatenate([last.covariates[k], c])
+        for k, c in segment.covariates.items()
+    }
     valid = slice(segment.valid.start + 1, segment.valid.stop + 1)
     return replace(segment, **joint, covariates=covariates, valid=valid)
 
@@ -375,7 +496,17 @@ def _behind(last: Segment, segment: Segment) -> Segment:
 def _copied(segment: Segment, start: int, stop: int) -> Segment:
     """Some samples of a segment, copied."""
     rows, whole = slice(start, stop), slice(0, stop - start)
-    lines: dict[str, Any] = {k: np.array(getattr(segment, k)[rows], dtype=float) for k in ("a", "v", "s", "F")}
-    lines |= {k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows]) for k in ("t", "ag")}
-    covariates = {k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()}
-    return replace(segment, rows=whole, **lines, covariates=covariates, valid=whole, _extent=None)
+    lines: dict[str, Any] = {
+        k: np.array(getattr(segment, k)[rows], dtype=float)
+        for k in ("a", "v", "s", "F")
+    }
+    lines |= {
+        k: None if getattr(segment, k) is None else np.array(getattr(segment, k)[rows])
+        for k in ("t", "ag")
+    }
+    covariates = {
+        k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()
+    }
+    return replace(
+        segment, rows=whole, **lines, covariates=covariates, valid=whole, _extent=None
+    )

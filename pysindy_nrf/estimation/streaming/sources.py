@@ -1,4 +1,6 @@
-"""Sources of samples, read in chunks: NumPy files, Parquet, HDF5, lists of them, iterators of tables and records."""
+"""Sources of samples, read in chunks: NumPy files, Parquet, HDF5, lists of them,
+iterators of tables and records.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,8 @@ class Chunk:
     X: Any  # (n_samples, 3 n_dof); as for ``NRFRegressor.fit``
     F: Any = None  # (n_samples, n_dof); N
     record: str = "record"  # name of the record, if there are no record ids
-    first: bool = True  # true if a record starts with it; otherwise it continues the chunk before it
+    # true if a record starts with it; otherwise it continues the chunk before it
+    first: bool = True
     ids: np.ndarray | None = None  # (n_samples,); record ids
     time: np.ndarray | None = None  # (n_samples,); s
     base_acceleration: np.ndarray | None = None  # (n_samples,); m/s^2
@@ -50,35 +53,61 @@ class Chunk:
         pieces = by_record(self.ids, self.n_samples)
         return [
             Chunk(
-                cut(self.X, rows), cut(self.F, rows), name, self.first or i > 0, None, cut(self.time, rows),
-                cut(self.base_acceleration, rows), {k: c[rows] for k, c in self.covariates.items()}, self.coordinates,
+                cut(self.X, rows),
+                cut(self.F, rows),
+                name,
+                self.first or i > 0,
+                None,
+                cut(self.time, rows),
+                cut(self.base_acceleration, rows),
+                {k: c[rows] for k, c in self.covariates.items()},
+                self.coordinates,
             )
             for i, (name, rows) in enumerate(pieces)
-        ]  # fmt: skip
+        ]
 
 
 def cut(value: Any, rows: slice) -> Any:
     """Rows of an array or a table; None for None."""
-    return value.iloc[rows] if hasattr(value, "iloc") else None if value is None else value[rows]
+    return (
+        value.iloc[rows]
+        if hasattr(value, "iloc")
+        else None
+        if value is None
+        else value[rows]
+    )
 
 
-_ADDED = 255  # 8-byte values in one sum of a hash: an odd number, or a change of sign of all of them would be lost
+# 8-byte values in one sum of a hash: an odd number, or a change of sign of all of them
+# would be lost
+_ADDED = 255
 
 
 def content(chunks: Iterable[Chunk], before: int = 0) -> int:
-    """Hash of the samples of chunks that follow others; of 8-byte values by wrapping sums, in a fifth of the time."""
+    """Hash of the samples of chunks that follow others; of 8-byte values by wrapping
+    sums, in a fifth of the time.
+    """
     for chunk in chunks:
         for name, values in {**vars(chunk), **chunk.covariates}.items():
             array = np.asarray(values)
             before = zlib.crc32(f"{name} {array.dtype} {array.shape}".encode(), before)
-            flat = (array.astype(str) if array.dtype.hasobject else array).ravel(order="K")
+            flat = (array.astype(str) if array.dtype.hasobject else array).ravel(
+                order="K"
+            )
             if flat.itemsize == 8:
-                flat = np.add.reduceat(flat.view(np.uint64), np.arange(0, flat.size, _ADDED))
+                flat = np.add.reduceat(
+                    flat.view(np.uint64), np.arange(0, flat.size, _ADDED)
+                )
             before = zlib.crc32(flat.view(np.uint8).data, before)
     return before
 
 
-def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "relative", first: bool = True) -> Chunk:
+def chunk_of(
+    item: Any,
+    covariates: Sequence[str] = (),
+    coordinates: str = "relative",
+    first: bool = True,
+) -> Chunk:
     """One item of an iterator as a chunk."""
     if isinstance(item, Chunk):
         return item
@@ -86,9 +115,16 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         x, force = item.to_features()
         ag = base_acceleration_if_any(item, x.attrs.get("band"))
         return Chunk(
-            x.to_numpy(), force.to_numpy(), item.name, True, None, np.asarray(item.time), ag, dict(item.covariates),
+            x.to_numpy(),
+            force.to_numpy(),
+            item.name,
+            True,
+            None,
+            np.asarray(item.time),
+            ag,
+            dict(item.covariates),
             "relative",
-        )  # fmt: skip
+        )
     if hasattr(item, "columns"):
         names = [str(c) for c in item.columns]
         n = n_dof_of(names, "The table")
@@ -101,19 +137,29 @@ def chunk_of(item: Any, covariates: Sequence[str] = (), coordinates: str = "rela
         return Chunk(item[0], item[1], first=first, time=table_time(item[0]))
     if isinstance(item, np.ndarray):
         return Chunk(item, first=first)
-    raise ChannelError(f"The iterator gave {type(item).__name__}", "It must give DataFrames, pairs (X, F) or Records.")
+    raise ChannelError(
+        f"The iterator gave {type(item).__name__}",
+        "It must give DataFrames, pairs (X, F) or Records.",
+    )
 
 
 def n_dof_of(columns: Sequence[str], where: Any) -> int:
     """DOFs of named columns: those of a1, a2, ..."""
     n = sum(1 for c in columns if c[:1] == "a" and c[1:].isdigit() and c != "a0")
     if not n:
-        raise ChannelError(f"{where} has no columns a1, a2, ...", f"Name them {', '.join(feature_names(2))}, F1, F2.")
+        raise ChannelError(
+            f"{where} has no columns a1, a2, ...",
+            f"Name them {', '.join(feature_names(2))}, F1, F2.",
+        )
     return n
 
 
 def wanted_columns(
-    columns: Sequence[str], n_dof: int, covariates: Sequence[str], coordinates: str, where: Any
+    columns: Sequence[str],
+    n_dof: int,
+    covariates: Sequence[str],
+    coordinates: str,
+    where: Any,
 ) -> list[str]:
     """The columns to read; an error names those that are missing."""
     needed = [*feature_names(n_dof, coordinates), *covariates]
@@ -123,26 +169,49 @@ def wanted_columns(
     if missing or (some and len(some) < n_dof):
         lost = (missing or [c for c in forces if c not in columns])[:6]
         cure = "A force known to be zero is a column of zeros, an unknown one of NaN."
-        raise ChannelError(f"{where} lacks the column{'s' if len(lost) > 1 else ''} {', '.join(lost)}", cure)
+        raise ChannelError(
+            f"{where} lacks the column{'s' if len(lost) > 1 else ''} {', '.join(lost)}",
+            cure,
+        )
     base = ("xdot0", "x0") if coordinates == "absolute" else ()
-    return [*needed, *some, *(c for c in (*base, "t", "time", "ag", "record") if c in columns)]
+    return [
+        *needed,
+        *some,
+        *(c for c in (*base, "t", "time", "ag", "record") if c in columns),
+    ]
 
 
 def chunk_of_columns(
-    values: Mapping[str, Any], n_dof: int, covariates: Sequence[str], record: str, first: bool, coordinates: str
+    values: Mapping[str, Any],
+    n_dof: int,
+    covariates: Sequence[str],
+    record: str,
+    first: bool,
+    coordinates: str,
 ) -> Chunk:
     """Named columns as a chunk."""
     import pandas as pd
 
     names = feature_names(n_dof, coordinates)
     if "xdot0" in values and "x0" in values and coordinates == "absolute":
-        X: Any = pd.DataFrame({c: values[c] for c in (*names, "xdot0", "x0")}, copy=False)
+        X: Any = pd.DataFrame(
+            {c: values[c] for c in (*names, "xdot0", "x0")}, copy=False
+        )
     else:
         X = _stacked([values[c] for c in names])
     forces = [f"F{j}" for j in range(1, n_dof + 1)]
     F = _stacked([values[c] for c in forces]) if forces[0] in values else None
     time = values.get("t", values.get("time"))
-    return Chunk(X, F, record, first, values.get("record"), time, values.get("ag"), {c: values[c] for c in covariates})
+    return Chunk(
+        X,
+        F,
+        record,
+        first,
+        values.get("record"),
+        time,
+        values.get("ag"),
+        {c: values[c] for c in covariates},
+    )
 
 
 def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:
@@ -153,22 +222,37 @@ def _stacked(columns: Sequence[np.ndarray]) -> np.ndarray:
 
 def chunk_of_arrays(rows: Mapping[str, Any], record: str, first: bool) -> Chunk:
     """Arrays X, F, record, time, base_acceleration and ``covariate ...`` as a chunk."""
-    extra = {k.removeprefix("covariate "): v for k, v in rows.items() if k.startswith("covariate ")}
+    extra = {
+        k.removeprefix("covariate "): v
+        for k, v in rows.items()
+        if k.startswith("covariate ")
+    }
     return Chunk(
-        rows["X"], rows.get("F"), record, first, rows.get("record"), rows.get("time"), rows.get("base_acceleration"),
+        rows["X"],
+        rows.get("F"),
+        record,
+        first,
+        rows.get("record"),
+        rows.get("time"),
+        rows.get("base_acceleration"),
         extra,
-    )  # fmt: skip
+    )
 
 
 def beside(**given: Any) -> dict[str, Any]:
     """The arrays that a user gave beside X, covariates by name."""
     covariates = given.pop("covariates", None)
-    given |= {f"covariate {k}": c for k, c in ({} if covariates is None else dict(covariates)).items()}
+    given |= {
+        f"covariate {k}": c
+        for k, c in ({} if covariates is None else dict(covariates)).items()
+    }
     return {k: v for k, v in given.items() if v is not None}
 
 
 def seconds_since(time: Any, origin: Any) -> np.ndarray:
-    """Times as seconds since an origin of the same kind; numbers are seconds already."""
+    """Times as seconds since an origin of the same kind; numbers are seconds
+    already.
+    """
     array = np.asarray(time)
     if array.dtype.kind in "mM":
         return (array - origin) / np.timedelta64(1, "ns") * 1e-9
@@ -183,7 +267,9 @@ class Source:
     paths: Sequence[Path] = ()  # files that are read
 
     def identity(self) -> list[Any]:
-        """Paths and sizes of the files, as JSON; what they hold is compared by :func:`content`."""
+        """Paths and sizes of the files, as JSON; what they hold is compared by
+        :func:`content`.
+        """
         return [[str(p.resolve()), p.stat().st_size] for p in self.paths]
 
     def chunks(self) -> Iterator[Chunk]:
@@ -203,7 +289,9 @@ def load_rows(value: Any, what: str) -> Any:
     path = Path(value)
     check_file(path, 2**62)
     if path.suffix.lower() != ".npy":
-        raise FileFormatError(f"{what}={str(path)!r} is not a .npy file", "Save it with numpy.save.")
+        raise FileFormatError(
+            f"{what}={str(path)!r} is not a .npy file", "Save it with numpy.save."
+        )
     try:
         return np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
@@ -222,32 +310,46 @@ class ArraySource(FileSource):
 
     def __init__(self, X: Any, chunk_samples: int | None = None, **given: Any) -> None:
         given = {"X": X, **beside(**given)}
-        self.paths = [Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))]
+        self.paths = [
+            Path(v) for v in given.values() if isinstance(v, (str, os.PathLike))
+        ]
         self.arrays = {k: load_rows(v, k) for k, v in given.items()}
         x = self.arrays["X"]
         if getattr(x, "ndim", 0) != 2 or not x.shape[1] or x.shape[1] % 3:
             cure = f"Its columns are {', '.join(feature_names(2))} for two DOFs."
-            raise ChannelError(f"X has the shape {np.shape(x)}, (n_samples, 3 n_dof) is needed", cure)
+            raise ChannelError(
+                f"X has the shape {np.shape(x)}, (n_samples, 3 n_dof) is needed", cure
+            )
         self.n_samples = len(x)
         for name, values in self.arrays.items():
             if len(values) != self.n_samples:
                 cure = "Cut both to the same clock."
-                raise ChannelError(f"{name} has {len(values)} samples, X has {self.n_samples}", cure)
+                raise ChannelError(
+                    f"{name} has {len(values)} samples, X has {self.n_samples}", cure
+                )
         self.rows = samples_in_chunk(x.shape[1] // 3, chunk_samples)
 
     def chunks(self) -> Iterator[Chunk]:
         """Slices of the arrays."""
         name = self.paths[0].stem if self.paths else "record"
         for low in range(0, self.n_samples, self.rows):
-            rows = {k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()}
+            rows = {
+                k: np.asarray(v[low : low + self.rows]) for k, v in self.arrays.items()
+            }
             yield chunk_of_arrays(rows, name, low == 0)
 
 
 class TableSource(FileSource):
-    """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates if present."""
+    """Columns by name: a1.., v1.., s1.., F1.., and t, ag, record or covariates if
+    present.
+    """
 
     def __init__(
-        self, path: Any, covariates: Sequence[str] = (), coordinates: str = "relative", chunk_samples: int | None = None
+        self,
+        path: Any,
+        covariates: Sequence[str] = (),
+        coordinates: str = "relative",
+        chunk_samples: int | None = None,
     ) -> None:
         self.path = Path(path)
         self.paths = [self.path]
@@ -262,11 +364,15 @@ class TableSource(FileSource):
 
     def wanted(self) -> list[str]:
         """Columns to read."""
-        return wanted_columns(self.columns, self.n_dof, self.covariates, self.coordinates, self.path)
+        return wanted_columns(
+            self.columns, self.n_dof, self.covariates, self.coordinates, self.path
+        )
 
     def chunk(self, values: Mapping[str, Any], first: bool) -> Chunk:
         """Named columns as a chunk."""
-        return chunk_of_columns(values, self.n_dof, self.covariates, self.path.stem, first, self.coordinates)
+        return chunk_of_columns(
+            values, self.n_dof, self.covariates, self.path.stem, first, self.coordinates
+        )
 
 
 class ParquetSource(TableSource):
@@ -274,36 +380,57 @@ class ParquetSource(TableSource):
 
     def _open(self) -> list[str]:
         self._parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
-        with reading_as(self.path, "Parquet"), self._parquet.ParquetFile(self.path) as file:
+        with (
+            reading_as(self.path, "Parquet"),
+            self._parquet.ParquetFile(self.path) as file,
+        ):
             self.n_samples = file.metadata.num_rows
             return list(file.schema_arrow.names)
 
     def chunks(self) -> Iterator[Chunk]:
         """Batches of rows, across the file's own groups of rows."""
         wanted = self.wanted()
-        with reading_as(self.path, "Parquet"), self._parquet.ParquetFile(self.path) as file:
-            for i, batch in enumerate(file.iter_batches(self.rows, columns=wanted, use_threads=False)):
-                values = {name: batch.column(name).to_numpy(zero_copy_only=False) for name in wanted}
+        with (
+            reading_as(self.path, "Parquet"),
+            self._parquet.ParquetFile(self.path) as file,
+        ):
+            for i, batch in enumerate(
+                file.iter_batches(self.rows, columns=wanted, use_threads=False)
+            ):
+                values = {
+                    name: batch.column(name).to_numpy(zero_copy_only=False)
+                    for name in wanted
+                }
                 yield self.chunk(values, i == 0)
 
 
 class HDF5Source(TableSource):
-    """Data sets of an HDF5 file: ``X`` and ``F``; ``a``, ``v``, ``s``, ``F``; or one for each column."""
+    """Data sets of an HDF5 file: ``X`` and ``F``; ``a``, ``v``, ``s``, ``F``; or one
+    for each column.
+    """
 
     def _open(self) -> list[str]:
         self._h5py = require("h5py", "files", "Reading HDF5 files")
         with reading_as(self.path, "HDF5"), self._h5py.File(self.path, "r") as file:
-            sets = {k: v for k, v in data_sets(self._h5py, file).items() if "/" not in k}
+            sets = {
+                k: v for k, v in data_sets(self._h5py, file).items() if "/" not in k
+            }
             for name, held in sets.items():
                 require_own(self.path, name, held)
             lengths = {len(v) for v in sets.values() if v.ndim and len(v) > 1}
             if len(lengths) != 1:
                 cure = "Give all of them one clock."
-                raise ChannelError(f"The data sets of {self.path} have {sorted(lengths)} samples", cure)
+                raise ChannelError(
+                    f"The data sets of {self.path} have {sorted(lengths)} samples", cure
+                )
             self.n_samples = lengths.pop()
-            rate, drift = ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
+            rate, drift = (
+                ("v", "s") if self.coordinates == "relative" else ("xdot", "x")
+            )
             self._spread: dict[str, list[str]] = {}
-            for name, width in ((k, v.shape[1]) for k, v in sets.items() if v.ndim == 2):
+            for name, width in (
+                (k, v.shape[1]) for k, v in sets.items() if v.ndim == 2
+            ):
                 if name == "X" and width % 3 == 0:
                     self._spread[name] = feature_names(width // 3, self.coordinates)
                 elif name in ("a", rate, drift, "F"):
@@ -332,9 +459,17 @@ class ListSource(Source):
     def __init__(self, parts: Sequence[Source]) -> None:
         self.parts = [p for p in parts if isinstance(p, FileSource)]
         if len(self.parts) < len(parts):
-            cure = "Give a list of paths without lists in it, or one iterator that yields all the pieces."
-            raise ChannelError("A list of sources holds something that is not a file", cure)
-        self.n_samples, self.paths = sum(p.n_samples for p in self.parts), [q for p in self.parts for q in p.paths]
+            cure = (
+                "Give a list of paths without lists in it, or one iterator that yields"
+                " all the pieces."
+            )
+            raise ChannelError(
+                "A list of sources holds something that is not a file", cure
+            )
+        self.n_samples, self.paths = (
+            sum(p.n_samples for p in self.parts),
+            [q for p in self.parts for q in p.paths],
+        )
 
     def chunks(self) -> Iterator[Chunk]:
         """Chunks of the parts, each part its own record."""
@@ -347,8 +482,17 @@ class IteratorSource(Source):
 
     again = False
 
-    def __init__(self, items: Iterable[Any], covariates: Sequence[str] = (), coordinates: str = "relative") -> None:
-        self.items, self.covariates, self.coordinates = items, tuple(covariates), coordinates
+    def __init__(
+        self,
+        items: Iterable[Any],
+        covariates: Sequence[str] = (),
+        coordinates: str = "relative",
+    ) -> None:
+        self.items, self.covariates, self.coordinates = (
+            items,
+            tuple(covariates),
+            coordinates,
+        )
 
     def chunks(self) -> Iterator[Chunk]:
         """Chunks in the order of the iterator."""
@@ -358,13 +502,23 @@ class IteratorSource(Source):
             first = isinstance(item, Record)
 
 
-_READERS = {".parquet": ParquetSource, ".pq": ParquetSource, ".h5": HDF5Source, ".hdf5": HDF5Source}
+_READERS = {
+    ".parquet": ParquetSource,
+    ".pq": ParquetSource,
+    ".h5": HDF5Source,
+    ".hdf5": HDF5Source,
+}
 
 
 def open_source(
-    X: Any, F: Any = None, *, coordinates: str = "relative", laws_read: Sequence[str] = (),
-    chunk_samples: int | None = None, **more: Any,
-) -> Source:  # fmt: skip
+    X: Any,
+    F: Any = None,
+    *,
+    coordinates: str = "relative",
+    laws_read: Sequence[str] = (),
+    chunk_samples: int | None = None,
+    **more: Any,
+) -> Source:
     """The source of the data that a user passes to ``fit``."""
     if isinstance(X, (str, os.PathLike)):
         suffix = Path(X).suffix.lower()
@@ -372,18 +526,27 @@ def open_source(
             return ArraySource(X, chunk_samples, F=F, **more)
         if suffix not in _READERS:
             raise FileFormatError(
-                f"{X} has the type {suffix or '(none)'}, which cannot be read in chunks",
-                f"Give .npy, {', '.join(_READERS)}; read a single record with io.read_record, or a long "
-                "text file as pandas.read_csv(path, chunksize=...).",
+                f"{X} has the type {suffix or '(none)'}, which cannot be read in"
+                " chunks",
+                f"Give .npy, {', '.join(_READERS)}; read a single record with"
+                " io.read_record, or a long text file as pandas.read_csv(path,"
+                " chunksize=...).",
             )
         refuse(beside(F=F, **more), "a table, whose columns hold them")
         return _READERS[suffix](X, tuple(laws_read), coordinates, chunk_samples)
     if isinstance(X, (list, tuple)):
         forces = F if isinstance(F, (list, tuple)) else [None] * len(X)
-        if F is not None and (not isinstance(F, (list, tuple)) or len(forces) != len(X)):
-            raise ChannelError(f"{len(X)} files of X need as many of F", "Give a list of paths of the same length.")
+        if F is not None and (
+            not isinstance(F, (list, tuple)) or len(forces) != len(X)
+        ):
+            raise ChannelError(
+                f"{len(X)} files of X need as many of F",
+                "Give a list of paths of the same length.",
+            )
         refuse(beside(**more), "a list of files")
-        options: Any = dict(coordinates=coordinates, laws_read=laws_read, chunk_samples=chunk_samples)
+        options: Any = dict(
+            coordinates=coordinates, laws_read=laws_read, chunk_samples=chunk_samples
+        )
         return ListSource([open_source(x, f, **options) for x, f in zip(X, forces)])
     refuse(beside(F=F, **more), "an iterator, whose items hold them")
     return IteratorSource(X, tuple(laws_read), coordinates)

@@ -1,4 +1,6 @@
-"""The command group, and what happens to errors: a sentence and an exit code, no traceback."""
+"""The command group, and what happens to errors: a sentence and an exit code, no
+traceback.
+"""
 
 import _thread
 import errno
@@ -32,30 +34,47 @@ class _Ordered(click.Group):
 @click.group(
     cls=_Ordered,
     commands=[
-        demo, inspect, run_test, identify, close_loop, select_order, forces, damage, compare, simulate, report, plan,
+        demo,
+        inspect,
+        run_test,
+        identify,
+        close_loop,
+        select_order,
+        forces,
+        damage,
+        compare,
+        simulate,
+        report,
+        plan,
         list_laws,
     ],
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110, "show_default": True},
-)  # fmt: skip
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 110,
+        "show_default": True,
+    },
+)
 @click.version_option(__version__, prog_name="pysindy-nrf")
 def cli() -> None:
-    """Masses and nonlinear restoring forces of chain-like structures from measured forces and motions.
+    """Masses and nonlinear restoring forces of chain-like structures from measured
+    forces and motions.
 
     \b
     Start with
         pysindy-nrf demo
-    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI units):
+    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI
+    units):
         pysindy-nrf inspect test.csv          (what does the file hold?)
         pysindy-nrf run test.csv              (masses, forces, what linear storeys lack; a verdict)
     and for more say in it
         pysindy-nrf identify test.csv
         pysindy-nrf close-loop test.csv
-    Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm, on each of them.
+    Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm,
+    on each of them.
 
-    \b
-    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 4 done, but the verdict is red, 1 anything
-    else, 130 stopped by Ctrl-C.
-    Results go to the output stream, progress and errors to the error stream.
+    \b Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 4 done,
+    but the verdict is red, 1 anything else, 130 stopped by Ctrl-C. Results go to the
+    output stream, progress and errors to the error stream.
     """
 
 
@@ -67,13 +86,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run the command line."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign shows its code
+        if hasattr(
+            stream, "reconfigure"
+        ):  # a terminal that cannot show a sign shows its code
             stream.reconfigure(errors="backslashreplace")
     try:
         given = None if arguments is None else list(arguments)
         with _heard():
             words = sys.argv[1:] if given is None else given
-            return cli.main(args=given, prog_name="pysindy-nrf", standalone_mode=False, obj=words) or 0
+            return (
+                cli.main(
+                    args=given,
+                    prog_name="pysindy-nrf",
+                    standalone_mode=False,
+                    obj=words,
+                )
+                or 0
+            )
     except click.ClickException as error:
         said = io.StringIO()
         error.show(said)
@@ -87,7 +116,11 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return _say("Stopped. No half-written file is left.", INTERRUPTED, "")
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        cure = " Make room there, or write elsewhere (-o)." if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        cure = (
+            " Make room there, or write elsewhere (-o)."
+            if error.errno in (errno.ENOSPC, errno.EDQUOT)
+            else ""
+        )
         return _say(f"{where}{error.strerror or error}.{cure}", OTHER)
     except RecursionError:
         return _say("A file or expression is nested too deeply.", OTHER)
@@ -108,7 +141,9 @@ def _interrupt() -> None:
 
 @contextmanager
 def _heard() -> Iterator[None]:
-    """Ctrl-C that falls into a callback of the compiler, which swallows it, comes again a moment later."""
+    """Ctrl-C that falls into a callback of the compiler, which swallows it, comes again
+    a moment later.
+    """
     before = sys.unraisablehook
 
     def hook(fault: Any) -> None:

@@ -1,4 +1,6 @@
-"""What the commands share: words before the work, results as words or JSON, warnings at the end, errors in words."""
+"""What the commands share: words before the work, results as words or JSON, warnings at
+the end, errors in words.
+"""
 
 import functools
 import itertools
@@ -31,13 +33,23 @@ class Session:
         self.as_json = as_json
         self.warnings: list[str] = []
         run = click.get_current_context()
-        place: Any = next((p.type for p in run.command.params if p.name == "output"), None)
-        inputs = run.meta.setdefault(_NAMED, [])  # what a mapping file names, and all paths among the options
+        place: Any = next(
+            (p.type for p in run.command.params if p.name == "output"), None
+        )
+        inputs = run.meta.setdefault(
+            _NAMED, []
+        )  # what a mapping file names, and all paths among the options
         for value in (value for name, value in run.params.items() if name != "output"):
-            inputs += [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, Path)]
+            inputs += [
+                one
+                for one in (value if isinstance(value, tuple) else (value,))
+                if isinstance(one, Path)
+            ]
         force = run.meta.get(_FORCE, False)
         # where the running command writes, if it has the option --output
-        self.results: Any = place and Results(run.params["output"], place.file_okay, inputs, force)
+        self.results: Any = place and Results(
+            run.params["output"], place.file_okay, inputs, force
+        )
 
     def say(self, *words: str) -> None:
         """Print words for people, each on lines of its own."""
@@ -54,14 +66,21 @@ class Session:
         say_if_compiling()
 
     def emit(self, data: dict[str, Any], files: Iterable[Path] = ()) -> None:
-        """Print plain data for machines: strict JSON, a number that does not exist as null."""
+        """Print plain data for machines: strict JSON, a number that does not exist as
+        null.
+        """
         if self.as_json:
-            data = data | {"warnings": data.get("warnings", self.warnings), "files": [str(p) for p in files]}
+            data = data | {
+                "warnings": data.get("warnings", self.warnings),
+                "files": [str(p) for p in files],
+            }
             click.echo(json.dumps(plain(data), indent=2, allow_nan=False))
 
     @contextmanager
     def listening(self, label: str = "working") -> Iterator[Callable[[], None]]:
-        """Keep the warnings of the work for :meth:`take_care`, and show that it goes on; see :func:`working`."""
+        """Keep the warnings of the work for :meth:`take_care`, and show that it goes
+        on; see :func:`working`.
+        """
         with warned() as messages, working(label) as tick:
             try:
                 yield tick
@@ -74,24 +93,39 @@ class Session:
             self.headed("Take care", paragraphs(self.warnings))
 
     def provenance(self) -> dict[str, Any]:
-        """What a model and its page say of the run: the command, and the files it read with their SHA-256."""
+        """What a model and its page say of the run: the command, and the files it read
+        with their SHA-256.
+        """
         words = click.get_current_context().obj or []
-        return {"command": shlex.join(["pysindy-nrf", *words]), "inputs": self.results.sources}
+        return {
+            "command": shlex.join(["pysindy-nrf", *words]),
+            "inputs": self.results.sources,
+        }
 
     @contextmanager
     def aside(self) -> Iterator[Path]:
-        """A folder for the results of the running command, moved into place when all are written; says the warnings."""
+        """A folder for the results of the running command, moved into place when all
+        are written; says the warnings.
+        """
         self.take_care()
         run = click.get_current_context()
-        about = {"command": run.info_name, "arguments": run.obj, "settings": plain(run.params)}
+        about = {
+            "command": run.info_name,
+            "arguments": run.obj,
+            "settings": plain(run.params),
+        }
         with working("writing"), self.results.aside(about) as folder:
             yield folder
 
     def finish(self, data: dict[str, Any], files: Sequence[Path]) -> None:
-        """Print the data for machines, or for people what was written and the page to open."""
+        """Print the data for machines, or for people what was written and the page to
+        open.
+        """
         files = [self.results.home / path.name for path in files]
         self.emit(data, files)
-        self.say(f"\nWritten to {self.results.home}: {', '.join(p.name for p in files)}")
+        self.say(
+            f"\nWritten to {self.results.home}: {', '.join(p.name for p in files)}"
+        )
         for path in files:
             if path.suffix == ".html":
                 self.say(f"Open {path} in a browser.")
@@ -99,7 +133,9 @@ class Session:
 
 @contextmanager
 def working(label: str) -> Iterator[Callable[[], None]]:
-    """A line on the error stream of a terminal: what goes on, and for how long; what it gives counts laws tried."""
+    """A line on the error stream of a terminal: what goes on, and for how long; what it
+    gives counts laws tried.
+    """
     from tqdm import tqdm
 
     bar = tqdm(bar_format="{desc}, {elapsed}", desc=label, disable=None, leave=False)
@@ -123,34 +159,63 @@ def working(label: str) -> Iterator[Callable[[], None]]:
 
 
 def say_if_compiling() -> None:
-    """Announce the first run, for which the numerical functions are compiled; numba is not loaded to find out."""
+    """Announce the first run, for which the numerical functions are compiled; numba is
+    not loaded to find out.
+    """
     kept = os.environ.get("NUMBA_CACHE_DIR")
-    places = [Path(kept)] if kept else [Path(__file__).parents[2], Path.home() / ".cache" / "numba"]
-    name = "chain" if click.get_current_context().info_name in ("run", "close-loop") else "gram_pass"
+    places = (
+        [Path(kept)]
+        if kept
+        else [Path(__file__).parents[2], Path.home() / ".cache" / "numba"]
+    )
+    name = (
+        "chain"
+        if click.get_current_context().info_name in ("run", "close-loop")
+        else "gram_pass"
+    )
     if not any(any(place.rglob(f"{name}-*.nbi")) for place in places):
         click.echo("compiling, once, about 10 s", err=True)
 
 
-_FORCE, _NAMED = "force", "named by the mapping file"  # what a run knows beside its options
+_FORCE, _NAMED = (
+    "force",
+    "named by the mapping file",
+)  # what a run knows beside its options
 
 
 @contextmanager
 def warned() -> Iterator[Callable[[], list[str]]]:
-    """Catch all warnings; the function returned gives those of the package so far, each once."""
+    """Catch all warnings; the function returned gives those of the package so far, each
+    once.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", NRFWarning)
-        yield lambda: list(dict.fromkeys(in_options(w.message) for w in caught if issubclass(w.category, NRFWarning)))
+        yield lambda: list(
+            dict.fromkeys(
+                in_options(w.message)
+                for w in caught
+                if issubclass(w.category, NRFWarning)
+            )
+        )
 
 
 # what messages call the arguments of the library, and the options that stand for them
 _OPTIONS = {
-    "known_masses={dof: kg}": "--known-mass DOF=KG", "known_masses=": "--known-mass",
-    "in known_masses": "by --known-mass", "(laws=)": "(--law)", "(close_loop)": "(close-loop)",
-    "band=(lo, hi)": "--band LO,HI", "(band=)": "(--band)",
-    "strategy=": "--strategy ", "estimation=": "--estimation ", "ive fs= in": "ive --fs in", "ive fs=": "ive --fs ",
-    "fs= (--fs, Hz)": "--fs (Hz)", "read_frf (--frf)": "--frf",
-}  # fmt: skip
+    "known_masses={dof: kg}": "--known-mass DOF=KG",
+    "known_masses=": "--known-mass",
+    "in known_masses": "by --known-mass",
+    "(laws=)": "(--law)",
+    "(close_loop)": "(close-loop)",
+    "band=(lo, hi)": "--band LO,HI",
+    "(band=)": "(--band)",
+    "strategy=": "--strategy ",
+    "estimation=": "--estimation ",
+    "ive fs= in": "ive --fs in",
+    "ive fs=": "ive --fs ",
+    "fs= (--fs, Hz)": "--fs (Hz)",
+    "read_frf (--frf)": "--frf",
+}
 
 
 def in_options(message: Any) -> str:
@@ -169,23 +234,44 @@ def heading(text: str) -> str:
 
 def table(frame: pd.DataFrame, digits: int = 4) -> str:
     """A table of numbers."""
-    return frame.to_string(float_format=lambda x: "-" if np.isnan(x) else f"{x:.{digits}g}")
+    return frame.to_string(
+        float_format=lambda x: "-" if np.isnan(x) else f"{x:.{digits}g}"
+    )
 
 
 def paragraphs(notes: Sequence[str], first: str = "  - ") -> str:
     """Warnings, one a paragraph, in lines that a terminal shows whole."""
-    how: dict[str, Any] = {"subsequent_indent": "    ", "break_long_words": False, "break_on_hyphens": False}
-    return "\n".join(textwrap.fill(note, 110, initial_indent=first, **how) for note in notes)
+    how: dict[str, Any] = {
+        "subsequent_indent": "    ",
+        "break_long_words": False,
+        "break_on_hyphens": False,
+    }
+    return "\n".join(
+        textwrap.fill(note, 110, initial_indent=first, **how) for note in notes
+    )
 
 
 def verdict_words(verdict: Any) -> str:
-    """A verdict with its reasons, in the words of the command line and in lines that a terminal shows whole."""
+    """A verdict with its reasons, in the words of the command line and in lines that a
+    terminal shows whole.
+    """
     said = paragraphs([in_options(verdict.sentence)], f"{verdict.state.upper()}: ")
-    return "\n".join([said, *([paragraphs([*map(in_options, verdict.reasons)])] if verdict.reasons else [])])
+    return "\n".join(
+        [
+            said,
+            *(
+                [paragraphs([*map(in_options, verdict.reasons)])]
+                if verdict.reasons
+                else []
+            ),
+        ]
+    )
 
 
 def printable(words: str) -> str:
-    """Words whose control characters (of a channel's or file's name) are shown, not obeyed by the terminal."""
+    """Words whose control characters (of a channel's or file's name) are shown, not
+    obeyed by the terminal.
+    """
     return "".join(c if c == "\n" or c.isprintable() else repr(c)[1:-1] for c in words)
 
 
@@ -207,7 +293,9 @@ def plain(data: Any) -> Any:
 
 
 class Text(click.ParamType):
-    """A text that ``read`` turns into a value; its ValueError becomes a usage error, in words of what is ``wanted``."""
+    """A text that ``read`` turns into a value; its ValueError becomes a usage error, in
+    words of what is ``wanted``.
+    """
 
     def __init__(self, name: str, read: Callable[[str], Any], wanted: str = "") -> None:
         self.name, self.read, self.wanted = name, read, wanted
@@ -219,14 +307,22 @@ class Text(click.ParamType):
         try:
             return self.read(value)
         except ValueError as error:
-            self.fail(f"{value!r} is not {self.wanted}" if self.wanted else str(error), param, ctx)
+            self.fail(
+                f"{value!r} is not {self.wanted}" if self.wanted else str(error),
+                param,
+                ctx,
+            )
 
 
 def _pair(form: str, read: Callable[[str], Any] = str) -> Text:
-    """A text ``KEY=VALUE``, split at the first ``=``, whose value ``read`` turns into what is wanted."""
+    """A text ``KEY=VALUE``, split at the first ``=``, whose value ``read`` turns into
+    what is wanted.
+    """
 
     def parts(text: str) -> tuple[str, Any]:
-        with suppress(UnicodeError):  # bytes of a terminal that is said to know only ASCII
+        with suppress(
+            UnicodeError
+        ):  # bytes of a terminal that is said to know only ASCII
             text = os.fsencode(text).decode("utf-8")
         key, sign, value = text.partition("=")
         if not sign or not key.strip() or not value.strip():
@@ -243,7 +339,9 @@ def _law_names(listed: str) -> list[str]:
     known, names = laws.registry(), [name.strip() for name in listed.split("+")]
     for name in names:
         if name not in known:
-            raise ValueError(f"there is no law {name!r}. Known are {', '.join(sorted(known))}.")
+            raise ValueError(
+                f"there is no law {name!r}. Known are {', '.join(sorted(known))}."
+            )
     return names
 
 
@@ -255,7 +353,10 @@ def _mass(text: str) -> tuple[int, float]:
 
 def _band(text: str) -> tuple[float | None, float | None]:
     """Two frequencies, Hz; ``none`` is an open end."""
-    low, high = (None if p.strip().lower() in ("none", "", "inf") else float(p) for p in text.split(","))
+    low, high = (
+        None if p.strip().lower() in ("none", "", "inf") else float(p)
+        for p in text.split(",")
+    )
     return low, high
 
 
@@ -271,7 +372,9 @@ def _range(text: str) -> list[int]:
     """Whole numbers: ``1-7``, or ``1,3,5``."""
     low, dash, high = text.partition("-")
     ends = _whole(f"{low},{high}") if dash else []
-    numbers = list(range(ends[0], ends[1] + 1)) if ends else [] if dash else _whole(text)
+    numbers = (
+        list(range(ends[0], ends[1] + 1)) if ends else [] if dash else _whole(text)
+    )
     if not numbers or min(numbers) < 0 or max(numbers) > 50:
         raise ValueError(f"{text!r} is not whole numbers up to 50, e.g. 1-7 or 1,3,5")
     return numbers
@@ -295,91 +398,165 @@ def once(ctx: Any, param: Any, pairs: Any) -> dict:
     return out
 
 
-FLOORS = Text("I,J,...", lambda text: [] if text.strip().lower() == "none" else _range(text))  # 1,3 or 1-4 or none
+FLOORS = Text(
+    "I,J,...", lambda text: [] if text.strip().lower() == "none" else _range(text)
+)  # 1,3 or 1-4 or none
 NUMBERS = Text(
-    "A,B,...", lambda text: [float(p) for p in text.split(",")], "numbers with commas between them, e.g. 0.001,0,0"
+    "A,B,...",
+    lambda text: [float(p) for p in text.split(",")],
+    "numbers with commas between them, e.g. 0.001,0,0",
 )
 RANGE = Text("A-B|A,B,...", _range)
 SITE = Text("SITE", lambda text: str(Site(text)))
 PATH = click.Path(path_type=Path)
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON instead of words."
+)
 
 
 def together(*options: Any) -> Callable[[Any], Any]:
     """Several options as one decorator, in the order in which help lists them."""
-    return lambda command: functools.reduce(lambda held, option: option(held), reversed(options), command)
+    return lambda command: functools.reduce(
+        lambda held, option: option(held), reversed(options), command
+    )
 
 
 def output(name: str | None, words: str, single: bool = False) -> Callable[[Any], Any]:
-    """The folder, or ``single`` file, of results, and whether they may replace files that no earlier run made."""
+    """The folder, or ``single`` file, of results, and whether they may replace files
+    that no earlier run made.
+    """
     kind = click.Path(path_type=Path, file_okay=single, dir_okay=not single)
     return together(
-        click.option("--output", "-o", type=kind, default=name and Path(name), help=words),
         click.option(
-            "--force", is_flag=True, expose_value=False, callback=lambda run, _, on: run.meta.update({_FORCE: on}),
-            is_eager=True, help="Write over files that no earlier run made, inputs included.",
+            "--output", "-o", type=kind, default=name and Path(name), help=words
         ),
-    )  # fmt: skip
+        click.option(
+            "--force",
+            is_flag=True,
+            expose_value=False,
+            callback=lambda run, _, on: run.meta.update({_FORCE: on}),
+            is_eager=True,
+            help="Write over files that no earlier run made, inputs included.",
+        ),
+    )
 
 
 _FOLDER = "Folder for the model, tables and figures"
-output_option, demo_option = output("nrf_output", f"{_FOLDER}."), output("nrf_demo", f"{_FOLDER}.")
-run_option = output(None, f"{_FOLDER}; nrf_runs/FILE, or the next that is free, if left out.")
+output_option, demo_option = (
+    output("nrf_output", f"{_FOLDER}."),
+    output("nrf_demo", f"{_FOLDER}."),
+)
+run_option = output(
+    None, f"{_FOLDER}; nrf_runs/FILE, or the next that is free, if left out."
+)
 
 
-def repeated(flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True) -> Any:
+def repeated(
+    flag: str, name: str, kind: click.ParamType, words: str, keyed: bool = True
+) -> Any:
     """An option that may be given several times; pairs become a mapping."""
-    return click.option(flag, name, multiple=True, type=kind, callback=once if keyed else None, help=words)
+    return click.option(
+        flag,
+        name,
+        multiple=True,
+        type=kind,
+        callback=once if keyed else None,
+        help=words,
+    )
 
 
-def choice(flag: str, values: Sequence[str], words: str, default: str | None = None) -> Any:
+def choice(
+    flag: str, values: Sequence[str], words: str, default: str | None = None
+) -> Any:
     """An option with one of some values."""
     return click.option(flag, type=click.Choice(values), default=default, help=words)
 
 
 mapping_option = click.option(
-    "--mapping", "mapping_file", type=PATH,
-    help="A TOML file that says all of this, and names the files: see docs/files.md. Options go before it.",
-)  # fmt: skip
+    "--mapping",
+    "mapping_file",
+    type=PATH,
+    help=(
+        "A TOML file that says all of this, and names the files: see docs/files.md."
+        " Options go before it."
+    ),
+)
 map_option = repeated(
-    "--map", "mapping", _pair("CHANNEL=COLUMN"),
-    'Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none", or "unknown" '
-    "for a force that acts and was not measured.",
-)  # fmt: skip
-unit_option = repeated("--unit", "units", _pair("CHANNEL=UNIT"), "Unit of a channel (x3=in) or kind (a=g, F=kN).")
-rate_option = click.option("--fs", type=float, help="Sampling rate in Hz, where the file has no time.")
+    "--map",
+    "mapping",
+    _pair("CHANNEL=COLUMN"),
+    'Which column is which channel: "name", "-name[:, 2] * 9.81", "name @ mm", "none",'
+    ' or "unknown" for a force that acts and was not measured.',
+)
+unit_option = repeated(
+    "--unit",
+    "units",
+    _pair("CHANNEL=UNIT"),
+    "Unit of a channel (x3=in) or kind (a=g, F=kN).",
+)
+rate_option = click.option(
+    "--fs", type=float, help="Sampling rate in Hz, where the file has no time."
+)
 coordinates_option = choice(
-    "--coordinates", ["relative", "absolute"],
-    "Whether velocities and displacements are relative to the base (what you get if nothing is said).",
-)  # fmt: skip
+    "--coordinates",
+    ["relative", "absolute"],
+    "Whether velocities and displacements are relative to the base (what you get if"
+    " nothing is said).",
+)
 law_option = repeated(
-    "--law", "laws", _pair("SITE=NAME+NAME", _law_names),
-    'Laws at a site in place of the power series: "storey 1=linear_elastic+linear_viscous+dahl".', keyed=False,
-)  # fmt: skip
-link_option = repeated("--link", "links", SITE, 'A further link between floors: "link 3-1", "ground 2".', keyed=False)
+    "--law",
+    "laws",
+    _pair("SITE=NAME+NAME", _law_names),
+    'Laws at a site in place of the power series: "storey'
+    ' 1=linear_elastic+linear_viscous+dahl".',
+    keyed=False,
+)
+link_option = repeated(
+    "--link",
+    "links",
+    SITE,
+    'A further link between floors: "link 3-1", "ground 2".',
+    keyed=False,
+)
 mass_option = repeated(
-    "--known-mass", "masses", Text("DOF=KG", _mass, "a floor and its mass in kg, e.g. 2=12.4"),
+    "--known-mass",
+    "masses",
+    Text("DOF=KG", _mass, "a floor and its mass in kg, e.g. 2=12.4"),
     "A mass that is known: 2=12.4. Needed where no force is measured.",
-)  # fmt: skip
+)
 band_option = click.option(
-    "--band", type=Text("LO,HI", _band, "a band, e.g. 0.5,30 (Hz)"),
+    "--band",
+    type=Text("LO,HI", _band, "a band, e.g. 0.5,30 (Hz)"),
     help="Frequency band in Hz in which everything is fitted and judged: 0.5,30.",
-)  # fmt: skip
-figures_option = click.option("--figures/--no-figures", default=True, help="Draw figures (needs matplotlib).")
-order_option = repeated("--order", "orders", _pair("SITE=DEGREE", _degree), 'Another degree at a site: "storey 2=5".')
+)
+figures_option = click.option(
+    "--figures/--no-figures", default=True, help="Draw figures (needs matplotlib)."
+)
+order_option = repeated(
+    "--order",
+    "orders",
+    _pair("SITE=DEGREE", _degree),
+    'Another degree at a site: "storey 2=5".',
+)
 
 
 # of every command that reads records: channels, units, clock, coordinates
-record_options = together(map_option, unit_option, rate_option, coordinates_option, mapping_option)
-files_options = together(click.argument("files", nargs=-1, metavar="FILE...", type=PATH), record_options)
+record_options = together(
+    map_option, unit_option, rate_option, coordinates_option, mapping_option
+)
+files_options = together(
+    click.argument("files", nargs=-1, metavar="FILE...", type=PATH), record_options
+)
 model_options = together(law_option, mass_option, band_option)
 written_options = together(output_option, figures_option, json_option)
 
 
 def degree_option(default: int, words: str) -> Any:
     """The degree of the power series."""
-    return click.option("--degree", type=Text("N|K,Q", _degree), default=default, help=words)
+    return click.option(
+        "--degree", type=Text("N|K,Q", _degree), default=default, help=words
+    )
 
 
 def readings_of(files: Any, options: dict[str, Any], needed: bool = True) -> list[Any]:
@@ -390,15 +567,21 @@ def readings_of(files: Any, options: dict[str, Any], needed: bool = True) -> lis
     how["coordinates"] = options["coordinates"] or said.coordinates
     files = list(files or said.files)
     if not files and needed:
-        raise click.UsageError("Missing argument 'FILE...': give a file with the channels of a test.")
+        raise click.UsageError(
+            "Missing argument 'FILE...': give a file with the channels of a test."
+        )
     tests = [files] if said.together and files else files
     names = [said.name if len(tests) == 1 else None] * len(tests)
     with working("reading"):
-        return [inspect_record(test, name=name, **how) for test, name in zip(tests, names)]
+        return [
+            inspect_record(test, name=name, **how) for test, name in zip(tests, names)
+        ]
 
 
 def records_of(session: Session, options: dict[str, Any], *groups: Any) -> list[Any]:
-    """The records of some groups of files, each read as by :func:`readings_of`; what they hold is said."""
+    """The records of some groups of files, each read as by :func:`readings_of`; what
+    they hold is said.
+    """
     from ...data.io import describe
 
     readings = [reading for files in groups for reading in readings_of(files, options)]
@@ -407,15 +590,22 @@ def records_of(session: Session, options: dict[str, Any], *groups: Any) -> list[
 
 
 def said_of(options: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """The mapping file, and channels, units and clock by it and by the options, which go before it."""
+    """The mapping file, and channels, units and clock by it and by the options, which
+    go before it.
+    """
     from ...data.io.mapping import MappingFile, read_mapping
 
-    said = MappingFile(Path()) if options["mapping_file"] is None else read_mapping(options["mapping_file"])
+    said = (
+        MappingFile(Path())
+        if options["mapping_file"] is None
+        else read_mapping(options["mapping_file"])
+    )
     click.get_current_context().meta.setdefault(_NAMED, []).extend(said.files)
     how: dict[str, Any] = {
-        "mapping": said.channels | options["mapping"], "units": said.units | options["units"],
+        "mapping": said.channels | options["mapping"],
+        "units": said.units | options["units"],
         "fs": said.fs if options["fs"] is None else options["fs"],
-    }  # fmt: skip
+    }
     return said, how
 
 
@@ -426,7 +616,10 @@ def laws_of(pairs: Any, degree: Any) -> dict[str, list] | None:
     known = laws.registry()
     out: dict[str, list] = {}
     for site, names in pairs:
-        made = [laws.PowerSeries(degree) if name == "power_series" else known[name]() for name in names]
+        made = [
+            laws.PowerSeries(degree) if name == "power_series" else known[name]()
+            for name in names
+        ]
         out.setdefault(site, []).extend(made)
     return out or None
 
@@ -436,6 +629,10 @@ def regressor_of(options: dict[str, Any]) -> Any:
     from ...estimation.regressor import NRFRegressor
 
     laws = laws_of(options["laws"], options["degree"])
-    settings = {name: options[name] for name in ("degree", "band", "strategy", "estimation") if name in options}
+    settings = {
+        name: options[name]
+        for name in ("degree", "band", "strategy", "estimation")
+        if name in options
+    }
     masses, orders = options["masses"] or None, options.get("orders") or None
     return NRFRegressor(laws=laws, known_masses=masses, orders=orders, **settings)

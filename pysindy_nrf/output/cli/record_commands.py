@@ -1,4 +1,6 @@
-"""Commands on records and runs: ``inspect``, ``simulate``, ``plan`` a test, ``report`` as a page."""
+"""Commands on records and runs: ``inspect``, ``simulate``, ``plan`` a test, ``report``
+as a page.
+"""
 
 import json
 from contextlib import suppress
@@ -15,13 +17,21 @@ from .options import Session
 
 @click.command(short_help="Say what a file holds and how it was understood.")
 @opt.files_options
-@click.option("--write-mapping", type=opt.PATH, help="Propose a channel for every column, in a new TOML file.")
+@click.option(
+    "--write-mapping",
+    type=opt.PATH,
+    help="Propose a channel for every column, in a new TOML file.",
+)
 @opt.json_option
-def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, **options: Any) -> None:
-    """Say what a file holds and how it was understood. Nothing is solved, nothing is written.
+def inspect(
+    files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, **options: Any
+) -> None:
+    """Say what a file holds and how it was understood. Nothing is solved, nothing is
+    written.
 
-    For each FILE: clock, channels with their size in SI units and where each came from, columns that were not
-    used, and what looks wrong (units, signs and delays that contradict each other; dead, clipped, spiky channels).
+    For each FILE: clock, channels with their size in SI units and where each came from,
+    columns that were not used, and what looks wrong (units, signs and delays that
+    contradict each other; dead, clipped, spiky channels).
 
     \b
     Examples
@@ -42,7 +52,9 @@ def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, 
     try:
         readings = opt.readings_of(files, options)
     except NRFError:
-        with suppress(NRFError, MissingExtraError):  # the columns of the file, so that they can be mapped
+        with suppress(
+            NRFError, MissingExtraError
+        ):  # the columns of the file, so that they can be mapped
             for path in files[:1]:
                 session.say(contents(read_table(path)) + "\n")
         raise
@@ -50,10 +62,25 @@ def inspect(files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, 
         with session.listening():
             findings = data_warnings(reading.record)
         session.say(describe(reading))
-        session.say(*([f"  take care: {one}" for one in findings] or ["  nothing looks wrong"]), "")
-        read = {"file": reading.table.path, "kind": reading.table.kind, "notes": reading.table.notes}
-        sources = {name: {"from": source.text, "unit": source.unit} for name, source in reading.sources.items()}
-        used = {"clock": reading.clock, "sources": sources, "not_used": list(reading.unused), "doubts": findings}
+        session.say(
+            *([f"  take care: {one}" for one in findings] or ["  nothing looks wrong"]),
+            "",
+        )
+        read = {
+            "file": reading.table.path,
+            "kind": reading.table.kind,
+            "notes": reading.table.notes,
+        }
+        sources = {
+            name: {"from": source.text, "unit": source.unit}
+            for name, source in reading.sources.items()
+        }
+        used = {
+            "clock": reading.clock,
+            "sources": sources,
+            "not_used": list(reading.unused),
+            "doubts": findings,
+        }
         out.append(summary(reading.record) | read | used)
     session.emit({"records": out})
 
@@ -65,18 +92,26 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
     from ...data.io.mapping import mapping_text, propose
 
     if not files:
-        raise click.UsageError("--write-mapping takes the FILE whose columns are to be mapped.")
+        raise click.UsageError(
+            "--write-mapping takes the FILE whose columns are to be mapped."
+        )
     if path.exists():
         raise NRFError(f"{path} exists, and would be lost", "Give another name.")
     if any(one.resolve().parent != path.resolve().parent for one in files):
-        raise NRFError(f"{path} is not in the folder of its files", "Write it beside them.")
+        raise NRFError(
+            f"{path} is not in the folder of its files", "Write it beside them."
+        )
     found = propose(read_table(files[0]))
     text = mapping_text(files, found)
     with atomic_write(path) as file:
         file.write(text)
     doubtful = sum(bool(one.doubts) for one in found)
     session.say(f"Proposed, in {path}:", "", text)
-    ask = f"Look at the {doubtful} with a question mark" if doubtful else "Every channel is named or has a unit"
+    ask = (
+        f"Look at the {doubtful} with a question mark"
+        if doubtful
+        else "Every channel is named or has a unit"
+    )
     session.say(f"{ask}; then: pysindy-nrf run --mapping {path}", "")
 
 
@@ -84,7 +119,8 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
 @click.argument("words", nargs=-1)
 @opt.json_option
 def list_laws(words: tuple[str, ...], as_json: bool) -> None:
-    """List the force laws: name for --law, family, formula, and what it describes. WORDS choose among them.
+    """List the force laws: name for --law, family, formula, and what it describes.
+    WORDS choose among them.
 
     \b
     Examples
@@ -94,17 +130,26 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
     from ...laws import registry
 
     session, rows = Session(as_json), []
-    for name, law in sorted(registry().items(), key=lambda item: (item[1].family, item[0])):
+    for name, law in sorted(
+        registry().items(), key=lambda item: (item[1].family, item[0])
+    ):
         about = (law.__doc__ or "").strip().splitlines()[0].replace("``", "")
         try:
             formula = law().equation()
         except (NRFError, TypeError):
             formula = ""
-        row = {"name": name, "family": law.family, "formula": formula, "describes": about}
+        row = {
+            "name": name,
+            "family": law.family,
+            "formula": formula,
+            "describes": about,
+        }
         if all(word.lower() in " ".join(row.values()).lower() for word in words):
             rows.append(row)
             session.say(f"{name}  ({law.family})", f"    {about}", f"    {formula}")
-    session.say("\nThe page 'Catalogue of force laws' of the documentation draws each of them.")
+    session.say(
+        "\nThe page 'Catalogue of force laws' of the documentation draws each of them."
+    )
     session.emit({"laws": rows})
 
 
@@ -116,25 +161,35 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
 @opt.rate_option
 @opt.mapping_option
 @opt.choice(
-    "--method", ["default", "newmark"],
-    "Order 8 with error control, or average-acceleration Newmark, one step a sample.", "default",
-)  # fmt: skip
-@click.option("--x0", type=opt.NUMBERS, help="Displacements at the start, m: 0.001,0,0. At rest if left out.")
+    "--method",
+    ["default", "newmark"],
+    "Order 8 with error control, or average-acceleration Newmark, one step a sample.",
+    "default",
+)
+@click.option(
+    "--x0",
+    type=opt.NUMBERS,
+    help="Displacements at the start, m: 0.001,0,0. At rest if left out.",
+)
 @click.option("--v0", type=opt.NUMBERS, help="Velocities at the start, m/s.")
-@opt.output("simulation.csv", "File of the record: .csv, .parquet or .uff.", single=True)
+@opt.output(
+    "simulation.csv", "File of the record: .csv, .parquet or .uff.", single=True
+)
 @opt.json_option
 def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
     """Run a model alone under the forces of a file and write the motion.
 
-    MODEL is model.json of identify or closed_loop.json of close-loop. FORCES holds F1.. (N) and ag (m/s^2), those that
-    act, with a time column t or --fs, and channels that the laws read (a voltage); motions in it are left out. A
-    mapping file that names one test may stand for it.
+    MODEL is model.json of identify or closed_loop.json of close-loop. FORCES holds F1..
+    (N) and ag (m/s^2), those that act, with a time column t or --fs, and channels that
+    the laws read (a voltage); motions in it are left out. A mapping file that names one
+    test may stand for it.
 
     \b
     Examples
       pysindy-nrf simulate nrf_output/model.json shaker.csv -o answer.parquet
-      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o answer.csv
-      pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
+      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o
+      answer.csv pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping
+      campaign.toml
     """
     from ...data.io import describe, write_record
     from ...data.io.reading import read_excitation
@@ -145,12 +200,21 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     structure = ChainModel.from_json(model)
     said, how = opt.said_of(options)
     opt.say_if_compiling()
-    load = read_excitation(_one_test(forces, said), structure.n_dof, name=None if forces else said.name, **how)
+    load = read_excitation(
+        _one_test(forces, said),
+        structure.n_dof,
+        name=None if forces else said.name,
+        **how,
+    )
     with session.listening():
         run = structure.simulate(
-            load.force, 1.0 / load.fs, base_acceleration=load.base_acceleration, covariates=load.covariates or None,
-            name=load.name, **{key: options[key] for key in ("method", "x0", "v0")},
-        )  # fmt: skip
+            load.force,
+            1.0 / load.fs,
+            base_acceleration=load.base_acceleration,
+            covariates=load.covariates or None,
+            name=load.name,
+            **{key: options[key] for key in ("method", "x0", "v0")},
+        )
     run.t0 = load.t0
     session.say(describe(run))
     session.warnings += _beyond(structure, run)
@@ -168,8 +232,14 @@ def _one_test(forces: Path | None, said: Any) -> Any:
     if said.together and said.files:
         return list(said.files)
     if len(said.files) != 1:
-        many = f"the mapping file names {len(said.files)} tests" if said.files else "no file is named"
-        raise click.UsageError(f"Missing argument 'FORCES': {many}; give the file with the forces.")
+        many = (
+            f"the mapping file names {len(said.files)} tests"
+            if said.files
+            else "no file is named"
+        )
+        raise click.UsageError(
+            f"Missing argument 'FORCES': {many}; give the file with the forces."
+        )
     return said.files[0]
 
 
@@ -177,12 +247,17 @@ def _beyond(model: Any, run: Any) -> list[str]:
     """Storeys that move further than the data the model was fitted to."""
     out = []
     drifts = np.diff(run.displacement, axis=1, prepend=0.0)
-    for site, region in ((site, box) for site, box in model.visited.items() if site.is_storey):
-        most, known = np.abs(drifts[:, site.p - 1]).max(), max(abs(region.low[1]), abs(region.high[1]))
+    for site, region in (
+        (site, box) for site, box in model.visited.items() if site.is_storey
+    ):
+        most, known = (
+            np.abs(drifts[:, site.p - 1]).max(),
+            max(abs(region.low[1]), abs(region.high[1])),
+        )
         if most > 1.05 * known:
             out.append(
-                f"{site} drifts {1e3 * most:.3g} mm; the data of the model reached {1e3 * known:.3g} mm: "
-                "its force beyond is a guess."
+                f"{site} drifts {1e3 * most:.3g} mm; the data of the model reached"
+                f" {1e3 * known:.3g} mm: its force beyond is a guess."
             )
     return out
 
@@ -190,15 +265,32 @@ def _beyond(model: Any, run: Any) -> list[str]:
 @click.command(short_help="Say which floor to hit, which sensor to add.")
 @click.argument("floors", type=click.IntRange(1))
 @opt.link_option
-@click.option("--can-hit", type=opt.FLOORS, help="Floors that a hammer or shaker reaches: 1,3. All if left out.")
-@click.option("--sensors", type=opt.FLOORS, help="Floors whose motion is measured: 1,2,4. All if left out.")
-@click.option("--unknown", type=opt.FLOORS, help="Floors on which a force acts that is not measured.")
+@click.option(
+    "--can-hit",
+    type=opt.FLOORS,
+    help="Floors that a hammer or shaker reaches: 1,3. All if left out.",
+)
+@click.option(
+    "--sensors",
+    type=opt.FLOORS,
+    help="Floors whose motion is measured: 1,2,4. All if left out.",
+)
+@click.option(
+    "--unknown",
+    type=opt.FLOORS,
+    help="Floors on which a force acts that is not measured.",
+)
 @opt.mass_option
 @click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
-@click.option("--model", type=opt.PATH, help="A first guess (model.json): ranks floors by how modes respond.")
+@click.option(
+    "--model",
+    type=opt.PATH,
+    help="A first guess (model.json): ranks floors by how modes respond.",
+)
 @opt.json_option
 def plan(floors: int, as_json: bool, **options: Any) -> None:
-    """Say which floor to hit, or which sensor to add, before a test of a structure with FLOORS floors.
+    """Say which floor to hit, or which sensor to add, before a test of a structure with
+    FLOORS floors.
 
     \b
     Examples
@@ -214,15 +306,21 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
     if model is not None and model.n_dof != floors:
         raise click.UsageError(f"The model has {model.n_dof} floors, not {floors}.")
     found = Chain(floors, options["links"]).plan(
-        can_hit=options["can_hit"], sensors=options["sensors"], unknown=options["unknown"] or (),
-        known_masses=options["masses"], model=model, most=min(options["most"], floors),
-    )  # fmt: skip
+        can_hit=options["can_hit"],
+        sensors=options["sensors"],
+        unknown=options["unknown"] or (),
+        known_masses=options["masses"],
+        model=model,
+        most=min(options["most"], floors),
+    )
     advice = [opt.in_options(one) for one in found.advice]
     if advice:
         session.say(*advice)
     shown = found.table.head(10).assign(
         hit=found.table["hit"].map(lambda hit: " and ".join(map(str, hit))),
-        identifies=[f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)],
+        identifies=[
+            f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)
+        ],
         left=found.table["left"].replace("", "nothing"),
     )
     if model is None and "response" in shown:
@@ -241,8 +339,9 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
 def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     """Write one page (HTML, works offline) of a result, over records.
 
-    FILE is a result (model.json of identify, closed_loop.json of close-loop, what they print with --json) and files of
-    records to draw beside it. The band is that of the result if --band is left out.
+    FILE is a result (model.json of identify, closed_loop.json of close-loop, what they
+    print with --json) and files of records to draw beside it. The band is that of the
+    result if --band is left out.
 
     \b
     Examples
@@ -253,16 +352,30 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
     session = Session(as_json)
     results = [path for path in files if path.suffix.lower() == ".json"]
     if len(results) != 1:
-        raise click.UsageError("report takes one result (.json); records are identified by run or identify first.")
-    readings = opt.readings_of([path for path in files if path not in results], options, needed=False)
+        raise click.UsageError(
+            "report takes one result (.json); records are identified by run or identify"
+            " first."
+        )
+    readings = opt.readings_of(
+        [path for path in files if path not in results], options, needed=False
+    )
     records = [reading.record for reading in readings]
     with session.listening():
         subject = _result(results[0])
-        said = {"title": options["title"], "notes": tuple(session.warnings), "band": options["band"]}
+        said = {
+            "title": options["title"],
+            "notes": tuple(session.warnings),
+            "band": options["band"],
+        }
         with session.aside() as folder:
-            write_html(folder / options["output"].name, subject, records or None, **said)
+            write_html(
+                folder / options["output"].name, subject, records or None, **said
+            )
     session.take_care()
-    session.emit({"title": options["title"], "records": [rec.name for rec in records]}, [options["output"]])
+    session.emit(
+        {"title": options["title"], "records": [rec.name for rec in records]},
+        [options["output"]],
+    )
     session.say(f"Written: {options['output']}   (open it in a browser)")
 
 
@@ -274,6 +387,8 @@ def _result(path: Path) -> Any:
 
     check_file(path, 200_000_000)
     inner = None
-    with suppress(ValueError, RecursionError, AttributeError):  # it holds no model; from_json says what is wrong
+    with suppress(
+        ValueError, RecursionError, AttributeError
+    ):  # it holds no model; from_json says what is wrong
         inner = plain_json(path.read_text(encoding="utf-8")).get("model")
     return ChainModel.from_json(path if inner is None else json.dumps(inner))

@@ -1,4 +1,6 @@
-"""A figure apart from how it is drawn: axes in SI units, marks, words, and the table of its numbers."""
+"""A figure apart from how it is drawn: axes in SI units, marks, words, and the table of
+its numbers.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,16 +24,28 @@ class Table:
     rows: list[list[Any]]
 
 
-def table(caption: str, frame: pd.DataFrame, names: Mapping[str, str] | None = None, index: str | None = None) -> Table:
-    """Table of a frame, its columns renamed; the index comes first under the heading ``index``, if that is given."""
-    rows = [list(row) if index is not None else list(row[1:]) for row in frame.itertuples(name=None)]
+def table(
+    caption: str,
+    frame: pd.DataFrame,
+    names: Mapping[str, str] | None = None,
+    index: str | None = None,
+) -> Table:
+    """Table of a frame, its columns renamed; the index comes first under the heading
+    ``index``, if that is given.
+    """
+    rows = [
+        list(row) if index is not None else list(row[1:])
+        for row in frame.itertuples(name=None)
+    ]
     head = [(names or {}).get(str(c), str(c)) for c in frame.columns]
     return Table(caption, [index, *head] if index is not None else head, rows)
 
 
 @dataclass(eq=False)
 class Axis:
-    """Label, SI unit and range of an axis; ``ticks`` are the words at 0, 1, 2, ...; ``s_{2}`` is an s with index 2."""
+    """Label, SI unit and range of an axis; ``ticks`` are the words at 0, 1, 2, ...;
+    ``s_{2}`` is an s with index 2.
+    """
 
     label: str = ""
     unit: str = ""
@@ -43,7 +57,9 @@ class Axis:
 
 @dataclass(eq=False)
 class Line:
-    """Curve, in the plane or in space; without a dash only its markers ("o", "s", "|" or "ring")."""
+    """Curve, in the plane or in space; without a dash only its markers ("o", "s", "|"
+    or "ring").
+    """
 
     x: Any
     y: Any
@@ -59,7 +75,9 @@ class Line:
 
 @dataclass(eq=False)
 class Bars:
-    """Bars at 0, 1, 2, ...; several in one figure stand beside each other; texts stand behind lying bars."""
+    """Bars at 0, 1, 2, ...; several in one figure stand beside each other; texts stand
+    behind lying bars.
+    """
 
     values: Any
     name: str = ""
@@ -72,7 +90,9 @@ class Bars:
 
 @dataclass(eq=False)
 class Map:
-    """Values from -limit to limit over a plane by colour; hatched where they are in doubt, and why."""
+    """Values from -limit to limit over a plane by colour; hatched where they are in
+    doubt, and why.
+    """
 
     x: Any
     y: Any
@@ -86,7 +106,9 @@ class Map:
 
 @dataclass(eq=False)
 class Surface:
-    """Surface over the grid of x (along rows) and y (along columns): "full", "faint" or a "net"."""
+    """Surface over the grid of x (along rows) and y (along columns): "full", "faint" or
+    a "net".
+    """
 
     x: Any
     y: Any
@@ -126,11 +148,19 @@ class Figure:
 def index_of(site: Any) -> str:
     """Index of s, v and R at a site: ``2`` at storey 2, ``4,2`` at link 4-2."""
     site = Site(site) if isinstance(site, str) else site
-    return str(site.p) if site.is_storey else f"{site.p},{site.q}" if site.kind == "link" else f"dof {site.p}"
+    return (
+        str(site.p)
+        if site.is_storey
+        else f"{site.p},{site.q}"
+        if site.kind == "link"
+        else f"dof {site.p}"
+    )
 
 
 def dof_words(name: Any) -> str:
-    """Name of a balance or an effect as it is printed: ``DOF 2`` for ``dof 2``, no underscores."""
+    """Name of a balance or an effect as it is printed: ``DOF 2`` for ``dof 2``, no
+    underscores.
+    """
     return str(name).replace("dof", "DOF").replace("_", " ")
 
 

@@ -1,4 +1,6 @@
-"""The page that an engineer shows to a colleague: one file, offline, with figures that turn and tables that sort."""
+"""The page that an engineer shows to a colleague: one file, offline, with figures that
+turn and tables that sort.
+"""
 
 from .write import available, write_html
 

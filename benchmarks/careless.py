@@ -39,15 +39,9 @@ import numpy as np  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 from scipy.signal import butter, sosfiltfilt  # noqa: E402
 
-from pysindy_nrf import (
-    ChainModel,
-    NRFRegressor,
-    excitation,
-    laws,
-    simulate,
-)  # noqa: E402
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.signals.channel_checks import data_warnings  # noqa: E402
+from pysindy_nrf.records.checks.channel_checks import data_warnings  # noqa: E402
 from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 FS, SECONDS = 400.0, 8.0

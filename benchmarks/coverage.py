@@ -25,14 +25,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import pandas as pd  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 
-from pysindy_nrf import (
-    ChainModel,
-    NRFRegressor,
-    Record,
-    excitation,
-    laws,
-    simulate,
-)  # noqa: E402
+from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate  # noqa: E402
 from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 FS, DURATION = 500.0, 20.0

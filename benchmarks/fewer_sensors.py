@@ -30,9 +30,9 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.estimation.fewer_sensors import estimate, shot_of
+from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import IdentifiabilityError
-from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.identification.fewer_sensors import estimate, shot_of
 from pysindy_nrf.simulation.noise import add_noise
 
 FS, DURATION, RMS, BAND = 200.0, 8.0, 100.0, (0.5, 50.0)

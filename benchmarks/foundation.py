@@ -43,7 +43,7 @@ import test_simulation as two_storeys  # noqa: E402
 from bad_inputs_battery import every_kind, judge  # noqa: E402
 from paper_tables import independent_masses  # noqa: E402
 
-from pysindy_nrf import (  # noqa: E402
+from pysindy_nrf import (
     Chain,
     ChainOptimizer,
     InterstoryPolynomialLibrary,
@@ -54,10 +54,10 @@ from pysindy_nrf import (  # noqa: E402
     compare_with_sindy,
     laws,
 )
+from pysindy_nrf.chain.identifiability import plan_solve_order  # noqa: E402
+from pysindy_nrf.chain.layout import Layout, blocks_of  # noqa: E402
+from pysindy_nrf.equations.chain_solve import solve_blocks  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.mechanics.identifiability import plan_solve_order  # noqa: E402
-from pysindy_nrf.regression.chain_solve import solve_blocks  # noqa: E402
-from pysindy_nrf.regression.layout import Layout, blocks_of  # noqa: E402
 from pysindy_nrf.simulation import free_run  # noqa: E402
 
 Row = tuple[str, str, str]  # claim, measured, verdict
@@ -476,7 +476,7 @@ def scaled_otherwise(quick: bool) -> list[Row]:
 
 def identify(*arguments: str) -> dict:
     """The command line's own answer."""
-    from pysindy_nrf.output.cli.group import run
+    from pysindy_nrf.cli.group import run
 
     out, errors = io.StringIO(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):

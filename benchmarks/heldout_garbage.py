@@ -41,7 +41,7 @@ from battery.scorer import baseline  # noqa: E402
 from pysindy_nrf import Record, close_loop  # noqa: E402
 from pysindy_nrf.discrepancy import loop  # noqa: E402
 from pysindy_nrf.discrepancy.prepare import Workspace  # noqa: E402
-from pysindy_nrf.regression.segments import SegmentSet  # noqa: E402
+from pysindy_nrf.records.dataset import Dataset  # noqa: E402
 
 # What the search alone decides.
 FOUND = (
@@ -108,7 +108,7 @@ def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
                 y[rows] = noise_like(y[rows], rng)
                 changed[key] = y
             out[block.segment] = replace(seg, **changed)
-        return replace(ready, data=SegmentSet(out, ready.data.n_samples))
+        return replace(ready, data=Dataset(out, ready.data.n_samples))
 
     def balanced(work: Any, segment: int) -> np.ndarray:
         out = fixed(work, segment)

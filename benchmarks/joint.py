@@ -23,8 +23,8 @@ import numpy as np
 import pandas as pd
 
 from pysindy_nrf import ChainModel, NRFRegressor, laws
+from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import NRFWarning
-from pysindy_nrf.regression.errors import nrmse
 from pysindy_nrf.simulation import free_run
 from pysindy_nrf.simulation.excitation import band_limited_random
 from pysindy_nrf.simulation.noise import add_noise

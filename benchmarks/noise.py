@@ -30,7 +30,7 @@ import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 from joblib import Parallel, delayed  # noqa: E402
 
-from pysindy_nrf import (
+from pysindy_nrf import (  # noqa: E402
     ChainModel,
     KinematicSmoother,
     NRFRegressor,
@@ -38,10 +38,10 @@ from pysindy_nrf import (
     excitation,
     laws,
     simulate,
-)  # noqa: E402
-from pysindy_nrf.estimation.noise_spectra import spectrum, transfer  # noqa: E402
+)
+from pysindy_nrf.equations.errors import nrmse  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.regression.errors import nrmse  # noqa: E402
+from pysindy_nrf.identification.noise_spectra import spectrum, transfer  # noqa: E402
 from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 FS, DURATION, N = 1000.0, 16.0, 4

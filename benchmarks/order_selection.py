@@ -29,13 +29,13 @@ import numpy as np  # noqa: E402
 from sklearn.model_selection import GridSearchCV  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
-from pysindy_nrf import (
+from pysindy_nrf import (  # noqa: E402
     BlockedTimeSplit,
     NRFRegressor,
     Record,
     one_standard_error,
     select_order,
-)  # noqa: E402
+)
 from pysindy_nrf.selection import scorers  # noqa: E402
 
 DEGREES = range(1, 8)

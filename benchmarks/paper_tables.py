@@ -17,10 +17,10 @@ import numpy as np
 import pandas as pd
 
 from pysindy_nrf import NRFRegressor, close_loop, laws
-from pysindy_nrf.estimation import dissipated_energy
+from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import BiasWarning, DataQualityWarning
+from pysindy_nrf.identification import dissipated_energy
 from pysindy_nrf.monitoring import compare_tests
-from pysindy_nrf.regression.errors import nrmse
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
 import paper_cases as cases  # noqa: E402

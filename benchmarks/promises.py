@@ -57,13 +57,9 @@ from pysindy_nrf.discrepancy.evidence import detect  # noqa: E402
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of  # noqa: E402
 from pysindy_nrf.discrepancy.words import ResidualKind  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.regression.input_arrays import from_arrays  # noqa: E402
-from pysindy_nrf.signals.kinematic_smoother import KinematicSmoother  # noqa: E402
-from pysindy_nrf.signals.noise_levels import (
-    levels_of,
-    noisy_base,
-    quiet_drive,
-)  # noqa: E402
+from pysindy_nrf.records.fusion.kinematic_smoother import KinematicSmoother  # noqa: E402
+from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive  # noqa: E402
+from pysindy_nrf.records.input_arrays import from_arrays  # noqa: E402
 
 SHORT = {"n_samples": 4096, "most": 4}
 EFFECTS = ("coulomb", "cubic", "dahl", "quadratic_damping", "two_sided_gap", "bouc_wen")

@@ -22,7 +22,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 CHANNELS = (
     "force",
@@ -42,7 +42,7 @@ def half_rate(record: Any) -> Any:
     """Every other sample, low-passed before where there is a clock."""
     keep = slice(0, None, 2)
     low = (
-        FairFilter((None, 0.2 * record.fs), record.fs).apply
+        ZeroPhaseFilter((None, 0.2 * record.fs), record.fs).apply
         if record.has_clock
         else np.asarray
     )

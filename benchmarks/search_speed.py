@@ -22,7 +22,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
-from pysindy_nrf import (
+from pysindy_nrf import (  # noqa: E402
     ChainModel,
     NRFRegressor,
     Record,
@@ -30,11 +30,8 @@ from pysindy_nrf import (
     excitation,
     laws,
     simulate,
-)  # noqa: E402
-from pysindy_nrf.discrepancy.catalogue import (
-    candidates,
-    default_catalogue,
-)  # noqa: E402
+)
+from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue  # noqa: E402
 from pysindy_nrf.discrepancy.prepare import Workspace, prepare  # noqa: E402
 from pysindy_nrf.discrepancy.ruler import Ruler, Trial  # noqa: E402
 from pysindy_nrf.discrepancy.search import Search, lines_at, proposals_of  # noqa: E402

@@ -794,7 +794,7 @@ def big_file(verdicts: Verdicts, gigabytes: float) -> pd.DataFrame:
             rows = min(2**18, size - low)
             X[low : low + rows], F[low : low + rows] = part.X[:rows], part.F[:rows]
         del X, F, part
-        quick_save = "from pysindy_nrf.estimation.streaming import fit\n"
+        quick_save = "from pysindy_nrf.identification.streaming import fit\n"
         quick_save += "fit.fit_streamed.__kwdefaults__['save_every'] = 0.5\n"
         env = {**os.environ, "PYTHONWARNINGS": "ignore"}
 

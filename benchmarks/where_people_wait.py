@@ -105,7 +105,7 @@ def orders(n: int, size: int) -> Callable[[], Any]:
 
 def identify(n: int, size: int) -> Callable[[], Any]:
     """The command on a CSV file, with its pages and figures."""
-    from pysindy_nrf.output.cli.group import run
+    from pysindy_nrf.cli.group import run
 
     folder = Path(tempfile.mkdtemp())
     path = folder / "test.csv"

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from pysindy_nrf import Record
-from pysindy_nrf.data.io import read_frf, read_record, read_table
-from pysindy_nrf.data.io.frf import FrequencyResponse
 from pysindy_nrf.exceptions import FileFormatError, NRFError
+from pysindy_nrf.records.files import read_frf, read_record, read_table
+from pysindy_nrf.records.files.frequency_response import FrequencyResponse
 
 VARIABLE = "PYSINDY_NRF_DATA"
 _NONE = "the set states no licence; ask its authors before you pass it on"

@@ -25,13 +25,13 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import least_squares, minimize_scalar
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, Site
-from pysindy_nrf.estimation import dissipated_energy, linear_part
+from pysindy_nrf.chain.model import as_model, as_segments
+from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import BiasWarning, ChainError
+from pysindy_nrf.identification import dissipated_energy, linear_part
 from pysindy_nrf.laws import ModifiedDahl, PowerSeries
-from pysindy_nrf.regression.chain_model import as_model, as_segments
-from pysindy_nrf.regression.errors import nrmse
-from pysindy_nrf.signals import integrate
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.fusion import integrate
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 from pysindy_nrf.simulation import free_run
 from pysindy_nrf.simulation.excitation import band_limited_random, impact_hammer
 from pysindy_nrf.simulation.noise import add_noise
@@ -90,7 +90,7 @@ def paper_processing(
     does not. The three have not gone through the same filter;
     :class:`pysindy_nrf.KinematicSmoother` avoids that.
     """
-    operator = FairFilter((high_pass, None), record.fs)
+    operator = ZeroPhaseFilter((high_pass, None), record.fs)
     acceleration = operator.apply(record.acceleration)
     velocity = integrate(acceleration, record.dt, "cumulative")
     force = operator.apply(record.force) if filter_force else record.force

@@ -13,12 +13,18 @@ from matplotlib.ticker import MaxNLocator
 from scipy.signal import welch
 
 from pysindy_nrf import Record
+from pysindy_nrf.chain.model import as_model, as_segments
+from pysindy_nrf.chain.sites import index_of
 from pysindy_nrf.discrepancy.residual import SiteLoop
-from pysindy_nrf.estimation import damper_force, dissipated_energy
+from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.identification import damper_force, dissipated_energy
 from pysindy_nrf.laws import Motion, PowerSeries
 from pysindy_nrf.monitoring import track
-from pysindy_nrf.output.displays._figure import (
+from pysindy_nrf.records.fusion.kinematics import base_acceleration_if_any, base_motion
+from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.report.figures.evidence import before_after_figure
+from pysindy_nrf.report.figures.figure import (
     CYCLE,
     DASHES,
     Axis,
@@ -26,20 +32,10 @@ from pysindy_nrf.output.displays._figure import (
     Figure,
     Line,
     Mark,
-    index_of,
 )
-from pysindy_nrf.output.displays._matplotlib import Drawing, dress
-from pysindy_nrf.output.displays.evidence import before_after_figure
-from pysindy_nrf.output.displays.forces import (
-    energy_figure,
-    loop_figure,
-    surface_figure,
-)
-from pysindy_nrf.output.displays.motion import below, change_figure, modes_figure
-from pysindy_nrf.regression.chain_model import as_model, as_segments
-from pysindy_nrf.regression.errors import nrmse
-from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.signals.kinematics import base_acceleration_if_any, base_motion
+from pysindy_nrf.report.figures.forces import energy_figure, loop_figure, surface_figure
+from pysindy_nrf.report.figures.matplotlib_renderer import Drawing, dress
+from pysindy_nrf.report.figures.motion import below, change_figure, modes_figure
 
 _OVER = {
     "time": ("time", "s"),
@@ -108,7 +104,7 @@ class DamperForceDisplay(Display):
         over: str = "drift",
         **options: Any,
     ) -> Self:
-        """Device force by subtraction; see :func:`pysindy_nrf.estimation.damper_force`
+        """Device force by subtraction; see :func:`pysindy_nrf.identification.damper_force`
         for ``X`` and the options.
 
         Parameters
@@ -630,7 +626,7 @@ class EnergyDisplay(Display):
         cls, estimator: Any, X: Any, without: Any = None, **options: Any
     ) -> Self:
         """Energy dissipated in every storey; parameters as of
-        :func:`pysindy_nrf.estimation.dissipated_energy`.
+        :func:`pysindy_nrf.identification.dissipated_energy`.
 
         Parameters
         ----------

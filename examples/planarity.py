@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
+from pysindy_nrf.chain.model import as_model, as_segments, storey_names
 from pysindy_nrf.common import generator
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.laws import Dahl, PowerSeries
-from pysindy_nrf.output.displays._figure import Axis, Bars, Figure, Line, Mark
-from pysindy_nrf.output.displays._matplotlib import Drawing
-from pysindy_nrf.regression.chain_model import as_model, as_segments, storey_names
-from pysindy_nrf.regression.segments import SegmentSet
+from pysindy_nrf.records.dataset import Dataset
+from pysindy_nrf.report.figures.figure import Axis, Bars, Figure, Line, Mark
+from pysindy_nrf.report.figures.matplotlib_renderer import Drawing
 
 LEAST = 1.0  # percent of the force; a surface below this is planar at any noise
 _BLOCKS = 40
@@ -159,7 +159,7 @@ def locate_nonlinearity(
 
 
 def _off_plane(
-    data: SegmentSet, forces: list[np.ndarray]
+    data: Dataset, forces: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Share of forces that the best plane does not explain (percent), and their rms."""
     R = np.concatenate(forces)
@@ -176,7 +176,7 @@ def _off_plane(
 
 
 def _reference(
-    estimator: Any, data: SegmentSet, scale: np.ndarray, draws: int, random_state: Any
+    estimator: Any, data: Dataset, scale: np.ndarray, draws: int, random_state: Any
 ) -> np.ndarray:
     rng = generator(random_state)
     model = estimator.model_
@@ -193,7 +193,7 @@ def _reference(
             force = seg.F.copy()
             force[seg.valid] = left + signs[:, None] * (seg.F[seg.valid] - left)
             segments.append(replace(seg, F=force))
-        again = SegmentSet(segments, data.n_samples)
+        again = Dataset(segments, data.n_samples)
         other = estimator.problem_.solve(again).model
         change = [
             other.restoring_force(data)[seg.rows][seg.valid] - R

@@ -19,7 +19,7 @@ import measured_sets
 from paper_displays import BeforeAfterDisplay, HysteresisLoopDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
@@ -32,7 +32,7 @@ print(report.model)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
 X, F = record.to_features()
-filter = FairFilter(report.band, record.fs)
+filter = ZeroPhaseFilter(report.band, record.fs)
 part = slice(3000, 3500)
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):

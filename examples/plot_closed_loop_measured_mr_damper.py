@@ -18,7 +18,7 @@ import measured_sets
 from paper_displays import BeforeAfterDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
@@ -30,7 +30,7 @@ report = close_loop(record, NRFRegressor(degree=1, massless=True), max_steps=2)
 print(f"{report}\n{report.table.round(2).to_string()}")
 
 X, F = record.to_features()
-filter = FairFilter((None, 60.0), record.fs)
+filter = ZeroPhaseFilter((None, 60.0), record.fs)
 measured = filter.apply(F["F1"].to_numpy())
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 part = slice(30000, 33000)  # one second

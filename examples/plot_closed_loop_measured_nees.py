@@ -18,7 +18,7 @@ import numpy as np
 from paper_displays import BeforeAfterDisplay, HysteresisLoopDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")
@@ -35,7 +35,7 @@ for name in ("fbgm162s1", "fbgm162s5"):
 # columns are built from the whole motion and then filtered, as in the search: a law
 # with memory needs the slow part
 X, _ = record.to_features()
-filter = FairFilter((0.2, 10.0), record.fs)
+filter = ZeroPhaseFilter((0.2, 10.0), record.fs)
 inertia = filter.apply(-np.cumsum(X[["a3", "a2", "a1"]].to_numpy(), axis=1)[:, ::-1])
 drift = filter.apply(X[["s1", "s2", "s3"]].to_numpy())
 part = slice(len(X) // 25, len(X) // 2)

@@ -19,7 +19,7 @@ import measured_sets
 import numpy as np
 
 from pysindy_nrf import Chain, NRFRegressor, Record
-from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.equations.errors import nrmse
 
 if "PYSINDY_NRF_DATA" not in os.environ:
     sys.exit("Set PYSINDY_NRF_DATA to the folder of the measured records.")

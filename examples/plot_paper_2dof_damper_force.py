@@ -24,8 +24,8 @@ import paper_published as published
 from paper_displays import DamperForceDisplay, EnergyDisplay
 
 from pysindy_nrf import NRFRegressor
-from pysindy_nrf.estimation import damper_force
-from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.identification import damper_force
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -31,7 +31,7 @@ from paper_displays import (
 from planarity import PlanarityDisplay, locate_nonlinearity
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.estimation import damper_force
+from pysindy_nrf.identification import damper_force
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)

@@ -3,27 +3,27 @@ and motions.
 """
 
 from . import exceptions, laws
+from .chain.sites import Site
+from .chain.structure import Chain
 from .common.lazy import public_names
-from .data.record import Record
-from .mechanics.chain import Chain
-from .mechanics.sites import Site
+from .records.record import Record
 
 __version__ = "0.1.0"
 
 # Public name -> the module that defines it. Resolved on first use (PEP 562), so that
 # `import pysindy_nrf` loads neither PySINDy nor numba nor scipy.signal.
 _LAZY = {
-    "ChainModel": "regression.chain_model",
-    "ChainOptimizer": "regression.optimizers",
-    "FairFilter": "signals.zero_phase_filter",
-    "ForceLawLibrary": "regression.feature_library",
-    "InterstoryPolynomialLibrary": "regression.feature_library",
-    "KinematicSmoother": "signals",
-    "NRFRegressor": "estimation.regressor",
-    "StateSpaceChainOptimizer": "regression.optimizers",
-    "Problem": "estimation.problem",
+    "ChainModel": "chain.model",
+    "ChainOptimizer": "sindy.optimizers",
+    "ZeroPhaseFilter": "records.zero_phase_filter",
+    "ForceLawLibrary": "sindy.feature_library",
+    "InterstoryPolynomialLibrary": "sindy.feature_library",
+    "KinematicSmoother": "records.fusion",
+    "NRFRegressor": "identification.regressor",
+    "StateSpaceChainOptimizer": "sindy.optimizers",
+    "Problem": "identification.problem",
     "close_loop": "discrepancy",
-    "compare_with_sindy": "selection.comparison",
+    "compare_with_sindy": "sindy.comparison",
     "BlockedTimeSplit": "selection",
     "RecordSplit": "selection",
     "one_standard_error": "selection",
@@ -34,22 +34,22 @@ _LAZY = {
 # Layers and the modules that users name, by the name under which `from pysindy_nrf
 # import ...` gives them.
 _LAZY_MODULES = {
-    "data": "data",
+    "chain": "chain",
     "datasets": "datasets",
-    "diagnostics": "diagnostics",
+    "diagnosis": "diagnosis",
     "discrepancy": "discrepancy",
-    "estimation": "estimation",
+    "equations": "equations",
     "excitation": "simulation.excitation",
-    "io": "data.io",
-    "mechanics": "mechanics",
+    "identification": "identification",
+    "io": "records.files",
     "monitoring": "monitoring",
-    "output": "output",
-    "regression": "regression",
+    "records": "records",
+    "report": "report",
     "scorers": "selection.scorers",
     "selection": "selection",
-    "signals": "signals",
     "simulation": "simulation",
-    "streaming": "estimation.streaming",
+    "sindy": "sindy",
+    "streaming": "identification.streaming",
 }
 
 __all__ = ["Chain", "Record", "Site", "exceptions", "laws", *_LAZY, *_LAZY_MODULES]

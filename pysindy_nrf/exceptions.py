@@ -109,8 +109,10 @@ class FileVersionError(FileFormatError):
     ...     .replace('"version": 1', '"version": 99')
     ... )
     >>> ChainModel.from_json(text)
-    Traceback (most recent call last): pysindy_nrf.exceptions.FileVersionError: The JSON
-    text has version 99, this package reads up to 1. Update pysindy_nrf.
+    Traceback (most recent call last):
+    ...
+    pysindy_nrf.exceptions.FileVersionError: The JSON text has version 99, this package
+    reads up to 1. Update pysindy_nrf.
     """
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import Record, excitation, simulate
-from pysindy_nrf.regression.segments import feature_names
+from pysindy_nrf.records.dataset import feature_names
 
 
 @dataclass
@@ -322,7 +322,7 @@ def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
     from sklearn.base import clone
 
     from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
-    from pysindy_nrf.regression.input_arrays import from_arrays
+    from pysindy_nrf.records.input_arrays import from_arrays
 
     rng, ag = np.random.default_rng(seed), record.base_acceleration
     run = model.simulate(record.force, record.dt, base_acceleration=ag)

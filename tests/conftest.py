@@ -1,5 +1,6 @@
 """What every test file shares."""
 
+import json
 import os
 from pathlib import Path
 
@@ -7,7 +8,8 @@ import chains
 import pytest
 from hypothesis import settings
 
-from pysindy_nrf import ChainModel, laws
+from pysindy_nrf import ChainModel, datasets, laws
+from pysindy_nrf.records.files import write_record
 from pysindy_nrf.simulation.noise import add_noise
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
@@ -45,3 +47,33 @@ def three():
     )
     rec = chains.driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3)
     return add_noise(rec, 0.02, random_state=1).to_features()
+
+
+@pytest.fixture(scope="session")
+def demo_file(tmp_path_factory):
+    return str(
+        write_record(datasets.load_demo(), tmp_path_factory.mktemp("demo") / "demo.csv")
+    )
+
+
+@pytest.fixture(scope="session")
+def truth_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("truth") / "model.json"
+    datasets.demo_truth().to_json(path)
+    return str(path)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder, in which the commands run."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def spoken(capsys):
+    """What a command printed as strict JSON."""
+    return lambda: json.loads(
+        capsys.readouterr().out,
+        parse_constant=lambda word: pytest.fail(f"{word} in JSON"),
+    )

@@ -15,8 +15,8 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.data.channels import checked
-from pysindy_nrf.regression.layout import Layout
+from pysindy_nrf.chain.layout import Layout
+from pysindy_nrf.records.channels import checked
 
 
 def padded(X, multiple, least=0):

@@ -27,16 +27,16 @@ ALLOWED = {
     ("common/lazy.py", "AttributeError"): "the protocol of module attributes",
     ("laws/contract.py", "AssertionError"): "a check that a law failed, as documented",
     (
-        "laws/compiled.py",
+        "common/compiled.py",
         "TypingError",
     ): "the protocol of numba, which tries other types",
-    ("data/channels.py", "TypeError"): "caught some lines below",
-    ("data/channels.py", "kind"): "one of two typed errors, chosen above",
+    ("records/channels.py", "TypeError"): "caught some lines below",
+    ("records/channels.py", "kind"): "one of two typed errors, chosen above",
     ("common/__init__.py", "error"): "a typed error that the caller chose",
-    ("selection/comparison.py", "OverflowError"): "caught by the time limit's own loop",
-    ("selection/comparison.py", "TimeoutError"): "caught by the time limit's own loop",
+    ("sindy/comparison.py", "OverflowError"): "caught by the time limit's own loop",
+    ("sindy/comparison.py", "TimeoutError"): "caught by the time limit's own loop",
     (
-        "regression/chain_solve.py",
+        "equations/chain_solve.py",
         "NotTogether",
     ): "an NRFError, caught by the selection, which solves one by one",
     ("selection/fold_moments.py", "NotTogether"): "the same",
@@ -44,14 +44,14 @@ ALLOWED = {
 # Readers' helpers: the reader turns their ValueError into a FileFormatError
 # (test_fuzz.py holds it to that).
 HELPERS = {
-    "data/io/table.py",
-    "data/io/arrays.py",
-    "data/io/uff.py",
+    "records/files/table.py",
+    "records/files/arrays.py",
+    "records/files/uff.py",
     "common/files.py",
-    "output/cli/options.py",
+    "cli/options.py",
 }
 # The sentences of a solve order say themselves what would help.
-CURE_INSIDE = {"mechanics/identifiability.py": "its reasons say what would help"}
+CURE_INSIDE = {"chain/identifiability.py": "its reasons say what would help"}
 # Functions that build the error they are named for.
 BUILDERS = {"unreadable", "cannot_compile"}
 
@@ -97,7 +97,7 @@ def test_only_typed_errors_are_raised():
     wrong = []
     for where, node in raises():
         name = called(node.exc)
-        usage = where.startswith("output/cli/") and name in (
+        usage = where.startswith("cli/") and name in (
             "UsageError",
             "BadParameter",
         )

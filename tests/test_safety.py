@@ -9,7 +9,7 @@ import pytest
 def test_names_from_files_stay_in_the_chosen_folder(tmp_path, monkeypatch):
     """A record that calls itself ../../x writes nothing outside the output folder."""
     from pysindy_nrf import Record, datasets
-    from pysindy_nrf.output.cli.group import run
+    from pysindy_nrf.cli.group import run
 
     monkeypatch.chdir(tmp_path)
     table = datasets.load_demo().to_frame().iloc[:2000]

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pysindy_nrf.data.io import read_frf, read_record, read_table
 from pysindy_nrf.exceptions import NRFError
+from pysindy_nrf.records.files import read_frf, read_record, read_table
 
 from .kind import Kind
 from .material import good

@@ -134,7 +134,7 @@ def _words(kind: Kind, messages: list[str], good: str) -> tuple[str, str]:
 
 def _command(kind: Kind) -> tuple[str, str]:
     """Run the command line in a folder of its own; ``act`` returns its arguments."""
-    from pysindy_nrf.output.cli import group
+    from pysindy_nrf.cli import group
 
     runner = CliRunner()
     with runner.isolation() as streams, runner.isolated_filesystem():

@@ -12,7 +12,7 @@ import pandas as pd
 
 from pysindy_nrf import KinematicSmoother, Record
 from pysindy_nrf.exceptions import DataQualityWarning, NRFError
-from pysindy_nrf.signals.channel_checks import check_channels
+from pysindy_nrf.records.checks.channel_checks import check_channels
 from pysindy_nrf.simulation.noise import add_noise
 
 from .kind import Kind

@@ -47,11 +47,11 @@ def load_nees_isolated(test: str) -> Record:
     The table's displacement was not measured; the other displacements pass the same
     filter.
     """
-    from pysindy_nrf.signals import integrate
-    from pysindy_nrf.signals.zero_phase_filter import FairFilter
+    from pysindy_nrf.records.fusion import integrate
+    from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
     whole = measured_sets.load_nees_isolated(test)
-    above = FairFilter((0.1, None), whole.fs)
+    above = ZeroPhaseFilter((0.1, None), whole.fs)
     ag = above.apply(whole.base_acceleration)
     return whole.replace(
         displacement=above.apply(whole.displacement),

@@ -83,7 +83,7 @@ def _texts() -> list[bytes]:
 def _written(suffix: str) -> bytes:
     import tempfile
 
-    from pysindy_nrf.data.io import write_record
+    from pysindy_nrf.records.files import write_record
 
     with tempfile.TemporaryDirectory() as folder:
         return Path(write_record(_record(), Path(folder, "test" + suffix))).read_bytes()
@@ -211,7 +211,7 @@ def _responses() -> list[bytes]:
 
 def _models() -> list[bytes]:
     from pysindy_nrf import ChainModel, laws
-    from pysindy_nrf.regression.segments import VisitedRegion
+    from pysindy_nrf.chain.visited_region import VisitedRegion
 
     storey = [laws.PowerSeries(3, np.arange(1.0, 10.0)), laws.Dahl(sigma=1e3, Fd=20.0)]
     region = VisitedRegion.of(WAVE[:, 0], WAVE[:, 1])
@@ -251,20 +251,20 @@ def _mappings() -> list[bytes]:
 
 
 def read_table(path: Path) -> Any:
-    from pysindy_nrf.data.io import read_table as read
+    from pysindy_nrf.records.files import read_table as read
 
     return read(path, max_bytes=100_000_000)
 
 
 def read_record(path: Path) -> Any:
     """The whole way, to features and back in words."""
-    from pysindy_nrf.data.io import describe, inspect_record
+    from pysindy_nrf.records.files import describe, inspect_record
 
     return describe(inspect_record(path, max_bytes=100_000_000))
 
 
 def read_frf(path: Path) -> Any:
-    from pysindy_nrf.data.io import read_frf as read
+    from pysindy_nrf.records.files import read_frf as read
 
     return read(path, max_bytes=100_000_000)
 
@@ -278,7 +278,7 @@ def read_model(path: Path) -> Any:
 
 
 def read_mapping(path: Path) -> Any:
-    from pysindy_nrf.data.io.mapping import read_mapping as read
+    from pysindy_nrf.records.files.mapping import read_mapping as read
 
     return read(path)
 
@@ -286,10 +286,10 @@ def read_mapping(path: Path) -> Any:
 def read_words(path: Path) -> Any:
     """The small grammars: mappings, units, sites."""
     from pysindy_nrf import Site
-    from pysindy_nrf.data.io.mapping import line_of, parse
-    from pysindy_nrf.data.io.table import Table
-    from pysindy_nrf.data.io.units import factor, is_unit
     from pysindy_nrf.exceptions import NRFError
+    from pysindy_nrf.records.files.mapping import line_of, parse
+    from pysindy_nrf.records.files.table import Table
+    from pysindy_nrf.records.files.units import factor, is_unit
 
     text = path.read_bytes().decode("utf-8", "replace")
     table = Table(path, "memory", {"a": WAVE, "x1": WAVE[:, 0], "gain": np.array(2.0)})

@@ -9,6 +9,9 @@ import numpy as np
 
 from ..exceptions import NRFError
 
+# DOFs of a chain; a larger number is a mistake, or a file that would exhaust the memory.
+MOST_DOFS = 10_000
+
 
 def number_of(value: Any) -> float:
     """A value as a float; NaN if it is none."""

@@ -3,9 +3,9 @@
 from importlib.resources import files
 from typing import Any
 
-from ..data.io import inspect_record
-from ..data.io.reading import Reading
-from ..data.record import Record
+from ..records.files import inspect_record
+from ..records.files.reading import Reading
+from ..records.record import Record
 
 __all__ = ["demo_truth", "load_demo"]
 
@@ -62,8 +62,8 @@ def demo_truth() -> Any:
     R2 = 25 v2 + 3.5e+04 s2
     R3 = 20 v3 + 3e+04 s3
     """
+    from ..chain.model import ChainModel
     from ..laws import Duffing, LinearElastic, LinearViscous
-    from ..regression.chain_model import ChainModel
 
     return ChainModel(
         [12.0, 10.0, 8.0],

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from .. import laws
-from ..estimation.problem import Problem, flexible_laws
+from ..chain.sites import Site
+from ..chain.structure import Chain
 from ..exceptions import LawError
+from ..identification.problem import Problem, flexible_laws
 from ..laws.base import ForceLaw
-from ..mechanics.chain import Chain
-from ..mechanics.sites import Site
 
 
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:

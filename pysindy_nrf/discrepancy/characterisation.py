@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
 
+from ..equations.normal_equations import Regression
 from ..exceptions import ChannelError
 from ..laws import Jenkins
 from ..laws.shape import Motion
-from ..regression.grams import Regression
-from ..signals.noise_levels import RARE
+from ..records.fusion.noise_levels import RARE
 from . import words
 from .constants import EXPLAINED, NEARLY, TENTH
 from .windows import period_of

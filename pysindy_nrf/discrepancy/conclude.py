@@ -14,26 +14,26 @@ import pandas as pd
 from scipy.stats import t as student
 
 from .. import laws
-from ..data.record import Record
-from ..diagnostics.verdict import FreeRuns
-from ..estimation.fewer_sensors import Linearised, estimate, negative, shot_of, told
-from ..estimation.free_run_fit import (
+from ..chain.layout import LawLayout
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..chain.visited_region import VisitedRegion
+from ..diagnosis.verdict import FreeRuns
+from ..equations.errors import free_run_by_either
+from ..equations.normal_equations import variance
+from ..exceptions import NRFError
+from ..identification.fewer_sensors import Linearised, estimate, negative, shot_of, told
+from ..identification.intervals import parameters_of
+from ..identification.output_error import (
     FreeRunFit,
     Rebuild,
     Shot,
     Solution,
     free_parameters,
 )
-from ..estimation.intervals import parameters_of
-from ..estimation.problem import Problem
-from ..exceptions import NRFError
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..regression.errors import free_run_by_either
-from ..regression.grams import variance
-from ..regression.layout import LawLayout
-from ..regression.segments import VisitedRegion
-from ..signals.channel_checks import measured
+from ..identification.problem import Problem
+from ..records.checks.channel_checks import measured
+from ..records.record import Record
 from . import judge, words
 from .catalogue import as_laws, balances_of, candidates, general_laws
 from .constants import (

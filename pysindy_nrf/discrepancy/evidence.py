@@ -29,12 +29,13 @@ import numpy as np
 import pandas as pd
 from scipy.sparse.csgraph import connected_components
 
+from ..chain.layout import LawLayout
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..chain.structure import Chain
+from ..equations.balances import blocks_of_segment
+from ..equations.normal_equations import Regression, in_blocks, share_of
 from ..exceptions import ChannelError, NRFError
-from ..mechanics.chain import Chain
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..regression.grams import Regression, in_blocks, share_of
-from ..regression.layout import LawLayout
 from . import words
 from .characterisation import (
     Characterisation,
@@ -294,7 +295,7 @@ class Localiser:
         )
         self.columns = []
         for seg, filter in zip(residual.data.segments, residual.filters):
-            blocks = list(seg.blocks(layout, filter=filter))
+            blocks = list(blocks_of_segment(seg, layout, filter=filter))
             self.columns.append(
                 np.hstack(
                     [np.vstack([block.terms, block.acceleration]) for block in blocks]

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..chain.sites import Site
+from ..equations.normal_equations import variance
 from ..laws.base import ForceLaw
-from ..mechanics.sites import Site
-from ..regression.grams import variance
 from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
 from .ruler import Gain, Trial
 from .state import Effect, Finding, State

@@ -11,21 +11,21 @@ import numpy as np
 from scipy.fft import next_fast_len
 from threadpoolctl import threadpool_limits
 
+from ..chain.sites import Site
 from ..common import generator
-from ..diagnostics.verdict import DOUBTFUL, free_runs, suspect_channels
-from ..estimation.fewer_sensors import lacks_motion
-from ..estimation.fitted import wiring_of
-from ..estimation.intervals import tolerances_of
-from ..estimation.problem import LEAST_SQUARES, Problem
-from ..estimation.regressor import NRFRegressor
+from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
+from ..identification.fewer_sensors import lacks_motion
+from ..identification.fitted import wiring_of
+from ..identification.intervals import tolerances_of
+from ..identification.problem import LEAST_SQUARES, Problem
+from ..identification.regressor import NRFRegressor
 from ..laws.base import ForceLaw
 from ..laws.elastic import LinearElastic
 from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
-from ..mechanics.sites import Site
-from ..regression.segments import SegmentSet
-from ..signals.zero_phase_filter import filters_of
+from ..records.dataset import Dataset
+from ..records.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import RUN, by_channels, concluded
 from .constants import TOLERANCES
@@ -216,9 +216,7 @@ def close_loop(
             )
             for s in segments
         ]
-        report.free_runs = free_runs(
-            report.model, SegmentSet(begun, ready.data.n_samples)
-        )
+        report.free_runs = free_runs(report.model, Dataset(begun, ready.data.n_samples))
         report.faults = suspect_channels((*mine, *kept))
         if (
             report.faults
@@ -277,7 +275,7 @@ def _baseline_laws(
     """
     if any(law.free_shape for held in problem.laws.values() for law in held):
         return problem.solve(
-            SegmentSet([piece for _, piece in work.pieces()], work.data.n_samples)
+            Dataset([piece for _, piece in work.pieces()], work.data.n_samples)
         ).model.laws
     return dict(problem.laws)
 

@@ -11,17 +11,21 @@ import numpy as np
 import pandas as pd
 from scipy.fft import next_fast_len
 
-from ..data.record import Record
+from ..chain.sites import Site
+from ..equations.chain_solve import clock_of
 from ..exceptions import ChannelError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
-from ..mechanics.sites import Site
-from ..regression.chain_solve import clock_of
-from ..regression.input_arrays import from_arrays
-from ..regression.segments import BlockRows, Segment, SegmentSet, half_the_rate
-from ..signals.channel_checks import Measured, measured
-from ..signals.kinematic_smoother import KinematicSmoother
-from ..signals.kinematics import base_acceleration_if_any, base_motion, to_features
+from ..records.checks.channel_checks import Measured, measured
+from ..records.dataset import BlockRows, Dataset, Segment, half_the_rate
+from ..records.fusion.kinematic_smoother import KinematicSmoother
+from ..records.fusion.kinematics import (
+    base_acceleration_if_any,
+    base_motion,
+    to_features,
+)
+from ..records.input_arrays import from_arrays
+from ..records.record import Record
 from .constants import CLEAN, LEAST_SHARE, TENTH, WINDOWS
 from .windows import period_of
 
@@ -38,7 +42,7 @@ class Prepared:
     """Fused records."""
 
     records: list[Record]  # as measured
-    data: SegmentSet  # the base motion stands among the covariates as ``ag`` and ``vg``
+    data: Dataset  # the base motion stands among the covariates as ``ag`` and ``vg``
     noise: list[dict[str, float]] = field(
         default_factory=list
     )  # of each channel of each record, SI rms
@@ -112,7 +116,7 @@ def prepare(
         segments.append(piece)
     held = list(range(len(mine), len(every))) if kept else None
     return Prepared(
-        every, SegmentSet(segments, at), found, held, clean, bands=told, knots=used
+        every, Dataset(segments, at), found, held, clean, bands=told, knots=used
     )
 
 
@@ -206,7 +210,7 @@ def _covariates(record: Record) -> dict[str, np.ndarray]:
     elif record.base_displacement is not None:
         vg = base_motion(record, record)[0]
     else:
-        from ..signals import integrate
+        from ..records.fusion import integrate
 
         vg = integrate(ag, record.dt)
     for name, line in (("ag", ag), ("vg", vg)):
@@ -224,7 +228,7 @@ class Workspace:
 
     def __init__(
         self,
-        data: SegmentSet,
+        data: Dataset,
         search: Sequence[BlockRows],
         held: Sequence[BlockRows],
         known_masses: Mapping[int, float],
@@ -235,7 +239,7 @@ class Workspace:
         self.known_masses = dict(known_masses)
         self.n_dof = data.n_dof
         self.searched = sorted({b.segment for b in search})
-        seen = SegmentSet([data.segments[i] for i in self.searched], data.n_samples)
+        seen = Dataset([data.segments[i] for i in self.searched], data.n_samples)
         self.forced, self.unknown = seen.forced, seen.unknown
         self._motions: dict[tuple[Site, tuple[int, ...]], Motion] = {}
         self._scales: dict[Site, Scales] = {}
@@ -259,7 +263,7 @@ class Workspace:
 
         self.held = [b for b in self.held if not (instants and changes(b))] or self.held
 
-    def with_data(self, data: SegmentSet) -> Workspace:
+    def with_data(self, data: Dataset) -> Workspace:
         """The same rows of other motions (of corrected channels), as far as they are
         valid.
         """
@@ -365,7 +369,7 @@ class Workspace:
                 runs.append(rows)
         return runs
 
-    def pieces(self, data: SegmentSet | None = None) -> list[tuple[int, Segment]]:
+    def pieces(self, data: Dataset | None = None) -> list[tuple[int, Segment]]:
         """The data that the search may see, as contiguous segments with the numbers of
         their records.
         """
@@ -425,7 +429,7 @@ def excerpts(
     noise, bands, knots = map(list, ready.like(b.segment for b in work.search))
     few = Prepared(
         records,
-        SegmentSet(segments, at),
+        Dataset(segments, at),
         noise,
         clean=ready.clean,
         bands=bands,

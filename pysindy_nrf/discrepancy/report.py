@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..chain.model import ChainModel
+from ..chain.sites import Site
 from ..common.audit import constants_of, settings_of
 from ..common.lazy import Hook
-from ..data.record import Record
-from ..diagnostics.verdict import FreeRuns, Verdict
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..signals.channel_checks import Measured
+from ..diagnosis.verdict import FreeRuns, Verdict
+from ..records.checks.channel_checks import Measured
+from ..records.record import Record
 from . import constants, words
 from .evidence import Evidence
 from .residual import SiteLoop
@@ -278,7 +278,7 @@ class LoopReport:
     @property
     def verdict(self) -> Verdict:
         """Whether the model may be used, what was found, and why not; see
-        :mod:`pysindy_nrf.diagnostics.verdict`.
+        :mod:`pysindy_nrf.diagnosis.verdict`.
         """
         return Hook.LOOP_VERDICT(self)
 

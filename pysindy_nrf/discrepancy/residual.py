@@ -24,14 +24,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..data.record import Record
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..equations.errors import free_run_of
 from ..exceptions import ChannelError, NRFError
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..regression.errors import free_run_of
-from ..regression.segments import BlockRows, Segment, SegmentSet
-from ..signals.kinematics import base_acceleration_if_any
-from ..signals.noise_levels import levels_of, noisy_base, quiet_drive
+from ..records.dataset import BlockRows, Dataset, Segment
+from ..records.fusion.kinematics import base_acceleration_if_any
+from ..records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
+from ..records.record import Record
 from .prepare import Prepared, Workspace, prepare
 from .ruler import Ruler, Trial
 from .windows import Windows, period_of
@@ -48,7 +48,7 @@ class Residual:
     """One-step residual of a model, record by record."""
 
     model: ChainModel
-    data: SegmentSet
+    data: Dataset
     filters: list[Any]  # one for each record; the residual has passed it
     balance: list[
         np.ndarray
@@ -128,7 +128,7 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
     )
 
 
-def searched(work: Workspace, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]]:
+def searched(work: Workspace, most: int = ENOUGH) -> tuple[Dataset, list[Any]]:
     """The part of the data that the search may see, cut to so many samples, and the
     filter of each record.
     """
@@ -146,7 +146,7 @@ def searched(work: Workspace, most: int = ENOUGH) -> tuple[SegmentSet, list[Any]
         )
         for _, piece in kept
     ]
-    return SegmentSet(pieces, work.data.n_samples), [work.filters[i] for i, _ in kept]
+    return Dataset(pieces, work.data.n_samples), [work.filters[i] for i, _ in kept]
 
 
 def residual_of(
@@ -379,7 +379,7 @@ def _record(
     if not model.masses.any():
         force = np.array(record.force, dtype=float)
         force[segment.valid] = model.balance_forces(
-            SegmentSet([segment], segment.n_samples)
+            Dataset([segment], segment.n_samples)
         )[0]
         return record.replace(force=force + scatter)
     rows = _measured_rows(record)
@@ -438,7 +438,7 @@ class SiteLoop:
 
 
 def loops_of(
-    model: ChainModel, data: SegmentSet, filters: Sequence[Any] | None = None
+    model: ChainModel, data: Dataset, filters: Sequence[Any] | None = None
 ) -> list[SiteLoop]:
     """Forces of all sites that hold a law, along the strongest stretch of the data; all
     lines pass the filters.
@@ -460,7 +460,7 @@ def loops_of(
 def _loop(
     site: Site,
     force: Any,
-    data: SegmentSet,
+    data: Dataset,
     filters: list[Any],
     storeys: list[np.ndarray],
 ) -> SiteLoop:

@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from ..estimation.fewer_sensors import Linearised
+from ..chain.identifiability import SolveOrder, plan_solve_order
+from ..chain.layout import LawLayout, Layout
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..chain.structure import Chain
+from ..equations.chain_solve import Solution, model_of
+from ..equations.many_solves import ChainFit, ChannelFit
+from ..equations.normal_equations import leave_one_out, variance
 from ..exceptions import NRFError
+from ..identification.fewer_sensors import Linearised
 from ..laws.base import ForceLaw
-from ..mechanics.chain import Chain
-from ..mechanics.identifiability import SolveOrder, plan_solve_order
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..regression.chain_solve import Solution, model_of
-from ..regression.grams import leave_one_out, variance
-from ..regression.layout import LawLayout, Layout
-from ..regression.many_fits import ChainFit, ChannelFit
-from ..regression.segments import SegmentSet
+from ..records.dataset import Dataset
 from .constants import ENERGY, EXPLAINED, FAR, FLOOR, TENTH
 from .prepare import LONG, Workspace
 from .windows import Windows
@@ -410,7 +410,7 @@ class ChannelWork(Workspace):
 
     def __init__(self, seen: Linearised, *given: Any) -> None:
         super().__init__(
-            SegmentSet(seen.runs, sum(run.n_samples for run in seen.runs)), *given
+            Dataset(seen.runs, sum(run.n_samples for run in seen.runs)), *given
         )
         self.seen, self.known, self.ends = (
             seen,

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.fft import next_fast_len
 from scipy.signal import resample
 
+from ..chain.sites import Site
+from ..equations.shape_search import balance_lines, driven_at
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
-from ..mechanics.sites import Site
-from ..regression.shape_search import balance_lines, driven_at
 from . import judge
 from .catalogue import general_laws
 from .constants import DRAWS, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, LIKELY, TENTH

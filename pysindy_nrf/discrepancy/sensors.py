@@ -25,11 +25,11 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array
 from scipy.stats import chi2
 
+from ..chain.sites import Site
 from ..exceptions import NRFError
 from ..laws.sensor import ChannelDelay, GainError, SensorFault
-from ..mechanics.sites import Site
-from ..regression.segments import Segment, SegmentSet
-from ..signals.alignment import channel_alignment
+from ..records.checks.alignment import channel_alignment
+from ..records.dataset import Dataset, Segment
 from ..simulation.api import as_true
 from .constants import FLOOR, LEAST_GAIN, LEAST_SHARE
 from .prepare import Prepared, Workspace, prepare
@@ -116,7 +116,7 @@ def _alone(
         )
 
 
-def on(trial: Trial, data: SegmentSet) -> Trial:
+def on(trial: Trial, data: Dataset) -> Trial:
     """The same laws on the same rows of other motions."""
     ruler = trial.ruler
     work, windows = ruler.work.with_data(data), ruler.windows
@@ -179,7 +179,7 @@ class _Scan:
         )
 
 
-def _shifted(work: Workspace, site: Site, law: SensorFault) -> SegmentSet:
+def _shifted(work: Workspace, site: Site, law: SensorFault) -> Dataset:
     """Records in which a force, or the whole motion of a DOF, is freed of a fault, what
     is held out on its own.
     """
@@ -210,7 +210,7 @@ def _shifted(work: Workspace, site: Site, law: SensorFault) -> SegmentSet:
         segments.append(
             replace(changed, valid=slice(int(inside[0]), int(inside[-1]) + 1))
         )
-    return SegmentSet(segments, work.data.n_samples)
+    return Dataset(segments, work.data.n_samples)
 
 
 def _freed(
@@ -580,7 +580,7 @@ def _faulty(
     work: Workspace,
     readings: Mapping[int, _Readings],
     errors: Sequence[tuple[_Error, float]],
-) -> SegmentSet:
+) -> Dataset:
     """Records whose channels have further errors of some sizes."""
     segments = list(work.data.segments)
     for i, seen in readings.items():
@@ -590,7 +590,7 @@ def _faulty(
                 own.setdefault(error.dof, []).append((error, size))
         for dof, some in own.items():
             segments[i] = segments[i].moved(dof, **seen.changes(some))
-    return SegmentSet(segments, work.data.n_samples)
+    return Dataset(segments, work.data.n_samples)
 
 
 _ORDERS = {

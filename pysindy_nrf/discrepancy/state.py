@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
+from ..chain.sites import Site
 from ..laws.base import ForceLaw
 from ..laws.shape import Shape, ShapeScale
-from ..mechanics.sites import Site
 from .constants import LEAST_GAIN, TENTH, WINDOWS
 from .prepare import Prepared, Workspace
 from .ruler import Gain, Trial

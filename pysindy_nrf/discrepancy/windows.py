@@ -20,7 +20,7 @@ import numpy as np
 from scipy.fft import rfft
 
 from ..exceptions import ChannelError
-from ..regression.segments import BlockRows, Segment, SegmentSet
+from ..records.dataset import BlockRows, Dataset, Segment
 from .constants import (
     BANDS,
     EXPLAINED,
@@ -215,7 +215,7 @@ class Windows:
 
     Parameters
     ----------
-    data : SegmentSet
+    data : Dataset
     blocks : sequence of BlockRows
         Those that hold at least one window are the folds.
     length : float
@@ -229,7 +229,7 @@ class Windows:
 
     def __init__(
         self,
-        data: SegmentSet,
+        data: Dataset,
         blocks: Sequence[BlockRows],
         length: float,
         edges: np.ndarray | None = None,

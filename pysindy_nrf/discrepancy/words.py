@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ..mechanics.sites import Site
+from ..chain.sites import Site
 from .constants import TENTH
 
 

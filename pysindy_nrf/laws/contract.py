@@ -118,7 +118,7 @@ def check_large_arguments(law: ForceLaw, rng: np.random.Generator) -> None:
 
 def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
     """The kernel gives the same numbers on arrays, on floats, and compiled."""
-    from .compiled import on_a_sample
+    from ..common.compiled import on_a_sample
     from .memory import state_path
 
     motion = random_motion(law, rng, n_periods=1)

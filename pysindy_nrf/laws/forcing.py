@@ -237,10 +237,8 @@ class HiddenOscillator(ForceLaw):
         covariate: str | None = None,
     ) -> None:
         if covariate is not None:
-            # type: ignore[misc]
-            self.covariates, self.covariate_units = (covariate,), ("m/s^2",)
-            # type: ignore[misc]
-            self.symmetry, self.at_rest, self.passive = "none", None, False
+            self.covariates, self.covariate_units = (covariate,), ("m/s^2",)  # type: ignore[misc]
+            self.symmetry, self.at_rest, self.passive = "none", None, False  # type: ignore[misc]
         super().__init__({"omega": omega, "zeta": zeta}, {"m": m})
 
     def options(self) -> dict[str, Any]:

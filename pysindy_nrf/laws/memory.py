@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numba.core.errors import NumbaError
 
-from ..exceptions import ChannelError, LawError
-from .compiled import (
+from ..common.compiled import (
     address_of,
     addresses,
     call_walk,
@@ -19,6 +18,7 @@ from .compiled import (
     read_only,
     walk_pointer,
 )
+from ..exceptions import ChannelError, LawError
 from .shape import Motion
 
 _STRETCH = 2048  # intervals whose reversals are found before the state is moved

@@ -10,17 +10,17 @@ import pandas as pd
 from scipy import special
 from sklearn.base import clone
 
-from ..estimation.intervals import Resolver
-from ..estimation.problem import Estimate, Problem, law_list
+from ..chain.model import ChainModel, as_segments, storey_names
+from ..chain.restoring_force import grid
+from ..chain.sites import Site
+from ..equations.accumulation import pieces_of
+from ..equations.chain_solve import groups_of, model_of, visited_regions
+from ..equations.normal_equations import NormalEquations, variance
 from ..exceptions import ChainError, ChannelError, DataQualityWarning
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel, as_segments, storey_names
-from ..regression.chain_solve import groups_of, model_of, visited_regions
-from ..regression.gram_pass import pieces_of
-from ..regression.grams import BlockGrams, variance
-from ..regression.input_arrays import both_ways, from_arrays, fused_together
-from ..regression.restoring_force import grid
-from ..regression.segments import SegmentSet
+from ..identification.intervals import Resolver
+from ..identification.problem import Estimate, Problem, law_list
+from ..records.dataset import Dataset
+from ..records.input_arrays import both_ways, from_arrays, fused_together
 from .force_change import Comparison, cut_of, in_words
 
 
@@ -273,7 +273,7 @@ def compare_tests(
 
 def resolver_in_time(
     problem: Problem,
-    data: SegmentSet,
+    data: Dataset,
     *,
     n_blocks: int | None = None,
     length: float | None = None,
@@ -297,7 +297,7 @@ def resolver_in_time(
 
 def _cuts(
     problem: Problem,
-    data: SegmentSet,
+    data: Dataset,
     n_blocks: int | None = None,
     length: float | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -327,14 +327,14 @@ def _cuts(
         yield cuts, np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]])
 
 
-def plain_model(resolver: Resolver, total: BlockGrams) -> ChainModel:
+def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
     """Model of a sum of pieces; a rank that is too low is warned of."""
     return model_of(resolver.pieces.layout, resolver.solve(total))
 
 
 def _fit(
     estimator: Any, test: Any, options: dict[str, Any]
-) -> tuple[Estimate, SegmentSet]:
+) -> tuple[Estimate, Dataset]:
     """Least-squares estimate of a test, and its motions, DOFs fused one by one."""
     X, F = test if isinstance(test, tuple) else (test, None)
     if fused_together(X):

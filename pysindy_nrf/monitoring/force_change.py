@@ -16,13 +16,13 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..equations.normal_equations import variance
 from ..exceptions import ChainError
 from ..laws import Dahl, ForceLaw
 from ..laws.shape import Motion
-from ..mechanics.sites import Site
-from ..regression.chain_model import ChainModel
-from ..regression.grams import variance
-from ..regression.segments import Segment, SegmentSet
+from ..records.dataset import Dataset, Segment
 
 # Clearances and sliding distances of the common law, in rms drifts of the weaker test.
 # They span what bends a force within its drift: a loop that slides earlier is dry
@@ -147,7 +147,7 @@ def _force_above(
 
 def cut_of(
     storey: int,
-    tests: Sequence[SegmentSet],
+    tests: Sequence[Dataset],
     models: Sequence[ChainModel],
     masses: np.ndarray,
     filters: Sequence[Sequence[Any]],

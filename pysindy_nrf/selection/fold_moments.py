@@ -10,17 +10,18 @@ import pandas as pd
 from scipy import linalg
 from scipy.linalg import blas
 
+from ..chain.identifiability import SolveOrder, plan_solve_order
+from ..chain.layout import Block, Group, LawLayout
+from ..chain.sites import Site
+from ..chain.structure import Chain
+from ..equations.accumulation import GramPass
+from ..equations.balances import blocks_of_segment
+from ..equations.chain_solve import NotTogether, Solution, groups_of, solve
+from ..equations.normal_equations import NormalEquations
 from ..exceptions import ChannelError, NRFError, RankWarning
 from ..laws.base import ForceLaw
 from ..laws.power_series import PowerSeries, exponents_of
-from ..mechanics.chain import Chain
-from ..mechanics.identifiability import SolveOrder, plan_solve_order
-from ..mechanics.sites import Site
-from ..regression.chain_solve import NotTogether, Solution, groups_of, solve
-from ..regression.gram_pass import GramPass
-from ..regression.grams import BlockGrams
-from ..regression.layout import Block, Group, LawLayout
-from ..regression.segments import SegmentSet
+from ..records.dataset import Dataset
 
 
 class Monomials(PowerSeries):
@@ -66,7 +67,7 @@ class Order:
             self._groups[solve_order] = groups_of(self.layout, solve_order)
         return self._groups[solve_order]
 
-    def index(self, group: Group, whole: BlockGrams) -> np.ndarray:
+    def index(self, group: Group, whole: NormalEquations) -> np.ndarray:
         """Where the columns of a group stand among those of all candidates."""
         if group not in self._index:
             where, *others = whole.positions(group.dofs)
@@ -91,7 +92,7 @@ class FoldMoments:
         chain: Chain,
         laws: Mapping[Site, Sequence[ForceLaw]],
         orders: Mapping[Site, Iterable[Any]],
-        data: SegmentSet,
+        data: Dataset,
         folds: Sequence[tuple[np.ndarray, np.ndarray]],
         filters: Sequence[Any],
         known_masses: Mapping[int, float],
@@ -120,7 +121,7 @@ class FoldMoments:
             np.zeros(size),
             np.zeros(size),
         )  # of the accelerations, for the variance behind R^2
-        self._totals: dict[Any, tuple[BlockGrams, np.ndarray, np.ndarray]] = {}
+        self._totals: dict[Any, tuple[NormalEquations, np.ndarray, np.ndarray]] = {}
         grams = GramPass(self.layout, self.groups, self.known_masses, n_blocks=size[0])
         self.pieces = grams.add_each(self._blocks()).grams()
 
@@ -198,7 +199,9 @@ class FoldMoments:
         """All samples, and the class they belong to."""
         for seg, filter in zip(self.data.segments, self.filters):
             classes, at = self.class_of[seg.rows][seg.valid], 0
-            for block in map(self._whiten, seg.blocks(self.layout, filter=filter)):
+            for block in map(
+                self._whiten, blocks_of_segment(seg, self.layout, filter=filter)
+            ):
                 here = classes[at : at + block.n_samples]
                 at += block.n_samples
                 for code in np.unique(here).tolist():
@@ -212,7 +215,7 @@ class FoldMoments:
 
     def total(
         self, fold: Any, side: str = "train"
-    ) -> tuple[BlockGrams, np.ndarray, np.ndarray]:
+    ) -> tuple[NormalEquations, np.ndarray, np.ndarray]:
         """Roots of one side of a fold, sums of accelerations and counts; None: of all
         samples, EVERY: stacked.
         """
@@ -237,7 +240,7 @@ class FoldMoments:
             )
         return self._totals[key]
 
-    def _sums(self, wanted: np.ndarray) -> BlockGrams:
+    def _sums(self, wanted: np.ndarray) -> NormalEquations:
         """Roots of the monomials, each the sum of so many times each piece."""
         return (
             self.pieces.sum(wanted)
@@ -262,14 +265,14 @@ class FoldMoments:
         return Order(layout, columns)
 
     def cut(
-        self, total: BlockGrams, order: Order, groups: Sequence[Group]
-    ) -> BlockGrams:
+        self, total: NormalEquations, order: Order, groups: Sequence[Group]
+    ) -> NormalEquations:
         """A candidate's own columns."""
         return total.transformed(
             order.layout, {g: order.index(g, total) for g in groups}
         )
 
-    def solve_order(self, total: BlockGrams, order: Order) -> SolveOrder:
+    def solve_order(self, total: NormalEquations, order: Order) -> SolveOrder:
         """The solve that the forces in some samples allow."""
         forced, unknown = [], []
         for j in range(1, self.chain.n_dof + 1):
@@ -290,7 +293,9 @@ class FoldMoments:
             )
         return self._solve_orders[key].require_complete()
 
-    def fit(self, order: Order, fold: Any) -> tuple[Solution, SolveOrder, BlockGrams]:
+    def fit(
+        self, order: Order, fold: Any
+    ) -> tuple[Solution, SolveOrder, NormalEquations]:
         """Solve one candidate on the training side of a fold."""
         total = self.total(fold)[0]
         solve_order = self.solve_order(total, order)

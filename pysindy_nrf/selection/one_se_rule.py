@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import NRFError
-from ..laws.power_series import exponents_of
-from ..regression.chain_solve import Solution, model_of
-from ..regression.errors import (
+from ..equations.chain_solve import Solution, model_of
+from ..equations.errors import (
     balance_sizes,
     free_run_error,
     pooled_error,
     pooled_percent,
     residual_weights,
 )
-from ..regression.grams import BlockGrams
-from ..regression.segments import BlockRows
+from ..equations.normal_equations import NormalEquations
+from ..exceptions import NRFError
+from ..laws.power_series import exponents_of
+from ..records.dataset import BlockRows
 from .fold_moments import EVERY, FoldMoments, Order
 
 # What more terms must take off the held-out error, and the error below which nothing is
@@ -193,7 +193,7 @@ class Heldout:
     what the rest says.
     """
 
-    grams: BlockGrams
+    grams: NormalEquations
     sums: np.ndarray
     counts: np.ndarray
     solution: Solution

@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 from sklearn.utils.metadata_routing import MetadataRequest
 
+from ..equations.errors import free_run_error
 from ..exceptions import ChannelError, NRFError
-from ..regression.errors import free_run_error
-from ..regression.segments import BlockRows
-from ..signals.zero_phase_filter import filters_of
+from ..records.dataset import BlockRows
+from ..records.zero_phase_filter import filters_of
 
 
 class ChainScorer:

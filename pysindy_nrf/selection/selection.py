@@ -10,14 +10,14 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
+from ..chain.sites import Site
 from ..common.lazy import Hook
-from ..estimation.problem import LEAST_SQUARES, law_list
-from ..estimation.regressor import NRFRegressor
+from ..equations.chain_solve import require_moving
 from ..exceptions import ChainError, ChannelError, NRFError
+from ..identification.problem import LEAST_SQUARES, law_list
+from ..identification.regressor import NRFRegressor
 from ..laws.power_series import exponents_of
-from ..mechanics.sites import Site
-from ..regression.chain_solve import require_moving
-from ..regression.input_arrays import from_arrays
+from ..records.input_arrays import from_arrays
 from . import one_se_rule as rules
 from .fold_moments import FoldMoments, Order
 from .splitters import BlockedTimeSplit

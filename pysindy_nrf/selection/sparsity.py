@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from sklearn.base import clone
 
-from ..estimation.regressor import NRFRegressor
+from ..chain.layout import LawLayout
+from ..chain.sites import Site
+from ..equations.errors import pooled_error
 from ..exceptions import NRFError
-from ..mechanics.sites import Site
-from ..regression.errors import pooled_error
-from ..regression.layout import LawLayout
+from ..identification.regressor import NRFRegressor
 from .fold_moments import FoldMoments, Monomials, Order
 from .one_se_rule import balances_on_folds, choose, standard_error
 from .selection import fold_moments_of

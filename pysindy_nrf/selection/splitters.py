@@ -10,10 +10,10 @@ import pandas as pd
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils.validation import _num_samples
 
-from ..data.channels import by_record
-from ..data.record import Record
 from ..exceptions import ChannelError
 from ..laws.power_series import whole
+from ..records.channels import by_record
+from ..records.record import Record
 
 
 class _RecordSplitter(BaseCrossValidator):

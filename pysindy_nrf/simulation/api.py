@@ -11,13 +11,13 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
+from ..chain.sites import Site
 from ..common import number_of, positive
-from ..data.channels import as_matrix, rows_text
-from ..data.record import OF_LETTER, Record
 from ..exceptions import ChannelError, SimulationError
 from ..laws.base import ForceLaw
 from ..laws.sensor import SensorFault
-from ..mechanics.sites import Site
+from ..records.channels import as_matrix, rows_text
+from ..records.record import OF_LETTER, Record
 from . import system as flat
 from .integrators import CRAWLS, PATIENCE, Rule, newmark, rule_of, runge_kutta
 

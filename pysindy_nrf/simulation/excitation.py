@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from ..chain.sites import dofs_of
 from ..common import generator, positive
 from ..exceptions import ChainError, ChannelError
 from ..laws.power_series import whole
-from ..mechanics.sites import dofs_of
-from ..signals.zero_phase_filter import check_band, check_rate
+from ..records.zero_phase_filter import check_band, check_rate
 
 
 def impact_hammer(

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from ..laws.compiled import address_of, addresses, inline, jit, part
+from ..common.compiled import address_of, addresses, inline, jit, part
 from . import system as ops
 
 # why a run ended

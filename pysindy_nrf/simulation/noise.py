@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..common import generator, number_of
-from ..data.record import BASES, OF_LETTER, Record
 from ..exceptions import ChannelError
+from ..records.record import BASES, OF_LETTER, Record
 
 _LINES = {short: key for key, short in BASES.items()}
 

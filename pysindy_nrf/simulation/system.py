@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..exceptions import LawError, SimulationError
-from ..laws.compiled import (
+from ..common.compiled import (
     address_of,
     call_advance,
     call_kernel,
@@ -16,6 +15,7 @@ from ..laws.compiled import (
     part,
     pointers,
 )
+from ..exceptions import LawError, SimulationError
 from ..laws.forcing import lost_masses
 from ..laws.friction import jump_at_reversal
 

@@ -16,8 +16,8 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue
+from pysindy_nrf.equations.shape_search import driving_frequency, spectral_lines
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.regression.shape_search import driving_frequency, spectral_lines
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 500.0

@@ -11,10 +11,10 @@ from pysindy_nrf.discrepancy.characterisation import (
     spectral_line,
 )
 from pysindy_nrf.discrepancy.words import Dependence, Feature
+from pysindy_nrf.equations.normal_equations import Regression, share_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
-from pysindy_nrf.regression.grams import Regression, share_of
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 pytestmark = pytest.mark.slow
 
@@ -121,7 +121,7 @@ def test_noise_depends_on_nothing():
 
 
 def test_band_is_treated_fairly():
-    f = FairFilter((0.5, 20.0), FS)
+    f = ZeroPhaseFilter((0.5, 20.0), FS)
     found = characterise([f.apply(20 * np.sign(V))], [Motion(S, V, A, T)], filters=[f])
     assert found.dependence == Dependence.RATE and Feature.JUMP in found.features
     assert found.shares.loc["v alone", "share"] > 99.5
@@ -160,7 +160,7 @@ def test_bad_input_is_refused():
 
 
 def test_display_draws_shares_and_the_force_against_the_rate():
-    from pysindy_nrf.output.displays.evidence import dependence_figures
+    from pysindy_nrf.report.figures.evidence import dependence_figures
 
     found = characterise([residual("coulomb", 0.0)], [Motion(S, V, A, T)])
     bars, drift, rate = dependence_figures(found)

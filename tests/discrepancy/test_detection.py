@@ -13,8 +13,8 @@ from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
 from pysindy_nrf.discrepancy.evidence import detect
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
 from pysindy_nrf.discrepancy.words import ResidualKind
-from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.signals.zero_phase_filter import filters_of
+from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.records.zero_phase_filter import filters_of
 
 pytestmark = pytest.mark.slow
 

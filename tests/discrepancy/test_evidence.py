@@ -16,7 +16,7 @@ from pysindy_nrf.discrepancy.prepare import Workspace, prepare
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of, searched
 from pysindy_nrf.discrepancy.windows import split, window_length
 from pysindy_nrf.discrepancy.words import Dependence, Feature, ResidualKind
-from pysindy_nrf.signals.noise_levels import levels_of
+from pysindy_nrf.records.fusion.noise_levels import levels_of
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from pysindy_nrf import NRFRegressor, Record
 from pysindy_nrf.discrepancy.evidence import Localiser
 from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.discrepancy.words import Location
-from pysindy_nrf.regression.input_arrays import from_arrays
+from pysindy_nrf.records.input_arrays import from_arrays
 
 pytestmark = pytest.mark.slow
 
@@ -152,7 +152,7 @@ def test_nothing_to_locate():
 
 
 def test_bars_show_the_best_site_on_top():
-    from pysindy_nrf.output.displays.evidence import localisation_figure
+    from pysindy_nrf.report.figures.evidence import localisation_figure
 
     figure = localisation_figure(located(residual("storey 3", "complete")[0]).table)
     assert figure.y.ticks[0].startswith("storey 3") and figure.y.ticks[0].endswith(

@@ -19,14 +19,14 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
+from pysindy_nrf.cli.group import run
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
 from pysindy_nrf.discrepancy.loop import _ruler
 from pysindy_nrf.discrepancy.prepare import MOST, prepare
 from pysindy_nrf.discrepancy.words import Location
-from pysindy_nrf.output.cli.group import run
-from pysindy_nrf.output.displays.evidence import evidence_figures
-from pysindy_nrf.output.report.content import cautions, chapters, lead
-from pysindy_nrf.regression.errors import nrmse
+from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.report.content import cautions, chapters, lead
+from pysindy_nrf.report.figures.evidence import evidence_figures
 from pysindy_nrf.simulation.noise import add_noise
 
 

@@ -9,8 +9,8 @@ from chains import duffing, parameters
 from pysindy_nrf import ChainModel, laws
 from pysindy_nrf.discrepancy.residual import residual_of
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.regression.input_arrays import from_arrays
-from pysindy_nrf.signals.zero_phase_filter import FairFilter
+from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +94,7 @@ def test_unknown_force_masks_its_balance_and_the_cuts_below():
 def test_band_is_the_same_filter_on_the_sum():
     case = duffing(2, [1, 2], seed=5)
     model = model_of(case).with_laws({1: [laws.LinearElastic(case.k[0])]})
-    f = FairFilter((2.0, 30.0), FS)
+    f = ZeroPhaseFilter((2.0, 30.0), FS)
     inside = residual_of(model, data_of(case), [f])
     missing = case.c[0] * case.v[:, 0] + case.k3[0] * case.s[:, 0] ** 3
     assert np.allclose(

@@ -20,6 +20,8 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
+from pysindy_nrf.chain.identifiability import plan_solve_order
+from pysindy_nrf.chain.layout import Layout, blocks_of
 from pysindy_nrf.discrepancy import constants, judge
 from pysindy_nrf.discrepancy.catalogue import candidates, general_laws
 from pysindy_nrf.discrepancy.loop import _baseline_laws, _ruler
@@ -30,13 +32,11 @@ from pysindy_nrf.discrepancy.search import Search, proposals_of
 from pysindy_nrf.discrepancy.sensors import Errors, _shifted, on
 from pysindy_nrf.discrepancy.state import Effect, State
 from pysindy_nrf.discrepancy.windows import Windows, split, window_length
+from pysindy_nrf.equations.accumulation import total_gram
+from pysindy_nrf.equations.chain_solve import groups_of, solve
+from pysindy_nrf.equations.many_solves import ChainFit
 from pysindy_nrf.exceptions import ChannelError, NRFError
-from pysindy_nrf.mechanics.identifiability import plan_solve_order
-from pysindy_nrf.regression.chain_solve import groups_of, solve
-from pysindy_nrf.regression.gram_pass import total_gram
-from pysindy_nrf.regression.layout import Layout, blocks_of
-from pysindy_nrf.regression.many_fits import ChainFit
-from pysindy_nrf.regression.segments import BlockRows, Segment, SegmentSet
+from pysindy_nrf.records.dataset import BlockRows, Dataset, Segment
 from pysindy_nrf.simulation.noise import add_noise
 
 # -- which samples are held out ------------------------------------------------
@@ -130,7 +130,7 @@ def test_a_band_that_is_given_leaves_no_line_outside():
     without a line is refused.
     """
     slow, fast = np.sin(2 * np.pi * 2.0 * T), 0.01 * np.sin(2 * np.pi * 10.0 * T)
-    data = SegmentSet([segment(slow, fast)], len(T))
+    data = Dataset([segment(slow, fast)], len(T))
     windows = Windows(
         data, [BlockRows(0, slice(0, len(T)))], 0.5
     )  # the first band ends at 3 Hz
@@ -160,7 +160,7 @@ def windows(rows, n=6000, dt=0.01, centred=True):
         "r", slice(0, n), *np.zeros((4, n, 1)), np.arange(n) * dt, valid=slice(0, n)
     )
     blocks = [BlockRows(0, slice(0, 3200)), BlockRows(0, slice(3200, n))]
-    found = Windows(SegmentSet([seg], n), blocks, 2.0, centred=centred)
+    found = Windows(Dataset([seg], n), blocks, 2.0, centred=centred)
     return found, found.spectra(lambda _: np.atleast_2d(rows))
 
 
@@ -500,7 +500,7 @@ def test_a_force_with_some_unknown_samples_counts_where_it_is_known():
     whole, cut = work.fixed([0])[2], work.data.segments[0].F.copy()
     cut[work.data.segments[0].valid][:3, 0] = np.nan
     found = work.with_data(
-        SegmentSet([replace(work.data.segments[0], F=cut)], work.data.n_samples)
+        Dataset([replace(work.data.segments[0], F=cut)], work.data.n_samples)
     ).fixed([0])[2]
     assert not found[:3].any() and (found[3:] == whole[3:]).all()
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import laws
+from pysindy_nrf.common import compiled
 from pysindy_nrf.exceptions import LawError
-from pysindy_nrf.laws import compiled
 from pysindy_nrf.laws.shape import Motion
 
 START = """
 import numpy as np
 from pysindy_nrf import ChainModel, laws, simulate
-from pysindy_nrf.regression.gram import _kernel
+from pysindy_nrf.equations.compiled_sums import _kernel
 from pysindy_nrf.simulation.integrators import runge_kutta
 simulate(ChainModel([1.0], {1: [laws.Dahl(sigma=1e4, Fd=1.0)]}), np.ones((5, 1)), 1e-3)
 for compiled in (runge_kutta, _kernel()):

@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
-from pysindy_nrf.data.io.mapping import propose
-from pysindy_nrf.data.io.table import Table
-from pysindy_nrf.output.cli.group import run
+from pysindy_nrf.cli.group import run
+from pysindy_nrf.records.files.mapping import propose
+from pysindy_nrf.records.files.table import Table
 from pysindy_nrf.simulation.noise import add_noise
 
 MASSES, G, LBF, INCH = (8.0, 6.0), 9.80665, 4.4482216, 0.0254

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from pysindy_nrf import Chain, ChainModel, excitation, laws, simulate
-from pysindy_nrf.diagnostics.verdict import free_runs
+from pysindy_nrf.diagnosis.verdict import free_runs
 from pysindy_nrf.exceptions import SimulationError
 from pysindy_nrf.simulation import free_run
 

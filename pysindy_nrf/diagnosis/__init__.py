@@ -1,0 +1,7 @@
+"""Diagnostics of forces, laws and balances of a fit, and planning of the next test."""
+
+from ..common.lazy import public_names
+
+_NAMES = {"force_delay": "force_delays", "warn_of_bias": "bias"}
+__all__ = [*_NAMES]
+__getattr__, __dir__ = public_names(__name__, _NAMES)

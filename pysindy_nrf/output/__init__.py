@@ -1,1 +1,0 @@
-"""Words, figures, the page and the command line."""

@@ -1,0 +1,1 @@
+"""Checks of the channels of a record against each other."""

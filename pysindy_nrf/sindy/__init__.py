@@ -1,0 +1,1 @@
+"""PySINDy: feature libraries, optimizers, and a comparison with plain SINDy."""

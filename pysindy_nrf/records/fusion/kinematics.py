@@ -1,8 +1,11 @@
-"""From the measured channels of a record to the regressor's input (paper eq. 8);
-integration of motions.
+"""From the measured channels of a record to the motion and forces of its balances.
+
+The result has absolute accelerations, inter-storey velocities and drifts (paper eq. 8).
 """
 
 import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,22 +15,168 @@ from scipy.interpolate import make_interp_spline
 
 from ...exceptions import ChannelError, DataQualityWarning
 from ..checks.channel_checks import data_warnings
+from ..quality import QualityNote
 from ..record import Record
 from ..zero_phase_filter import Band, ZeroPhaseFilter, check_band, check_rate
 from .kinematic_smoother import KinematicSmoother
 
-RESOLVED = (
-    0.7  # share of the knots' Nyquist frequency up to which a fused motion is reliable
-)
+# Share of the knots' Nyquist frequency up to which a fused motion is reliable.
+RESOLVED = 0.7
+
+
+@dataclass(frozen=True)
+class FusedRecord:
+    """One motion and the forces of a record, as the balances need them.
+
+    Arrays have one row per sample and one column per DOF or storey, in SI units. Rows
+    at the ends that a filter spoils, or in which a channel is NaN, are NaN.
+
+    Attributes
+    ----------
+    a : ndarray of shape (n_samples, n_dof)
+        Absolute accelerations, m/s^2.
+    v, s : ndarray of shape (n_samples, n_dof)
+        Inter-storey velocities, m/s, and drifts, m.
+    force : ndarray of shape (n_samples, n_dof)
+        N; a column of NaN is unknown.
+    ag : ndarray of shape (n_samples,) or None
+        Acceleration of the base in the band of the motion, m/s^2, measured or derived
+        from its velocity and displacement; None if no motion of the base was given.
+    time : ndarray of shape (n_samples,)
+        s.
+    band : (float or None, float or None) or None
+        Band of motion and forces, Hz; None if no filter was applied.
+    resolved : float or None
+        Frequency up to which the fusion resolves the motion of every DOF, Hz; None if
+        the sampling rate alone limits it.
+    noise : mapping of str to float
+        Noise level of each measured motion channel, SI rms.
+    spacing : mapping of int to float
+        Distance of the spline's knots of each DOF, samples.
+    joint : bool
+        True if the DOFs improved each other, which leaves their noise dependent on the
+        motion.
+    notes : tuple of QualityNote
+        What is wrong with the measured channels.
+    """
+
+    a: np.ndarray
+    v: np.ndarray
+    s: np.ndarray
+    force: np.ndarray
+    ag: np.ndarray | None
+    time: np.ndarray
+    band: Band = None
+    resolved: float | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    spacing: Mapping[int, float] = field(default_factory=dict)
+    joint: bool = False
+    notes: tuple[QualityNote, ...] = ()
+
+    @property
+    def n_dof(self) -> int:
+        """Degrees of freedom."""
+        return self.s.shape[1]
+
+
+def fuse_record(
+    record: Record, smooth: bool | KinematicSmoother = True, check: bool = True
+) -> FusedRecord:
+    """Fuse the measured channels of a record into one motion of each DOF.
+
+    Parameters
+    ----------
+    record : Record
+    smooth : bool or KinematicSmoother
+        True: ``KinematicSmoother(band="auto")``. False: the channels are taken as they
+        are, and every DOF needs all three.
+    check : bool
+        Look for faults of the channels before; what is found becomes a warning and
+        stands in ``notes``.
+
+    Raises
+    ------
+    ChannelError
+        If the record has no clock, or a DOF lacks the channels that are needed.
+    """
+    _require_motion(record)
+    smoother = _smoother_of(smooth)
+    fused_before = smoother is not None and bool(smoother._kept)
+    notes = _checked(record) if check and not fused_before else ()
+
+    if smoother is None:
+        _require_every_channel(record)
+        fused = record
+    else:
+        fused = smoother.transform_record(record)
+
+    a, v, x, force = fused.acceleration, fused.velocity, fused.displacement, fused.force
+    # measured, or filled in by the smoother
+    assert a is not None and v is not None and x is not None
+    if record.coordinates == "absolute" and record.base_moves:
+        vg, xg = base_motion(record, fused, smooth)
+        v, x = v - vg[:, None], x - xg[:, None]
+    # long motions are not kept twice
+    del fused
+
+    if smoother is None:
+        ag = base_acceleration_if_any(record)
+        v, s = _interstorey(v), _interstorey(x)
+        return FusedRecord(a, v, s, force, ag, record.time, notes=notes)
+    band = None if smoother.band_ is None else check_band(smoother.band_, record.fs)
+    coarse = bool(smoother.spacing_.max() > 1.0)
+    return FusedRecord(
+        a,
+        _interstorey(v),
+        _interstorey(x),
+        force,
+        _base_in_band(record, band),
+        record.time,
+        band=band,
+        resolved=_resolved_frequency(record, smoother.spacing_),
+        noise={str(name): float(level) for name, level in smoother.noise_.items()},
+        spacing={int(j): float(h) for j, h in smoother.spacing_.items()},
+        joint=coarse and smoother.joint and not _as_measured(record, a),
+        notes=notes,
+    )
 
 
 def to_features(
     record: Record, smooth: Any = True, check: bool = True
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accelerations, inter-storey velocities and drifts of a record, and its forces;
-    its channels are checked.
+    """Motion and forces of a record as tables; see :func:`fuse_record`.
+
+    Returns
+    -------
+    X, F : DataFrame
+        Columns ``a1.., v1.., s1..`` and ``F1..``, indexed by time. ``X.attrs`` has
+        ``band``, ``noise``, ``resolved``, ``joint_fusion`` and ``doubts``.
     """
-    have = set(record.measured)
+    fused = fuse_record(record, smooth, check)
+    index = pd.Index(fused.time, name="t")
+    dofs = range(1, fused.n_dof + 1)
+    X = pd.DataFrame(
+        np.hstack([fused.a, fused.v, fused.s]),
+        index=index,
+        columns=[f"{kind}{j}" for kind in "avs" for j in dofs],
+        copy=False,
+    )
+    F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in dofs])
+
+    if fused.resolved is not None:
+        X.attrs["resolved"] = fused.resolved
+    if any(spacing > 1.0 for spacing in fused.spacing.values()):
+        X.attrs["joint_fusion"] = fused.joint
+    if fused.spacing:
+        X.attrs["noise"] = dict(fused.noise)
+    if fused.band is not None:
+        X.attrs["band"] = fused.band
+    if fused.notes:
+        X.attrs["doubts"] = [note.message for note in fused.notes]
+    return X, F
+
+
+def _require_motion(record: Record) -> None:
     if not record.has_clock:
         raise ChannelError(
             f"Record {record.name!r} has no clock, which a mass or a damper needs",
@@ -35,85 +184,88 @@ def to_features(
             " NRFRegressor(massless=True) with laws of the drift alone, such as"
             " laws={1: [laws.LinearElastic()]}.",
         )
+    measured = set(record.measured)
     for j in range(1, record.n_dof + 1):
-        if not have & {f"a{j}", f"v{j}", f"x{j}"}:
+        if measured.isdisjoint({f"a{j}", f"v{j}", f"x{j}"}):
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
                 f"Measure a{j}, v{j} or x{j}, or fit the records themselves"
                 " (NRFRegressor.fit): the free run is then fitted to the other"
                 " channels.",
             )
+
+
+def _require_every_channel(record: Record) -> None:
+    wanted = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in "avx"]
+    missing = [name for name in wanted if name not in record.measured]
+    if missing:
+        more = " and more" if len(missing) > 6 else ""
+        raise ChannelError(
+            f"Record {record.name!r} lacks {', '.join(missing[:6])}{more}",
+            "Use smooth=True, which derives them from the other channels, or measure"
+            " them.",
+        )
+
+
+def _smoother_of(smooth: bool | KinematicSmoother) -> KinematicSmoother | None:
     if not isinstance(smooth, (bool, KinematicSmoother)):
         raise ChannelError(
             f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother."
         )
-    smoother = KinematicSmoother(band="auto") if smooth is True else smooth or None
-    again = smoother is not None and bool(smoother._kept)
-    if messages := data_warnings(record) if check and not again else []:
+    if smooth is True:
+        return KinematicSmoother(band="auto")
+    return smooth or None
+
+
+def _checked(record: Record) -> tuple[QualityNote, ...]:
+    """Notes on the channels of a record, which a warning lists."""
+    notes = tuple(
+        QualityNote("other", message, record=record.name)
+        for message in data_warnings(record)
+    )
+    if notes:
+        faults = "; ".join(note.message.rstrip(".") for note in notes)
         warnings.warn(
-            f"Record {record.name!r}:"
-            f" {'; '.join(text.rstrip('.') for text in messages)}. See"
-            " pysindy_nrf.records.checks.alignment and pysindy_nrf.records.checks.channel_checks.",
+            f"Record {record.name!r}: {faults}. See"
+            " pysindy_nrf.records.checks.alignment and"
+            " pysindy_nrf.records.checks.channel_checks.",
             DataQualityWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
-    if smoother is None:
-        missing = [
-            f"{kind}{j}"
-            for j in range(1, record.n_dof + 1)
-            for kind in "avx"
-            if f"{kind}{j}" not in have
-        ]
-        if missing:
-            lacks = (
-                f"Record {record.name!r} lacks"
-                f" {', '.join(missing[:6])}{' and more' * (len(missing) > 6)}"
-            )
-            raise ChannelError(
-                lacks,
-                "Use smooth=True, which derives them from the other channels, or"
-                " measure them.",
-            )
-        fused = record
-    else:
-        fused = smoother.transform_record(record)
-    a, v, x = fused.acceleration, fused.velocity, fused.displacement
-    assert (
-        a is not None and v is not None and x is not None
-    )  # measured, or filled in by the smoother
-    if record.coordinates == "absolute" and record.base_moves:
-        vg, xg = base_motion(record, fused, smooth)
-        v, x = v - vg[:, None], x - xg[:, None]
-    index = pd.Index(record.time, name="t")
-    columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
-    table, n = np.hstack([a, v, x]), record.n_dof
-    table[:, n + 1 : 2 * n] -= v[:, :-1]
-    table[:, 2 * n + 1 :] -= x[:, :-1]
-    X, force = (
-        pd.DataFrame(table, index=index, columns=columns, copy=False),
-        fused.force,
-    )
-    del fused, v, x  # long motions are not held twice
-    if smoother is not None and smoother.spacing_.max() > 1.0:
-        # an accelerometer resolves the whole band; what a displacement sensor cannot
-        # resolve is smoothed away
-        blind = [
-            h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0
-        ]
-        if blind:
-            X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
-        X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
-    if smoother is not None:
-        X.attrs["noise"] = {
-            str(name): float(level) for name, level in smoother.noise_.items()
-        }
-    if smoother is not None and smoother.band_ is not None:
-        X.attrs["band"] = check_band(smoother.band_, record.fs)
-    if messages:
-        X.attrs["doubts"] = messages
-    return X, pd.DataFrame(
-        force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)]
-    )
+    return notes
+
+
+def _interstorey(motion: np.ndarray) -> np.ndarray:
+    """Motion of every DOF against the DOF below."""
+    return np.diff(motion, axis=1, prepend=0.0)
+
+
+def _resolved_frequency(record: Record, spacing: pd.Series) -> float | None:
+    """Frequency, Hz, up to which the knots resolve every DOF without accelerometer.
+
+    An accelerometer resolves the whole band; what a displacement sensor cannot resolve
+    is smoothed away.
+    """
+    coarse = [
+        float(h)
+        for j, h in spacing.items()
+        if h > 1.0 and f"a{j}" not in record.measured
+    ]
+    if not coarse:
+        return None
+    return RESOLVED * record.fs / (2 * max(coarse))
+
+
+def _base_in_band(record: Record, band: Band) -> np.ndarray | None:
+    """Acceleration of the base through the filter of the motion."""
+    ag = base_acceleration_if_any(record)
+    known = np.flatnonzero(np.isfinite(ag)) if ag is not None else np.zeros(0, int)
+    if band is None or ag is None or not known.size:
+        return ag
+    rows = slice(known[0], known[-1] + 1)
+    out = np.array(ag, dtype=float)
+    out[rows] = ZeroPhaseFilter(band, record.fs).apply(out[rows])
+    return out
 
 
 def base_acceleration(record: Record) -> np.ndarray:

@@ -15,7 +15,6 @@ from ..chain.sites import Site
 from ..common import generator
 from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
-from ..identification.fewer_sensors import lacks_motion
 from ..identification.fitted import wiring_of
 from ..identification.intervals import tolerances_of
 from ..identification.problem import LEAST_SQUARES, Problem
@@ -25,6 +24,7 @@ from ..laws.elastic import LinearElastic
 from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
 from ..records.dataset import Dataset
+from ..records.input_arrays import lacks_motion
 from ..records.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import RUN, by_channels, concluded

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.fft import next_fast_len
 
 from ..chain.sites import Site
@@ -22,9 +21,9 @@ from ..records.fusion.kinematic_smoother import KinematicSmoother
 from ..records.fusion.kinematics import (
     base_acceleration_if_any,
     base_motion,
-    to_features,
+    fuse_record,
 )
-from ..records.input_arrays import from_arrays
+from ..records.input_arrays import segment_of
 from ..records.record import Record
 from .constants import CLEAN, LEAST_SHARE, TENTH, WINDOWS
 from .windows import period_of
@@ -99,21 +98,19 @@ def prepare(
         # its square biases; a smaller share, as of a fit, would cost first modes
         smoother._share = TENTH
         smoother._like = spacing
-        X, F = to_features(
+        fused = fuse_record(
             rec, smoother, check=bands is None
         )  # else they are records made from checked ones
         told.append(smoother.band_)
         used.append(smoother._knots)
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
-            X, F = to_features(rec, False, check=False)
+            fused = fuse_record(rec, False, check=False)
         else:
             clean = False
         found.append(levels)
-        piece = _segment(rec, X, F)
-        piece.name, piece.rows = rec.name, slice(at, at + len(X))
-        at += len(X)
-        segments.append(piece)
+        segments.append(segment_of(rec, fused, at, _covariates(rec)))
+        at += rec.n_samples
     held = list(range(len(mine), len(every))) if kept else None
     return Prepared(
         every, Dataset(segments, at), found, held, clean, bands=told, knots=used
@@ -157,16 +154,6 @@ def measured_of(ready: Prepared) -> list[Measured]:
         measured(rec, noise, role)
         for rec, noise, role in zip(ready.records, ready.noise, roles)
     ]
-
-
-def _segment(record: Record, X: pd.DataFrame, F: pd.DataFrame) -> Segment:
-    """The fused motion of a record beside what was measured of its base and
-    covariates.
-    """
-    ag = base_acceleration_if_any(record)
-    return from_arrays(
-        X, F, base_acceleration=ag, covariates=_covariates(record)
-    ).segments[0]
 
 
 def as_records(records: Any, name: str) -> list[Record]:

@@ -97,15 +97,6 @@ FORGOTTEN, LONGEST = (
 )  # time constants after which a thousandth is left; lengths of a record at most
 
 
-def lacks_motion(records: Any) -> bool:
-    """Whether some floor has no sensor in a record."""
-    return all(isinstance(rec, Record) for rec in records) and any(
-        not {f"a{j}", f"v{j}", f"x{j}"} & set(rec.measured)
-        for rec in records
-        for j in range(1, rec.n_dof + 1)
-    )
-
-
 def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
     """Fit a regressor to records in which some floors have no sensor."""
     problem = estimator.problem(records[0].n_dof)

@@ -27,7 +27,7 @@ from ..exceptions import (
 )
 from ..records.channels import require_two_dimensions, sample_weights
 from ..records.dataset import Dataset, feature_names
-from ..records.input_arrays import from_arrays, holds_records
+from ..records.input_arrays import from_arrays, records_in
 from ..records.record import Record
 from . import intervals
 from .problem import Estimate, Problem, blocks_of, flexible_laws
@@ -476,7 +476,7 @@ class FittedChain:
 
     def _judged(self, X: Any, y: Any, **given: Any) -> Dataset:
         check_is_fitted(self)
-        if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
+        if not hasattr(X, "columns") and records_in(X) is None:
             require_two_dimensions(X)
             width = (
                 np.shape(np.asarray(X))[-1]

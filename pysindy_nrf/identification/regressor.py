@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,20 +28,13 @@ from ..records.channels import (
     column_names,
     require_two_dimensions,
     same_columns,
-    sample_weights,
 )
 from ..records.dataset import Dataset
 from ..records.files.frequency_response import FrequencyResponse
-from ..records.input_arrays import (
-    as_measured,
-    both_ways,
-    doubted,
-    fused_together,
-    holds_records,
-)
+from ..records.input_arrays import lacks_motion, records_in, with_motion_checks
 from ..records.record import Record
 from .constraints import constrained
-from .fewer_sensors import fit_fewer_sensors, lacks_motion
+from .fewer_sensors import fit_fewer_sensors
 from .fitted import FittedChain
 from .frequency_response import fit_frequency_response
 from .output_error import refine
@@ -62,6 +54,24 @@ if TYPE_CHECKING:
 
 
 _ESTIMATIONS = ("auto", "ls", "iv", "simulation")
+
+
+def _apart(data: Dataset) -> Dataset:
+    with warnings.catch_warnings(
+        action="ignore", category=DataQualityWarning
+    ):  # the first fusion has warned
+        return data.apart
+
+
+def channel_faults(data: Dataset) -> list[str]:
+    """What is wrong with the channels, in sentences."""
+    several = len(data.segments) > 1
+    return list(
+        dict.fromkeys(
+            f"Record {note.record!r}: {note.message}" if several else note.message
+            for note in data.quality
+        )
+    )
 
 
 class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
@@ -312,10 +322,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             )
         if isinstance(X, FrequencyResponse):
             return fit_frequency_response(self, X)
-        if holds_records(X) and lacks_motion(
-            X if isinstance(X, (list, tuple)) else [X]
-        ):
-            return fit_fewer_sensors(self, X if isinstance(X, (list, tuple)) else [X])
+        records = records_in(X)
+        if records is not None and lacks_motion(records):
+            return fit_fewer_sensors(self, records)
         if is_streamed(X):
             return fit_streamed(self, X, y, state=state, **beside)
         memory = any(law.has_memory for law in law_list(self.laws))
@@ -325,34 +334,23 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         }
         if not isinstance(X, (Record, Dataset)):
             require_two_dimensions(X)
-        together, apart = both_ways(X) if self.estimation != "ls" else ({}, {})
-        data, self._measured = (
-            doubted(self._data(X, y, **options, **together), X),
-            as_measured(X),
-        )
-        if sample_weight is not None:
-            weights = sample_weights(sample_weight, data.n_samples)
-            data = Dataset(
-                [replace(seg, weights=weights[seg.rows]) for seg in data.segments],
-                data.n_samples,
-            )
+        options |= {"both_fusions": self.estimation != "ls"}
+        data = self._data(X, y, sample_weight=sample_weight, **options)
+        if records is None and not isinstance(X, Dataset):
+            data = with_motion_checks(data)
+        self._measured = records is not None
         least_squares = self.estimation == "ls" or (
-            self.estimation == "auto" and not holds_records(X)
+            self.estimation == "auto" and records is None
         )
         self._fit(
             data,
-            (
-                None
-                if least_squares
-                else lambda: self._separate(X, y, data, options | apart)
-            ),
+            (None if least_squares else lambda: _apart(data)),
         )
         if self.model_.info["estimation"]["found"] == "ls":
-            if holds_records(X):
-                self._fused_separately = lambda: self._separate(X, y, data, options)
-            self._fused_jointly = fused_together(X)
-        if holds_records(X):
-            self._given = [X] if isinstance(X, Record) else list(X)
+            if records is not None:
+                self._fused_separately = lambda: _apart(data)
+        if records is not None:
+            self._given = records
         self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
         same_columns(
             self,
@@ -406,12 +404,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         )
 
     def _data(self, X: Any, y: Any, **options: Any) -> Dataset:
-        if self.massless and holds_records(X):
-            X = [X] if isinstance(X, Record) else X
+        records = records_in(X)
+        if self.massless and records is not None:
             X = (
-                X
-                if self.problem(X[0].n_dof).needs_clock
-                else [rec.by_sample() for rec in X]
+                records
+                if self.problem(records[0].n_dof).needs_clock
+                else [rec.by_sample() for rec in records]
             )
         return super()._data(X, y, **options)
 
@@ -490,28 +488,6 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         return found._replace(
             model=constrained(found.model, self.constraints, self._resolving())
         )
-
-    def _separate(
-        self, X: Any, y: Any, data: Dataset, options: dict[str, Any]
-    ) -> Dataset:
-        """Motions fused DOF by DOF, whose noise is independent of the motion, if
-        records were given.
-        """
-        if holds_records(X):
-            with warnings.catch_warnings(
-                action="ignore", category=DataQualityWarning
-            ):  # the first fusion has warned
-                return self._data(X, y, **both_ways(X)[1] | options)
-        if fused_together(X):
-            warnings.warn(
-                f"estimation={self.estimation!r} was given motions that were fused"
-                " jointly over the DOFs; their noise depends on the motion, and masses"
-                " are about 1 % too high. Give the records themselves, or make X with"
-                " record.to_features(smooth=KinematicSmoother(joint=False)).",
-                DataQualityWarning,
-                stacklevel=3,
-            )
-        return data
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
@@ -599,7 +575,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
         self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
         self.data_warnings_ = {
-            "channels": data.doubts,
+            "channels": channel_faults(data),
             "forces": (
                 bias.contradictions_of(solution)
                 + [one for held in forces for one in held.sentences()]

@@ -1,6 +1,5 @@
 """Changes of a structure: between two tests, and within a record by moving windows."""
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -16,11 +15,11 @@ from ..chain.sites import Site
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, visited_regions
 from ..equations.normal_equations import NormalEquations, variance
-from ..exceptions import ChainError, ChannelError, DataQualityWarning
+from ..exceptions import ChainError, ChannelError
 from ..identification.intervals import Resolver
 from ..identification.problem import Estimate, Problem, law_list
 from ..records.dataset import Dataset
-from ..records.input_arrays import both_ways, from_arrays, fused_together
+from ..records.input_arrays import from_arrays
 from .force_change import Comparison, cut_of, in_words
 
 
@@ -337,21 +336,14 @@ def _fit(
 ) -> tuple[Estimate, Dataset]:
     """Least-squares estimate of a test, and its motions, DOFs fused one by one."""
     X, F = test if isinstance(test, tuple) else (test, None)
-    if fused_together(X):
-        warnings.warn(
-            "The motions of a test were fused so that the DOFs improve each other; what"
-            " that leaves of noise is alike in the whole record, and the standard"
-            " errors come out up to four times too small. Give the Records.",
-            DataQualityWarning,
-            stacklevel=3,
-        )
     est = clone(estimator)
     memory = any(law.has_memory for law in law_list(est.laws))
-    given = (
-        {"coordinates": est.coordinates, "dt": est.dt, "has_memory": memory}
-        | options
-        | both_ways(X)[1]
-    )
+    given = {
+        "coordinates": est.coordinates,
+        "dt": est.dt,
+        "has_memory": memory,
+        "joint": False,
+    } | options
     data = from_arrays(
         X, F, n_dof=None if est.chain is None else est.chain.n_dof, **given
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf.chain.visited_region import VisitedRegion
-from pysindy_nrf.records.dataset import Extent
+from pysindy_nrf.records.extent import Extent
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -166,10 +166,7 @@ def test_displacements_alone_do_not_ask_for_what_they_cannot_show():
 
 
 @pytest.mark.slow
-def test_jointly_fused_motions_are_warned_of(four_floors):
-    X, F = four_floors[0].to_features()
-    with pytest.warns(DataQualityWarning, match="joint=False"):
-        NRFRegressor(degree=1, estimation="iv").fit(X, F)
+def test_motions_fused_apart_serve_like_their_record(four_floors):
     X, F = four_floors[0].to_features(smooth=KinematicSmoother(joint=False))
     with warnings.catch_warnings(action="error", category=DataQualityWarning):
         same = NRFRegressor(degree=1, estimation="iv").fit(X, F)

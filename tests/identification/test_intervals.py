@@ -313,7 +313,6 @@ def test_intervals_of_biased_least_squares_are_withheld_with_the_reason():
     with warnings.catch_warnings(action="ignore"):
         models = [
             NRFRegressor(**TOLD, estimation="ls").fit(rec),
-            NRFRegressor(**TOLD).fit(*rec.to_features()),
             NRFRegressor(**TOLD, known_masses={3: 8.0}).fit(unknown),
         ]
     for model in models:

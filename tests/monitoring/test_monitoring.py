@@ -8,7 +8,7 @@ from paper_cases import model_agreement
 from three_floors import FS, chain, features, noisy, run
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.exceptions import ChainError, ChannelError, DataQualityWarning
+from pysindy_nrf.exceptions import ChainError, ChannelError
 from pysindy_nrf.monitoring import compare_tests, track
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -129,21 +129,6 @@ def test_standard_errors_hold_what_they_promise():
         np.mean(np.square(z), axis=0)
     )  # of every term, over six pairs: 99.9 % lie within these for a true 1
     assert (0.25 < each).all() and (each < 1.95).all()
-
-
-def test_motions_that_were_fused_together_are_said_to_look_too_alike():
-    records = [
-        add_noise(run(chain(), [3], duration=6.0, seed=k).record, 0.05, random_state=k)
-        for k in (1, 2)
-    ]
-    with pytest.warns(
-        DataQualityWarning, match="fused so that the DOFs improve each other"
-    ):
-        compare_tests(NRFRegressor(degree=1), *[r.to_features() for r in records])
-    fitted = NRFRegressor(degree=1).fit(*records[0].to_features())
-    with pytest.warns(DataQualityWarning, match="up to three times too narrow"):
-        narrow = fitted.confidence_intervals()
-    assert narrow["lower"].isna().all(), "nor is least squares unbiased at 5 % noise"
 
 
 def test_track_follows_a_drifting_stiffness():

@@ -18,7 +18,8 @@ from ...equations.balances import blocks_of_segment
 from ...equations.chain_solve import groups_of
 from ...equations.normal_equations import NormalEquations
 from ...exceptions import ChainError, ChannelError, NRFError
-from ...records.dataset import Extent, Segment
+from ...records.dataset import Segment
+from ...records.extent import Extent
 from ...records.input_arrays import from_arrays
 from ...records.record import plain_times
 from ..problem import LEAST_SQUARES, Problem, law_list
@@ -276,9 +277,10 @@ class Accumulator:
         )
         if model is None:
             self.model = Model(self.estimator, data.n_dof)
-        for segment in data.segments:
-            segment.name, segment.resolved = chunk.record, None
-        return data.segments
+        return [
+            replace(segment, name=chunk.record, resolved=None)
+            for segment in data.segments
+        ]
 
     def _accumulate(self, segment: Segment, key: Key, goes_on: bool) -> None:
         layout = self.require_model().layout
@@ -288,7 +290,9 @@ class Accumulator:
             if (
                 carry is not None and self.origin is None
             ):  # dt counts from the start of each chunk
-                segment.t = segment.t + (carry["end"] + self.estimator.dt)
+                time = segment.t + (carry["end"] + self.estimator.dt)
+                segment = replace(segment, t=time)
+            assert segment.t is not None
             end = float(segment.t[-1])
             if carry is not None and segment.t[0] <= carry["end"]:
                 what = (
@@ -508,6 +512,4 @@ def _copied(segment: Segment, start: int, stop: int) -> Segment:
     covariates = {
         k: np.array(c[rows], dtype=float) for k, c in segment.covariates.items()
     }
-    return replace(
-        segment, rows=whole, **lines, covariates=covariates, valid=whole, _extent=None
-    )
+    return replace(segment, rows=whole, **lines, covariates=covariates, valid=whole)

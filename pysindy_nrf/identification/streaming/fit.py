@@ -10,6 +10,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,9 @@ from ...equations.chain_solve import (
 from ...equations.normal_equations import NormalEquations
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
 from ...records.channels import is_dask
-from ...records.dataset import Dataset, Extent, Segment
-from ...records.input_arrays import holds_records
+from ...records.dataset import Dataset, Segment
+from ...records.extent import Extent
+from ...records.input_arrays import records_in
 from ...records.record import Record
 from ..intervals import Resolver
 from ..problem import Estimate, law_list
@@ -129,9 +131,8 @@ def _shown(accumulator: Accumulator) -> Dataset:
     at = 0
     for _, window in accumulator.windows:
         size = window.n_samples
-        window.rows = slice(at, at + size)
-        window._extent = (window.valid, accumulator.extent)
-        segments.append(window)
+        rows = slice(at, at + size)
+        segments.append(replace(window, rows=rows, known_extent=accumulator.extent))
         at += size
     return Dataset(segments, at)
 
@@ -208,10 +209,9 @@ def partial_fit(
             "The settings of the estimator changed between two calls of partial_fit",
             cure,
         )
-    if holds_records(X):
-        chunks: Iterable[Chunk] = (
-            chunk_of(r) for r in ([X] if isinstance(X, Record) else X)
-        )
+    records = records_in(X)
+    if records is not None:
+        chunks: Iterable[Chunk] = (chunk_of(r) for r in records)
     else:
         extra = (
             {}

@@ -795,7 +795,7 @@ def big_file(verdicts: Verdicts, gigabytes: float) -> pd.DataFrame:
             X[low : low + rows], F[low : low + rows] = part.X[:rows], part.F[:rows]
         del X, F, part
         quick_save = "from pysindy_nrf.identification.streaming import fit\n"
-        quick_save += "fit.fit_streamed.__kwdefaults__['save_every'] = 0.5\n"
+        quick_save += "fit.SECONDS_BETWEEN_STATES = 0.5\n"
         env = {**os.environ, "PYTHONWARNINGS": "ignore"}
 
         def start() -> subprocess.Popen:

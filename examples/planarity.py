@@ -182,6 +182,8 @@ def _reference(
     model = estimator.model_
     implied = model.balance_forces(data)
     found = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
+    # what is left over flips its sign on unforced floors, too; they stay unforced
+    problem = replace(estimator.problem_, excited=data.forced)
     values = []
     for _ in range(draws):
         segments = []
@@ -194,7 +196,7 @@ def _reference(
             force[seg.valid] = left + signs[:, None] * (seg.F[seg.valid] - left)
             segments.append(replace(seg, F=force))
         again = Dataset(segments, data.n_samples)
-        other = estimator.problem_.solve(again).model
+        other = problem.solve(again).model
         change = [
             other.restoring_force(data)[seg.rows][seg.valid] - R
             for seg, R in zip(data.segments, found)

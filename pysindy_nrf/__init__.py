@@ -21,6 +21,7 @@ _LAZY = {
     "KinematicSmoother": "records.fusion",
     "NRFRegressor": "identification.regressor",
     "StateSpaceChainOptimizer": "sindy.optimizers",
+    "Parameter": "identification.parameters",
     "Problem": "identification.problem",
     "close_loop": "discrepancy",
     "compare_with_sindy": "sindy.comparison",

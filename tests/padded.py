@@ -3,8 +3,10 @@ to whole DOFs by functions of the row alone, so that nothing but their number ch
 """
 
 import re
+from dataclasses import replace
 
 import numpy as np
+from sklearn.utils.validation import check_is_fitted
 
 from pysindy_nrf import (
     Chain,
@@ -62,17 +64,16 @@ class PaddedRegressor(NRFRegressor):
         self.n_features_in_ = width
         return self
 
-    def _judged(self, X, y, *metadata, **how):
-        from sklearn.utils.validation import check_is_fitted
-
+    def _read(self, given, every_row=False):
         check_is_fitted(self)
-        Z = padded(checked(self, X, reset=False), 3, 3 * self.model_.n_dof)
-        if y is not None:
-            columns = np.asarray(y).reshape(len(y), -1)
-            y = np.hstack(
-                [columns, np.tile(columns[:, :1], self.model_.n_dof - columns.shape[1])]
-            )
-        return super()._judged(Z, y, *metadata, **how)
+        n_dof = self.model_.n_dof
+        X = padded(checked(self, given.X, reset=False), 3, 3 * n_dof)
+        F = given.F
+        if F is not None:
+            columns = np.asarray(F).reshape(len(F), -1)
+            more = np.tile(columns[:, :1], n_dof - columns.shape[1])
+            F = np.hstack([columns, more])
+        return super()._read(replace(given, X=X, F=F), every_row)
 
     def predict(self, X):
         out = super().predict(X)

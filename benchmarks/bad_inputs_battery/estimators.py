@@ -535,7 +535,7 @@ def parameters() -> dict[str, tuple]:
         "constraints that are none": (
             fit(params={"constraints": ["m1 > 0"]}),
             "constraint",
-            "estimation.constraints",
+            "Parameter",
         ),
         "band without a clock": (
             fit(params={"band": (1, 50)}),

@@ -305,7 +305,7 @@ def _noise(model: Any) -> list[Finding]:
                 " records so that the channels are fused, with estimation='iv'."
             ),
         )
-        for one in model._noise_bias()
+        for one in model.result_.noise_biases
         if one.mass >= BIASED
     ]
 

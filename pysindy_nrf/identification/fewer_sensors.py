@@ -2,11 +2,11 @@
 channels that there are.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,16 +17,14 @@ from scipy.stats import chi2, norm
 from ..chain.layout import LawLayout, with_coefficients
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..diagnosis.verdict import FreeRuns
+from ..chain.structure import Chain
 from ..equations.chain_solve import scales_of
 from ..equations.errors import COLUMNS
 from ..exceptions import (
-    BiasWarning,
     ChannelError,
     ExcitationError,
     IdentifiabilityError,
     NRFError,
-    NRFWarning,
 )
 from ..laws import PowerSeries
 from ..laws.shape import ShapeScale
@@ -35,8 +33,6 @@ from ..records.dataset import Dataset, Segment
 from ..records.fusion.kinematics import base_acceleration_if_any
 from ..records.record import Record
 from .chain_starts import Linear, chain_starts
-from .constraints import Constraint, NonNegative, Prior, as_constraints, system_of
-from .intervals import InfluenceResolver
 from .noise_spectra import (
     common_band,
     expected,
@@ -54,6 +50,7 @@ from .output_error import (
     lengths,
     placed,
 )
+from .parameters import Known, linear_equations, with_values
 from .problem import Problem
 
 MOST_STEPS, FEW_STEPS = 100, 6  # iterations at most; of a trial
@@ -95,109 +92,6 @@ FORGOTTEN, LONGEST = (
     7.0,
     6,
 )  # time constants after which a thousandth is left; lengths of a record at most
-
-
-def fit_fewer_sensors(estimator: Any, records: Sequence[Record]) -> Any:
-    """Fit a regressor to records in which some floors have no sensor."""
-    problem = estimator.problem(records[0].n_dof)
-    known = dict(problem.known_masses)
-    shots = [
-        shot_of(rec, number, problem.chain.n_dof) for number, rec in enumerate(records)
-    ]
-    given = as_constraints(estimator.constraints)
-    if bounds := [one for one in given if isinstance(one, NonNegative)]:
-        raise ChannelError(
-            f"{bounds[0]!r} is for records in which every floor has a sensor",
-            "Leave it out.",
-        )
-    fit, best, doubts = estimate(problem, shots, known, given)
-    doubts += negative(best, fit.rebuild)
-    notes, missed = (
-        doubts + told(best, fit.rebuild),
-        _channel_errors(fit.shots, best.model),
-    )
-    if (size := missed["error"]["pooled"]) > 100 * UNKNOWN:
-        cure = (
-            "Add a sensor (Chain.sensing says where), declare the law that the chain"
-            " lacks, or reduce the noise."
-        )
-        raise IdentifiabilityError(
-            f"The best free run misses {size:.0f} % of the measured channels", cure
-        )
-    errors = [_model_error(fit, shot, best.model) for shot in fit.shots]
-    now = dict(zip(_names(fit.rebuild), fit.rebuild.numbers(best.u)))
-    far = [
-        p
-        for p in given
-        if isinstance(p, Prior) and abs(now[p.parameter] - p.value) > 3.3 * p.spread
-    ]
-    notes += [
-        f"The data contradict {p!r}: it came out as {now[p.parameter]:.4g}."
-        for p in far
-    ]  # p = 0.001
-    if max(errors) > 0:
-        cure = (
-            "Intervals of motions hold that, those of parameters do not: search for"
-            " what it lacks (close_loop)."
-        )
-        notes.append(
-            f"The model misses {100 * max(errors):.2g} % of a measured channel beyond"
-            f" its noise. {cure}"
-        )
-    model = best.model
-    runs = Dataset(
-        [shot.run(model) for shot in fit.shots],
-        sum(len(shot.segment.F) for shot in shots),
-    )
-    with warnings.catch_warnings(action="ignore", category=NRFWarning):
-        held = (
-            problem
-            if known or runs.forced
-            else problem.with_known_masses({1: model.masses[0]})
-        )
-        found = (
-            replace(held, laws=model.laws, optimizer=None)
-            .solve(runs)
-            ._replace(model=model)
-        )
-        estimator._records, estimator._measured, estimator.problem_ = (
-            runs,
-            False,
-            found.problem,
-        )
-        estimator._resolver = InfluenceResolver(
-            found.grams, found.order, known, best=best, rebuild=fit.rebuild
-        )
-        estimator._publish(found, runs)
-        facts = {
-            "asked": estimator.estimation,
-            "found": "simulation",
-            "notes": notes,
-            "sensors": fit.shots[0].channels,
-        }
-        estimator.model_.info["estimation"] = facts | {"doubts": doubts}
-        estimator._examine(found, runs, runs, False)
-    estimator.missing_terms_, estimator.jump_bias_ = (
-        estimator.missing_terms_[:0],
-        estimator.jump_bias_[:0],
-    )
-    estimator.errors_, table = (
-        missed,
-        missed.drop(index="pooled").set_index("of")["error"],
-    )
-    estimator._free = FreeRuns(pd.DataFrame([table], index=["measured channels"]))
-    estimator.motions_ = [
-        _motions(fit, number, best, error) for number, error in enumerate(errors)
-    ]
-    estimator.data_warnings_ = {
-        "channels": [],
-        "forces": [],
-        "records": [],
-        "masses": notes,
-    }
-    if notes:
-        warnings.warn(" ".join(notes), BiasWarning, stacklevel=4)
-    return estimator
 
 
 def shot_of(record: Record, number: int, n: int) -> Shot:
@@ -276,7 +170,7 @@ def estimate(
     problem: Problem,
     shots: Sequence[Shot],
     known: Mapping[int, float],
-    given: Sequence[Constraint] = (),
+    given: Known = MappingProxyType({}),
 ) -> tuple[FreeRunFit, Solution, list[str]]:
     """Free run of the problem's laws fitted to the channels of shots, from several
     starts; a rival, in words.
@@ -286,7 +180,9 @@ def estimate(
     linear = LawLayout(chain, {site: (PowerSeries(1),) for site in links})
     tried: list[tuple[FreeRunFit, Solution]] = []
     value = {f"m{j}": m for j, m in known.items()} | {
-        p.parameter: p.value for p in given if isinstance(p, Prior)
+        name: p.value
+        for name, p in with_values(given, _drawn_names(chain, links), chain).items()
+        if p.value is not None
     }
     seen = {int(channel[1:]) for channel in shots[0].channels}
     forced = {
@@ -319,7 +215,8 @@ def estimate(
         and not (sensing := chain.sensing(seen, forced, known_masses=known)).complete
     ):
         raise IdentifiabilityError(
-            str(sensing).rstrip("."), "So do more known_masses=, or a Prior on each."
+            str(sensing).rstrip("."),
+            "So do more known_masses=, or a Parameter with a spread for each.",
         )
     starts, band_of_all = (
         _drawn(value, chain.n_dof, links),
@@ -396,21 +293,28 @@ def estimate(
 
 
 def _prior(
-    given: Sequence[Constraint],
+    given: Known,
     rebuild: Rebuild,
     known: Mapping[int, float],
     whole: bool = True,
 ) -> Any:
     """Equations of what is known of the free parameters, over their spreads."""
-    A, b, spread = system_of(
+    equations = linear_equations(
         given, _names(rebuild), rebuild.model.chain, dict(known), whole
     )
+    A, b, spread = equations.factors, equations.values, equations.spreads
     spread = np.where(
         spread > 0,
         spread,
         EXACT * (np.abs(A) @ np.abs(rebuild.numbers(rebuild.start)) + np.abs(b)),
     )
     return A / spread[:, None], b / spread
+
+
+def _drawn_names(chain: Chain, links: Sequence[Site]) -> list[str]:
+    """Masses and stiffnesses that drawings tell."""
+    masses = [f"m{j}" for j in range(1, chain.n_dof + 1)]
+    return [*masses, *(f"{site}: s" for site in links)]
 
 
 def _drawn(value: Mapping[str, float], n: int, links: Sequence[Site]) -> list[Linear]:
@@ -443,7 +347,7 @@ def _with_laws(
     problem: Problem,
     starts: Sequence[tuple[FreeRunFit, Solution]],
     known: Mapping[int, float],
-    given: Sequence[Constraint],
+    given: Known,
 ) -> tuple[FreeRunFit, Solution]:
     """The declared laws, first in windows, from linear chains on their way: what these
     lack drives them off later.

@@ -112,6 +112,10 @@ class InputSettings:
         Keep what a later fusion of each DOF by itself can use of the joint one.
     check : bool
         Look for faults of the channels of records.
+    fuse : bool
+        If False, records are not fused, and their motions are unknown (NaN).
+    needs_clock : bool
+        If False, records are read sample by sample, whatever their clock is.
     """
 
     coordinates: str = "relative"
@@ -123,6 +127,8 @@ class InputSettings:
     joint: bool = True
     both_fusions: bool = False
     check: bool = True
+    fuse: bool = True
+    needs_clock: bool = True
 
 
 def as_dataset(given: Input, settings: InputSettings = InputSettings()) -> Dataset:
@@ -216,11 +222,30 @@ def _from_records(
                 f"Record {record.name!r} has {record.n_dof} DOFs, {n_dof} are needed",
                 "Give records of one chain.",
             )
-        fused = fuse_record(record, smoother, settings.check)
-        segments.append(segment_of(record, fused, first_row))
+        timed = record if settings.needs_clock else record.by_sample()
+        if settings.fuse:
+            fused = fuse_record(timed, smoother, settings.check)
+            segments.append(segment_of(timed, fused, first_row))
+        else:
+            segments.append(_unfused(timed, first_row))
         first_row += record.n_samples
 
     return Dataset(segments, first_row, tuple(records), fuse_apart)
+
+
+def _unfused(record: Record, first_row: int) -> Segment:
+    """A record whose motions are not known."""
+    unknown = np.full(record.force.shape, np.nan)
+    return Segment(
+        name=record.name,
+        rows=slice(first_row, first_row + record.n_samples),
+        a=unknown,
+        v=unknown,
+        s=unknown,
+        F=record.force,
+        t=record.time,
+        valid=slice(0, record.n_samples),
+    )
 
 
 def _smoothers_of(

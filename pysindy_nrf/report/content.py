@@ -526,11 +526,11 @@ def _settings(groups: dict[str, dict[str, Any]]) -> Table:
 
 def _data(subject: Any, records: Any, band: Any) -> tuple[Any, Any]:
     """Data to draw the model over, and the filter of each record."""
-    kept = getattr(subject, "_records", None)
+    kept = getattr(getattr(subject, "result_", None), "data", None)
     if records is None and kept is None:
         return None, None
     given = [records] if isinstance(records, Record) else list(records or ())
-    fitted = getattr(subject, "_given", None) or []
+    fitted = kept.records if kept is not None else ()
     if kept is not None and (
         records is None or list(map(id, given)) == list(map(id, fitted))
     ):

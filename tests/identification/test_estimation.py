@@ -297,7 +297,7 @@ def test_frequency_responses_are_linear_and_need_lines():
     H = -(w**2) / (1e4 - 2.0 * w**2 + 8j * w)
     response = frequency_response(f, H[:, None])
     with pytest.raises(
-        ChainError, match="estimation='simulation' does not work on frequency responses"
+        ChainError, match="estimation='simulation' .* frequency responses"
     ):
         NRFRegressor(degree=1, estimation="simulation").fit(response)
     with pytest.raises(ChainError, match="8 lines .* do not tell noise"):

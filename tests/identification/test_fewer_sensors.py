@@ -25,9 +25,9 @@ from pysindy_nrf.exceptions import (
     ExcitationError,
     IdentifiabilityError,
 )
-from pysindy_nrf.identification.constraints import EqualStoreys, KnownStiffness, Prior
 from pysindy_nrf.identification.fewer_sensors import shot_of
 from pysindy_nrf.identification.output_error import FreeRunFit, free_parameters
+from pysindy_nrf.identification.parameters import Parameter
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 250.0
@@ -287,9 +287,10 @@ def test_drawings_tell_what_the_channels_do_not(exact):
         **{f"storey {i}: s": k for i, k in enumerate(SPRINGS, 1)},
     }
     off = dict(zip(true, 1 + 0.05 * np.array([1, -1, 1, -1, -1, 1, 1, -1])))
-    priors = [
-        Prior(name, off[name] * value, 0.05 * value) for name, value in true.items()
-    ]
+    priors = {
+        name: Parameter(off[name] * value, spread=0.05 * value)
+        for name, value in true.items()
+    }
     model = NRFRegressor(degree=1, constraints=priors).fit(record)
     table = model.confidence_intervals().set_index("parameter").loc[list(true)]
     half, values = (table.upper - table.lower) / 2, pd.Series(true)
@@ -299,18 +300,17 @@ def test_drawings_tell_what_the_channels_do_not(exact):
     assert (np.abs(table.estimate - values) < 1.5 * half).all()
     tied = NRFRegressor(
         degree=1,
-        constraints=[
-            *priors[1:],
-            EqualStoreys(terms=["v"]),
-            KnownStiffness(2, 1.2e5),
-            priors[0],
-        ],
+        constraints={
+            **priors,
+            "storey *: v": Parameter(equal_to="storey 1: v"),
+            "storey 2: s": Parameter(1.2e5),
+        },
     )
     found = tied.fit(record).restoring_forces_
     assert np.ptp([force.coefficients["v"] for force in found.values()]) < 1e-4 * 25.0
     assert abs(found["storey 2"].coefficients["s"] / 1.2e5 - 1) < 1e-5
-    wrong = [*priors[:-1], Prior("storey 4: s", 3e5, 3e3)]
-    with pytest.warns(BiasWarning, match="contradict Prior.*storey 4"):
+    wrong = priors | {"storey 4: s": Parameter(3e5, spread=3e3)}
+    with pytest.warns(BiasWarning, match="contradict storey 4: s"):
         NRFRegressor(degree=1, constraints=wrong).fit(seen(exact, [4]))
 
 

@@ -43,7 +43,7 @@ _CONTRADICTION = 3.3
 
 
 class ChannelFit(IdentificationMethod):
-    """The free run fitted to the measured channels; the only method without a sensor."""
+    """The free run fitted to the channels; the only method for floors without one."""
 
     name = "simulation"
     label = "the free run fitted to the measured channels"

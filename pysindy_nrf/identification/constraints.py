@@ -137,7 +137,7 @@ def _refuse_spreads(known: Known) -> None:
 def _without_known_masses(
     equations: LinearEquations, model: ChainModel
 ) -> LinearEquations:
-    """The equations that hold a free parameter; those of known masses alone must hold."""
+    """The equations that have a free parameter; the others must be right."""
     empty = ~np.asarray(equations.factors.any(axis=1))
     gap = np.abs(equations.values[empty]).max(initial=0.0)
     if gap > 1e-6 * np.abs(model.masses).sum():

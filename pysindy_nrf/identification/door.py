@@ -192,19 +192,25 @@ def refuse_unused(
             raise ChannelError(
                 f"{name} was given beside {form.name}, {reason}", f"Leave {name} out."
             )
-    require_use(given, _OF_THE_METHOD - method.uses, method.label)
+        if name in _OF_THE_METHOD and name not in method.uses:
+            refuse_arguments({name: True}, method.label)
 
 
-def require_use(
-    given: Collection[str] | Mapping[str, Any], unused: Collection[str], by: str
-) -> None:
-    """Refuse arguments that have no part in what is done, ``by`` its name.
+def refuse_arguments(unused: Mapping[str, Any], by: str) -> None:
+    """Refuse arguments that have no part in what is done.
+
+    Parameters
+    ----------
+    unused : mapping of str to object
+        Values by name; None for what was not given.
+    by : str
+        What is done, in words.
 
     Raises
     ------
     ChainError
-        Naming the first such argument.
+        Naming the first argument that was given.
     """
-    for name in given:
-        if name in unused:
+    for name, value in unused.items():
+        if value is not None:
             raise ChainError(f"{name} has no part in {by}", f"Leave {name} out.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,8 +35,7 @@ _CURE_OF_LOST_MASS = (
 
 def _no_missing_terms() -> pd.DataFrame:
     columns = ["residual", "gain", "missing", "shift", "lasting"]
-    table = pd.DataFrame({name: pd.Series(dtype=float) for name in columns})
-    return table.assign(biased=pd.Series(dtype=bool))
+    return pd.DataFrame(columns=columns, dtype=float).assign(biased=False)
 
 
 def _no_jumps() -> pd.DataFrame:
@@ -168,18 +168,16 @@ def _wrong_masses(problem: Problem, data: Dataset, error: float) -> list[str]:
 
     Left free, they explain most of what the balances leave.
     """
-    freed = _freed_masses(problem, data, error)
+    freed = sorted(_freed_masses(problem, data, error))
     if not freed:
         return []
 
-    known = problem.known_masses
-    least = min(left for left, _ in freed.values())
-    ranked = sorted(freed, key=lambda j: freed[j])
-    named = [
-        f"m{j} is {freed[j][1]:.4g} kg, not {known[j]:.4g}"
-        for j in ranked
-        if freed[j][0] < _AS_GOOD * least
-    ]
+    least, *_ = freed[0]
+    named = []
+    for left, mass, j in freed:
+        if left < _AS_GOOD * least:
+            known = problem.known_masses[j]
+            named.append(f"m{j} is {mass:.4g} kg, not {known:.4g}")
     return [
         f"The known masses contradict each other: left free, {'; or '.join(named)}; and"
         f" {least:.2g} % of the balances is unexplained instead of {error:.2g} %. Weigh"
@@ -189,15 +187,15 @@ def _wrong_masses(problem: Problem, data: Dataset, error: float) -> list[str]:
 
 def _freed_masses(
     problem: Problem, data: Dataset, error: float
-) -> dict[int, tuple[float, float]]:
-    """Error of the balances and mass, by DOF, of known masses that prefer another."""
-    known = {j: mass for j, mass in problem.known_masses.items() if mass}
-    if len(known) < 2:
-        return {}
+) -> Iterator[tuple[float, float, int]]:
+    """Error of the balances, mass and DOF of every known mass that prefers another."""
+    weighed = [j for j, mass in problem.known_masses.items() if mass]
+    if len(weighed) < 2:
+        return
 
-    freed = {}
-    for j in known:
-        others = {i: mass for i, mass in problem.known_masses.items() if i != j}
+    for j in weighed:
+        others = dict(problem.known_masses)
+        known = others.pop(j)
         try:
             with warnings.catch_warnings(action="ignore", category=NRFWarning):
                 found = least_squares(problem.with_known_masses(others), data)
@@ -206,6 +204,5 @@ def _freed_masses(
         mass = float(found.model.masses[j - 1])
         left = float(balance_errors(found.model, found.grams).loc["pooled", "error"])
         better = left < _LEFT_WITH_RIGHT_MASS * error
-        if better and abs(mass / known[j] - 1) > _OTHER_MASS:
-            freed[j] = left, mass
-    return freed
+        if better and abs(mass / known - 1) > _OTHER_MASS:
+            yield left, mass, j

@@ -1,4 +1,4 @@
-"""What a fitted regressor gives: forces, errors, intervals, modes, free runs, verdict."""
+"""What a fitted regressor gives: forces, errors, intervals, free runs, the verdict."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> np.ndarray:
-        """Forces on the DOFs that the measured motion implies.
+        """Forces that the measured motion implies, for data as in :meth:`fit`.
 
-        They are the left-hand sides of the balances, for data as in :meth:`fit`.
+        They are the left-hand sides of the balances.
 
         Returns
         -------
@@ -105,11 +105,11 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> float:
-        """R^2 of the accelerations that the model predicts.
+        """R^2 of the accelerations of the model, for data as in :meth:`fit`.
 
-        It is weighted by the variances of the DOFs, on data as for :meth:`fit`, and
-        comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the
-        forces, which are zero on unforced DOFs.
+        It is weighted by the variances of the DOFs, and comparable under any
+        excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are zero on
+        unforced DOFs.
 
         Parameters
         ----------
@@ -134,9 +134,9 @@ class FittedChain:
         return explained_accelerations(parts)
 
     def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
-        """Balance errors (one step) on other data, in the band of the fit.
+        """Balance errors on data as in :meth:`fit` and :meth:`restoring_force`.
 
-        Data are given as for :meth:`fit` and :meth:`restoring_force`.
+        They are those of one step, in the band of the fit.
 
         Returns
         -------
@@ -266,10 +266,7 @@ class FittedChain:
         return self.result_.bounds
 
     def diagnose(self) -> Diagnosis:
-        """Diagnose what limits the estimate.
-
-        See :func:`pysindy_nrf.diagnosis.planning.diagnose`.
-        """
+        """What limits the estimate; see :func:`diagnosis.planning.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 
@@ -298,10 +295,7 @@ class FittedChain:
     # -- the model -------------------------------------------------------------------
 
     def modes(self) -> pd.DataFrame:
-        """Frequencies (Hz), damping ratios and shapes of the linear part.
-
-        See :meth:`ChainModel.modes`.
-        """
+        """Modes of the linear part; see :meth:`ChainModel.modes`."""
         check_is_fitted(self)
         return self.model_.modes()
 
@@ -371,9 +365,6 @@ class FittedChain:
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
     def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``.
-
-        See :meth:`ChainModel.to_sindy`.
-        """
+        """The model as a fitted ``ps.SINDy``; see :meth:`ChainModel.to_sindy`."""
         check_is_fitted(self)
         return self.model_.to_sindy(1.0 if self.dt is None else self.dt)

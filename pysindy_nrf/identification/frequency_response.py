@@ -31,7 +31,7 @@ from ..records.files.frequency_response import FrequencyResponse, in_band
 from ..records.input_arrays import Input, InputSettings, from_arrays
 from .examination import Examination, Finding
 from .intervals import Resolver
-from .methods import RESPONSES, IdentificationMethod, result_of
+from .methods import RESPONSES, IdentificationMethod, finite_band, result_of
 from .problem import Problem, blocks_of, least_squares
 from .result import IdentificationResult
 
@@ -73,15 +73,12 @@ class FrequencyResponseFit(IdentificationMethod):
         unfiltered = replace(problem, band=None)
         noise = noise_of(used.H)
         sites = problem.layout.acting
-        nearest = {
-            j: nearest_responses(used, noise, sites, j)
-            for j in range(1, data.n_dof + 1)
-        }
+        nearest = {}
+        for j in range(1, data.n_dof + 1):
+            nearest[j] = nearest_responses(used, noise, sites, j)
         doubts = responses_in_doubt(used, noise, sites, nearest)
-
-        weights = [nearest[j].weights for j in nearest]
-        measured = _balances(used, [used.H] * data.n_dof, weights)
-        instruments = _balances(used, [nearest[j].H for j in nearest], weights)
+        measured = _balances(used, nearest)
+        instruments = _balances(used, nearest, of_nearest=True)
         start = least_squares(unfiltered, measured)
         layout, order = start.problem.layout, start.order
         known_masses = dict(problem.known_masses)
@@ -133,29 +130,33 @@ def _lines_in_band(frf: FrequencyResponse, band: Any) -> FrequencyResponse:
 
 def _balances(
     frf: FrequencyResponse,
-    responses: Sequence[np.ndarray],
-    weights: Sequence[np.ndarray],
+    nearest: Mapping[int, NearestResponses],
+    of_nearest: bool = False,
 ) -> Dataset:
-    """One record for each balance, whose lines have the weights of this balance."""
-    n, n_rows = frf.n_dof, 2 * len(frf.f)
-    tables = [
-        frf_to_features(frf.f, H, frf.excited, weight=weight)
-        for H, weight in zip(responses, weights)
-    ]
-    X = pd.concat([X for X, _ in tables], ignore_index=True)
-    F = pd.concat([F for _, F in tables], ignore_index=True)
-    balance = np.repeat(np.arange(n), n_rows)
-    # the force on any other DOF is unknown there, so that its balance is not used
-    F = F.where(balance[:, None] == np.arange(n))
-    return from_arrays(X, F, n_dof=n, record=balance)
+    """One record for each balance, whose lines have the weights of this balance.
+
+    It holds the measured responses, or those that obey the balance.
+    """
+    motions, forces = [], []
+    for dof, one in nearest.items():
+        H = one.H if of_nearest else frf.H
+        X, F = frf_to_features(frf.f, H, frf.excited, weight=one.weights)
+        # the force on any other DOF is unknown, so that its balance is not used
+        F.loc[:, F.columns != f"F{dof}"] = np.nan
+        motions.append(X)
+        forces.append(F)
+    record = np.repeat(list(nearest), 2 * len(frf.f))
+    return from_arrays(
+        pd.concat(motions, ignore_index=True),
+        pd.concat(forces, ignore_index=True),
+        n_dof=frf.n_dof,
+        record=record,
+    )
 
 
 def _without_motion(model: ChainModel, band: Any) -> ChainModel:
-    """The model without a visited region: amplitudes of a steady state are no motion."""
-    edges = None
-    if band is not None:
-        edges = [None if edge is None or np.isinf(edge) else edge for edge in band]
-    info = model.info | {"band": edges}
+    """The model without visited regions: steady-state amplitudes are no motion."""
+    info = model.info | {"band": finite_band(band)}
     return ChainModel(model.masses, model.laws, model.chain, info=info)
 
 
@@ -298,24 +299,24 @@ def responses_in_doubt(
     error = np.sqrt((noise[:, driven] / 2 / frf.f**2).sum())
     if power < _SURELY_NEGATIVE * error:
         sentences.append(
-            f"H{frf.excited}, where the force acts, gives energy back: its sign, that of"
-            " the imaginary parts, or kind= is wrong."
+            f"H{frf.excited}, where the force acts, gives energy back: its sign, that"
+            " of the imaginary parts, or kind= is wrong."
         )
 
     of_lines = linalg.norm(frf.H, axis=1)
-    changes = {
-        j: np.median(linalg.norm(one.H - frf.H, axis=1) / of_lines)
-        for j, one in nearest.items()
-    }
-    bad = [
-        j for j, one in nearest.items() if one.distance > _FAR and changes[j] > _MATTERS
-    ]
-    if not bad:
+    changes = {}
+    farthest = 0.0
+    for j, one in nearest.items():
+        change = np.median(linalg.norm(one.H - frf.H, axis=1) / of_lines)
+        if one.distance > _FAR and change > _MATTERS:
+            changes[j] = change
+            farthest = max(farthest, one.distance)
+    if not changes:
         return sentences
 
-    worst = max(bad, key=lambda j: changes[j])
+    bad = list(changes)
+    worst = max(bad, key=changes.__getitem__)
     level = changes[worst] / np.sqrt(nearest[worst].distance)
-    farthest = max(nearest[j].distance for j in bad)
     limit = max(_FAR, farthest / _FAR)
     cause = _cause_of(frf, noise, sites, bad, worst, limit)
     sentences.append(

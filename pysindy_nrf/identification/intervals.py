@@ -63,7 +63,7 @@ def parameters_of(
 
 
 def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
-    """Energy, J, that every site dissipates along the data, as a function of a model."""
+    """Energy that every site dissipates along the data, J, as a function of a model."""
     sites = [site for site in layout.acting if site.kind == "link"]
     work = {site: np.zeros(layout.counts[site]) for site in sites}
     stored = dict.fromkeys(sites, 0.0)
@@ -377,7 +377,7 @@ class IntervalMaker:
     def _extrapolation(
         self, site: Any, rate: np.ndarray, drift: np.ndarray, force: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Which points the data visited, and how far the force changes to the others."""
+        """Which points the data visited, and how the force changes up to the others."""
         visited = np.ones(len(rate), dtype=bool)
         reach = np.zeros(len(rate))
         region = self.model.visited.get(site)

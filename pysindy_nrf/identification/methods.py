@@ -212,7 +212,7 @@ def result_of(found: Finding) -> IdentificationResult:
     errors = balance_errors(model, estimate.grams)
     visited = visited_regions(found.data, problem.layout)
     info = {
-        "band": _finite_band(problem.band),
+        "band": finite_band(problem.band),
         "strategy": estimate.order.strategy,
         "n_samples": int(estimate.grams.n_samples),
         "balance_error_percent": {
@@ -272,7 +272,7 @@ def _obeying(
     return constrained(estimate.model, problem.constraints, resolver)
 
 
-def _finite_band(band: Any) -> list[float | None] | None:
+def finite_band(band: Any) -> list[float | None] | None:
     """A band, Hz, with None for an edge that is not there, as JSON takes it."""
     if band is None:
         return None

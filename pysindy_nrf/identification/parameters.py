@@ -186,26 +186,42 @@ def linear_equations(
     ChainError
         If a parameter is named that the model does not have.
     """
-    numbers = {f"m{j}": mass for j, mass in known_masses.items()}
-    factors, values, spreads = [], [], []
-    for pattern, parameter in known.items():
-        for terms, value in _terms_of(pattern, parameter, names, chain):
-            missing = [n for n in terms if n not in names and n not in numbers]
-            if missing and len(terms) == 1 and not every:
-                continue
-            for name in missing:
-                _refuse_name(name, names, chain)
+    masses = {f"m{j}": mass for j, mass in known_masses.items()}
+    equations = []
+    for equation in _equations_of(known, names, chain):
+        missing = equation.terms.keys() - masses.keys() - set(names)
+        if missing and not every and len(equation.terms) == 1:
+            continue
+        for name in missing:
+            _refuse_name(name, names, chain)
+        equations.append(equation.with_numbers(masses))
 
-            row = [terms.get(name, 0.0) for name in names]
-            of_known = [c * numbers[n] for n, c in terms.items() if n in numbers]
-            factors.append(row)
-            values.append(value - sum(of_known))
-            spreads.append(parameter.spread or 0.0)
-
-    shape = len(factors), len(names)
+    rows = [equation.factors(names) for equation in equations]
     return LinearEquations(
-        np.array(factors).reshape(shape), np.array(values), np.array(spreads)
+        np.array(rows).reshape(len(rows), len(names)),
+        np.array([equation.value for equation in equations]),
+        np.array([equation.spread for equation in equations]),
     )
+
+
+@dataclass(frozen=True)
+class _Equation:
+    """A sum of parameters, each times a factor, that has a value."""
+
+    terms: dict[str, float]
+    value: float
+    spread: float = 0.0
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> _Equation:
+        """The equation with some parameters replaced by numbers."""
+        terms, value = dict(self.terms), self.value
+        for name in self.terms.keys() & numbers.keys():
+            value -= terms.pop(name) * numbers[name]
+        return _Equation(terms, value, self.spread)
+
+    def factors(self, names: Sequence[str]) -> list[float]:
+        """Factor of every parameter."""
+        return [self.terms.get(name, 0.0) for name in names]
 
 
 def bounds_of(
@@ -227,25 +243,32 @@ def bounds_of(
     return lower, upper
 
 
-def _terms_of(
-    pattern: str, parameter: Parameter, names: Sequence[str], chain: Chain
-) -> Iterator[tuple[dict[str, float], float]]:
-    """Factors by name, and right-hand side, of every equation that a pattern means."""
-    if parameter.value is not None and "+" in pattern:
-        parts = [_canonical(part, chain) for part in pattern.split("+")]
-        yield dict.fromkeys(parts, 1.0), float(parameter.value)
-    elif parameter.value is not None:
-        for name in _named_by(pattern, names, chain):
-            yield {name: 1.0}, float(parameter.value)
-    elif parameter.equal_to is not None:
-        other = _canonical(parameter.equal_to, chain)
-        for name in _named_by(pattern, names, chain):
-            if name != other:
-                yield {name: 1.0, other: -1.0}, 0.0
+def _equations_of(
+    known: Known, names: Sequence[str], chain: Chain
+) -> Iterator[_Equation]:
+    """Equations of all values and ties."""
+    for pattern, parameter in known.items():
+        if parameter.value is not None:
+            for summands in _summands_of(pattern, names, chain):
+                terms = dict.fromkeys(summands, 1.0)
+                spread = parameter.spread or 0.0
+                yield _Equation(terms, float(parameter.value), spread)
+        elif parameter.equal_to is not None:
+            other = _canonical(parameter.equal_to, chain)
+            for name in _named_by(pattern, names, chain):
+                if name != other:
+                    yield _Equation({name: 1.0, other: -1.0}, 0.0)
+
+
+def _summands_of(pattern: str, names: Sequence[str], chain: Chain) -> list[list[str]]:
+    """Names that are summed up: those of a sum, or each one that a pattern means."""
+    if "+" in pattern:
+        return [[_canonical(part, chain) for part in pattern.split("+")]]
+    return [[name] for name in _named_by(pattern, names, chain)]
 
 
 def _named_by(pattern: str, names: Sequence[str], chain: Chain) -> list[str]:
-    """Names that a pattern means; a name without ``*`` means itself, even if unknown."""
+    """Names that a pattern means; one without ``*`` means itself, even if unknown."""
     if "*" in pattern:
         return _matching(pattern, names, chain)
     return [_canonical(pattern, chain)]

@@ -84,8 +84,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         chain = chain_of(self.chain, 0).with_links(self.laws)
-        given = {chain.site(site): tuple(group) for site, group in self.laws.items()}
-        laws = {site: given.get(site, ()) for site in chain.sites} | given
+        laws: dict[Site, tuple[ForceLaw, ...]] = dict.fromkeys(chain.sites, ())
+        laws |= _by_site(chain, self.laws)
         known_masses = masses_of(self.known_masses, chain)
 
         self._set("chain", chain)
@@ -104,8 +104,9 @@ class Problem:
         values = []
         for one in fields(self):
             value = getattr(self, one.name)
-            is_proxy = isinstance(value, MappingProxyType)
-            values.append(dict(value) if is_proxy else value)
+            if isinstance(value, MappingProxyType):
+                value = dict(value)
+            values.append(value)
         return type(self), tuple(values)
 
     @cached_property
@@ -121,8 +122,8 @@ class Problem:
     @property
     def needs_clock(self) -> bool:
         """False for an element without mass whose laws depend on the path alone."""
-        dofs = range(1, self.chain.n_dof + 1)
-        massless = all(self.known_masses.get(j) == 0 for j in dofs)
+        known = [self.known_masses.get(j + 1) for j in range(self.chain.n_dof)]
+        massless = known == [0] * self.chain.n_dof
         return not massless or any(law.rate_dependent for law in self.every_law)
 
     def with_laws(self, laws: Mapping[Any, Iterable[ForceLaw]]) -> Problem:
@@ -132,8 +133,7 @@ class Problem:
         ----------
         laws : mapping of str to sequence of ForceLaw
         """
-        others = {self.chain.site(site): tuple(group) for site, group in laws.items()}
-        return replace(self, laws={**self.laws, **others})
+        return replace(self, laws=dict(self.laws) | _by_site(self.chain, laws))
 
     def with_known_masses(self, known_masses: Mapping[int, float]) -> Problem:
         """The same problem with these masses known, and no other.
@@ -183,7 +183,14 @@ class Problem:
         return filters_of(self.band, data)
 
     def normal_equations(self, data: Dataset, order: SolveOrder) -> NormalEquations:
-        """Sums of the balances over the data; all shape parameters have values."""
+        """Sums of the balances over the data.
+
+        Parameters
+        ----------
+        data : Dataset
+        order : SolveOrder
+            Its balances are summed up; all shape parameters have values.
+        """
         return _solution(self, self.layout, order, data, self.filters(data))[1]
 
     def solve(self, data: Any) -> Estimate:
@@ -208,6 +215,13 @@ class Problem:
         resolver = least_squares_resolver(estimate.problem, estimate.order, data)
         model, _ = constrained(estimate.model, self.constraints, resolver)
         return estimate._replace(model=model)
+
+
+def _by_site(
+    chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]
+) -> dict[Site, tuple[ForceLaw, ...]]:
+    """Laws by the sites of the chain, however they are spelled."""
+    return {chain.site(site): tuple(group) for site, group in laws.items()}
 
 
 class Estimate(NamedTuple):
@@ -305,19 +319,16 @@ def flexible_laws(
     for site in problem.chain.sites:
         laws = out.setdefault(site, [])
         labels = {term.label for law in laws for term in law.terms()}
-        for law in _general_laws(drifts.get(site, 0.0)):
+        for law in _general_laws(drifts.get(site, 0.0), problem.needs_clock):
             terms = {term.label for term in law.terms()}
-            usable = problem.needs_clock or not law.rate_dependent
-            if not usable or not labels.isdisjoint(terms):
-                continue
-            laws.append(law)
-            # sliders of several sizes have the same label
-            if not law.shapes:
-                labels |= terms
+            if labels.isdisjoint(terms):
+                laws.append(law)
+                # sliders of two sizes have the same terms
+                labels |= set() if law.shapes else terms
     return out
 
 
-def _general_laws(drift: float) -> list[ForceLaw]:
+def _general_laws(drift: float, has_clock: bool) -> list[ForceLaw]:
     """Laws that together can follow nearly any force over a drift of some rms, m."""
     laws: list[ForceLaw] = [
         catalogue.CoulombFriction(),
@@ -328,8 +339,8 @@ def _general_laws(drift: float) -> list[ForceLaw]:
         catalogue.CubicStiffness(),
     ]
     if drift > 0:
-        laws += [catalogue.Jenkins(uy=share * drift) for share in (0.5, 1.5)]
-    return laws
+        laws += [catalogue.Jenkins(uy=0.5 * drift), catalogue.Jenkins(uy=1.5 * drift)]
+    return [law for law in laws if has_clock or not law.rate_dependent]
 
 
 def law_list(laws: Any) -> list[ForceLaw]:
@@ -347,30 +358,26 @@ def laws_of_sites(
     ChainError
         If a site has an order and laws, or ``degree`` contradicts the orders.
     """
-    series = power_series_laws(chain, degree, orders)
-    orders = {chain.site(site): order for site, order in (orders or {}).items()}
-    declared = {chain.site(site): group for site, group in declared_laws(laws).items()}
-    for site in orders:
+    series = _by_site(chain, power_series_laws(chain, degree, orders))
+    declared = _by_site(chain, declared_laws(laws))
+    ordered = {chain.site(site): order for site, order in (orders or {}).items()}
+    for site in ordered:
         if site in declared:
             raise ChainError(
                 f"{site} has an order and laws",
                 "Name it in orders or in laws, not in both.",
             )
-    _require_use_of_degree(chain, degree, orders, declared)
-    return {site: tuple(group) for site, group in series.items()} | declared
+    every_site_is_named = set(chain.sites) <= {*ordered, *declared}
+    if degree != DEFAULT_DEGREE and every_site_is_named:
+        _refuse_degree(chain, degree, ordered)
+    return series | declared
 
 
-def _require_use_of_degree(
-    chain: Chain, degree: Any, orders: Mapping[Site, Any], declared: Mapping[Site, Any]
-) -> None:
-    """Refuse a degree that no storey has, because all have orders or laws."""
-    every_site_is_named = all(
-        site in orders or site in declared for site in chain.sites
-    )
-    other_orders = any(order != degree for order in orders.values())
-    if degree == DEFAULT_DEGREE or not every_site_is_named or not other_orders:
+def _refuse_degree(chain: Chain, degree: Any, orders: Mapping[Site, Any]) -> None:
+    """Refuse a degree that no storey has; one that every order repeats is no harm."""
+    if all(order == degree for order in orders.values()):
         return
-    site = next(site for site in chain.sites if site in orders)
+    site = min(orders, key=chain.sites.index)
     raise ChainError(
         f"degree={degree!r} contradicts orders, which set every storey ({site}:"
         f" {orders[site]!r})",

@@ -294,9 +294,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> NRFRegressor:
-        """Add records to those of earlier calls and solve again, by least squares.
+        """Add records, given as for :meth:`fit`, to those of earlier calls.
 
-        Records are given as for :meth:`fit`, which starts anew.
+        All of them are solved again by least squares; ``fit`` starts anew.
         """
         given = Input(X, y, record, time, base_acceleration, covariates)
         arguments = self._arguments(given)

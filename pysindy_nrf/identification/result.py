@@ -36,8 +36,8 @@ from .intervals import (
 from .problem import Problem
 from .wiring import records_of, wiring_error
 
-# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave. Below
-# it, the rest is arithmetic and interpolation, which no further sample averages out.
+# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
+# Below it, the rest is arithmetic, which no further sample averages out.
 _EXACT = 0.01
 _CURE_OF_NOISE = "Give the Records themselves, with estimation='auto' or 'iv'."
 _NO_DATA = "Fit again, or ask for intervals before saving."

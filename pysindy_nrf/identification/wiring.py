@@ -37,21 +37,26 @@ def wiring_error(problem: Problem, model: ChainModel, records: Sequence[Record])
     str
         Empty if no mapping closes the balances.
     """
-    rms_drifts = {
-        site: max(abs(region.low[1]), abs(region.high[1])) / _PEAK_OVER_RMS
-        for site, region in model.visited.items()
-    }
+    rms_drifts = {}
+    for site, region in model.visited.items():
+        peak = max(abs(region.low[1]), abs(region.high[1]))
+        rms_drifts[site] = peak / _PEAK_OVER_RMS
     flexible = problem.with_laws(flexible_laws(problem, rms_drifts))
     flexible = replace(flexible, optimizer=None, constraints={})
     n_dof, has_memory = problem.chain.n_dof, flexible.layout.has_memory
 
     def from_fused(some: list[Record]) -> Estimate:
-        timed = some if flexible.needs_clock else [rec.by_sample() for rec in some]
-        data = from_arrays(timed, n_dof=n_dof, has_memory=has_memory, check=False)
+        data = from_arrays(
+            some,
+            n_dof=n_dof,
+            has_memory=has_memory,
+            check=False,
+            needs_clock=flexible.needs_clock,
+        )
         return least_squares(flexible, data)
 
     def from_channels(some: list[Record]) -> Estimate:
-        rated = [_with_rates(record) for record in some]
+        rated = list(map(_with_rates, some))
         return least_squares(flexible, from_arrays(rated, smooth=False, check=False))
 
     # a mass that is known to be zero is none that a structure has

@@ -1,4 +1,4 @@
-"""The data of an identification: records fused to one motion each, and their quality."""
+"""The data of an identification: records fused to one motion each."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from .record import Record
 
 # Stands for the variance of a channel that does not move.
 _NO_VARIANCE = 1e-300
+# Arrays of a segment that have one row per sample.
+ROW_ARRAYS = ("a", "v", "s", "F", "t", "ag")
 
 
 class Ends(Protocol):
@@ -128,6 +130,18 @@ class Segment:
         return Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
 
     @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs with a force that is not zero."""
+        n = self.n_dof
+        dofs = range(1, n + 1)
+        return tuple(j for j in dofs if self.extent.moves(3 * n + j - 1))
+
+    @property
+    def base_moves(self) -> bool:
+        """Whether an acceleration of the base that is not zero was given."""
+        return self.ag is not None and bool(self.ag.any())
+
+    @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown."""
         first = self.F[self.valid.start]
@@ -148,19 +162,24 @@ class Segment:
             v=_over_storeys(self.v[rows, low:high]),
             a=a,
             t=None if self.t is None else self.t[rows],
-            covariates={name: line[rows] for name, line in self.covariates.items()},
+            covariates=_rows_of_each(self.covariates, rows),
         )
 
     def part(self, rows: slice, at: int) -> Segment:
-        """Valid rows as a segment of their own, whose first row is row ``at`` of all."""
+        """Valid rows as a segment whose first row is row ``at`` of all."""
         n_rows = rows.stop - rows.start
         cut: dict[str, Any] = {}
-        for name in ("a", "v", "s", "F", "t", "ag"):
+        for name in ROW_ARRAYS:
             array = getattr(self, name)
             if array is not None:
                 cut[name] = array[rows]
-        cut["covariates"] = {name: line[rows] for name, line in self.covariates.items()}
-        return replace(self, **cut, rows=slice(at, at + n_rows), valid=slice(0, n_rows))
+        return replace(
+            self,
+            **cut,
+            covariates=_rows_of_each(self.covariates, rows),
+            rows=slice(at, at + n_rows),
+            valid=slice(0, n_rows),
+        )
 
     def strongest(self, rows: slice, size: int) -> int:
         """First row of the stretch of ``size`` rows with most energy, among valid rows.
@@ -189,6 +208,10 @@ class Segment:
                 values[:, dof] -= change
             changed[name] = values
         return replace(self, **changed)
+
+
+def _rows_of_each(lines: dict[str, np.ndarray], rows: slice) -> dict[str, np.ndarray]:
+    return {name: line[rows] for name, line in lines.items()}
 
 
 def _over_storeys(columns: np.ndarray) -> np.ndarray:
@@ -246,13 +269,10 @@ class Dataset:
     @property
     def forced(self) -> tuple[int, ...]:
         """DOFs with a force that is not zero, in at least one record."""
-        n = self.n_dof
-        extents = [segment.extent for segment in self.segments]
-        return tuple(
-            j
-            for j in range(1, n + 1)
-            if any(extent.moves(3 * n + j - 1) for extent in extents)
-        )
+        forced: set[int] = set()
+        for segment in self.segments:
+            forced.update(segment.forced)
+        return tuple(sorted(forced))
 
     @property
     def unknown(self) -> tuple[int, ...]:
@@ -265,8 +285,7 @@ class Dataset:
     @property
     def base_moves(self) -> bool:
         """Whether an acceleration of the base that is not zero was given."""
-        accelerations = [segment.ag for segment in self.segments]
-        return any(ag is not None and ag.any() for ag in accelerations)
+        return any(segment.base_moves for segment in self.segments)
 
     @cached_property
     def apart(self) -> Dataset:
@@ -300,6 +319,11 @@ def half_the_rate(segments: Iterable[Segment]) -> float:
 
 
 def feature_names(n_dof: int, coordinates: str = "relative") -> list[str]:
-    """Names of the columns of X: a1.., v1.., s1.. (paper eq. 8), or a1.., xdot1.., x1.."""
-    kinds = ("a", "v", "s") if coordinates == "relative" else ("a", "xdot", "x")
-    return [f"{kind}{j}" for kind in kinds for j in range(1, n_dof + 1)]
+    """Columns of X: a1.., v1.., s1.. (paper eq. 8), or a1.., xdot1.., x1.. absolute."""
+    rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
+    return numbered("a", n_dof) + numbered(rate, n_dof) + numbered(drift, n_dof)
+
+
+def numbered(kind: str, n_dof: int) -> list[str]:
+    """Names of one kind of channel at every DOF, such as F1, F2, .."""
+    return [f"{kind}{j}" for j in range(1, n_dof + 1)]

@@ -46,7 +46,7 @@ __all__ = [
 ]
 
 BASE_MOTION = ("ag", "vg", "xg")  # covariates that are motions of the base
-# Samples between two gaps of the clock at least; fewer are too few to run a model along.
+# Samples between two gaps of the clock at least; along fewer no model can be run.
 _SHORTEST_PIECE = 30
 # Samples of a record that are multiplied at once where the order of rows is checked.
 _STRETCH = 2**16
@@ -83,9 +83,8 @@ class Input:
 
     def beside(self) -> dict[str, Any]:
         """What was given beside X, by name."""
-        names = [field.name for field in fields(self)]
-        values = {name: getattr(self, name) for name in names if name != "X"}
-        return {name: value for name, value in values.items() if value is not None}
+        everything = vars(self).items()
+        return {name: x for name, x in everything if name != "X" and x is not None}
 
 
 @dataclass(frozen=True)
@@ -152,11 +151,12 @@ def as_dataset(given: Input, settings: InputSettings = InputSettings()) -> Datas
 
 
 def from_arrays(X: Any, F: Any = None, **options: Any) -> Dataset:
-    """The same with the fields of :class:`Input` and :class:`InputSettings` as options."""
-    settings = {field.name for field in fields(InputSettings)}
-    beside = {name: x for name, x in options.items() if name not in settings}
-    how = {name: x for name, x in options.items() if name in settings}
-    return as_dataset(Input(X, F, **beside), InputSettings(**how))
+    """The same, with fields of :class:`Input` and :class:`InputSettings` as options."""
+    settings = {}
+    for field in fields(InputSettings):
+        if field.name in options:
+            settings[field.name] = options.pop(field.name)
+    return as_dataset(Input(X, F, **options), InputSettings(**settings))
 
 
 def records_in(X: Any) -> list[Record] | None:
@@ -171,11 +171,12 @@ def records_in(X: Any) -> list[Record] | None:
         return [X]
     if not isinstance(X, (list, tuple)) or not X or not isinstance(X[0], Record):
         return None
-    if not all(isinstance(record, Record) for record in X):
-        raise ChannelError(
-            "X is a list of records with something else in it",
-            "Give Record objects only.",
-        )
+    for item in X:
+        if not isinstance(item, Record):
+            raise ChannelError(
+                "X is a list of records with something else in it",
+                "Give Record objects only.",
+            )
     return list(X)
 
 
@@ -357,7 +358,7 @@ def _from_columns(given: Input, settings: InputSettings) -> Dataset:
             s=s[rows],
             F=force[rows],
             t=_time_of_piece(time, rows, settings.dt),
-            ag=None if ag is None else ag[rows],
+            ag=ag if ag is None else ag[rows],
             covariates={key: line[rows] for key, line in covariates.items()},
         )
         # views of one matrix are scanned as that matrix, which is quicker
@@ -379,16 +380,18 @@ def _interstorey_motion(
     if coordinates == "relative":
         return v, s
 
-    base_shaken = ag is not None and np.nan_to_num(ag).any()
-    if columns.base_rate is None and base_shaken:
-        raise ChannelError(
-            "coordinates='absolute' with a moving base needs the columns xdot0 and x0",
-            "Add them to X, or give the motion relative to the ground.",
-        )
-    at_rest = 0.0
-    base_v = at_rest if columns.base_rate is None else columns.base_rate
-    base_s = at_rest if columns.base_displacement is None else columns.base_displacement
-    return np.diff(v, axis=1, prepend=base_v), np.diff(s, axis=1, prepend=base_s)
+    base = columns.base_motion
+    if base is None:
+        if ag is not None and np.nan_to_num(ag).any():
+            raise ChannelError(
+                "coordinates='absolute' with a moving base needs the columns xdot0 and"
+                " x0",
+                "Add them to X, or give the motion relative to the ground.",
+            )
+        base = np.zeros((len(v), 2))
+    v = np.diff(v, axis=1, prepend=base[:, :1])
+    s = np.diff(s, axis=1, prepend=base[:, 1:])
+    return v, s
 
 
 def _covariate_lines(covariates: Any, n_samples: int) -> dict[str, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import pandas as pd
 
 from ..exceptions import ChannelError
 from .channels import as_matrix
-from .dataset import feature_names
+from .dataset import feature_names, numbered
 
 _TIME = ("t", "time")
 # Rate and displacement of a moving base, beside motions in absolute coordinates.
@@ -27,16 +28,15 @@ class MotionColumns:
     matrix : ndarray of shape (n_samples, 3 n_dof)
         Accelerations, rates and displacements.
     names : list of str
-    base_rate, base_displacement : ndarray of shape (n_samples, 1) or None
-        Of a moving base, in absolute coordinates.
+    base_motion : ndarray of shape (n_samples, 2) or None
+        Rate and displacement of a moving base, in absolute coordinates.
     time : array-like or None
         From a column or the index of a table.
     """
 
     matrix: np.ndarray
     names: list[str]
-    base_rate: np.ndarray | None = None
-    base_displacement: np.ndarray | None = None
+    base_motion: np.ndarray | None = None
     time: Any = None
 
     @property
@@ -104,7 +104,7 @@ def _columns_of_table(
     table: pd.DataFrame, coordinates: str, n_dof: int | None
 ) -> MotionColumns:
     present = _labels_by_meaning(table, coordinates)
-    n = n_dof or _number_of_accelerations(present)
+    n = n_dof or number_of_dofs(present)
     wanted = feature_names(max(n, 1), coordinates)
     _require_known_names(present, wanted, coordinates)
 
@@ -112,43 +112,34 @@ def _columns_of_table(
     in_order = table if labels == list(table.columns) else table[labels]
     matrix = as_matrix(in_order, wanted, what="X")
 
-    base_rate, base_displacement = (
-        as_matrix(table[present[name]], [name], 1)[:, :1] if name in present else None
-        for name in _BASE
-    )
-    only_one = (base_rate is None) != (base_displacement is None)
-    if only_one and coordinates == "absolute":
+    base = [name for name in _BASE if name in present]
+    if len(base) == 1:
         raise ChannelError(
             "X has only one of the columns xdot0 and x0",
             "Give both, or neither for a base at rest.",
         )
-    return MotionColumns(
-        matrix, wanted, base_rate, base_displacement, table_time(table)
-    )
+    base_motion = as_matrix(table[base], base, what="X") if base else None
+    return MotionColumns(matrix, wanted, base_motion, table_time(table))
 
 
 def _labels_by_meaning(table: pd.DataFrame, coordinates: str) -> dict[str, str]:
     """Label of every column by its meaning; v1 may stand for xdot1."""
-    labels = [str(label) for label in table.columns]
-    for label in sorted(set(labels)):
-        if labels.count(label) > 1:
+    present: dict[str, str] = {}
+    for label in map(str, table.columns):
+        name = label
+        if coordinates == "absolute" and label[:1] == "v" and label[1:].isdigit():
+            name = f"xdot{label[1:]}"
+        if name in present:
             raise ChannelError(
                 f"Column {label!r} is in X more than once", "Rename or drop one."
             )
-
-    rate = "v" if coordinates == "relative" else "xdot"
-    present = {}
-    for label in labels:
-        is_rate = label[:1] == "v" and label[1:].isdigit()
-        present[rate + label[1:] if is_rate else label] = label
+        present[name] = label
     return present
 
 
-def _number_of_accelerations(names: Any) -> int:
+def number_of_dofs(names: Iterable[str]) -> int:
     """DOFs that have a column a1, a2, ...; a0 is none."""
-    return sum(
-        name[:1] == "a" and name[1:].isdigit() and name != "a0" for name in names
-    )
+    return sum(name[:1] == "a" and name[1:].isdigit() for name in {*names} - {"a0"})
 
 
 def _require_known_names(
@@ -157,23 +148,22 @@ def _require_known_names(
     allowed = {*wanted, *_TIME}
     if coordinates == "absolute":
         allowed.update(_BASE)
+    # in the order of the columns
     missing = [name for name in wanted if name not in present]
     unknown = [name for name in present if name not in allowed]
-    if not missing and not unknown:
-        return
-
     faults = []
     if missing:
         faults.append(f"lacks {', '.join(missing[:6])}")
     if unknown:
-        plural = "s" if len(unknown) > 1 else ""
-        faults.append(f"has the unknown column{plural} {', '.join(unknown[:6])}")
-    rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
-    raise ChannelError(
-        f"X {' and '.join(faults)}",
-        f"Name the columns a1.., {rate}1.., {drift}1..; covariates and base"
-        " acceleration are passed beside X.",
-    )
+        column = "column" if len(unknown) == 1 else "columns"
+        faults.append(f"has the unknown {column} {', '.join(unknown[:6])}")
+    if faults:
+        rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
+        raise ChannelError(
+            f"X {' and '.join(faults)}",
+            f"Name the columns a1.., {rate}1.., {drift}1..; covariates and base"
+            " acceleration are passed beside X.",
+        )
 
 
 def table_time(X: Any) -> Any:
@@ -225,16 +215,16 @@ def _require_order_of(X: Any, F: pd.DataFrame) -> None:
 
 def _forces_by_name(F: pd.DataFrame, n: int) -> pd.DataFrame:
     """Forces in the order F1..Fn; as in files, a DOF without a column has no force."""
-    wanted = [f"F{j}" for j in range(1, n + 1)]
-    names = [str(label) for label in F.columns]
+    wanted = numbered("F", n)
+    names = list(map(str, F.columns))
 
     unique = len(set(names)) == len(names)
     if unique and set(names) <= set(wanted):
         F = F.set_axis(names, axis=1)
         return F if names == wanted else F.reindex(columns=wanted, fill_value=0.0)
 
-    numbered = names == [str(i) for i in range(n)]
-    if numbered or len(names) == n == 1:
+    plain_numbers = names == list(map(str, range(n)))
+    if plain_numbers or len(names) == n == 1:
         return F
     raise ChannelError(
         f"F has the columns {', '.join(names[:_SHOWN])}",

@@ -14,6 +14,7 @@ from pysindy_nrf.exceptions import (
     NRFError,
 )
 from pysindy_nrf.identification.streaming import open_source, sources
+from pysindy_nrf.identification.streaming.chunks import ColumnReader
 from pysindy_nrf.records.input_arrays import Input
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
@@ -32,7 +33,7 @@ def test_chunks_cut_through_the_row_groups_of_a_file(exact, tmp_path):
     model = NRFRegressor().fit(path)
     assert chains.worst(model.masses_, exact.m) < 1e-8
 
-    chunks = list(open_source(Input(path)).chunks())
+    chunks = list(open_source(Input(path), ColumnReader()).chunks())
     X = np.vstack([chunk.samples.X for chunk in chunks])
     np.testing.assert_array_equal(X, exact.X)
     assert [chunk.first for chunk in chunks] == [True] + [False] * (len(chunks) - 1)
@@ -42,7 +43,9 @@ def test_chunks_cut_through_the_row_groups_of_a_file(exact, tmp_path):
 def test_chunks_have_one_size(exact, tmp_path):
     path = tmp_path / "even.parquet"
     table(exact.X, exact.F).to_parquet(path, row_group_size=1000)
-    sizes = [chunk.n_samples for chunk in open_source(Input(path)).chunks()]
+    sizes = [
+        chunk.n_samples for chunk in open_source(Input(path), ColumnReader()).chunks()
+    ]
     assert sizes == [400] * 5
 
 

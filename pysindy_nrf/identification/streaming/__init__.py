@@ -1,4 +1,4 @@
-"""Data that do not fit in memory: files by path, iterators, fits that can be resumed."""
+"""Data that do not fit in memory: files, iterators, and fits that can be resumed."""
 
 from .chunks import Chunk
 from .fit import fit_pieces, identified, with_records

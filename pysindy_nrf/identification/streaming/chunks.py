@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +12,10 @@ import pandas as pd
 
 from ...exceptions import ChannelError
 from ...records.channels import by_record
-from ...records.dataset import feature_names
+from ...records.dataset import feature_names, numbered
 from ...records.fusion.kinematics import fuse_record
 from ...records.input_arrays import Input
-from ...records.named_columns import table_time
+from ...records.named_columns import number_of_dofs, table_time
 from ...records.record import Record, seconds_of
 
 # 8-byte values in one sum of a hash: an odd number, or a change of sign of all of them
@@ -57,14 +57,12 @@ class Chunk:
         if self.samples.record is None:
             return [self]
         without_ids = replace(self.samples, record=None)
-        return [
-            Chunk(
-                _rows_of(without_ids, rows), name, self.first or i > 0, self.coordinates
-            )
-            for i, (name, rows) in enumerate(
-                by_record(self.samples.record, self.n_samples)
-            )
-        ]
+        parts: list[Chunk] = []
+        for name, rows in by_record(self.samples.record, self.n_samples):
+            first = self.first or bool(parts)
+            samples = _rows_of(without_ids, rows)
+            parts.append(Chunk(samples, name, first, self.coordinates))
+        return parts
 
 
 def _rows_of(samples: Input, rows: slice) -> Input:
@@ -99,14 +97,13 @@ def content(chunks: Iterable[Chunk], before: int = 0) -> int:
 
 def _named_arrays(chunk: Chunk) -> Iterator[tuple[str, np.ndarray]]:
     """Everything in a chunk, as arrays."""
-    for field in fields(chunk.samples):
-        value = getattr(chunk.samples, field.name)
-        if field.name != "covariates":
-            yield field.name, np.asarray(value)
-    for name, line in dict(chunk.samples.covariates or {}).items():
+    values = vars(chunk.samples) | vars(chunk)
+    del values["samples"]
+    covariates = values.pop("covariates") or {}
+    for name, value in values.items():
+        yield name, np.asarray(value)
+    for name, line in dict(covariates).items():
         yield f"covariate {name}", np.asarray(line)
-    for name in ("name", "first", "coordinates"):
-        yield name, np.asarray(getattr(chunk, name))
 
 
 # -- items of iterators --------------------------------------------------------------
@@ -126,11 +123,9 @@ class ColumnReader:
     covariates: tuple[str, ...] = ()
     coordinates: str = "relative"
 
-    def n_dof(self, columns: Sequence[str], where: Any) -> int:
+    def n_dof(self, columns: Iterable[str], where: Any) -> int:
         """DOFs of named columns: those of a1, a2, ..."""
-        n = sum(
-            name[:1] == "a" and name[1:].isdigit() and name != "a0" for name in columns
-        )
+        n = number_of_dofs(columns)
         if not n:
             raise ChannelError(
                 f"{where} has no columns a1, a2, ...",
@@ -141,42 +136,42 @@ class ColumnReader:
     def wanted(self, columns: Sequence[str], where: Any) -> list[str]:
         """The columns to read; an error names those that are missing."""
         n_dof = self.n_dof(columns, where)
-        needed = [*feature_names(n_dof, self.coordinates), *self.covariates]
+        needed = feature_names(n_dof, self.coordinates) + list(self.covariates)
+        forces = numbered("F", n_dof)
+        if not set(columns).isdisjoint(forces):
+            needed += forces
         missing = [name for name in needed if name not in columns]
-        forces = [f"F{j}" for j in range(1, n_dof + 1)]
-        present = [name for name in forces if name in columns]
-        if present and not missing:
-            missing = [name for name in forces if name not in columns]
         if missing:
             plural = "s" if len(missing) > 1 else ""
             raise ChannelError(
                 f"{where} lacks the column{plural} {', '.join(missing[:6])}",
                 "A force known to be zero is a column of zeros, an unknown one of NaN.",
             )
-        base = _BASE if self.coordinates == "absolute" else ()
-        beside = [name for name in (*base, *_BESIDE_MOTION) if name in columns]
-        return [*needed, *present, *beside]
+        beside = list(_BESIDE_MOTION)
+        if self.coordinates == "absolute":
+            beside += _BASE
+        return needed + [name for name in beside if name in columns]
 
     def chunk(self, values: Mapping[str, Any], name: str, first: bool) -> Chunk:
         """Named columns as a chunk."""
-        n_dof = self.n_dof(list(values), name)
+        n_dof = self.n_dof(values, name)
         motions = feature_names(n_dof, self.coordinates)
         if self.coordinates == "absolute" and set(_BASE) <= set(values):
-            table = {column: values[column] for column in (*motions, *_BASE)}
-            X: Any = pd.DataFrame(table, copy=False)
+            motions += _BASE
+            X: Any = pd.DataFrame(_some_of(values, motions), copy=False)
         else:
-            X = _side_by_side([values[column] for column in motions])
+            X = _side_by_side(values, motions)
 
         F = None
         if "F1" in values:
-            F = _side_by_side([values[f"F{j}"] for j in range(1, n_dof + 1)])
+            F = _side_by_side(values, numbered("F", n_dof))
         samples = Input(
             X,
             F,
             record=values.get("record"),
             time=values.get("t", values.get("time")),
             base_acceleration=values.get("ag"),
-            covariates={key: values[key] for key in self.covariates},
+            covariates=_some_of(values, self.covariates),
         )
         return Chunk(samples, name, first)
 
@@ -224,8 +219,13 @@ def record_chunk(record: Record) -> Chunk:
     return Chunk(samples, record.name, coordinates="relative")
 
 
-def _side_by_side(columns: Sequence[np.ndarray]) -> np.ndarray:
+def _some_of(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    return {name: values[name] for name in names}
+
+
+def _side_by_side(values: Mapping[str, Any], names: Iterable[str]) -> np.ndarray:
     """Columns as a matrix, in single precision if all of them are."""
+    columns = [values[name] for name in names]
     single = np.result_type(*columns) == np.float32
     dtype = np.float32 if single else np.float64
     return np.stack(columns, dtype=dtype, casting="unsafe").T

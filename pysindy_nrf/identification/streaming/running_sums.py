@@ -5,26 +5,28 @@ Sums of different chunks of the same data add, in any order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from sklearn.base import clone
 
 from ...chain.identifiability import SolveOrder
-from ...chain.layout import Group, LawLayout, block_size, declared_laws
+from ...chain.layout import Group, LawLayout, block_size
 from ...equations.accumulation import GramPass
 from ...equations.balances import blocks_of_segment
 from ...equations.chain_solve import groups_of
 from ...equations.normal_equations import NormalEquations
 from ...exceptions import ChainError, ChannelError, NRFError
-from ...records.dataset import Dataset, Segment
+from ...laws import ForceLaw
+from ...records.dataset import ROW_ARRAYS, Dataset, Segment
 from ...records.extent import Extent
 from ...records.input_arrays import InputSettings, as_dataset
 from ...records.record import plain_times
-from ..problem import Problem
+from ..problem import Problem, law_list
 from .chunks import Chunk, ColumnReader, seconds_since
 from .runs import PieceKey, Run, append, joined
 
@@ -39,8 +41,6 @@ _WINDOW_SAMPLES = 64, 1024
 # copy.
 _WINDOWS_IN_STRETCH = 8
 
-# Arrays of a segment that have one row per sample.
-ROWS = ("a", "v", "s", "F", "t", "ag")
 # With the number of the block, or of the first sample, in the piece.
 Key = tuple[int, int, int]
 
@@ -80,21 +80,19 @@ class StreamSettings:
                 f"Filter them before. {cure}",
             )
         settings = cls(clone(estimator))
-        for site, group in declared_laws(estimator.laws).items():
-            for law in group:
-                if law.free_shape:
-                    raise ChainError(
-                        f"{site}: {type(law).__name__} has no value for"
-                        f" {law.free_shape[0]}; its estimation needs many passes",
-                        "Estimate it on one record, then give the value.",
-                    )
+        for law in settings.laws:
+            if law.free_shape:
+                raise ChainError(
+                    f"{type(law).__name__} has no value for {law.free_shape[0]}; its"
+                    " estimation needs many passes",
+                    "Estimate it on one record, then give the value.",
+                )
         return settings
 
     @property
-    def laws(self) -> list[Any]:
+    def laws(self) -> list[ForceLaw]:
         """The laws that were declared."""
-        groups = declared_laws(self.estimator.laws).values()
-        return [law for group in groups for law in group]
+        return law_list(self.estimator.laws)
 
     @property
     def reader(self) -> ColumnReader:
@@ -125,14 +123,15 @@ class SummedProblem:
         self.problem: Problem = settings.estimator.problem(n_dof)
         self.layout: LawLayout = self.problem.layout
         self.known_masses = dict(self.problem.known_masses)
+        self.groups: list[Group] = []
         n = self.problem.chain.n_dof
-        balances: list[tuple[int, ...]] = [(j,) for j in range(1, n + 1)]
+        for j in range(1, n + 1):
+            self.groups.append(self.layout.group((j,)))
         # under base excitation storeys follow from the inertia of all floors above
-        for i in range(1, n):
-            above = tuple(range(i, n + 1))
-            if all(j in self.known_masses for j in above):
-                balances.append(above)
-        self.groups: list[Group] = [self.layout.group(dofs) for dofs in balances]
+        for j in range(1, n):
+            above = tuple(range(j, n + 1))
+            if self.known_masses.keys() >= set(above):
+                self.groups.append(self.layout.group(above))
 
     @property
     def n_dof(self) -> int:
@@ -151,6 +150,11 @@ class Block:
     record: str
     sums: NormalEquations
 
+    @property
+    def n_samples(self) -> float:
+        """Samples, by their weights."""
+        return float(self.sums.n_samples)
+
     def merge(self, other: Block) -> Block:
         """Both; of the first record."""
         return replace(self, sums=self.sums.merge(other.sums))
@@ -160,12 +164,11 @@ def packed(blocks: Iterable[Block], n_rows: int, across: bool = False) -> list[B
     """Neighbours merged up to a number of rows; of different records if ``across``."""
     out: list[Block] = []
     for block in blocks:
-        if out and (across or out[-1].record == block.record):
-            together = out[-1].sums.n_samples + block.sums.n_samples
-            if together <= n_rows:
-                out[-1] = out[-1].merge(block)
-                continue
-        out.append(block)
+        fits = bool(out) and out[-1].n_samples + block.n_samples <= n_rows
+        if fits and (across or out[-1].record == block.record):
+            out[-1] = out[-1].merge(block)
+        else:
+            out.append(block)
     return out
 
 
@@ -218,17 +221,16 @@ class Windows:
 
 def copied(segment: Segment, start: int, stop: int) -> Segment:
     """Some samples of a segment, copied."""
-    rows, whole = slice(start, stop), slice(0, stop - start)
+    part = segment.part(slice(start, stop), 0)
     arrays: dict[str, Any] = {}
-    for name in ROWS:
-        array = getattr(segment, name)
+    for name in ROW_ARRAYS:
+        array = getattr(part, name)
         if array is not None:
-            arrays[name] = np.array(array[rows], dtype=float)
+            arrays[name] = np.array(array, dtype=float)
     covariates = {
-        name: np.array(line[rows], dtype=float)
-        for name, line in segment.covariates.items()
+        name: np.array(line, dtype=float) for name, line in part.covariates.items()
     }
-    return replace(segment, rows=whole, valid=whole, **arrays, covariates=covariates)
+    return replace(part, **arrays, covariates=covariates)
 
 
 # -- the pass ------------------------------------------------------------------------
@@ -479,46 +481,46 @@ class RunningSums:
         """Sums of all blocks, with the numbers of their records."""
         if not self.blocks:
             raise NRFError("There are no samples", "Check the source.")
-        names = dict.fromkeys(block.record for block in self.blocks)
-        numbers = {name: number for number, name in enumerate(names)}
-        return NormalEquations.stack(
-            [block.sums for block in self.blocks],
-            [numbers[block.record] for block in self.blocks],
-        )
+        records, _ = pd.factorize(np.array([block.record for block in self.blocks]))
+        sums = [block.sums for block in self.blocks]
+        return NormalEquations.stack(sums, records.tolist())
 
     @property
     def forced(self) -> tuple[int, ...]:
         """DOFs with a force that is not zero somewhere."""
-        n, extent = self.require_problem().n_dof, self.extent
-        if extent is None:
-            return ()
-        return tuple(j for j in range(1, n + 1) if extent.moves(3 * n + j - 1))
+        return self.shown().forced
 
     @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown in every record."""
-        unknown = [set(run.unknown) for run in self.runs if not run.empty]
-        return tuple(sorted(set.intersection(*unknown))) if unknown else ()
+        unknown = set(self.unknown_somewhere)
+        for run in self.runs:
+            if not run.empty:
+                unknown &= set(run.unknown)
+        return tuple(sorted(unknown))
 
     @property
     def unknown_somewhere(self) -> list[int]:
         """DOFs whose force is unknown in a record."""
-        return sorted({j for run in self.runs for j in run.unknown})
+        unknown: set[int] = set()
+        for run in self.runs:
+            unknown.update(run.unknown)
+        return sorted(unknown)
 
     def solve_order(self) -> SolveOrder:
         """The order of the solve that these data allow."""
         summed = self.require_problem()
         order = summed.problem.solve_order(self.forced, self.unknown)
-        available = {group.dofs for group in summed.groups}
-        needed = {group.dofs for group in groups_of(summed.layout, order)}
-        if not needed <= available:
-            raise NRFError(
-                "These data need sums of balances that were not accumulated",
-                "Give them as arrays that fit in memory.",
-            )
+        available = [group.dofs for group in summed.groups]
+        for group in groups_of(summed.layout, order):
+            if group.dofs not in available:
+                raise NRFError(
+                    "These data need sums of balances that were not accumulated",
+                    "Give them as arrays that fit in memory.",
+                )
         return order
 
-    def shown(self, chosen: Callable[[Key], bool] = lambda key: True) -> Dataset:
+    def shown(self) -> Dataset:
         """The windows that were kept, with the range of all samples."""
         if not self.windows.kept or self.extent is None:
             raise ChannelError(
@@ -526,11 +528,10 @@ class RunningSums:
             )
         segments: list[Segment] = []
         first_row = 0
-        for key, window in self.windows.kept:
+        for _, window in self.windows.kept:
             rows = slice(first_row, first_row + window.n_samples)
+            segments.append(replace(window, rows=rows, known_extent=self.extent))
             first_row = rows.stop
-            if chosen(key):
-                segments.append(replace(window, rows=rows, known_extent=self.extent))
         return Dataset(segments, first_row)
 
     def judged(self) -> Dataset:
@@ -542,11 +543,12 @@ class RunningSums:
         everything = self.shown()
         if not self.require_problem().layout.has_memory:
             return everything
-        starts = {run.first for run in self.runs}
-        at_start = self.shown(lambda key: key[:2] in starts and key[2] == 0)
-        if at_start.segments:
-            return at_start
-        return replace(everything, segments=everything.segments[:1])
+        starts = [(*run.first, 0) for run in self.runs]
+        keys = [key for key, _ in self.windows.kept]
+        at_start = [
+            segment for key, segment in zip(keys, everything.segments) if key in starts
+        ]
+        return replace(everything, segments=at_start or everything.segments[:1])
 
 
 def has_no_finite_row(X: Any) -> bool:
@@ -562,13 +564,12 @@ def has_no_finite_row(X: Any) -> bool:
 def _behind(last: Segment, segment: Segment) -> Segment:
     """A segment with the sample before it in front, which is not one of its own."""
     arrays: dict[str, Any] = {}
-    for name in ROWS:
+    for name in ROW_ARRAYS:
         before, after = getattr(last, name), getattr(segment, name)
         known = before is not None and after is not None
         arrays[name] = np.concatenate([before, after]) if known else None
-    covariates = {
-        name: np.concatenate([last.covariates[name], line])
-        for name, line in segment.covariates.items()
-    }
+    covariates = {}
+    for name, line in segment.covariates.items():
+        covariates[name] = np.concatenate([last.covariates[name], line])
     valid = slice(segment.valid.start + 1, segment.valid.stop + 1)
     return replace(segment, **arrays, covariates=covariates, valid=valid)

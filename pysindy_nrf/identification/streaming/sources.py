@@ -1,4 +1,4 @@
-"""Sources of samples that are read in chunks: NumPy, Parquet and HDF5 files, iterators."""
+"""Samples that are read in chunks: NumPy, Parquet and HDF5 files, iterators."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ class ParquetSource(TableSource):
 
 
 class HDF5Source(TableSource):
-    """An HDF5 file: ``X`` and ``F``; ``a``, ``v``, ``s``, ``F``; or one set a column."""
+    """An HDF5 file of ``X`` and ``F``; of ``a, v, s, F``; or of one set a column."""
 
     kind = "HDF5"
 
@@ -215,28 +215,27 @@ class HDF5Source(TableSource):
 
     def _contents(self, file: Any) -> tuple[list[str], int]:
         h5py = require("h5py", "files", "Reading HDF5 files")
-        sets = {
-            name: values
-            for name, values in data_sets(h5py, file).items()
-            if "/" not in name
-        }
-        for name, values in sets.items():
+        columns = []
+        lengths = set()
+        self._matrices: dict[str, list[str]] = {}
+        for name, values in data_sets(h5py, file).items():
+            if "/" in name:
+                continue
             require_own(self.path, name, values)
-        lengths = {len(x) for x in sets.values() if x.ndim and len(x) > 1}
+            if values.ndim and len(values) > 1:
+                lengths.add(len(values))
+            if values.ndim == 1:
+                columns.append(name)
+            of_matrix = self._columns_of_matrix(name, values)
+            if of_matrix:
+                self._matrices[name] = of_matrix
+                columns += of_matrix
         if len(lengths) != 1:
             raise ChannelError(
                 f"The data sets of {self.path} have {sorted(lengths)} samples",
                 "Give all of them one clock.",
             )
-
-        self._matrices = {}
-        for name, values in sets.items():
-            columns = self._columns_of_matrix(name, values)
-            if columns:
-                self._matrices[name] = columns
-        single = [name for name, values in sets.items() if values.ndim == 1]
-        of_matrices = [name for names in self._matrices.values() for name in names]
-        return of_matrices + single, lengths.pop()
+        return columns, lengths.pop()
 
     def _columns_of_matrix(self, name: str, values: Any) -> list[str]:
         """Names of the columns of a matrix that is known by its name; else none."""
@@ -311,7 +310,7 @@ _TABLES: dict[str, type[TableSource]] = {
 }
 
 
-def open_source(given: Input, reader: ColumnReader = ColumnReader()) -> Source:
+def open_source(given: Input, reader: ColumnReader) -> Source:
     """The source of the data that a user passes to ``fit``.
 
     Raises

@@ -16,11 +16,10 @@ from ...chain.sites import Site
 from ...common.files import atomic_write
 from ...equations.normal_equations import NormalEquations
 from ...exceptions import FileFormatError
-from ...records.dataset import Segment
+from ...records.dataset import ROW_ARRAYS, Segment
 from ...records.extent import Extent
 from .chunks import Chunk, content
 from .running_sums import (
-    ROWS,
     Block,
     Carry,
     RunningSums,
@@ -118,7 +117,7 @@ def _arrays_of(sums: RunningSums) -> dict[str, Any]:
 
 
 def _arrays_of_segment(stem: str, segment: Segment) -> Arrays:
-    arrays = {f"{stem}.{name}": getattr(segment, name) for name in ROWS}
+    arrays = {f"{stem}.{name}": getattr(segment, name) for name in ROW_ARRAYS}
     for name, line in segment.covariates.items():
         arrays[f"{stem}.covariate {name}"] = line
     return {name: array for name, array in arrays.items() if array is not None}
@@ -224,6 +223,6 @@ def _segment_of(name: str, stem: str, arrays: Arrays) -> Segment:
         for key, line in arrays.items()
         if key.startswith(head)
     }
-    rows: dict[str, Any] = {key: arrays.get(f"{stem}.{key}") for key in ROWS}
+    rows: dict[str, Any] = {key: arrays.get(f"{stem}.{key}") for key in ROW_ARRAYS}
     all_rows = slice(0, len(rows["a"]))
     return Segment(name, all_rows, **rows, covariates=covariates, valid=all_rows)

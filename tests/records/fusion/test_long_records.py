@@ -6,7 +6,11 @@ from scipy.interpolate import BSpline
 from scipy.signal import chirp
 
 from pysindy_nrf import ChainModel, KinematicSmoother, Record, laws, simulate
-from pysindy_nrf.records.fusion import spline_fusion
+from pysindy_nrf.records.fusion.joint_fusion import (
+    Predictor,
+    error_variance,
+    prior_correction,
+)
 from pysindy_nrf.records.fusion.splines import SplineBasis
 
 
@@ -136,7 +140,7 @@ def test_a_spline_is_the_weighted_least_squares_of_the_channels_that_are_measure
     """
     basis, t = SplineBasis(800, 2.5), np.arange(800)
     x, a = np.sin(0.15 * t), np.cos(0.23 * t)
-    spline = BSpline(basis.h * np.arange(-7, basis.size + 1), np.eye(basis.size), 7)
+    spline = BSpline(basis.spacing * np.arange(-7, basis.size + 1), np.eye(basis.size), 7)
     values = np.array([spline(t, nu=order) for order in range(3)])
     exact = np.linalg.lstsq(
         np.vstack([values[0], 3 * values[2]]), np.r_[x, 3 * a], rcond=None
@@ -166,7 +170,7 @@ def test_prediction_changes_a_motion_as_the_least_squares_of_all_its_coefficient
     ) + rng.standard_normal(2 * size)
     errors = (ahead @ (c - np.tile(c.reshape(-1, 2).mean(axis=0), size))).reshape(-1, 2)
     noise = float((filters**2).sum() / 2)
-    prior = (ahead.T / np.repeat(spline_fusion._innovations(errors, noise), 2)) @ ahead
+    prior = (ahead.T / np.repeat(error_variance(errors, noise), 2)) @ ahead
     splines = np.stack([basis.evaluate(one) for one in np.eye(size)])
     seen = [
         np.einsum("kot,o,lot->kl", splines, own, splines, optimize=True)
@@ -176,8 +180,8 @@ def test_prediction_changes_a_motion_as_the_least_squares_of_all_its_coefficient
         np.kron(one, np.diag(np.eye(2)[j])) for j, one in enumerate(seen)
     )
     exact = np.linalg.solve(both, -prior @ c)
-    found = spline_fusion._correction(
-        c.reshape(-1, 2), weights, basis, filters, noise
+    found = prior_correction(
+        c.reshape(-1, 2), weights, basis, Predictor(filters, noise)
     ).ravel()
     assert (
         np.abs(exact).max() > 0.3

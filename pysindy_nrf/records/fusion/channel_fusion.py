@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, DataQualityWarning
+from ..checks.transfer_function import ORDERS
 from ..record import BASES, Record
 from ..zero_phase_filter import (
     MAX_NOISE_SHARE,
@@ -21,7 +22,7 @@ from ..zero_phase_filter import (
     lowest_frequency,
 )
 from .block_fusion import ChannelSet, fuse_motions
-from .channel_table import MOTION_NAME, ORDERS, TIME_NAMES, ChannelTable
+from .channel_table import MOTION_NAME, TIME_NAMES, ChannelTable
 from .dof_fusion import DofKnowledge, FusedMotion
 
 MIN_SAMPLES = 8
@@ -200,15 +201,18 @@ def known_noise(
     for names in table.motions.values():
         for kind, name in names.items():
             level = noise.get(name, noise.get(kind))
-            if level is None:
-                continue
-            if not np.isfinite(level) or level <= 0:
-                raise ChannelError(
-                    f"The noise level {level!r} of channel {name} is not positive",
-                    "Give its rms in SI units.",
-                )
-            levels[name] = float(level)
+            if level is not None:
+                levels[name] = _checked_level(level, name)
     return levels
+
+
+def _checked_level(level: float, channel: str) -> float:
+    if not np.isfinite(level) or level <= 0:
+        raise ChannelError(
+            f"The noise level {level!r} of channel {channel} is not positive",
+            "Give its rms in SI units.",
+        )
+    return float(level)
 
 
 def choose_band(tables: Sequence[ChannelTable], settings: FusionSettings) -> Band:
@@ -313,7 +317,9 @@ def _in_si_units(
     """Absolute accelerations, velocities and displacements, (n_samples, n_dof)."""
     fs = table.fs
     shape = len(motions), table.n_samples
-    a, v, x = np.empty(shape), np.empty(shape), np.empty(shape)
+    a = np.empty(shape)
+    v = np.empty(shape)
+    x = np.empty(shape)
     for j, motion in enumerate(motions):
         displacement, velocity, acceleration = motion.evaluate()
         x[j] = displacement

@@ -13,13 +13,12 @@ import pandas as pd
 
 from ...exceptions import ChannelError
 from ..channels import as_matrix, finite_span
+from ..checks.transfer_function import ORDERS
 from ..record import Record
 from ..zero_phase_filter import check_rate, clock_of
 from .block_fusion import ChannelSet, fuse_motions
 from .dof_fusion import DofKnowledge
 
-# Order of the derivative of a channel of each kind.
-ORDERS = {"x": 0, "v": 1, "a": 2}
 TIME_NAMES = ("t", "time")
 MOTION_NAME = re.compile(r"([avx])_?(\d+)")
 # Range over largest magnitude below which a channel is constant.

@@ -230,16 +230,11 @@ class _SplineFits:
         self.floor = ROUNDING * self.scale
 
         self.first_levels = np.maximum(self._known_or_white_levels(), self.floor)
-        self.high_pass = 0.0
-        if 0 not in self.measured and known.high_pass is not None:
-            self.high_pass = known.high_pass
-        elif 0 not in self.measured:
-            self.high_pass = _lowest_frequency(channels, self.first_levels)
-
+        self.high_pass = _high_pass(channels, known, self.first_levels)
+        self.spacings = ladder.spacings
         # one channel on knots at every sample has no residual
-        one_channel = len(self.measured) == 1
-        self.spacings = [h for h in ladder.spacings if h > 1.0 or not one_channel]
-        self.spacings = self.spacings or [1.0]
+        if len(self.measured) == 1:
+            self.spacings = ladder.spacings[1:] or [1.0]
         self._changing = {k: changing_samples(y) for k, y in self.measured.items()}
         self._fits: dict[float, _KnotFit] = {}
 
@@ -386,6 +381,15 @@ def _rms(channel: np.ndarray | None) -> float:
     if channel is None:
         return float("nan")
     return float(np.sqrt(channel @ channel / len(channel)))
+
+
+def _high_pass(channels: Channels, known: DofKnowledge, levels: np.ndarray) -> float:
+    """Cycles per sample below which motion is lost; 0 with displacement."""
+    if channels[0] is not None:
+        return 0.0
+    if known.high_pass is not None:
+        return known.high_pass
+    return _lowest_frequency(channels, levels)
 
 
 def _lowest_frequency(channels: Channels, levels: np.ndarray) -> float:

@@ -1,21 +1,24 @@
 """Integrals of motions over time."""
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
 
 from ...exceptions import ChannelError
 from ..zero_phase_filter import check_rate
 
-# Degree of the interpolating spline; the shortest records get a lower odd one.
+# Degree of the interpolating spline.
 DEGREE = 7
 MIN_SAMPLES = 3
 
 
 def integrate(
-    a: Any, dt: float, method: str = "spline", order: int = 1, detrend: bool = False
+    a: ArrayLike,
+    dt: float,
+    method: str = "spline",
+    order: int = 1,
+    detrend: bool = False,
 ) -> np.ndarray:
     """Integral over time of every column of one contiguous record, zero at the first
     sample (but with ``detrend``).
@@ -59,37 +62,51 @@ def integrate(
         raise ChannelError(
             f"method={method!r} is unknown", "Choose spline, cumulative."
         )
-    values = np.asarray(a, dtype=float)
+    if order not in (1, 2):
+        raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
+    values = _checked_motion(a)
+    dt = 1.0 / check_rate(1.0 / dt if dt else None)
+
+    if method == "cumulative":
+        integral = values
+        for _ in range(order):
+            integral = cumulative_trapezoid(integral, dx=dt, axis=0, initial=0.0)
+    else:
+        integral = _integral_of_spline(values, dt, order)
+    return _without_trend(integral, order) if detrend else integral
+
+
+def _checked_motion(motion: ArrayLike) -> np.ndarray:
+    values = np.asarray(motion, dtype=float)
     if values.ndim not in (1, 2):
-        cure = "Give one row per sample and one column per channel."
-        raise ChannelError(f"The motion has {values.ndim} dimensions", cure)
-    if len(values) < 3:
+        raise ChannelError(
+            f"The motion has {values.ndim} dimensions",
+            "Give one row per sample and one column per channel.",
+        )
+    if len(values) < MIN_SAMPLES:
         raise ChannelError(
             f"{len(values)} samples are too few", "Give a longer record."
         )
-    if not np.isfinite(values).all():
-        rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    finite = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+    if not finite.all():
         raise ChannelError(
-            f"The motion is not finite in row {rows[0]}",
+            f"The motion is not finite in row {np.flatnonzero(~finite)[0]}",
             "Cut the masked edges and repair gaps first.",
         )
-    dt = 1.0 / check_rate(1.0 / dt if dt else None)
-    if order not in (1, 2):
-        raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
-    n = len(values)
-    t = dt * np.arange(n)
-    if method == "cumulative":
-        out = values
-        for _ in range(order):
-            out = cumulative_trapezoid(out, dx=dt, axis=0, initial=0.0)
-    else:
-        degree = min(
-            7, n - 1 if n % 2 == 0 else n - 2
-        )  # less than 7 for the shortest records
-        out = make_interp_spline(t, values, k=max(1, degree), axis=0).antiderivative(
-            order
-        )(t)
-    if detrend:
-        basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), order)
-        out = out - basis @ np.linalg.lstsq(basis, out, rcond=None)[0]
-    return out
+    return values
+
+
+def _integral_of_spline(values: np.ndarray, dt: float, order: int) -> np.ndarray:
+    n_samples = len(values)
+    t = dt * np.arange(n_samples)
+    # the shortest records get a lower odd degree
+    highest = n_samples - 1 if n_samples % 2 == 0 else n_samples - 2
+    spline = make_interp_spline(t, values, k=max(1, min(DEGREE, highest)), axis=0)
+    return spline.antiderivative(order)(t)
+
+
+def _without_trend(values: np.ndarray, degree: int) -> np.ndarray:
+    """Values less the polynomial that fits best."""
+    position = np.linspace(-1.0, 1.0, len(values))
+    basis = np.polynomial.legendre.legvander(position, degree)
+    return values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0]

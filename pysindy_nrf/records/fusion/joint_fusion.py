@@ -58,25 +58,23 @@ def fuse_jointly(
     ladder: BasisLadder,
 ) -> list[FusedMotion]:
     """Improve motions that were fused one by one; those without displacement stay."""
-    able = [
-        j
-        for j, motion in enumerate(motions)
-        if motion.spline is not None and motion.high_pass == 0.0
-    ]
     out = list(motions)
+    able = [j for j, motion in enumerate(motions) if _can_be_improved(motion)]
     for group in groups_of_neighbours(able):
         members = [motions[j] for j in group]
-        basis = ladder[min(motion.spacing for motion in members)]
-        n_steps = min(MAX_STEPS, basis.size // (COEFFICIENTS_PER_STEP * len(group)))
-        if n_steps < 2:
-            continue
         channels = [channels_of_dofs[j] for j in group]
-        improved = _improved_coefficients(channels, members, basis, n_steps)
+        basis = ladder[min(motion.spacing for motion in members)]
+        improved = _improved_coefficients(channels, members, basis)
         if improved is not None:
             for j, coefficients in zip(group, improved.T):
                 spline = Spline(basis, coefficients)
                 out[j] = FusedMotion(motions[j].noise, basis.spacing, 0.0, spline)
     return out
+
+
+def _can_be_improved(motion: FusedMotion) -> bool:
+    """A motion with noise whose displacement is measured."""
+    return motion.spline is not None and motion.high_pass == 0.0
 
 
 def groups_of_neighbours(dofs: Sequence[int]) -> list[np.ndarray]:
@@ -205,27 +203,27 @@ def prior_correction(
 
 
 def _improved_coefficients(
-    channels: Sequence[Channels],
-    motions: Sequence[FusedMotion],
-    basis: SplineBasis,
-    n_steps: int,
+    channels: Sequence[Channels], motions: Sequence[FusedMotion], basis: SplineBasis
 ) -> np.ndarray | None:
-    """Coefficients of a group, (size, n_dof); None if their noise is negligible."""
-    splines = [motion.spline for motion in motions if motion.spline is not None]
-    coefficients = np.stack(
-        [
-            spline.coefficients
-            if spline.basis is basis
-            else solve(measured, basis, motion.noise, 0.0)
-            for measured, motion, spline in zip(channels, motions, splines)
-        ],
-        axis=1,
-    )
+    """Coefficients of a group, (size, n_dof); None if their noise is negligible, or
+    they are too few to predict.
+    """
+    n_steps = min(MAX_STEPS, basis.size // (COEFFICIENTS_PER_STEP * len(motions)))
+    if n_steps < 2:
+        return None
+    on_basis, means = [], []
+    for measured, motion in zip(channels, motions):
+        assert motion.spline is not None
+        own_basis, coefficients = motion.spline
+        means.append(own_basis.means @ coefficients)
+        if own_basis is not basis:
+            coefficients = solve(measured, basis, motion.noise, 0.0)
+        on_basis.append(coefficients)
 
     # the prior describes the motion about its mean
-    mean = np.array([spline.basis.means @ spline.coefficients for spline in splines])
-    scale = coefficients.std(axis=0)
-    standardised = (coefficients - mean) / scale
+    mean = np.array(means)
+    scale = np.array([coefficients.std() for coefficients in on_basis])
+    standardised = (np.stack(on_basis, axis=1) - mean) / scale
     weights = np.array([channel_weights(motion.noise, 0.0) for motion in motions])
     weights *= scale[:, None] ** 2
 

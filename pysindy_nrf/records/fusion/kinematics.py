@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from ...exceptions import ChannelError, DataQualityWarning
-from ..checks.channel_checks import data_warnings
-from ..quality import QualityNote
+from ..checks.channel_checks import channel_notes
+from ..quality import QualityNote, messages
 from ..record import Record
 from ..zero_phase_filter import Band, ZeroPhaseFilter, check_band
 from .channel_fusion import (
@@ -205,7 +205,7 @@ def to_features(
     if fused.band is not None:
         X.attrs["band"] = fused.band
     if fused.notes:
-        X.attrs["doubts"] = [note.message for note in fused.notes]
+        X.attrs["doubts"] = messages(fused.notes)
     return X, F
 
 
@@ -242,7 +242,9 @@ def _motion(record: Record, fused: Record, smooth: bool) -> np.ndarray:
     """Absolute accelerations, inter-storey velocities and drifts, (n_samples, 3
     n_dof).
     """
-    a, v, x = fused.acceleration, fused.velocity, fused.displacement
+    a = fused.acceleration
+    v = fused.velocity
+    x = fused.displacement
     # measured, or filled in by the fusion
     assert a is not None and v is not None and x is not None
     if record.coordinates == "absolute" and record.base_moves:
@@ -289,12 +291,9 @@ def _require_every_channel(record: Record) -> None:
 
 def _checked(record: Record) -> tuple[QualityNote, ...]:
     """Notes on the channels of a record, which a warning lists."""
-    notes = tuple(
-        QualityNote("other", message, record=record.name)
-        for message in data_warnings(record)
-    )
+    notes = channel_notes(record)
     if notes:
-        faults = "; ".join(note.message.rstrip(".") for note in notes)
+        faults = "; ".join(message.rstrip(".") for message in messages(notes))
         warnings.warn(
             f"Record {record.name!r}: {faults}. See"
             " pysindy_nrf.records.checks.alignment and"

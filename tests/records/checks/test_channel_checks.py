@@ -38,7 +38,7 @@ FAULTS = {  # channel, and what becomes of it
         "x2",
         lambda y: np.where(np.arange(len(y)) < 5000, y, 1.2 * y.max()),
     ),
-    "spiky": (
+    "spikes": (
         "a1",
         lambda y: y + 30 * y.std() * np.isin(np.arange(len(y)), [700, 3000]),
     ),
@@ -86,4 +86,4 @@ def test_the_jumps_of_dry_friction_are_no_spikes():
     truth = ChainModel([4.0, 12.0], {1: storey, 2: storey})
     rec = driven(truth, [1], 8.0, 1000.0, 100.0, (0.5, 120.0), seed=15)
     assert np.abs(np.diff(rec.acceleration[:, 0])).max() > 3.0
-    assert not len(check_channels(rec, warn=False).query("problem == 'spiky'"))
+    assert not len(check_channels(rec, warn=False).query("problem == 'spikes'"))

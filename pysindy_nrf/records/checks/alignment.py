@@ -18,14 +18,7 @@ from ..record import OF_LETTER, Record, seconds_of
 from .reference_frame import wrong_frame
 from .transfer_function import ORDERS, Transfer, transfer
 
-__all__ = [
-    "ChannelComparison",
-    "align",
-    "channel_alignment",
-    "compare_channels",
-    "resampled",
-    "split_at_gaps",
-]
+__all__ = ["align", "channel_alignment", "resampled", "split_at_gaps"]
 
 # Samples from which on a channel is called late, and share of one from which on it is
 # called wrongly scaled.

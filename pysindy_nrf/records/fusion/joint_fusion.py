@@ -7,8 +7,8 @@ below its noise becomes its expectation given all channels, and such regressors 
 bias a linear regression (Berkson). Neither a model of the structure nor periodicity is
 assumed.
 
-Coefficients of the splines are meant below where motions are spoken of: arrays of shape
-(size, n_dof), each DOF about its mean and divided by its standard deviation.
+A motion below is the array of the spline coefficients of some DOFs, (size, n_dof), each
+about its mean and divided by its standard deviation.
 """
 
 from collections.abc import Sequence

@@ -179,7 +179,9 @@ class TwoWayFusion:
 
 
 def to_features(
-    record: Record, smooth: Any = True, check: bool = True
+    record: Record,
+    smooth: bool | KinematicSmoother | Fusion = True,
+    check: bool = True,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Motion and forces of a record as tables; see :func:`fuse_record`.
 
@@ -247,12 +249,13 @@ def _motion(record: Record, fused: Record, smooth: bool) -> np.ndarray:
     x = fused.displacement
     # measured, or filled in by the fusion
     assert a is not None and v is not None and x is not None
+
     if record.coordinates == "absolute" and record.base_moves:
         vg, xg = base_motion(record, fused, smooth)
         v, x = v - vg[:, None], x - xg[:, None]
     motion = np.hstack([a, v, x])
     n_dof = record.n_dof
-    # storeys above the first: against the DOF below
+    # of storeys above the first: against the DOF below
     motion[:, n_dof + 1 : 2 * n_dof] -= v[:, :-1]
     motion[:, 2 * n_dof + 1 :] -= x[:, :-1]
     return motion
@@ -354,7 +357,7 @@ def base_acceleration_if_any(record: Record, band: Band = None) -> np.ndarray | 
 
 
 def base_motion(
-    record: Record, fused: Record, smooth: Any = True
+    record: Record, fused: Record, smooth: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and displacement of the base, for records in absolute coordinates.
 
@@ -368,15 +371,14 @@ def base_motion(
         False: both are taken as measured.
     """
     measured = {"vg", "xg"}.intersection(record.measured)
-    if smooth is False and len(measured) == 2:
+    if not smooth and len(measured) == 2:
         assert fused.base_velocity is not None and fused.base_displacement is not None
         return fused.base_velocity, fused.base_displacement
-    if smooth is False or not measured:
+    if not smooth or not measured:
         missing = "vg" if "xg" in measured else "xg"
-        if smooth is False:
+        cure = "Give base_displacement (integrating ag alone loses its slow part)."
+        if not smooth:
             cure = "Give base_displacement and base_velocity."
-        else:
-            cure = "Give base_displacement (integrating ag alone loses its slow part)."
         raise ChannelError(
             f"Record {record.name!r} has absolute displacements and a moving base, but"
             f" lacks {missing}",

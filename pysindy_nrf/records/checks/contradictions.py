@@ -109,31 +109,38 @@ def _notes_on(
     if comparison.aligned:
         return []
     channel, reference = comparison.channel, comparison.reference
-    gain, scatter = comparison.transfer.gain, comparison.transfer.scatter
+    gain = comparison.transfer.gain
     if unit_question:
         message = (
             f"{channel} is {gain:.2g} times as large as {reference} says:"
             f" {unit_question}"
         )
         return [QualityNote("unit", message, channel, record, gain, reference)]
-    certain = (
-        not np.isfinite(gain)
-        or abs(gain - 1) > LARGE_GAIN_ERROR
-        or comparison.transfer.sign < 0
-        or abs(comparison.samples) > MIN_DELAY_SAMPLES
-    )
-    if certain:
+
+    late = abs(comparison.samples) > MIN_DELAY_SAMPLES
+    large_gain = abs(gain - 1) > LARGE_GAIN_ERROR
+    clear_gain = large_gain or _gain_is_clear(comparison)
+    turned = comparison.transfer.sign < 0
+    if late or large_gain or turned or not np.isfinite(gain):
+        is_clear = {"delay": late, "gain": clear_gain}
         return [
             QualityNote(kind, comparison.message, channel, record, size, reference)
             for kind, size in comparison.faults.items()
+            if is_clear.get(kind, True)
         ]
-    if abs(np.log(gain)) > max(MIN_GAIN_ERROR, STANDARD_ERRORS * scatter):
+    if clear_gain:
         message = (
             f"{channel} is {gain:.3g} times as large as {reference} says: is the"
             " calibration of one of them wrong?"
         )
         return [QualityNote("gain", message, channel, record, gain, reference)]
     return []
+
+
+def _gain_is_clear(comparison: ChannelComparison) -> bool:
+    """Whether a gain differs from one by more than its scatter explains."""
+    error = max(MIN_GAIN_ERROR, STANDARD_ERRORS * comparison.transfer.scatter)
+    return abs(np.log(comparison.transfer.gain)) > error
 
 
 def _gain_drift_notes(

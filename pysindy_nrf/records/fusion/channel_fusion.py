@@ -304,9 +304,9 @@ def _knowledge(
 
     lowest, _ = check_band(band, table.fs)
     corner = None if lowest is None else lowest / EDGE_OVER_CORNER / table.fs
-    spacing = (settings.spacing or {}).get(dof)
+    spacing = None if settings.spacing is None else settings.spacing.get(dof)
+    # knots at every sample may mean clean channels: these are looked at again
     if spacing is not None and not spacing > 1.0:
-        # knots at every sample may mean clean channels: these are looked at again
         spacing = None
     return DofKnowledge(levels, corner, spacing)
 

@@ -68,7 +68,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         x1, x2, ...), or all names.
     spacing : mapping of int to float, optional
         Distance of the spline's knots by DOF, samples, as ``spacing_`` of a similar
-        record. DOFs with knots at every sample are searched again, as without it.
+        record; used where all noise levels of a DOF are given. DOFs with knots at every
+        sample are searched again. ``joint=False`` halves the distance where
+        acceleration is measured.
     noise_share : float
         With ``band="auto"``, noise of an integrated acceleration that may remain, as a
         share of the displacement, where a smaller one would cost the first mode.

@@ -68,7 +68,7 @@ def with_dropouts(y):
 
 def with_hum(y):
     t = np.arange(len(y)) / 1000.0
-    return y + 0.5 * y.std() * np.sin(2 * np.pi * 50.0 * t)
+    return y + 0.1 * y.std() * np.sin(2 * np.pi * 50.0 * t)
 
 
 FAULTS = [
@@ -80,7 +80,7 @@ FAULTS = [
     ("x1", quantised, "quantised"),
     ("x1", interpolated, "interpolated"),
     ("a2", with_dropouts, "dropouts"),
-    ("a2", with_hum, "hum"),
+    ("x2", with_hum, "hum"),
 ]
 
 

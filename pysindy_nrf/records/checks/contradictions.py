@@ -117,18 +117,14 @@ def _notes_on(
         )
         return [QualityNote("unit", message, channel, record, gain, reference)]
 
-    late = abs(comparison.samples) > MIN_DELAY_SAMPLES
-    large_gain = abs(gain - 1) > LARGE_GAIN_ERROR
-    clear_gain = large_gain or _gain_is_clear(comparison)
-    turned = comparison.transfer.sign < 0
-    if late or large_gain or turned or not np.isfinite(gain):
-        is_clear = {"delay": late, "gain": clear_gain}
+    clear = {"delay": _is_late(comparison), "gain": _gain_is_clear(comparison)}
+    if _is_certain(comparison):
         return [
             QualityNote(kind, comparison.message, channel, record, size, reference)
             for kind, size in comparison.faults.items()
-            if is_clear.get(kind, True)
+            if clear.get(kind, True)
         ]
-    if clear_gain:
+    if clear["gain"]:
         message = (
             f"{channel} is {gain:.3g} times as large as {reference} says: is the"
             " calibration of one of them wrong?"
@@ -137,10 +133,24 @@ def _notes_on(
     return []
 
 
+def _is_certain(comparison: ChannelComparison) -> bool:
+    """Whether a contradiction stands whatever the scatter of the gain."""
+    fit = comparison.transfer
+    large = abs(fit.gain - 1) > LARGE_GAIN_ERROR
+    return large or fit.sign < 0 or _is_late(comparison) or not np.isfinite(fit.gain)
+
+
+def _is_late(comparison: ChannelComparison) -> bool:
+    return abs(comparison.samples) > MIN_DELAY_SAMPLES
+
+
 def _gain_is_clear(comparison: ChannelComparison) -> bool:
-    """Whether a gain differs from one by more than its scatter explains."""
-    error = max(MIN_GAIN_ERROR, STANDARD_ERRORS * comparison.transfer.scatter)
-    return abs(np.log(comparison.transfer.gain)) > error
+    """Whether a gain differs from one by a large amount, or by more than its scatter
+    explains.
+    """
+    gain, scatter = comparison.transfer.gain, comparison.transfer.scatter
+    explained = max(MIN_GAIN_ERROR, STANDARD_ERRORS * scatter)
+    return abs(gain - 1) > LARGE_GAIN_ERROR or abs(np.log(gain)) > explained
 
 
 def _gain_drift_notes(

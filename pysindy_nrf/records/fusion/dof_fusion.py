@@ -154,6 +154,7 @@ def fuse_dof(
         return fits.motion(known.spacing, fits.first_levels)
     if fits.are_clean():
         return fits.as_measured()
+
     best = fits.best_spacing(first_spacing)
     levels = fits.settled_levels(best)
     # one channel and no sign of noise beyond its band: it is followed sample by sample
@@ -252,18 +253,16 @@ class _SplineFits:
         if not all(self._quiet_level(k) < limits[k] for k in self.measured):
             return False
         finest = self.spacings[0]
-        coefficients = self._roughly(finest, self.first_levels).coefficients
+        coefficients = self._roughly(finest).coefficients
         residuals = self._residuals(self.ladder[finest], coefficients)
-        contradictions = [rms_of_quietest(residuals[k]) for k in self.measured]
-        return bool(
-            np.all(
-                contradictions < CLEAN_CONTRADICTION * self.scale[list(self.measured)]
-            )
+        return all(
+            rms_of_quietest(residual) < CLEAN_CONTRADICTION * self.scale[k]
+            for k, residual in residuals.items()
         )
 
     def as_measured(self) -> FusedMotion:
         """The channels as they are; a spline fills in those that are not measured."""
-        levels = self._fits[self.spacings[0]].levels
+        levels = self._roughly(self.spacings[0]).levels
         motion = self.motion(1.0, levels).evaluate()
         noise = np.full(3, np.nan)
         for order, channel in self.measured.items():
@@ -281,9 +280,9 @@ class _SplineFits:
         spacings = self.spacings
         start = min(range(len(spacings)), key=lambda k: abs(spacings[k] - first))
         best = start
-        lowest = self._roughly(spacings[start], self.first_levels).criterion
+        lowest = self._roughly(spacings[start]).criterion
         for step in (1, -1):
-            levels = self._fits[spacings[start]].levels
+            levels = self._roughly(spacings[start]).levels
             k = start + step
             worse = 0
             while 0 <= k < len(spacings) and worse < WORSE_STEPS:
@@ -298,8 +297,8 @@ class _SplineFits:
         return spacings[best]
 
     def settled_levels(self, spacing: float) -> np.ndarray:
-        """Noise levels on knots of one distance that was tried before."""
-        return self._fit(spacing, self._fits[spacing].levels, SETTLED).levels
+        """Noise levels on knots of one distance."""
+        return self._fit(spacing, self._roughly(spacing).levels, SETTLED).levels
 
     def _known_or_white_levels(self) -> np.ndarray:
         levels = np.array(self.known_levels, dtype=float)
@@ -313,10 +312,11 @@ class _SplineFits:
             return level_of_quietest(self.measured[order])
         return float(self.known_levels[order])
 
-    def _roughly(self, spacing: float, levels: np.ndarray) -> _KnotFit:
-        """Fit on knots of one distance from some levels on; made once."""
+    def _roughly(self, spacing: float, levels: np.ndarray | None = None) -> _KnotFit:
+        """Fit on knots of one distance, made once, from some levels on or the first."""
         if spacing not in self._fits:
-            self._fits[spacing] = self._fit(spacing, levels, SETTLED_ROUGHLY)
+            start = self.first_levels if levels is None else levels
+            self._fits[spacing] = self._fit(spacing, start, SETTLED_ROUGHLY)
         return self._fits[spacing]
 
     def _fit(self, spacing: float, levels: np.ndarray, settled: float) -> _KnotFit:

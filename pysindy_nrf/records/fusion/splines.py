@@ -237,8 +237,8 @@ def compiled() -> tuple[Callable[..., bool], Callable[..., None]]:
     n_splines = DEGREE + 1
     n_band = DEGREE + 2
 
-    # Longer than other functions: a compiled function keeps its addresses only within
-    # itself.
+    # longer than other functions: addresses cannot be passed between compiled functions
+    # without cost
     def spline_solve(
         first,
         values,

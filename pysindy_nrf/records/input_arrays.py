@@ -26,13 +26,13 @@ from .channels import (
     rows_text,
     sample_weights,
 )
-from .checks.channel_checks import motion_doubts
+from .checks.motion_checks import motion_notes
 from .dataset import Dataset, Segment, feature_names
 from .extent import Extent
 from .fusion import KinematicSmoother
-from .fusion.kinematics import FusedRecord, fuse_record
+from .fusion.kinematics import FusedRecord, Fusion, TwoWayFusion, fuse_record
 from .named_columns import MotionColumns, force_matrix, motion_columns, table_time
-from .quality import QualityNote
+from .quality import messages
 from .record import Record, row_times
 from .zero_phase_filter import ZeroPhaseFilter
 
@@ -55,7 +55,8 @@ _IN_ORDER = 0.3
 # Drift over the integral of its rate, above which rows are missing between samples.
 _ROWS_MISSING = 1.1
 
-Smoothing: TypeAlias = bool | KinematicSmoother | Sequence[KinematicSmoother]
+# How one record is fused.
+Smoothing: TypeAlias = bool | KinematicSmoother | Fusion
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,8 @@ class InputSettings:
         A law remembers the path, so rows must be in order and without gaps.
     every_row : bool
         Keep pieces that are too short to run a model along.
-    smooth : bool, KinematicSmoother or sequence of KinematicSmoother
-        How records are fused; one smoother for all, or one for each.
+    smooth : bool, KinematicSmoother or function, or a sequence of one for each record
+        How records are fused; see :func:`.fusion.kinematics.fuse_record`.
     joint : bool
         With ``smooth=True``: the DOFs of a record improve each other.
     both_fusions : bool
@@ -122,7 +123,7 @@ class InputSettings:
     n_dof: int | None = None
     has_memory: bool = False
     every_row: bool = False
-    smooth: Smoothing = True
+    smooth: Smoothing | Sequence[Smoothing] = True
     joint: bool = True
     both_fusions: bool = False
     check: bool = True
@@ -213,11 +214,11 @@ def _from_records(
                 f"Leave {name} out.",
             )
 
-    smoothers, fuse_apart = _smoothers_of(records, settings)
+    fusions, fuse_apart = _fusions_of(records, settings)
     n_dof = settings.n_dof or records[0].n_dof
     segments = []
     first_row = 0
-    for record, smoother in zip(records, smoothers, strict=True):
+    for record, fusion in zip(records, fusions, strict=True):
         if record.n_dof != n_dof:
             raise ChannelError(
                 f"Record {record.name!r} has {record.n_dof} DOFs, {n_dof} are needed",
@@ -225,7 +226,7 @@ def _from_records(
             )
         timed = record if settings.needs_clock else record.by_sample()
         if settings.fuse:
-            fused = fuse_record(timed, smoother, settings.check)
+            fused = fuse_record(timed, fusion, settings.check)
             segments.append(segment_of(timed, fused, first_row))
         else:
             segments.append(_unfused(timed, first_row))
@@ -249,25 +250,23 @@ def _unfused(record: Record, first_row: int) -> Segment:
     )
 
 
-def _smoothers_of(
+def _fusions_of(
     records: list[Record], settings: InputSettings
-) -> tuple[Sequence[bool | KinematicSmoother], Callable[[], Dataset] | None]:
-    """Smoother of every record, and a function that fuses each DOF by itself."""
-    if isinstance(settings.smooth, Sequence):
-        return settings.smooth, None
-    if settings.smooth is not True:
-        return [settings.smooth] * len(records), None
+) -> tuple[Sequence[Smoothing], Callable[[], Dataset] | None]:
+    """Fusion of every record, and a function that fuses each DOF by itself."""
+    smooth = settings.smooth
+    if isinstance(smooth, Sequence):
+        return smooth, None
+    if smooth is not True:
+        return [smooth] * len(records), None
 
-    apart = [KinematicSmoother(band="auto", joint=False) for _ in records]
+    both = [TwoWayFusion() for _ in records]
+    apart = [fusion.separate for fusion in both]
     if not settings.joint:
         return apart, None
-
-    together = [KinematicSmoother(band="auto") for _ in records]
+    together: list[Smoothing] = [True] * len(records)
     if settings.both_fusions:
-        for first, second in zip(together, apart):
-            # the second fusion begins with the levels and knots of the first
-            first._kept = second._kept = []
-
+        together = [fusion.joint for fusion in both]
     again = replace(settings, smooth=apart, check=False)
     return together, partial(as_dataset, Input(records), again)
 
@@ -306,7 +305,7 @@ def segment_of(
         noise=dict(fused.noise),
         quality=fused.notes,
     )
-    return _with_valid_rows(segment, feature_names(fused.n_dof))
+    return _with_valid_rows(segment, feature_names(fused.n_dof), fused.motion)
 
 
 def _base_motions_in_band(
@@ -643,14 +642,14 @@ def with_motion_checks(data: Dataset) -> Dataset:
     segment = data.segments[longest]
     rows = segment.valid
     ag = None if segment.ag is None else segment.ag[rows]
-    faults = motion_doubts(
+    notes = motion_notes(
         segment.a[rows], segment.v[rows], segment.s[rows], ag, segment.dt
     )
-    if not faults:
+    if not notes:
         return data
 
-    warn(f"X: {'; '.join(faults)}.", DataQualityWarning)
-    notes = tuple(QualityNote("other", fault, record=segment.name) for fault in faults)
+    warn(f"X: {'; '.join(messages(notes))}.", DataQualityWarning)
+    named = [replace(note, record=segment.name) for note in notes]
     segments = list(data.segments)
-    segments[longest] = replace(segment, quality=(*segment.quality, *notes))
+    segments[longest] = replace(segment, quality=segment.quality + tuple(named))
     return replace(data, segments=segments)

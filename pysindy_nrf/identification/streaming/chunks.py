@@ -210,7 +210,7 @@ def record_chunk(record: Record) -> Chunk:
     """A record, fused, as one chunk."""
     fused = fuse_record(record)
     samples = Input(
-        np.hstack([fused.a, fused.v, fused.s]),
+        fused.motion,
         fused.force,
         time=np.asarray(fused.time),
         base_acceleration=fused.ag,

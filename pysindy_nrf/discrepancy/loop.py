@@ -15,6 +15,7 @@ from ..chain.sites import Site
 from ..common import generator
 from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..exceptions import BiasWarning, ChannelError, ExcitationError, NRFError
+from ..identification.door import refuse_arguments
 from ..identification.fitted import wiring_of
 from ..identification.intervals import tolerances_of
 from ..identification.problem import LEAST_SQUARES, Problem
@@ -159,6 +160,9 @@ def close_loop(
             "baseline": baseline,
         }
         if lacks_motion([*mine, *kept]):
+            refuse_arguments(
+                {"calibration": calibration}, "a search with fewer sensors"
+            )
             _say_what_is_not_used(baseline)
             return by_channels(
                 mine, kept, replace(problem, band=band), catalogue, settings

@@ -19,6 +19,7 @@ from ..exceptions import ChannelError
 from ..records.channels import require_two_dimensions, sample_weights
 from ..records.dataset import Dataset, feature_names
 from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
+from ..records.named_columns import forces_by_name
 from ..records.record import Record
 from .problem import blocks_of
 from .result import IdentificationResult
@@ -346,6 +347,8 @@ class FittedChain:
 
         Parameters
         ----------
+        F : array-like of shape (n_samples, n_dof) or DataFrame
+            N; a table with columns ``F1..`` in any order.
         dt : float, optional
             s; the estimator's ``dt`` if None.
         **options
@@ -362,6 +365,8 @@ class FittedChain:
             raise ChannelError(
                 "The free run needs the sampling step of F", "Pass dt= in s."
             )
+        if hasattr(F, "columns"):
+            F = forces_by_name(F, self.model_.n_dof)
         return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
 
     def to_sindy(self) -> Any:

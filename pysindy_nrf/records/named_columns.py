@@ -191,7 +191,7 @@ def force_matrix(F: Any, columns: MotionColumns, X: Any) -> np.ndarray:
         return np.zeros((n_samples, n))
     if hasattr(F, "columns"):
         _require_order_of(X, F)
-        F = _forces_by_name(F, n)
+        F = forces_by_name(F, n)
 
     force = as_matrix(F, "F", n, "forces F")
     if len(force) != n_samples:
@@ -213,7 +213,7 @@ def _require_order_of(X: Any, F: pd.DataFrame) -> None:
         )
 
 
-def _forces_by_name(F: pd.DataFrame, n: int) -> pd.DataFrame:
+def forces_by_name(F: pd.DataFrame, n: int) -> pd.DataFrame:
     """Forces in the order F1..Fn; as in files, a DOF without a column has no force."""
     wanted = numbered("F", n)
     names = list(map(str, F.columns))

@@ -143,7 +143,7 @@ def test_files_of_another_type_than_their_name(tmp_path):
     savemat(tmp_path / "d.mat", {"note": "only text"})
     for name, words in {
         "a.xyz": r"type \.xyz",
-        "b.csv": "called .csv but holds a ZIP",
+        "b.csv": "called .csv but holds Excel or NPZ",
         "c.csv": "no rows of numbers",
         "": "not a file",
         "d.mat": "no channel of numbers",

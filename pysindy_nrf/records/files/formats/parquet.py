@@ -1,0 +1,86 @@
+"""Parquet files."""
+
+from collections import Counter
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ....common.lazy import require
+from ..attributes import SCHEMA, Attributes
+from ..table import (
+    MAX_BYTES,
+    Table,
+    check_size,
+    reading_as,
+    two_columns_of_one_name,
+)
+
+ATTRIBUTES_KEY = SCHEMA.encode()  # of the metadata of a record written here
+
+
+def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
+    """Read the columns of a Parquet file that hold numbers, times or texts.
+
+    A time index becomes the column ``t``.
+    """
+    types = require("pyarrow.types", "files", "Reading Parquet files")
+    parquet = require("pyarrow.parquet", "files", "Reading Parquet files")
+
+    with reading_as(path, "Parquet"):
+        file = parquet.ParquetFile(path)
+        schema = file.schema_arrow
+        for name, count in Counter(schema.names).items():
+            if count > 1:
+                raise two_columns_of_one_name(path, name)
+
+        texts = [field.name for field in schema if _is_text(types, field.type)]
+        wanted = [
+            field.name
+            for field in schema
+            if field.name in texts or _is_plain(types, field.type)
+        ]
+        check_size(path, _declared_size(file.metadata, len(wanted)), max_bytes)
+        # dictionaries keep a repeated text from being unpacked once for each row
+        arrow = parquet.read_table(path, columns=wanted, read_dictionary=texts)
+        frame = arrow.to_pandas()
+
+    metadata = schema.metadata or {}
+    attributes = None
+    if ATTRIBUTES_KEY in metadata:
+        attributes = Attributes.from_json(metadata[ATTRIBUTES_KEY], path)
+    return Table(path, "Parquet", _columns(frame), attributes=attributes)
+
+
+def _is_text(types: ModuleType, kind: Any) -> bool:
+    return types.is_string(kind) or types.is_large_string(kind)
+
+
+def _is_plain(types: ModuleType, kind: Any) -> bool:
+    return types.is_primitive(kind) or types.is_dictionary(kind)
+
+
+def _declared_size(metadata: Any, n_columns: int) -> int:
+    """Bytes that a file unpacks to, as its metadata declare and as doubles at least."""
+    groups = range(metadata.num_row_groups)
+    declared = sum(metadata.row_group(i).total_byte_size for i in groups)
+    return max(declared, 8 * metadata.num_rows * n_columns)
+
+
+def _columns(frame: pd.DataFrame) -> dict[str, np.ndarray]:
+    """Columns of a table by name, with its time index."""
+    columns = {}
+    index = frame.index
+    is_stamped = isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex))
+    if is_stamped or index.name in ("t", "time"):
+        columns["t"] = index.to_numpy()
+
+    for name in frame.columns:
+        column = frame[name]
+        is_nullable = hasattr(column.dtype, "numpy_dtype")
+        if is_nullable and column.dtype.kind in "biuf":
+            column = column.astype(float)
+        columns[str(name)] = column.to_numpy()
+    return columns

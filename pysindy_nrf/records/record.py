@@ -26,6 +26,7 @@ MATRICES = {
     "displacement": "x",
 }
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
+ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
 COORDINATES = ("relative", "absolute")
 
@@ -346,9 +347,10 @@ class Record:
         part.n_samples = len(numbers)
         if self.has_clock:
             part.t0 = self.t0 + numbers[0] / self.fs
-        for key in (*MATRICES, *BASES):
+        for key in ARRAYS:
             array = getattr(self, key)
-            setattr(part, key, None if array is None else array[rows])
+            if array is not None:
+                setattr(part, key, array[rows])
         part.covariates = {name: line[rows] for name, line in self.covariates.items()}
         return part
 
@@ -375,10 +377,15 @@ class Record:
         if not changes:
             return copy.copy(self)
 
-        keys = [*MATRICES, *BASES, "covariates", "name", "coordinates"]
+        arguments = {key: getattr(self, key) for key in ARRAYS}
+        arguments |= {
+            "covariates": self.covariates,
+            "name": self.name,
+            "coordinates": self.coordinates,
+        }
         if self.has_clock:
-            keys.append("fs")
-        changed = Record(**{key: getattr(self, key) for key in keys} | changes)
+            arguments["fs"] = self.fs
+        changed = Record(**arguments | changes)
         if changes.get("time") is None:
             return changed.starting_at(self.t0)
         return changed
@@ -534,8 +541,8 @@ def _columns_by_name(df: pd.DataFrame) -> dict[str, pd.Series]:
             "Give a DataFrame with columns a1.., x1.., F1..",
         )
 
-    names = [str(column) for column in df.columns]
-    repeated = sorted(name for name in set(names) if names.count(name) > 1)
+    names = df.columns.map(str)
+    repeated = sorted(names[names.duplicated()])
     if repeated:
         raise ChannelError(
             f"Column {repeated[0]!r} is in the table more than once",
@@ -559,7 +566,7 @@ def _pop_matrices(
     """Motions and forces of the DOFs; their columns are taken out of the others."""
     numbered = _pop_numbered(columns)
     if all(channel[0] == "F" for channel in numbered):
-        shown = ", ".join(str(column) for column in df.columns[:10])
+        shown = ", ".join(map(str, df.columns[:10]))
         raise ChannelError(
             f"No column of {shown} is a motion",
             "Name accelerations a1.., velocities v1.., displacements x1.., forces F1..,"
@@ -575,18 +582,23 @@ def _pop_matrices(
 
     matrices = {}
     for key, letter in MATRICES.items():
-        channels = [f"{letter}{j}" for j in range(1, n_dof + 1)]
-        if any(channel in numbered for channel in channels):
-            # a force that is not in the table does not act
-            missing = np.full(len(df), 0.0 if key == "force" else np.nan)
-            filled = [numbered.get(channel, missing) for channel in channels]
-            checked = map(_checked_column, filled, channels)
-            matrices[key] = np.column_stack(list(checked))
+        # a force that is not in the table does not act
+        missing = np.full(len(df), 0.0 if key == "force" else np.nan)
+        if any(channel[0] == letter for channel in numbered):
+            matrices[key] = _matrix_of(numbered, letter, n_dof, missing)
     return matrices
 
 
-def _checked_column(column: pd.Series | np.ndarray, channel: str) -> np.ndarray:
-    return as_matrix(column, [channel], 1)[:, 0]
+def _matrix_of(
+    numbered: Mapping[str, pd.Series], letter: str, n_dof: int, missing: np.ndarray
+) -> np.ndarray:
+    """The channels of one letter as columns, in the order of the DOFs."""
+    lines = []
+    for j in range(1, n_dof + 1):
+        channel = f"{letter}{j}"
+        column = numbered.get(channel, missing)
+        lines.append(as_matrix(column, [channel], 1)[:, 0])
+    return np.column_stack(lines)
 
 
 def _pop_numbered(columns: dict[str, pd.Series]) -> dict[str, pd.Series]:

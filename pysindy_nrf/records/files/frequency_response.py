@@ -315,6 +315,7 @@ def in_band(f: np.ndarray, band: Band | None) -> np.ndarray:
     return above & below
 
 
+_COMMENT = re.compile(r"\s*([#%]|$)")
 _CURE = "Give rows of frequency and complex responses: f;H1;H2."
 
 
@@ -324,8 +325,7 @@ def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
         text = path.read_text(encoding="utf-8-sig")
     except (UnicodeError, OSError) as error:
         raise unreadable(path, "a frequency response in text", error) from error
-    stripped = [line for line in text.splitlines() if line.strip()]
-    lines = [line for line in stripped if line.lstrip()[0] not in "#%"]
+    lines = [line for line in text.splitlines() if not _COMMENT.match(line)]
     if not lines:
         raise FileFormatError(f"{path} holds no rows", _CURE)
 

@@ -380,18 +380,23 @@ def _unit_of(
         return expression.unit
     if channel in declared:
         return declared[channel]
-    is_covariate = dimension_of(channel) is None
-    if not is_covariate and channel[0] in declared:
+    if dimension_of(channel) is not None and channel[0] in declared:
         return declared[channel[0]]
 
-    written = table.units.get(expression.name)
-    if written is None and not is_covariate:
-        _, suffix = split_suffix(expression.name)
-        if suffix is not None and kind_of_unit(suffix) == channel[0]:
-            written = suffix
+    written = _written_unit(channel, expression.name, table)
     if written is None or expression.factor is None:
         return written
     return _unit_beside_factor(channel, expression, written)
+
+
+def _written_unit(channel: str, name: str, table: Table) -> str | None:
+    """Unit of a variable in the file, or at the end of its name."""
+    if name in table.units:
+        return table.units[name]
+    _, suffix = split_suffix(name)
+    if suffix is None or dimension_of(channel) is None:
+        return None
+    return suffix if kind_of_unit(suffix) == channel[0] else None
 
 
 def _unit_beside_factor(

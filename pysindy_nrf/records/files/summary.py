@@ -55,15 +55,17 @@ def describe(what: Record | Reading) -> str:
     """
     if isinstance(what, Reading):
         return _describe_reading(what)
-    lines = [_title(what, what.name), *_channel_lines(what, what.channels(), {})]
-    return "\n".join([*lines, *_lines_on_use(what)])
+    lines = [_title(what, what.name)]
+    lines += _channel_lines(what, what.channels(), sources={})
+    lines += _lines_on_use(what)
+    return "\n".join(lines)
 
 
 def _describe_reading(reading: Reading) -> str:
     record, table = reading.record, reading.table
     lines = [
         _title(record, f"{record.name} from {table.path}"),
-        f"  read as {'; '.join([table.kind, *table.notes])}",
+        f"  read as {table.in_words}",
         f"  clock: {reading.clock}",
     ]
 
@@ -81,7 +83,7 @@ def _describe_reading(reading: Reading) -> str:
 
 
 def _title(record: Record, name: str) -> str:
-    dofs = "DOFs" if record.n_dof > 1 else "DOF"
+    dofs = _plural("DOF", record.n_dof)
     return (
         f"{name}: {record.n_dof} {dofs}, {record.n_samples} samples at {record.fs:g}"
         f" Hz, {record.n_samples / record.fs:.4g} s"
@@ -119,7 +121,7 @@ def contents(table: Table, most: int = MAX_VARIABLES_SHOWN) -> str:
     """List of the variables of a file, for a user who has to map them."""
     longest = max((len(name) for name in table.variables), default=0)
     width = min(longest, MAX_NAME_WIDTH)
-    lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
+    lines = [f"{table.path} holds ({table.in_words}):"]
     for name, values in list(table.variables.items())[:most]:
         line = f"  {short(name):{width}s}  {_extent(values)}"
         if name in table.units:
@@ -226,12 +228,12 @@ def _origin(name: str, source: Source) -> str:
 def _forces(record: Record) -> str:
     """Which DOFs are forced, unforced and unknown, and whether the base moves."""
     forced, unknown = record.forced, record.unknown
-    unforced = sorted(set(range(1, record.n_dof + 1)) - {*forced, *unknown})
+    others = set(range(1, record.n_dof + 1)).difference(forced, unknown)
     parts = ["no force is measured"]
     if forced:
         parts = [f"forced: {_dofs(forced)}"]
-    if unforced:
-        parts.append(f"known to be unforced: {_dofs(unforced)}")
+    if others:
+        parts.append(f"known to be unforced: {_dofs(sorted(others))}")
     if unknown:
         parts.append(f"force unknown: {_dofs(unknown)}")
     parts.append("the base moves" if record.base_moves else "the base is at rest")
@@ -239,5 +241,8 @@ def _forces(record: Record) -> str:
 
 
 def _dofs(numbers: Sequence[int]) -> str:
-    noun = "DOFs" if len(numbers) > 1 else "DOF"
-    return f"{noun} {', '.join(map(str, numbers))}"
+    return f"{_plural('DOF', len(numbers))} {', '.join(map(str, numbers))}"
+
+
+def _plural(noun: str, number: int) -> str:
+    return f"{noun}s" if number > 1 else noun

@@ -50,6 +50,11 @@ class Table:
     decimal: str = "."
 
     @property
+    def in_words(self) -> str:
+        """The kind of file, and what its reader decided."""
+        return "; ".join((self.kind, *self.notes))
+
+    @property
     def names(self) -> str:
         """Names and shapes of the variables, for messages."""
         shown = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
@@ -74,10 +75,8 @@ def read_table(
 
 def _join(tables: Sequence[Table]) -> Table:
     """One table of the channels of one test in several files."""
-    if not tables:
-        raise FileFormatError("No file was given", "Name at least one.")
+    _require_different_files(tables)
     first = tables[0]
-    _require_different_stems(tables)
     fs = _common_rate(tables)
 
     variables: dict[str, np.ndarray] = {}
@@ -96,7 +95,7 @@ def _join(tables: Sequence[Table]) -> Table:
             units["t"] = first.units["t"]
 
     kinds = dict.fromkeys(table.kind for table in tables)
-    decimals = {table.decimal for table in tables}
+    has_decimal_comma = any(table.decimal == "," for table in tables)
     return Table(
         first.path,
         f"{', '.join(kinds)} ({len(tables)} files)",
@@ -104,21 +103,20 @@ def _join(tables: Sequence[Table]) -> Table:
         units,
         tuple(notes),
         fs=fs,
-        decimal="," if "," in decimals else ".",
+        decimal="," if has_decimal_comma else ".",
     )
 
 
-def _require_different_stems(tables: Sequence[Table]) -> None:
-    """Refuse two files of one name, after which variables are called."""
-    stems = set()
-    for table in tables:
-        stem = table.path.stem
-        if stem in stems:
+def _require_different_files(tables: Sequence[Table]) -> None:
+    """Refuse no file, and two of one name, since variables are called after it."""
+    if not tables:
+        raise FileFormatError("No file was given", "Name at least one.")
+    for stem, count in Counter(table.path.stem for table in tables).items():
+        if count > 1:
             raise FileFormatError(
                 f"Two files are called {stem!r}",
                 "Rename one: variables are named after their file.",
             )
-        stems.add(stem)
 
 
 def _common_rate(tables: Sequence[Table]) -> float | None:

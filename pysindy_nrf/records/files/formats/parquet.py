@@ -32,34 +32,39 @@ def read_parquet(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     with reading_as(path, "Parquet"):
         file = parquet.ParquetFile(path)
         schema = file.schema_arrow
-        for name, count in Counter(schema.names).items():
-            if count > 1:
-                raise two_columns_of_one_name(path, name)
+        _require_different_names(path, schema.names)
 
         texts = [field.name for field in schema if _is_text(types, field.type)]
-        wanted = [
-            field.name
-            for field in schema
-            if field.name in texts or _is_plain(types, field.type)
-        ]
+        wanted = [field.name for field in schema if _is_channel(types, field.type)]
         check_size(path, _declared_size(file.metadata, len(wanted)), max_bytes)
         # dictionaries keep a repeated text from being unpacked once for each row
         arrow = parquet.read_table(path, columns=wanted, read_dictionary=texts)
         frame = arrow.to_pandas()
 
-    metadata = schema.metadata or {}
-    attributes = None
-    if ATTRIBUTES_KEY in metadata:
-        attributes = Attributes.from_json(metadata[ATTRIBUTES_KEY], path)
+    attributes = _attributes(path, schema.metadata or {})
     return Table(path, "Parquet", _columns(frame), attributes=attributes)
+
+
+def _require_different_names(path: Path, names: list[str]) -> None:
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise two_columns_of_one_name(path, name)
+
+
+def _attributes(path: Path, metadata: dict[bytes, bytes]) -> Attributes | None:
+    """Attributes of a record that was written here."""
+    text = metadata.get(ATTRIBUTES_KEY)
+    return None if text is None else Attributes.from_json(text, path)
 
 
 def _is_text(types: ModuleType, kind: Any) -> bool:
     return types.is_string(kind) or types.is_large_string(kind)
 
 
-def _is_plain(types: ModuleType, kind: Any) -> bool:
-    return types.is_primitive(kind) or types.is_dictionary(kind)
+def _is_channel(types: ModuleType, kind: Any) -> bool:
+    """Whether a column holds numbers, times or texts, and nothing nested."""
+    is_plain = types.is_primitive(kind) or types.is_dictionary(kind)
+    return is_plain or _is_text(types, kind)
 
 
 def _declared_size(metadata: Any, n_columns: int) -> int:

@@ -14,7 +14,9 @@ def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     nptdms = require("nptdms", "files", "Reading TDMS files")
     check_size(path, path.stat().st_size, max_bytes)
 
-    variables, units, steps = {}, {}, set()
+    variables: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    steps = set()
     with reading_as(path, "TDMS"):
         groups = nptdms.TdmsFile.read(path).groups()
         channels = [channel for group in groups for channel in group.channels()]

@@ -68,9 +68,7 @@ def _add_by_name_and_unit(
 ) -> None:
     """Add columns whose names are a channel and its unit: ``a1_g``, ``F2 [kN]``."""
     for name, values in table.variables.items():
-        bare, unit = split_unit(name)
-        if unit is None:
-            bare, unit = split_suffix(name)
+        bare, unit = _name_and_unit(name)
         channel = channel_of(bare)
         if unit is None or channel is None or _is_used(name, mapped):
             continue
@@ -82,6 +80,12 @@ def _add_by_name_and_unit(
         elif dimension_of(channel) == "force":
             factor(unit, channel)  # an error that names the unit
             assignment[channel] = Expression(name, unit=unit)
+
+
+def _name_and_unit(column: str) -> tuple[str, str | None]:
+    """Name of a column without the unit in brackets or at its end, and the unit."""
+    name, unit = split_unit(column)
+    return (name, unit) if unit else split_suffix(column)
 
 
 def _is_used(name: str, mapped: Mapping[str, str]) -> bool:

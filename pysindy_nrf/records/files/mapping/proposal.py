@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
+
+import numpy as np
 
 from ...channels import channel_of
 from ..table import Table
@@ -90,28 +92,33 @@ def propose(table: Table) -> list[Proposal]:
 
 
 def _channel_columns(table: Table) -> list[_Column]:
-    """Columns of the variables that may be channels: the longest ones."""
+    """Columns that may be channels, of the longest variables."""
     lengths = [len(values) for values in table.variables.values() if values.ndim]
     longest = max(lengths, default=0)
-    columns = []
+    columns: list[_Column] = []
     for name, values in table.variables.items():
-        if values.ndim not in (1, 2) or len(values) != longest:
-            continue
-        bare, suffix = split_suffix(name)
-        unit = table.units.get(name) or suffix
-        letter = _letter_of(bare, unit)
-        if letter is None:
-            continue
-
-        doubts = _doubts(bare, unit, letter)
-        text = f'"{name}"' if re.search(r"[\[\]*@]|^-", name) else name
-        if values.ndim == 1:
-            columns.append(_Column(letter, bare, text, doubts))
-            continue
-        for k in range(values.shape[1]):
-            column = _Column(letter, f"{bare} {k + 1}", f"{text}[:, {k}]", doubts)
-            columns.append(column)
+        if values.ndim in (1, 2) and len(values) == longest:
+            columns += _columns_of_variable(name, values, table.units.get(name))
     return columns
+
+
+def _columns_of_variable(
+    name: str, values: np.ndarray, unit: str | None
+) -> Iterator[_Column]:
+    """A variable as a channel, or each column of a matrix as one."""
+    bare, suffix = split_suffix(name)
+    unit = unit or suffix
+    letter = _letter_of(bare, unit)
+    if letter is None:
+        return
+
+    doubts = _doubts(bare, unit, letter)
+    text = f'"{name}"' if re.search(r"[\[\]*@]|^-", name) else name
+    if values.ndim == 1:
+        yield _Column(letter, bare, text, doubts)
+        return
+    for k in range(values.shape[1]):
+        yield _Column(letter, f"{bare} {k + 1}", f"{text}[:, {k}]", doubts)
 
 
 def _letter_of(name: str, unit: str | None) -> str | None:

@@ -209,7 +209,12 @@ def test_cut_files(tmp_path, name, share):
 
 # MATLAB's level 5: a head, and elements of type, size and data, padded to 8 bytes. A
 # matrix (type 14) holds its flags, its size, its name and its numbers.
-INT8, INT32, UINT32, DOUBLE, MATRIX, COMPRESSED = 1, 5, 6, 9, 14, 15
+INT8 = 1
+INT32 = 5
+UINT32 = 6
+DOUBLE = 9
+MATRIX = 14
+COMPRESSED = 15
 HEAD = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
 
 

@@ -16,7 +16,10 @@ from pysindy_nrf.records.files import (
 )
 
 T = np.arange(64) / 256.0
-DISPLACEMENT, ACCELERATION, FORCE = 8, 12, 13  # specific data types of UFF
+# Specific data types of UFF.
+DISPLACEMENT = 8
+ACCELERATION = 12
+FORCE = 13
 
 
 def history(node, data_type, data, **more):

@@ -78,19 +78,19 @@ def test_arrays_as_one_matrix_or_one_by_one(tmp_path):
         np.testing.assert_array_equal(read_frf(tmp_path / name, excited=2).H, H)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n", "row 3.*oops"),
-        ("f;H1\n1;0.1\n2;0.2\n", "no complex"),
-        ("1;0.1j;0.2\n2;0.1j\n", "row 1.* is not 2 numbers"),
-        ("just words\n", "one column"),
-        ("# only words\n% and more\n\n", "holds no rows"),
-        ("f;H1\n", "no rows of numbers"),
-        ("f;H1 [m/s²/N]\n1;0.1j\n".encode("latin-1"), "H.csv"),
-    ],
-)
-def test_errors_name_row_and_cure(written, text, words):
+BAD_TEXTS = {
+    "row 3.*oops": "f;H1\n1;0.1+0.2j\n2;oops\n3;0.1j\n",
+    "no complex": "f;H1\n1;0.1\n2;0.2\n",
+    "row 1.* is not 2 numbers": "1;0.1j;0.2\n2;0.1j\n",
+    "one column": "just words\n",
+    "holds no rows": "# only words\n% and more\n\n",
+    "no rows of numbers": "f;H1\n",
+    "H.csv": "f;H1 [m/s²/N]\n1;0.1j\n".encode("latin-1"),
+}
+
+
+@pytest.mark.parametrize(("words", "text"), BAD_TEXTS.items())
+def test_errors_name_row_and_cure(written, words, text):
     with pytest.raises(FileFormatError, match=words):
         read_frf(written(text, "H.csv"))
 
@@ -113,20 +113,20 @@ def one_spoilt(array, position, value):
     return spoilt
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"f": F + 1j}, "frequencies are complex"),
-        ({"f": F[:-1]}, r"\(119,\) frequencies.*\(120, 3\)"),
-        ({"kind": "inertance"}, "kind='inertance' is unknown.*receptance"),
-        ({"f": F - 5.0}, "row 0 is -3"),
-        ({"f": one_spoilt(F, 94, np.nan)}, "row 94 is nan"),
-        ({"f": F[::-1]}, "does not rise after row 0"),
-        ({"excited": 4}, "excited=4 is not one"),
-        ({"H": one_spoilt(H, (1, 1), np.nan)}, "H2 is not finite in row 1"),
-    ],
-)
-def test_a_response_that_cannot_be_one(change, words):
+IMPOSSIBLE = {
+    "frequencies are complex": {"f": F + 1j},
+    r"\(119,\) frequencies.*\(120, 3\)": {"f": F[:-1]},
+    "kind='inertance' is unknown.*receptance": {"kind": "inertance"},
+    "row 0 is -3": {"f": F - 5.0},
+    "row 94 is nan": {"f": one_spoilt(F, 94, np.nan)},
+    "does not rise after row 0": {"f": F[::-1]},
+    "excited=4 is not one": {"excited": 4},
+    "H2 is not finite in row 1": {"H": one_spoilt(H, (1, 1), np.nan)},
+}
+
+
+@pytest.mark.parametrize(("words", "change"), IMPOSSIBLE.items())
+def test_a_response_that_cannot_be_one(words, change):
     response = {"f": F, "H": H, "excited": 2} | change
     with pytest.raises(ChannelError, match=words):
         frequency_response(**response)

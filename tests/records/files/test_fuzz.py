@@ -1,4 +1,4 @@
-"""Damaged files are read or refused by name: no other error, no hang, no dead process."""
+"""Damaged files are read or refused by name; no process hangs or dies."""
 
 import os
 import tempfile
@@ -27,14 +27,21 @@ def test_some_seconds_of_damaged_files():
     assert found["peak"] < MAX_MEMORY
 
 
-ODD_CELLS = [
-    *["nan", "", "1,5", "inf", "-", "1e400", '"', "2024-05-01", "0x10", "1_000"],
-    *["٣", "#", "'", "True", "1e5j"],
-]
+ODD_CELLS = "nan inf - 1,5 1e400 2024-05-01 0x10 1_000 ٣ # ' True 1e5j".split()
 NAMES = [
-    *["t", "a1", "x1", "F1", "v1 [mm/s]", "a_1", "t [ms]", "", "<b>", "a1 [g]", "volt"]
+    "t",
+    "a1",
+    "x1",
+    "F1",
+    "v1 [mm/s]",
+    "a_1",
+    "t [ms]",
+    "",
+    "<b>",
+    "a1 [g]",
+    "volt",
 ]
-CELLS = st.floats(-1e6, 1e6).map(repr) | st.sampled_from(ODD_CELLS)
+CELLS = st.floats(-1e6, 1e6).map(repr) | st.sampled_from(["", '"', *ODD_CELLS])
 HEADERS = st.lists(st.sampled_from(NAMES), min_size=1, max_size=4)
 ROWS = st.lists(st.lists(CELLS, min_size=1, max_size=4), max_size=8)
 

@@ -126,7 +126,8 @@ class Cosmos:
 PACKED = Cosmos(
     "Corrected acceleration",
     "acceleration",
-    "{n:8d} acceleration  pts, approx {T:4.0f} secs, units=cm/sec2(04), Format=(8F10.3)",
+    "{n:8d} acceleration  pts, approx {T:4.0f} secs, units=cm/sec2(04),"
+    " Format=(8F10.3)",
     "10.3f",
     8,
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -159,19 +159,35 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
             ``vg``, ``xg`` and covariates; a column of NaN is left out.
         """
-        channels: dict[str, np.ndarray] = {}
-        for key, letter in MATRICES.items():
-            matrix = getattr(self, key)
-            if matrix is not None:
-                channels |= _measured_columns(matrix, letter)
-        return channels | self.base_channels() | self.covariates
+        measured = {
+            channel: column
+            for channel, column in self.dof_channels().items()
+            if not (np.isnan(column[0]) and np.isnan(column).all())
+        }
+        return measured | self.base_channels() | self.covariates
 
-    def base_channels(self) -> dict[str, np.ndarray]:
-        """Measured motions of the base: ``ag`` (m/s^2), ``vg`` (m/s), ``xg`` (m).
+    def dof_channels(self) -> dict[str, np.ndarray]:
+        """Forces and motions of the DOFs by name, also those that are NaN throughout.
 
         Returns
         -------
         dict of str to ndarray of shape (n_samples,)
+            ``F1..``, ``a1..``, ``v1..``, ``x1..``
+        """
+        channels: dict[str, np.ndarray] = {}
+        for key, letter in MATRICES.items():
+            matrix = getattr(self, key)
+            if matrix is not None:
+                channels |= {f"{letter}{j}": line for j, line in enumerate(matrix.T, 1)}
+        return channels
+
+    def base_channels(self) -> dict[str, np.ndarray]:
+        """Motions of the base by name, those that were given.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_samples,)
+            ``ag`` (m/s^2), ``vg`` (m/s), ``xg`` (m)
         """
         lines = {channel: getattr(self, key) for key, channel in BASES.items()}
         return {channel: line for channel, line in lines.items() if line is not None}
@@ -255,14 +271,42 @@ class Record:
         elif fs is None:
             time = _time_in_index(df.index)
 
-        arrays: dict[str, Any] = {
-            key: columns.pop(channel).to_numpy()
-            for key, channel in BASES.items()
-            if channel in columns
-        }
-        arrays |= _pop_matrices(columns, df)
+        channels = _channels_among(columns)
         covariates = {name: column.to_numpy() for name, column in columns.items()}
-        return cls(fs=fs, time=time, covariates=covariates, **arrays, **options)
+        return cls.from_channels(
+            channels, fs=fs, time=time, covariates=covariates, **options
+        )
+
+    @classmethod
+    def from_channels(
+        cls, channels: Mapping[str, np.ndarray], **options: Any
+    ) -> Record:
+        """Record from channels by name.
+
+        Parameters
+        ----------
+        channels : mapping of str to array-like of shape (n_samples,)
+            ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
+            ``vg``, ``xg``. A motion that is not among them was not measured, a force
+            does not act.
+        **options
+            Passed to :class:`Record` (``fs``, ``time``, ``covariates``, ``name``,
+            ``coordinates``).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from pysindy_nrf import Record
+        >>> t = np.arange(1000) / 1000
+        >>> Record.from_channels({"x2": np.sin(9 * t)}, fs=1000.0, name="roof")
+        Record('roof': 2 DOF, 1000 samples at 1000 Hz (1 s), channels F1, F2, x2)
+        """
+        options |= {
+            key: channels[channel]
+            for key, channel in BASES.items()
+            if channel in channels
+        }
+        return cls(**_matrices_of_channels(channels), **options)
 
     def to_frame(self) -> pd.DataFrame:
         """Table of the measured channels, indexed by time ``t`` in s.
@@ -523,16 +567,6 @@ def _require_usable_values(channels: Mapping[str, np.ndarray], name: str) -> Non
             )
 
 
-def _measured_columns(matrix: np.ndarray, letter: str) -> dict[str, np.ndarray]:
-    """Columns by channel, without those that are NaN throughout."""
-    columns = {f"{letter}{j}": column for j, column in enumerate(matrix.T, 1)}
-    return {
-        channel: column
-        for channel, column in columns.items()
-        if not (np.isnan(column[0]) and np.isnan(column).all())
-    }
-
-
 def _columns_by_name(df: pd.DataFrame) -> dict[str, pd.Series]:
     """Columns of a table by their names as text, which must differ."""
     if not isinstance(df, pd.DataFrame):
@@ -560,20 +594,34 @@ def _time_in_index(index: pd.Index) -> pd.Index | np.ndarray | None:
     return None
 
 
-def _pop_matrices(
-    columns: dict[str, pd.Series], df: pd.DataFrame
-) -> dict[str, np.ndarray]:
-    """Motions and forces of the DOFs; their columns are taken out of the others."""
-    numbered = _pop_numbered(columns)
-    if all(channel[0] == "F" for channel in numbered):
-        shown = ", ".join(map(str, df.columns[:10]))
+def _channels_among(columns: dict[str, pd.Series]) -> dict[str, np.ndarray]:
+    """The columns that are channels; they are taken out of the others."""
+    names = list(columns)
+    channels: dict[str, np.ndarray] = {}
+    for name in names:
+        channel = name if name in BASES.values() else channel_of(name)
+        if channel is None or not (channel == name or channel[1:].isdigit()):
+            continue
+        if channel in channels:
+            raise ChannelError(
+                f"{name!r} and another column both mean {channel}",
+                "Rename or drop one.",
+            )
+        channels[channel] = columns.pop(name).to_numpy()
+
+    if not any(channel[0] in "avx" and channel[1:].isdigit() for channel in channels):
         raise ChannelError(
-            f"No column of {shown} is a motion",
+            f"No column of {', '.join(names[:10])} is a motion",
             "Name accelerations a1.., velocities v1.., displacements x1.., forces F1..,"
             " base acceleration ag.",
         )
+    return channels
 
-    n_dof = max(int(channel[1:]) for channel in numbered)
+
+def _matrices_of_channels(channels: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Forces and motions with one column for each DOF, the missing ones filled."""
+    dofs = [int(channel[1:]) for channel in channels if channel[1:].isdigit()]
+    n_dof = max(dofs, default=0)
     if n_dof > MOST_DOFS:
         raise ChannelError(
             f"A column names DOF {n_dof}, more than the {MOST_DOFS} a chain may have",
@@ -582,36 +630,20 @@ def _pop_matrices(
 
     matrices = {}
     for key, letter in MATRICES.items():
-        # a force that is not in the table does not act
-        missing = np.full(len(df), 0.0 if key == "force" else np.nan)
-        if any(channel[0] == letter for channel in numbered):
-            matrices[key] = _matrix_of(numbered, letter, n_dof, missing)
+        names = [f"{letter}{j}" for j in range(1, n_dof + 1)]
+        if not channels.keys().isdisjoint(names):
+            fill = 0.0 if key == "force" else np.nan
+            matrices[key] = _side_by_side(channels, names, fill)
     return matrices
 
 
-def _matrix_of(
-    numbered: Mapping[str, pd.Series], letter: str, n_dof: int, missing: np.ndarray
+def _side_by_side(
+    channels: Mapping[str, np.ndarray], names: Sequence[str], fill: float
 ) -> np.ndarray:
-    """The channels of one letter as columns, in the order of the DOFs."""
-    lines = []
-    for j in range(1, n_dof + 1):
-        channel = f"{letter}{j}"
-        column = numbered.get(channel, missing)
-        lines.append(as_matrix(column, [channel], 1)[:, 0])
-    return np.column_stack(lines)
-
-
-def _pop_numbered(columns: dict[str, pd.Series]) -> dict[str, pd.Series]:
-    """The columns of numbered channels (a1, x2, F3) by channel, taken out."""
-    numbered: dict[str, pd.Series] = {}
-    for name in list(columns):
-        channel = channel_of(name)
-        if channel is None or not channel[1:].isdigit():
-            continue
-        if channel in numbered:
-            raise ChannelError(
-                f"{name!r} and another column both mean {channel}",
-                "Rename or drop one.",
-            )
-        numbered[channel] = columns.pop(name)
-    return numbered
+    """Channels as columns; one that is missing holds the same value throughout."""
+    missing = np.full(len(next(iter(channels.values()))), fill)
+    columns = []
+    for name in names:
+        line = channels.get(name, missing)
+        columns.append(as_matrix(line, [name], 1)[:, 0])
+    return np.column_stack(columns)

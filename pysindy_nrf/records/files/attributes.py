@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...exceptions import ChannelError, FileFormatError, FileVersionError
-from ..record import BASES, COORDINATES, MATRICES, Record
+from ..record import COORDINATES, Record
 
 SCHEMA, VERSION = "pysindy_nrf.Record", 1
 
@@ -131,7 +131,7 @@ def _require_consistent(attributes: Attributes) -> None:
     """Raise ValueError for attributes that someone edited."""
     columns = attributes.columns
     marked = attributes.covariates + attributes.float32
-    texts = (attributes.name, attributes.coordinates, *columns, *marked)
+    texts = (attributes.name, attributes.coordinates) + columns + marked
     if not all(isinstance(text, str) for text in texts):
         raise ValueError("a name is not a text")
     if attributes.coordinates not in COORDINATES:
@@ -148,13 +148,7 @@ def columns_of(record: Record) -> dict[str, np.ndarray]:
     They include columns of NaN, which are channels that were not measured or forces
     that are unknown.
     """
-    columns: dict[str, np.ndarray] = {}
-    for key, letter in MATRICES.items():
-        matrix = getattr(record, key)
-        if matrix is not None:
-            columns |= {f"{letter}{j}": line for j, line in enumerate(matrix.T, 1)}
-    columns |= record.base_channels()
-
+    columns = record.dof_channels() | record.base_channels()
     for name, line in record.covariates.items():
         if name in columns or name == "t":
             raise ChannelError(
@@ -172,19 +166,8 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         name: _restored_column(name, attributes, columns) for name in attributes.columns
     }
     covariates = {name: lines.pop(name) for name in attributes.covariates}
-
-    arrays = {key: lines[name] for key, name in BASES.items() if name in lines}
-    for key, letter in MATRICES.items():
-        of_dofs = [
-            line
-            for name, line in lines.items()
-            if name[:1] == letter and name[1:].isdigit()
-        ]
-        if of_dofs:
-            arrays[key] = np.column_stack(of_dofs)
-
-    record = Record(
-        **arrays,
+    record = Record.from_channels(
+        lines,
         fs=attributes.fs,
         name=attributes.name,
         coordinates=attributes.coordinates,

@@ -461,7 +461,7 @@ def _common_length(lines: Mapping[str, np.ndarray], table: Table) -> int:
 class _Clock:
     """Times of a file or a sampling rate, Hz, and where the rate came from."""
 
-    time: np.ndarray | pd.Index | None
+    time: np.ndarray | None
     fs: float | None
     origin: str = ""
 
@@ -486,14 +486,15 @@ def _record_of(
 ) -> Record:
     """Record of lines in SI units."""
     channels = {c: line for c, line in lines.items() if dimension_of(c) and c != "t"}
-    frame = pd.DataFrame(channels)
-    if clock.time is not None:
-        frame["t"] = clock.time
-    record = Record.from_frame(frame, fs=clock.fs, name=name, coordinates=coordinates)
-
-    covariates = {c: line for c, line in lines.items() if not dimension_of(c)}
-    # a covariate stays one whatever its name
-    return record.replace(covariates=covariates) if covariates else record
+    covariates = {c: line for c, line in lines.items() if dimension_of(c) is None}
+    return Record.from_channels(
+        channels,
+        fs=clock.fs,
+        time=clock.time,
+        covariates=covariates,
+        name=name,
+        coordinates=coordinates,
+    )
 
 
 def _refuse_time_in_milliseconds(
@@ -529,9 +530,7 @@ def _clock_in_words(
     return f"{record.fs:g} Hz, from the time {sources['t'].text!r}, {evenness}"
 
 
-def _timestamps(
-    table: Table, values: np.ndarray
-) -> pd.DatetimeIndex | pd.TimedeltaIndex:
+def _timestamps(table: Table, values: np.ndarray) -> np.ndarray:
     """Texts as time stamps, or as times of day."""
     texts = pd.Series(values)
     is_number = pd.to_numeric(texts, errors="coerce").notna().to_numpy()
@@ -545,8 +544,8 @@ def _timestamps(
 
     try:
         if _TIME_OF_DAY.fullmatch(str(values[0]).strip()):
-            return pd.TimedeltaIndex(pd.to_timedelta(texts))
-        return pd.DatetimeIndex(pd.to_datetime(texts))
+            return pd.to_timedelta(texts).to_numpy()
+        return pd.DatetimeIndex(pd.to_datetime(texts)).to_numpy()
     except (ValueError, TypeError) as error:
         raise FileFormatError(
             f"{table.path}: the time {values[0]!r} is not understood",

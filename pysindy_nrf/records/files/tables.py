@@ -94,17 +94,21 @@ def _join(tables: Sequence[Table]) -> Table:
         if "t" in first.units:
             units["t"] = first.units["t"]
 
-    kinds = dict.fromkeys(table.kind for table in tables)
-    has_decimal_comma = any(table.decimal == "," for table in tables)
+    kinds = ", ".join(dict.fromkeys(table.kind for table in tables))
     return Table(
         first.path,
-        f"{', '.join(kinds)} ({len(tables)} files)",
+        f"{kinds} ({len(tables)} files)",
         variables,
         units,
         tuple(notes),
         fs=fs,
-        decimal="," if has_decimal_comma else ".",
+        decimal=_decimal_mark(tables),
     )
+
+
+def _decimal_mark(tables: Sequence[Table]) -> str:
+    """A comma if it marks decimals in one of the files."""
+    return "," if any(table.decimal == "," for table in tables) else "."
 
 
 def _require_different_files(tables: Sequence[Table]) -> None:

@@ -20,6 +20,7 @@ from .formats import PARQUET, UFF
 from .formats.parquet import ATTRIBUTES_KEY
 from .formats.uff import REACTION_FORCE, TimeHistory, write_data_sets, write_uff
 
+CSV = (".csv",)
 FORMULA_SIGNS = ("=", "+", "-", "@")  # by which a spreadsheet knows a formula
 
 
@@ -54,7 +55,7 @@ def write_record(record: Record, path: str | PathLike[str]) -> Path:
     True
     """
     path = Path(path)
-    suffix = _known_suffix(path, (*PARQUET.suffixes, *UFF.suffixes, ".csv"))
+    suffix = _known_suffix(path, PARQUET.suffixes + UFF.suffixes + CSV)
     attributes = Attributes.of_record(record)
     columns = columns_of(record)
 
@@ -63,7 +64,7 @@ def write_record(record: Record, path: str | PathLike[str]) -> Path:
         return path
 
     columns = {"t": record.time, **columns}
-    if suffix == ".csv":
+    if suffix in CSV:
         _write_csv(path, columns, attributes)
     else:
         _write_parquet(path, columns, attributes)
@@ -152,10 +153,10 @@ def write_table(table: pd.DataFrame, path: str | PathLike[str]) -> Path:
     m2,10.03
     """
     path = Path(path)
-    suffix = _known_suffix(path, (".csv", *PARQUET.suffixes))
+    suffix = _known_suffix(path, CSV + PARQUET.suffixes)
     flat = table.reset_index() if table.index.name else table
 
-    if suffix == ".csv":
+    if suffix in CSV:
         safe = flat.map(_no_formula).rename(columns=_no_formula)
         with atomic_write(path) as file:
             safe.to_csv(file, index=False, lineterminator="\n")
@@ -203,7 +204,7 @@ def write_forces(
     ['t', 'storey 1', 'storey 2', 'storey 3']
     """
     path = Path(path)
-    suffix = _known_suffix(path, (*UFF.suffixes, *PARQUET.suffixes, ".csv"))
+    suffix = _known_suffix(path, UFF.suffixes + PARQUET.suffixes + CSV)
     model = getattr(model, "model_", model)
     segments = model.segments(data, **options)
     if len(segments.segments) != 1:
@@ -218,11 +219,11 @@ def write_forces(
         site: forces[:, i] for i, (site, laws) in enumerate(model.laws.items()) if laws
     }
     if suffix in UFF.suffixes:
-        histories = [
-            _history_of_force(site, line, 1.0 / dt, segment.name)
+        data_sets = [
+            _history_of_force(site, line, 1.0 / dt, segment.name).encoded()
             for site, line in columns.items()
         ]
-        write_data_sets(path, [history.encoded() for history in histories])
+        write_data_sets(path, data_sets)
         return path
 
     named = {str(site): line for site, line in columns.items()}

@@ -137,7 +137,7 @@ def _read_own(path: Path, first: bytes) -> Table:
             raise unreadable(path, "delimited text", "its last line is cut off")
 
     attributes = Attributes.from_json(first[1:].strip(), path)
-    names = ["t", *attributes.columns]
+    names = ("t",) + attributes.columns
     try:  # exact to the last digit, slower than pandas
         values = np.loadtxt(
             path, delimiter=",", skiprows=2, comments=None, ndmin=2, encoding="utf-8"

@@ -15,6 +15,7 @@ from ..units import is_unit, split_unit
 HEAD_BYTES = 65536  # from which the dialect is found
 ROWS_TRIED = 200  # below the first row of numbers
 MIN_EVEN_SHARE = 0.8  # of these rows, which must have one width
+MIN_SHARE_WITH_TEXT = 0.5  # of the cells of a row, where some columns are texts
 LINES_COMPARED = 400  # to find the notation under which most cells are numbers
 BLANK = " "  # separator that stands for any run of blanks
 
@@ -90,10 +91,7 @@ class _Text:
 
     lines: list[str]
     content: list[int]
-
-    @classmethod
-    def of_lines(cls, lines: list[str]) -> "_Text":
-        return cls(lines, [i for i, line in enumerate(lines) if not _is_comment(line)])
+    encoding: str
 
     def rows(self, notation: Notation, start: int, stop: int) -> list[list[str]]:
         """Cells of some of the lines with content."""
@@ -125,21 +123,21 @@ def sniff(path: Path) -> Dialect:
         reason = f"its first line is longer than {HEAD_BYTES // 1024} KB"
         raise unreadable(path, "delimited text", reason)
 
-    text = _Text.of_lines(lines)
+    content = [i for i, line in enumerate(lines) if not _is_comment(line)]
+    text = _Text(lines, content, encoding)
     for notation in NOTATIONS:
-        found = _table_of_numbers(text, notation, strict=True)
-        if found is not None:
-            return Dialect(notation, *found, encoding)
+        dialect = _dialect(text, notation, strict=True)
+        if dialect is not None:
+            return dialect
 
-    # a column holds text
-    notation = _likeliest_notation(text)
-    found = _table_of_numbers(text, notation, strict=False)
-    if found is None:
+    # under no notation are all cells numbers, so a column holds text
+    dialect = _dialect(text, _likeliest_notation(text), strict=False)
+    if dialect is None:
         raise _no_numbers(path, text)
-    return Dialect(notation, *found, encoding)
+    return dialect
 
 
-# Nearly any bytes are a text in these. One that speaks of channels is.
+# Nearly any bytes decode as these; the text must also hold a word for a channel.
 _EASTERN_ENCODINGS = ("cp932", "gb18030")
 
 
@@ -163,10 +161,8 @@ def _decode(raw: bytes, path: Path) -> tuple[str, str]:
     )
 
 
-def _table_of_numbers(
-    text: _Text, notation: Notation, strict: bool
-) -> tuple[Header, int] | None:
-    """Header and first row, if a notation gives even rows of numbers.
+def _dialect(text: _Text, notation: Notation, strict: bool) -> Dialect | None:
+    """The dialect, if a notation gives even rows of numbers.
 
     Strict: every cell of a row is a number; otherwise more than half of them are.
     """
@@ -183,7 +179,7 @@ def _table_of_numbers(
     above = [cells for cells in rows_above if len(cells) == width]
     if not above:
         above = _names_in_comment(text.lines[:first_row], notation, width)
-    return header_of(above, width), first_row
+    return Dialect(notation, header_of(above, width), first_row, text.encoding)
 
 
 def _first_row_of_numbers(text: _Text, notation: Notation, strict: bool) -> int | None:
@@ -198,12 +194,12 @@ def _is_even(body: list[list[str]], notation: Notation, strict: bool) -> bool:
     """Whether most rows are numbers in columns, with commas if these mark decimals."""
     width = len(body[0])
     n_even = 0
-    has_comma = False
+    n_commas = 0
     for cells in body:
-        is_row = len(cells) == width and _is_row_of_numbers(cells, notation, strict)
-        n_even += is_row
-        has_comma = has_comma or "," in "".join(cells)
-    if notation.decimal == "," and not has_comma:
+        is_even = len(cells) == width and _is_row_of_numbers(cells, notation, strict)
+        n_even += is_even
+        n_commas += "".join(cells).count(",")
+    if notation.decimal == "," and not n_commas:
         return False
     return n_even >= MIN_EVEN_SHARE * len(body)
 
@@ -215,7 +211,7 @@ def _is_row_of_numbers(cells: list[str], notation: Notation, strict: bool) -> bo
     """
     share = notation.share_of_numbers(cells)
     if not strict:
-        return len(cells) > 1 and share > 0.5
+        return len(cells) > 1 and share > MIN_SHARE_WITH_TEXT
     return share == 1.0 and (len(cells) > 1 or notation.separator == ",")
 
 

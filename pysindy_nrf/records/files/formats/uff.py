@@ -312,9 +312,8 @@ class TimeHistory:
 
     def _title_lines(self) -> list[str]:
         """Five lines of at most 80 ASCII characters."""
-        titles = [*self.titles, *["NONE"] * (5 - len(self.titles))]
-        escaped = [ascii(title)[1:-1][:80] for title in titles]
-        return [f"{title:<80}" for title in escaped]
+        titles = list(self.titles) + ["NONE"] * (5 - len(self.titles))
+        return [f"{ascii(title)[1:-1][:80]:<80}" for title in titles]
 
 
 def _axis(data_type: int, label: str, unit: str) -> str:
@@ -325,11 +324,11 @@ def write_uff(
     path: Path, columns: Mapping[str, np.ndarray], attributes: Attributes
 ) -> None:
     """Write the columns of a record, and its attributes as a data set of our own."""
-    histories = [
-        _history_of_column(name, line, attributes) for name, line in columns.items()
-    ]
     text = f"{-1:6d}\n{_ATTRIBUTES:6d}\n{attributes.to_json()}\n{-1:6d}\n"
-    write_data_sets(path, [text.encode(), *(one.encoded() for one in histories)])
+    data_sets = [text.encode()]
+    for name, line in columns.items():
+        data_sets.append(_history_of_column(name, line, attributes).encoded())
+    write_data_sets(path, data_sets)
 
 
 def _history_of_column(

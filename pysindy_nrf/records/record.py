@@ -558,7 +558,9 @@ def _require_usable_values(channels: Mapping[str, np.ndarray], name: str) -> Non
     """Refuse infinities, NaN inside a channel, and values whose squares overflow."""
     finite_span(list(channels.values()), list(channels), f"record {name!r}")
     for channel, line in channels.items():
-        largest = float(np.fmax.reduce(np.abs(line)))
+        largest = float(np.abs(line).max())
+        if np.isnan(largest):  # at the edges
+            largest = float(np.nanmax(np.abs(line)))
         if largest > LARGEST_VALUE:
             raise ChannelError(
                 f"Channel {channel} of record {name!r} reaches {largest:.3g}, whose"
@@ -641,7 +643,8 @@ def _side_by_side(
     channels: Mapping[str, np.ndarray], names: Sequence[str], fill: float
 ) -> np.ndarray:
     """Channels as columns; one that is missing holds the same value throughout."""
-    missing = np.full(len(next(iter(channels.values()))), fill)
+    n_samples = len(next(iter(channels.values())))
+    missing = np.broadcast_to(fill, n_samples)
     columns = []
     for name in names:
         line = channels.get(name, missing)

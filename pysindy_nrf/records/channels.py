@@ -265,7 +265,7 @@ _FILLERS = np.array(
 )
 FILLED = (
     "Leave those cells empty (NaN); inside a record, split it there"
-    " (signals.alignment.split_at_gaps) or fill the gap."
+    " (alignment.split_at_gaps) or fill the gap."
 )
 # A filler exceeds all other values by this factor; real peaks have neighbours of
 # similar size.

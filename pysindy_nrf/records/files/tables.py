@@ -60,7 +60,7 @@ def read_table(
     array([0. , 0.2])
     """
     if not isinstance(path, (str, PathLike)):
-        return _join([read_table(one, max_bytes=max_bytes) for one in path])
+        return _join([read_table(file, max_bytes=max_bytes) for file in path])
 
     file = Path(path)
     check_file(file, max_bytes)

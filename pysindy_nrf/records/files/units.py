@@ -113,10 +113,10 @@ def factor(unit: str, channel: str) -> float:
     if text == quantity.si:
         return 1.0
 
-    known = [one for one in map(_measured, _readings(text, quantity)) if one]
-    for one in known:
-        if one.check(f"[{quantity.name}]"):
-            return float(f"{one.magnitude:.15g}")  # without pint's own round-off
+    known = [m for m in map(_measured, _readings(text, quantity)) if m is not None]
+    for measured in known:
+        if measured.check(f"[{quantity.name}]"):
+            return float(f"{measured.magnitude:.15g}")  # without pint's own round-off
 
     if known:
         raise ChannelError(
@@ -161,8 +161,9 @@ def kind_of_unit(unit: str | None) -> str | None:
 
 def _measures(text: str, quantity: Quantity) -> bool:
     """Whether a unit measures a quantity, in one of its readings."""
+    dimension = f"[{quantity.name}]"
     readings = map(_measured, _readings(text, quantity))
-    return any(one is not None and one.check(f"[{quantity.name}]") for one in readings)
+    return any(unit is not None and unit.check(dimension) for unit in readings)
 
 
 def is_unit(text: str) -> bool:

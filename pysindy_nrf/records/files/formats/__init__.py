@@ -95,7 +95,7 @@ def format_of(path: Path) -> FileFormat:
 
     with open(path, "rb") as file:
         head = file.read(HEAD_BYTES)
-    begins_as = [one for one in FORMATS if head.startswith(one.signatures)]
+    begins_as = [f for f in FORMATS if head.startswith(f.signatures)]
     if begins_as and called not in begins_as:
         raise _wrong_suffix(path, begins_as)
 
@@ -116,8 +116,8 @@ def _unknown_type(path: Path) -> FileFormatError:
 
 def _wrong_suffix(path: Path, begins_as: list[FileFormat]) -> FileFormatError:
     suffix = path.suffix.lower()
-    names = " or ".join(one.name for one in begins_as)
-    right_suffixes = " or ".join(one.suffixes[0] for one in begins_as)
+    names = " or ".join(f.name for f in begins_as)
+    right_suffixes = " or ".join(f.suffixes[0] for f in begins_as)
     return FileFormatError(
         f"{path} is called {suffix} but holds {names}",
         f"Rename it to {right_suffixes}, or export it as {suffix}.",

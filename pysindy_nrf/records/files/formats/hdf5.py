@@ -81,11 +81,11 @@ def data_sets(h5py: ModuleType, file: Any) -> dict[str, Any]:
 
     Links into other files are not followed.
     """
-    found = {}
+    by_name = {}
 
     def collect(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = item
+            by_name[name] = item
 
     file.visititems(collect)
-    return found
+    return by_name

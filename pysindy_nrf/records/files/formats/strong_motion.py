@@ -105,21 +105,23 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             " units=...')",
         )
 
-    steps = sorted({one.step for one in series})
+    steps = sorted({motion.step for motion in series})
     if len(steps) > 1:
         shown = ", ".join(f"{step:g}" for step in steps)
         raise FileFormatError(
             f"{path}: its series are sampled every {shown} s", "Split it by channel."
         )
 
-    one_channel = len({one.channel for one in series}) == 1
+    has_one_channel = len({motion.channel for motion in series}) == 1
     variables, units = {}, {}
-    for one in series:
-        name = one.kind if one_channel else f"ch{one.channel}.{one.kind}"
+    for motion in series:
+        name = motion.kind
+        if not has_one_channel:
+            name = f"ch{motion.channel}.{motion.kind}"
         if name in variables:
-            raise FileFormatError(f"{path} holds the {one.title} twice", "Split it.")
-        variables[name] = one.values
-        units[name] = one.unit
+            raise FileFormatError(f"{path} holds the {motion.title} twice", "Split it.")
+        variables[name] = motion.values
+        units[name] = motion.unit
 
     notes = tuple(dict.fromkeys(reader.notes))
     return Table(path, "strong motion", variables, units, notes, fs=rate_of(steps[0]))

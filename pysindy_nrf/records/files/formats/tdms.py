@@ -20,11 +20,11 @@ def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     with reading_as(path, "TDMS"):
         groups = nptdms.TdmsFile.read(path).groups()
         channels = [channel for group in groups for channel in group.channels()]
-        one_group = len({channel.group_name for channel in channels}) == 1
+        has_one_group = len({channel.group_name for channel in channels}) == 1
 
         for channel in channels:
             name = str(channel.name)
-            if not one_group:
+            if not has_one_group:
                 name = f"{channel.group_name}.{name}"
             variables[name] = np.asarray(channel[:])
             unit = _unit_of(channel.properties)

@@ -97,7 +97,7 @@ def _real_histories(path: Path, histories: list[DataSet]) -> list[DataSet]:
     if any("data" not in history for history in histories):
         raise unreadable(path, "UFF", "a data set 58 holds no data")
 
-    real = [one for one in histories if not np.iscomplexobj(one["data"])]
+    real = [h for h in histories if not np.iscomplexobj(h["data"])]
     if not real:
         raise unreadable(
             path, "UFF", "it holds no time history (data set 58, function type 1)"
@@ -124,7 +124,7 @@ def _own_record(path: Path, histories: Sequence[DataSet]) -> Table:
     if len(histories) != len(names):
         reason = f"{len(histories)} columns are there, {len(names)} were written"
         raise unreadable(path, "UFF", reason)
-    columns = {name: _samples(one) for name, one in zip(names, histories)}
+    columns = {name: _samples(h) for name, h in zip(names, histories)}
     return Table(path, "UFF 58", columns, attributes=attributes, fs=attributes.fs)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
 from ...records.dataset import feature_names
-from ...records.files.arrays import data_sets, require_own
+from ...records.files.formats.hdf5 import data_sets, require_own
 from ...records.files.table import check_file, reading_as, unreadable
 from ...records.input_arrays import Input
 from ...records.record import Record

@@ -160,7 +160,7 @@ def test_what_cannot_be_told_is_refused(exact):
     force[:, 2] = np.nan
     with pytest.raises(ChannelError, match="force on DOF 3 .* unknown"):
         NRFRegressor(degree=1).fit(seen(exact, [4]).replace(force=force))
-    with pytest.raises(IdentifiabilityError, match="do not tell (m|storey)"):
+    with pytest.raises(IdentifiabilityError, match="do not determine (m|storey)"):
         NRFRegressor(degree=1).fit(
             seen(add_noise(exact.window(0, 0.6), 0.5, random_state=1), [4])
         )

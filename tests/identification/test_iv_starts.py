@@ -10,11 +10,8 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.identification.instrumental_variables import (
-    fits_one_step,
-    run_of,
-    steady,
-)
+from pysindy_nrf.identification.free_runs import fits_one_step, simulated
+from pysindy_nrf.identification.instruments import with_decaying_modes
 from pysindy_nrf.simulation.noise import add_noise
 
 pytestmark = [
@@ -106,7 +103,7 @@ def test_a_run_at_ten_samples_a_period_has_the_modes_of_its_model():
 
     fine, coarse = motion(2000.0), motion(200.0)
     (segment,) = THREE.segments(coarse).segments
-    run = run_of(THREE, segment)
+    run = simulated(THREE, segment)
     error = np.cumsum(run.v, axis=1) - fine.velocity[::10]
     assert (error.std(axis=0) < 1e-3 * fine.velocity.std(axis=0)).all()
     assert fits_one_step(THREE, 1e-3) and not fits_one_step(
@@ -161,11 +158,11 @@ def test_a_light_frame_whose_damping_is_found_negative_is_still_run():
     truth = chain([0.35, 0.9, 0.12], [9e4, 4e4, 2.5e4], [1.2, 0.8, 0.3])
     growing = chain([0.35, 0.9, 0.12], [9e4, 4e4, 2.5e4], [1.2, -3.0, 0.3])
     assert (growing.modes()["damping"] < 0).any()
-    tamed = steady(growing)
+    tamed = with_decaying_modes(growing)
     assert (tamed.modes()["damping"] > 0.9e-3).all()
     np.testing.assert_allclose(
         tamed.modes()["frequency"], truth.modes()["frequency"], rtol=1e-3
     )
-    assert steady(truth) is truth
+    assert with_decaying_modes(truth) is truth
     record = top_forced(truth, 3.0, 5000.0, (5, 400), rms=8.0, seed=2, dof=1)
     assert off(fitted(add_noise(record, 0.08, random_state=101)), truth) < 5e-3

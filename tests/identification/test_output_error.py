@@ -12,6 +12,7 @@ from chains import driven
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import BiasWarning
+from pysindy_nrf.identification.free_run_fit import FreeRunError
 from pysindy_nrf.identification.output_error import clearly_better
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -89,8 +90,9 @@ def test_a_refinement_must_predict_both_halves_better_and_clearly(after, kept):
     """Squared errors of 1 before and so much after, on the halves it did not see:
     better on the whole is not enough.
     """
-    after = np.column_stack([after, after, [1.0, 1.0]])
-    assert clearly_better(np.ones((2, 3)), after) is kept
+    before = [FreeRunError(1.0, 1.0, 1.0)] * 2
+    after = [FreeRunError(error, error, 1.0) for error in after]
+    assert clearly_better(before, after) is kept
 
 
 def test_records_of_a_quarter_second_keep_the_instrumental_estimate():

@@ -8,14 +8,13 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
 from pysindy_nrf.chain.layout import LawLayout
-from pysindy_nrf.identification.instrumental_variables import run_of
-from pysindy_nrf.identification.noise_spectra import (
-    corrected,
-    linearised,
-    noise_model,
+from pysindy_nrf.identification.free_runs import simulated
+from pysindy_nrf.identification.linear_response import (
+    equivalent_matrices,
     transfer,
     unbalanced,
 )
+from pysindy_nrf.identification.noise_spectra import corrected, noise_model
 from pysindy_nrf.records.input_arrays import from_arrays
 from pysindy_nrf.simulation.noise import add_noise
 
@@ -36,8 +35,8 @@ def noisy():
         random_state=np.random.default_rng(1),
     )
     segment = from_arrays(rec, smooth=KinematicSmoother(joint=False)).segments[0]
-    run, layout = run_of(TRUTH, segment), LawLayout(TRUTH.chain, TRUTH.laws)
-    gap = unbalanced(TRUTH, linearised(TRUTH, layout, [run]), segment)
+    run, layout = simulated(TRUTH, segment), LawLayout(TRUTH.chain, TRUTH.laws)
+    gap = unbalanced(TRUTH, equivalent_matrices(TRUTH, layout, [run]), segment)
     return F, segment, gap, noise_model(TRUTH, layout, [segment], [run], [gap])
 
 
@@ -76,7 +75,9 @@ def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run
     band = (f > 2) & (f < 40)
     before, after = (np.sum(np.abs(e[band]) ** 2) for e in errors)
     assert after < 0.7 * before
-    missed = np.fft.rfft(np.cumsum(segment.v - run_of(TRUTH, segment).v, axis=1)[:, 2])
+    missed = np.fft.rfft(
+        np.cumsum(segment.v - simulated(TRUTH, segment).v, axis=1)[:, 2]
+    )
     G = transfer(noise.matrices, f[band])[:, 2, 2]
     alike = [
         abs(np.sum(np.conj(e[band]) * missed[band] / G))
@@ -91,7 +92,7 @@ def test_exact_motion_needs_no_noise_model():
     rec = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
     segment = from_arrays(rec, smooth=False).segments[0]
     run, layout = replace(segment), LawLayout(TRUTH.chain, TRUTH.laws)
-    gap = unbalanced(TRUTH, linearised(TRUTH, layout, [run]), segment)
+    gap = unbalanced(TRUTH, equivalent_matrices(TRUTH, layout, [run]), segment)
     assert noise_model(TRUTH, layout, [segment], [run], [gap]) is None
 
 

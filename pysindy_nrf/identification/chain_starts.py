@@ -19,7 +19,7 @@ from ..chain.sites import Site
 from ..chain.structure import Chain
 from ..exceptions import IdentifiabilityError
 from .shots import Shot
-from .vector_fitting import Modes, modes_of
+from .vector_fitting import Modes, Residue, modes_of
 
 # Starting values whose logarithms differ by less are one.
 SAME_LOGARITHM = 0.3
@@ -102,18 +102,18 @@ def chain_starts(
     """
     rng = np.random.default_rng(random_state)
     nearest = []
-    every = []
+    matches = []
     for modes in modes_of(shots, chain.n_dof, band):
         matched = list(_matched_chains(modes, chain, links, known, rng))
-        every += matched
+        matches += matched
         if matched:
             nearest.append(min(matched, key=attrgetter("misfit")))
 
     # behind the nearest chain of each set of modes come all: those that fit to the
     # noise, which the modes do not tell apart, the most even first
-    every.sort(key=_misfit_beyond_noise_and_unevenness)
+    matches.sort(key=_misfit_beyond_noise_and_unevenness)
     starts: list[LinearChain] = []
-    for candidate in nearest + every:
+    for candidate in nearest + matches:
         if len(starts) < MAX_STARTS and _differs_from_all(candidate, starts):
             starts.append(candidate)
 
@@ -205,7 +205,7 @@ class _ModeMatch:
         self.frequency_errors = np.maximum(FREQUENCY_ERROR, of_noise)
 
         # products of mode shapes, as of an undamped chain
-        self.places = [(one.channel, one.input) for one in modes.residues]
+        self.places = [(r.channel, r.input) for r in modes.residues]
         self.products = []
         self.product_errors = []
         for residue in modes.residues:
@@ -235,7 +235,7 @@ class _ModeMatch:
         return np.log(np.concatenate([m, k]))
 
     def even(self) -> np.ndarray:
-        """A chain of equal masses and springs with the lowest frequency of the modes."""
+        """Equal masses and springs with the lowest frequency of the modes."""
         n_links = self.incidence.shape[1]
         even = np.full(len(self.free) + n_links, np.log(self.typical_mass))
         lowest = self.chains(even[None]).frequencies.min()
@@ -269,8 +269,8 @@ class _ModeMatch:
         for (channel, drive), products, errors in zip(
             self.places, self.products, self.product_errors
         ):
-            own = chains.shapes[:, channel] * driven[:, drive]
-            parts.append((own - products) / errors)
+            product = chains.shapes[:, channel] * driven[:, drive]
+            parts.append((product - products) / errors)
         return np.hstack(parts)
 
 
@@ -309,33 +309,47 @@ def _nearest(match: _ModeMatch, x: np.ndarray) -> np.ndarray:
 def _chain_from_forced_end(
     modes: Modes, chain: Chain, links: Sequence[Site]
 ) -> LinearChain | None:
-    """The plain chain with the modes of the response at its forced end, if there is one.
+    """The plain chain with the modes of the response at its forced end.
 
     Squared mode shapes there are the first components of the eigenvectors of a Jacobi
-    matrix, which Lanczos' method builds from them.
+    matrix, which Lanczos' method builds from them. None if no end is forced and
+    measured, or no chain has these modes.
     """
     n = chain.n_dof
     if list(links) != [Site(j) for j in range(1, n + 1)]:
         return None
-    at_ends = [one for one in modes.residues if one.channel in (0, n - 1)]
-    at_force = [one for one in at_ends if one.channel == one.input]
-    if not at_force:
+    response = _response_at_end(modes, n)
+    if response is None:
         return None
 
-    end = at_force[0].channel
     # squared mode shapes, for unit modal masses
-    squares = (at_force[0].values * 2j * modes.poles.imag).real
+    squares = (response.values * 2j * modes.poles.imag).real
     if (squares <= 0).any():
         return None
     J = _jacobi_matrix(np.abs(modes.poles) ** 2, np.sqrt(squares / squares.sum()))
-    if end == n - 1:
+    if response.channel == n - 1:
         J = J[::-1, ::-1]
+    return _chain_of_jacobi_matrix(J, response.channel, 1.0 / squares.sum())
 
+
+def _response_at_end(modes: Modes, n: int) -> Residue | None:
+    """Residues of a channel at an end of the chain, from the force there."""
+    for residue in modes.residues:
+        if residue.channel == residue.input and residue.channel in (0, n - 1):
+            return residue
+    return None
+
+
+def _chain_of_jacobi_matrix(
+    J: np.ndarray, end: int, mass_of_end: float
+) -> LinearChain | None:
+    """The chain whose stiffness over the roots of its masses is a Jacobi matrix."""
+    n = len(J)
     # roots of the masses, up to a factor: the free end bears no force
     roots = np.linalg.solve(J, np.eye(n)[0])
     if (roots <= 0).any() and (roots >= 0).any():
         return None
-    roots = np.abs(roots / roots[end]) * np.sqrt(1.0 / squares.sum())
+    roots = np.abs(roots / roots[end]) * np.sqrt(mass_of_end)
 
     above = -np.diag(J, 1) * roots[1:] * roots[:-1]
     lowest = J[0, 0] * roots[0] ** 2 - above[:1].sum()

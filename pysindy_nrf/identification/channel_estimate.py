@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
-from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.structure import Chain
@@ -54,7 +53,7 @@ def estimate(
     problem: Problem,
     shots: Sequence[Shot],
     known: Mapping[int, float],
-    given: Sequence[Constraint] = (),
+    constraints: Sequence[Constraint] = (),
 ) -> ChannelEstimate:
     """Free run of the problem's laws fitted to the channels of shots.
 
@@ -64,7 +63,7 @@ def estimate(
     shots : sequence of Shot
     known : mapping of int to float
         Masses, kg, by DOF.
-    given : sequence of Constraint
+    constraints : sequence of Constraint
 
     Raises
     ------
@@ -73,7 +72,7 @@ def estimate(
     IdentifiabilityError
         If the sensors do not determine the chain, or no chain follows the channels.
     """
-    knowledge = Knowledge(known, tuple(given))
+    knowledge = Knowledge(known, tuple(constraints))
     forced = _forced_dofs(shots)
     scaling_masses = knowledge.scaling_masses(forced)
     if not forced and not scaling_masses:
@@ -83,12 +82,11 @@ def estimate(
             " to it then come out.",
         )
 
-    links = [site for site in problem.layout.acting if site.kind == "link"]
-    is_linear = _has_linear_links_only(problem, links)
-    if is_linear and not given:
+    is_linear = _has_linear_links_only(problem)
+    if is_linear and not constraints:
         _require_sensing(problem.chain, shots, forced, known)
 
-    starts = _starting_chains(problem, shots, knowledge, scaling_masses, links)
+    starts = _starting_chains(problem, shots, knowledge, scaling_masses)
     trials = _linear_trials(problem, shots, knowledge, starts, is_linear)
     if is_linear:
         best, rivals = _best_chain(trials)
@@ -109,12 +107,17 @@ def _forced_dofs(shots: Sequence[Shot]) -> set[int]:
     return forced
 
 
-def _has_linear_links_only(problem: Problem, links: Sequence[Site]) -> bool:
+def _links(problem: Problem) -> list[Site]:
+    """Links in which laws act."""
+    return [site for site in problem.layout.acting if site.kind == "link"]
+
+
+def _has_linear_links_only(problem: Problem) -> bool:
     """Whether all laws are springs and dashpots in links."""
     for site, laws in problem.laws.items():
         for law in laws:
             is_linear = isinstance(law, PowerSeries) and law.degree == 1
-            if site not in links or not is_linear:
+            if site.kind != "link" or not is_linear:
                 return False
     return True
 
@@ -136,9 +139,9 @@ def _starting_chains(
     shots: Sequence[Shot],
     knowledge: Knowledge,
     scaling_masses: Mapping[int, float],
-    links: Sequence[Site],
 ) -> list[LinearChain]:
     """The chain of the expected values, and chains with the modes of the channels."""
+    links = _links(problem)
     expected = _expected_chain(knowledge.values, problem.chain.n_dof, links)
     band = common_band([shot.segment for shot in shots], problem.band)
     try:
@@ -174,24 +177,10 @@ def _linear_trials(
     is_linear: bool,
 ) -> list[Trial]:
     """A few steps from every starting chain, the best first."""
-    links = [site for site in problem.layout.acting if site.kind == "link"]
-    layout = LawLayout(problem.chain, {site: (PowerSeries(1),) for site in links})
-
     trials = []
     for start in starts:
-        laws = {}
-        for site, c, k in zip(links, start.damping, start.stiffness):
-            laws[site] = PowerSeries(1, [c, k])
-        model = ChainModel(start.masses, laws, problem.chain)
-        rebuild = free_parameters(model, knowledge.masses)
-        fit = FreeRunFit(
-            rebuild=rebuild,
-            shots=[replace(shot) for shot in shots],
-            layout=layout,
-            band=problem.band,
-            prior=knowledge.prior(rebuild, all_declared=is_linear),
-        )
-        trial = solved(fit, rebuild.start, SETTINGS.trial_steps)
+        fit = _linear_fit(problem, shots, knowledge, start, is_linear)
+        trial = solved(fit, fit.rebuild.start, SETTINGS.trial_steps)
         if trial is not None:
             trials.append(trial)
 
@@ -202,6 +191,27 @@ def _linear_trials(
         )
     even = [trial for trial in trials if _is_even(trial.solution.model)]
     return sorted(even or trials, key=attrgetter("cost"))
+
+
+def _linear_fit(
+    problem: Problem,
+    shots: Sequence[Shot],
+    knowledge: Knowledge,
+    start: LinearChain,
+    is_linear: bool,
+) -> FreeRunFit:
+    """Fit of a linear chain to copies of the shots, whose initial states move apart."""
+    laws = {}
+    for site, c, k in zip(_links(problem), start.damping, start.stiffness):
+        laws[site] = PowerSeries(1, [c, k])
+    model = ChainModel(start.masses, laws, problem.chain)
+    rebuild = free_parameters(model, knowledge.masses)
+    return FreeRunFit(
+        rebuild=rebuild,
+        shots=[replace(shot) for shot in shots],
+        band=problem.band,
+        prior=knowledge.prior(rebuild, all_declared=is_linear),
+    )
 
 
 def _is_even(model: ChainModel) -> bool:

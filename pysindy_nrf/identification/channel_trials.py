@@ -54,7 +54,7 @@ class Knowledge:
         return values
 
     def scaling_masses(self, forced: set[int]) -> dict[int, float]:
-        """Masses that scale the chain; expected ones where no force and mass is known."""
+        """Masses that scale the chain; expected ones if no force and mass is known."""
         if self.masses or forced:
             return dict(self.masses)
         values = self.values

@@ -87,7 +87,7 @@ def _trials_from(
         laws_of_start = with_coefficients(laws, values)
         start = ChainModel(model.masses, laws_of_start, problem.chain)
         rebuild = free_parameters(start, knowledge.masses, sizes, shapes)
-        whole = FreeRunFit(
+        fit = FreeRunFit(
             rebuild=rebuild,
             shots=shots,
             layout=problem.layout,
@@ -101,16 +101,16 @@ def _trials_from(
             of_shot = _windows(shot, run, problem.layout.has_memory)
             windows += of_shot
             first_windows.append(of_shot[0])
-        in_windows = replace(whole, shots=windows)
+        in_windows = replace(fit, shots=windows)
         trial = solved(in_windows, rebuild.start, SETTINGS.trial_steps)
         if trial is None:
             continue
 
-        # whole shots begin from the initial states that the windows found
+        # fit shots begin from the initial states that the windows found
         begun = []
         for shot, window in zip(shots, first_windows):
             begun.append(replace(shot, start=window.start))
-        yield Trial(replace(whole, shots=begun), trial.solution)
+        yield Trial(replace(fit, shots=begun), trial.solution)
 
 
 def _free_shapes(problem: Problem) -> list[tuple[Site, int, Shape]]:
@@ -182,7 +182,7 @@ def _linear_force(
 
 
 def _windows(shot: Shot, run: Segment, has_memory: bool) -> list[Shot]:
-    """Parts of a shot, each from the state of a run; one if a law remembers the path."""
+    """Parts of a shot, each from the state of a run; one if a law has memory."""
     n_windows = 1
     if not has_memory:
         n_windows = shot.n_samples // SETTINGS.min_window

@@ -154,14 +154,14 @@ def identify_from_channels(
     IdentifiabilityError
         If the channels do not determine the chain, or no chain follows them.
     """
-    given = as_constraints(constraints)
-    _require_equations(given)
+    equations = as_constraints(constraints)
+    _require_equations(equations)
     known = dict(problem.known_masses)
     shots = [
         shot_of(record, number, problem.chain.n_dof)
         for number, record in enumerate(records)
     ]
-    fit, solution, rivals = estimate(problem, shots, known, given)
+    fit, solution, rivals = estimate(problem, shots, known, equations)
     doubts = rivals + negative(solution, fit.rebuild)
     notes = doubts + told(solution, fit.rebuild)
     model = solution.model
@@ -169,7 +169,7 @@ def identify_from_channels(
     errors = channel_errors(fit.shots, model)
     _require_followed_channels(errors)
     model_errors = [error_beyond_noise(fit, shot, model) for shot in fit.shots]
-    notes += _contradicted_priors(given, solution, fit.rebuild)
+    notes += _contradicted_priors(equations, solution, fit.rebuild)
     notes += _note_on_model_error(max(model_errors))
 
     runs = Dataset(

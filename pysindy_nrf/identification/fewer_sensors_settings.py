@@ -52,7 +52,8 @@ class FewerSensorsSettings:
         Standard error, as a share, or error of the free run from which on an estimate
         is refused: a 95 % interval then holds zero. Convention.
     sure_sign : float
-        Standard error, as a share, below which a sign is sure: three of them. Convention.
+        Standard error, as a share, below which a sign is sure: three of them.
+        Convention.
     contradicted : float
         Standard deviations from a prior that contradict it: p = 0.001. Convention.
     max_condition : float

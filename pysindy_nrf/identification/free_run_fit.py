@@ -249,7 +249,6 @@ class FreeRunFit:
             jacobian=point.jacobian,
         )
 
-    # scipy.optimize.least_squares is no substitute, see the measurement in _descend.
     def _descend(
         self,
         problem: WhitenedRuns,
@@ -259,6 +258,9 @@ class FreeRunFit:
         settled: float,
     ) -> Point:
         """Damped steps, each of which lowers the cost, until a full step is short."""
+        # scipy.optimize.least_squares (trf, x_scale="jac", the same sensitivities) ends
+        # within 0.01 standard errors of this, but in 1.4 to 20 times the time: initial
+        # states become parameters, and all lines are factored at every step.
         damping = FIRST_DAMPING
         for _ in range(steps):
             # a damped step may be short far from the end, a full one is not
@@ -294,9 +296,9 @@ class FreeRunFit:
             Rows that are judged, by shot.
         """
         total = FreeRunError(0.0, 0.0, 0.0)
-        for shot, part in zip(self.shots, rows):
-            if part.stop - part.start >= MIN_ROWS:
-                total = total + self._error_of_shot(shot, model, part)
+        for shot, judged in zip(self.shots, rows):
+            if judged.stop - judged.start >= MIN_ROWS:
+                total = total + self._error_of_shot(shot, model, judged)
         return total
 
     def _error_of_shot(

@@ -25,8 +25,6 @@ INSTRUMENT_RTOL = 1e-5
 # fits: 0.9 of it.
 HIGHEST_CUTOFF = 0.45
 
-LINK = np.array([[1.0, -1.0], [-1.0, 1.0]])
-
 
 def eigenvalues(model: ChainModel) -> np.ndarray | None:
     """Eigenvalues of the model linearised at rest, 1/s; None if there are none."""
@@ -115,9 +113,9 @@ def simulated(
 
 
 def linear_matrices(model: ChainModel) -> Matrices | None:
-    """Mass, damping and stiffness matrix, if all laws are springs and dashpots in links.
+    """Mass, damping and stiffness matrix of springs and dashpots in links.
 
-    None otherwise, and where a mass is not positive.
+    None if there are other laws, or a mass is not positive.
     """
     if (model.masses <= 0).any():
         return None
@@ -128,11 +126,20 @@ def linear_matrices(model: ChainModel) -> Matrices | None:
         link = _spring_and_dashpot(site, laws)
         if link is None:
             return None
-        ends = [j - 1 for j in (site.p, site.q) if j]
-        signs = LINK[: len(ends), : len(ends)]
-        C[np.ix_(ends, ends)] += link["v"] * signs
-        K[np.ix_(ends, ends)] += link["s"] * signs
+        _add_link(C, site, link["v"])
+        _add_link(K, site, link["s"])
     return np.diag(model.masses), C, K
+
+
+def _add_link(matrix: np.ndarray, site: Site, value: float) -> None:
+    """Add a spring or a dashpot between the ends of a link to a matrix."""
+    p = site.p - 1
+    matrix[p, p] += value
+    if site.q:
+        q = site.q - 1
+        matrix[q, q] += value
+        matrix[p, q] -= value
+        matrix[q, p] -= value
 
 
 def _spring_and_dashpot(

@@ -277,7 +277,7 @@ class _Rounds:
         )
 
     def _is_settled(self, runs: InstrumentRuns) -> bool:
-        """Whether the masses change no more, in a round that is weighted like the last."""
+        """Whether the masses change no more, in a round weighted like the last."""
         if self.change >= SETTLED or self.number <= PLAIN_ROUNDS:
             return False
         return self.number > PLAIN_ROUNDS + 1 or runs.whiteners is None

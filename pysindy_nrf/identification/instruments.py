@@ -101,7 +101,7 @@ def with_decaying_modes(model: ChainModel) -> ChainModel:
 
 
 def correlation_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
-    """Correlation of simulated and measured accelerations, every DOF of equal weight."""
+    """Correlation of simulated and measured accelerations, DOFs of equal weight."""
     product = 0.0
     measured_square = 0.0
     simulated_square = 0.0

@@ -22,7 +22,7 @@ MAX_PADDING = 6
 
 @dataclass(frozen=True)
 class _Response:
-    """Response of the channels to forces on the DOFs, at the lines of a padded record."""
+    """Response of the channels to forces, at the lines of a padded record."""
 
     n_padded: int
     transfer: np.ndarray  # (n_lines, n_channels, n_dof)

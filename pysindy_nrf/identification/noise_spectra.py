@@ -105,8 +105,10 @@ class NoiseModel:
         force[:-1] += np.mean(beyond_noise / response.sum(axis=(0, 2)))
 
         missed = self.motion.values
-        left = np.clip(levels, LEAST_CHANNEL_NOISE * missed, missed)
-        return replace(self, force=force, motion=SmoothSpectrum(self.motion.f, left))
+        own_noise = np.clip(levels, LEAST_CHANNEL_NOISE * missed, missed)
+        return replace(
+            self, force=force, motion=SmoothSpectrum(self.motion.f, own_noise)
+        )
 
     def covariances(
         self, f: np.ndarray
@@ -132,7 +134,7 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class _Lines:
-    """Fourier lines of several records: gaps of the runs, and velocities of the runs."""
+    """Fourier lines of several records: gaps and velocities of the runs."""
 
     f: list[np.ndarray]
     gaps: list[np.ndarray]
@@ -342,7 +344,7 @@ def _force_noise_bound(
 def _share_of_signal(
     matrices: Matrices, lines: _Lines, force: np.ndarray
 ) -> SmoothSpectrum:
-    """Share of the simulated motion's density that the noise of the forces did not make."""
+    """Share of the simulated motion that the noise of the forces did not make."""
     from_noise = [_response_to_force_noise(matrices, f, force) for f in lines.f]
     motion = mean_spectrum(lines.f, _powers(lines.velocities))
     noise = mean_spectrum(lines.f, from_noise)

@@ -156,10 +156,12 @@ def _fit_if_better(
 
     before = []
     after = []
-    for rival, seen, unseen in zip(rivals, rows_of_halves, reversed(rows_of_halves)):
-        before.append(fit.error(rival, unseen))
-        refined = fit.solve(fit.rebuild.start, seen, STEPS_OF_HALF)
-        after.append(fit.error(refined.model, unseen))
+    for rival, fitted_rows, judged_rows in zip(
+        rivals, rows_of_halves, reversed(rows_of_halves)
+    ):
+        before.append(fit.error(rival, judged_rows))
+        refined = fit.solve(fit.rebuild.start, fitted_rows, STEPS_OF_HALF)
+        after.append(fit.error(refined.model, judged_rows))
 
     error_before = (before[0] + before[1]).percent
     error_after = (after[0] + after[1]).percent
@@ -297,7 +299,7 @@ def _convergence_notes(iv: IVResult, resolver: Resolver) -> list[str]:
 
 
 def _estimates_of_halves(resolver: Resolver) -> list[ChainModel] | None:
-    """Models of the first and the second half of every record, if both can be solved."""
+    """Models of both halves of the records, if both can be solved."""
     record = resolver.record
     place = np.arange(len(record)) - np.searchsorted(record, record)
     first = place < np.bincount(record)[record] // 2

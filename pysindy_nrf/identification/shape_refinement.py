@@ -91,9 +91,9 @@ def _search_of(asked: Problem, problem: Problem, data: Dataset) -> ShapeSearch |
     laws: dict[Site, list[ForceLaw]] = {}
     for site, declared in asked.laws.items():
         laws[site] = []
-        for law, found in zip(declared, problem.laws[site]):
+        for law, law_with_values in zip(declared, problem.laws[site]):
             by_other_means = any(p.is_frequency or p.instant for p in law.shapes)
-            laws[site].append(found if by_other_means else law)
+            laws[site].append(law_with_values if by_other_means else law)
 
     layout = LawLayout(problem.chain, laws)
     if not any(law.free_shape for group in laws.values() for law in group):
@@ -188,7 +188,7 @@ class _Linearisation:
         for k, (site, number, _) in enumerate(self.search.free):
             n_terms = [len(law.terms()) for law in self.problem.laws[site]]
             first = sum(n_terms[:number])
-            own = coefficients[site][first : first + n_terms[number]]
-            derivative = np.concatenate([own, -own]) / distance[k]
+            of_law = coefficients[site][first : first + n_terms[number]]
+            derivative = np.concatenate([of_law, -of_law]) / distance[k]
             parts[site].append(derivative[:, None])
         return {site: linalg.block_diag(*group) for site, group in parts.items()}

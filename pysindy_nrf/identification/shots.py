@@ -140,14 +140,14 @@ def shots_of(data: Dataset, has_memory: bool) -> list[Shot]:
         channels = tuple(f"v{j}" for j in range(1, segment.n_dof + 1))
         longest = segment.n_valid if has_memory else MAX_SAMPLES_PER_SHOT
         for rows in _parts(segment.valid, longest):
-            part = replace(segment, valid=rows)
+            stretch = replace(segment, valid=rows)
             shot = Shot(
-                segment=part,
+                segment=stretch,
                 number=number,
                 start=first_state(segment, rows.start),
                 channels=channels,
-                measured=relative_velocities(part),
-                weights=np.ones((part.n_valid, 1)),
+                measured=relative_velocities(stretch),
+                weights=np.ones((stretch.n_valid, 1)),
             )
             shots.append(shot)
     return shots

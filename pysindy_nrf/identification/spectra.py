@@ -25,18 +25,18 @@ DIFFERENCE_ORDERS = (4, 10)
 
 @dataclass(frozen=True)
 class SmoothSpectrum:
-    """Spectra that vary slowly: ``f`` in Hz, ``values`` of shape (n_bins, n_columns)."""
+    """Spectra that vary slowly: ``f`` in Hz, ``values`` (n_bins, n_columns)."""
 
     f: np.ndarray
     values: np.ndarray
 
     def __call__(self, f: np.ndarray) -> np.ndarray:
         """Values at some frequencies, (len(f), n_columns); constant beyond the ends."""
-        at = np.log(np.maximum(f, 1e-300))
+        log_f = np.log(np.maximum(f, 1e-300))
         centres = np.log(self.f)
         logs = np.log(np.maximum(self.values, 1e-300))
 
-        columns = [np.interp(at, centres, column) for column in logs.T]
+        columns = [np.interp(log_f, centres, column) for column in logs.T]
         return np.exp(np.column_stack(columns))
 
 

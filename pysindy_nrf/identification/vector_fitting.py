@@ -178,17 +178,17 @@ class _VectorFit:
     def __init__(self, spectra: Sequence[_Spectra], channels: Sequence[str]) -> None:
         self.spectra = spectra
         self.channel_dofs = [int(channel[1:]) - 1 for channel in channels]
-        self.low = min(abs(one.s[0]) for one in spectra)
-        self.high = max(abs(one.s[-1]) for one in spectra)
+        self.low = min(abs(lines.s[0]) for lines in spectra)
+        self.high = max(abs(lines.s[-1]) for lines in spectra)
 
-        self.response = np.concatenate([one.channels for one in spectra])
+        self.response = np.concatenate([lines.channels for lines in spectra])
         size = np.abs(self.response)
         rms = np.sqrt(np.mean(size**2, axis=0))
         local_mean = uniform_filter1d(size, LINES_IN_MEAN, axis=0)
         weights = 1 / (local_mean + LEAST_RESPONSE * rms)
         self.weights = weights / np.sqrt(((weights * size) ** 2).sum(axis=0))
 
-        power = sum((np.abs(one.inputs) ** 2).sum(axis=0) for one in spectra)
+        power = sum((np.abs(lines.inputs) ** 2).sum(axis=0) for lines in spectra)
         self.inputs = np.flatnonzero(power).tolist()
         self.input_sizes = np.sqrt(power)[self.inputs]
 
@@ -259,7 +259,7 @@ class _VectorFit:
 
     def _relocated(self, poles: np.ndarray) -> np.ndarray:
         """Zeros of the common denominator."""
-        fractions = [_partial_fractions(one.s, poles) for one in self.spectra]
+        fractions = [_partial_fractions(lines.s, poles) for lines in self.spectra]
         shared = np.vstack(fractions)
 
         rows = []
@@ -307,7 +307,9 @@ class _VectorFit:
         energy = np.zeros(n_poles)
         for i in range(len(self.inputs)):
             first = i * (2 * n_poles + 1)
-            part = slice(first, first + 2 * n_poles)
-            terms = (columns[:, part] * values[part]).reshape(len(columns), -1, 2)
+            residues = slice(first, first + 2 * n_poles)
+            terms = (columns[:, residues] * values[residues]).reshape(
+                len(columns), -1, 2
+            )
             energy += (terms.sum(axis=2) ** 2).sum(axis=0)
         return energy

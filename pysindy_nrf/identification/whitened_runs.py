@@ -84,7 +84,7 @@ class Weighting:
 
 
 def lines_of_columns(values: np.ndarray, dt: float) -> np.ndarray:
-    """Fourier lines of columns (n_rows, n_channels, k), shape (n_lines, n_channels, k)."""
+    """Fourier lines of columns (n_rows, n_channels, k), a line a row."""
     n_rows, n_channels, k = values.shape
     lines = fourier_lines(values.reshape(n_rows, n_channels * k), dt)
     return lines.reshape(-1, n_channels, k)
@@ -92,7 +92,7 @@ def lines_of_columns(values: np.ndarray, dt: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PriorEquations:
-    """Prior knowledge A p = b of the parameters, each row over its standard deviation."""
+    """Prior knowledge A p = b of parameters, each row over its standard deviation."""
 
     A: np.ndarray
     b: np.ndarray
@@ -107,8 +107,8 @@ class PriorEquations:
 
     def rows(self, rebuild: Rebuild, u: np.ndarray) -> np.ndarray:
         """Sensitivities and residuals, (n_equations, n_parameters + 1)."""
-        left = self.b - self.A @ rebuild.values(u)
-        return np.column_stack([self.A * rebuild.slopes(u), left])
+        residual = self.b - self.A @ rebuild.values(u)
+        return np.column_stack([self.A * rebuild.slopes(u), residual])
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ class WhitenedRuns:
         return float(cost + (self.prior_rows(u)[:, -1] ** 2).sum())
 
     def prior_rows(self, u: np.ndarray) -> np.ndarray:
-        """Sensitivities and residuals of the prior equations, in the unit of the data."""
+        """Rows of the prior equations, in the unit of the data."""
         return self.unit * self.prior.rows(self.rebuild, u)
 
     def point(
@@ -389,6 +389,6 @@ def _comb_scores(lines: np.ndarray, n_combs: int) -> np.ndarray:
 
 
 def _scores_of_prior(row: np.ndarray) -> np.ndarray:
-    """An error of one standard deviation of a prior equation, in combs as of the data."""
+    """An error of one standard deviation of a prior equation, in combs."""
     signs = np.resize([1.0, -1.0], N_COMBS)
     return signs[:, None] * row[:-1] / np.sqrt(N_COMBS)

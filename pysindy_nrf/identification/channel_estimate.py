@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.structure import Chain
-from ..exceptions import ExcitationError, IdentifiabilityError
+from ..exceptions import ChannelError, ExcitationError, IdentifiabilityError
 from ..laws import PowerSeries
 from .chain_starts import LinearChain, chain_starts
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
@@ -30,6 +30,7 @@ from .hidden_motions import channel_errors, error_beyond_noise
 from .problem import Problem
 from .shots import Shot
 from .spectra import common_band
+from .whitened_runs import MIN_ROWS
 
 
 class ChannelEstimate(NamedTuple):
@@ -67,11 +68,14 @@ def estimate(
 
     Raises
     ------
+    ChannelError
+        If the records are too short.
     ExcitationError
         If nothing scales the chain.
     IdentifiabilityError
         If the sensors do not determine the chain, or no chain follows the channels.
     """
+    _require_length(shots)
     knowledge = Knowledge(known, tuple(constraints))
     forced = _forced_dofs(shots)
     scaling_masses = knowledge.scaling_masses(forced)
@@ -97,6 +101,16 @@ def estimate(
 
     best = _with_learned_noise(_with_best_hold(best))
     return ChannelEstimate(best.fit, best.solution, rivals)
+
+
+def _require_length(shots: Sequence[Shot]) -> None:
+    longest = max(shots, key=attrgetter("n_samples"))
+    if longest.n_samples < MIN_ROWS:
+        raise ChannelError(
+            f"Record {longest.segment.name!r} has {longest.n_samples} samples, and none"
+            " has more",
+            f"Give records of {MIN_ROWS} samples or more.",
+        )
 
 
 def _forced_dofs(shots: Sequence[Shot]) -> set[int]:

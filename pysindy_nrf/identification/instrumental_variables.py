@@ -98,10 +98,6 @@ class IVResult:
         return Dataset(judged, data.n_samples)
 
 
-class _NoEstimate(NRFError):
-    """A round that gives no estimate ends the rounds."""
-
-
 @dataclass(frozen=True)
 class _Judged:
     """An estimate and how its free run follows the motion."""
@@ -186,7 +182,7 @@ class _Rounds:
                 runs = self._simulate()
                 self._judge(runs)
                 self._solve(runs)
-            except (SimulationError, IdentifiabilityError, _NoEstimate) as failure:
+            except (SimulationError, IdentifiabilityError) as failure:
                 return failure
             if self._is_settled(runs):
                 break
@@ -226,7 +222,7 @@ class _Rounds:
             )
             if self.last is None:
                 reason += ", also that of least squares in the band of the motion"
-            raise _NoEstimate(reason, CURE)
+            raise IdentifiabilityError(reason, CURE)
 
     def _solve(self, runs: InstrumentRuns) -> None:
         """Solve the equations with instruments."""
@@ -265,7 +261,7 @@ class _Rounds:
         """End the rounds at a mass that is not positive, unless one was so at first."""
         if (masses <= 0).any() and not (self.start.masses <= 0).any():
             dof = int(np.argmin(masses)) + 1
-            raise _NoEstimate(f"m{dof} became {masses.min():.3g} kg", CURE)
+            raise IdentifiabilityError(f"m{dof} became {masses.min():.3g} kg", CURE)
 
     def _notes(self) -> tuple[str, ...]:
         n_left_out = len(self.instruments.data.segments) - len(self.instruments.usable)
@@ -291,13 +287,13 @@ class _Rounds:
                 "the masses did not converge, the last round changed one by"
                 f" {100 * self.change:.2g} %"
             )
-            return _NoEstimate(reason, CURE)
+            return IdentifiabilityError(reason, CURE)
         if runs.correlation < self.best.correlation - CORRELATION_DROP:
             reason = (
                 "the correlation of the free runs with the measured motion fell to"
                 f" {runs.correlation:.2f}"
             )
-            return _NoEstimate(reason, CURE)
+            return IdentifiabilityError(reason, CURE)
         return None
 
 

@@ -83,7 +83,8 @@ class MissingTerms:
 
         known = window.block.known
         for dofs in self.n_windows:
-            self.n_windows[dofs] += all(known[dof - 1] for dof in dofs)
+            if all(known[dof - 1] for dof in dofs):
+                self.n_windows[dofs] += 1
 
     def _with_probes(self, window: Window) -> Block:
         """The block of a window with the probe regressors behind the columns."""

@@ -280,10 +280,11 @@ def _rivals(models: Sequence[ChainModel]) -> list[str]:
 def _with_best_hold(trial: Trial) -> Trial:
     """The estimate under the course of the force that predicts the channels best."""
     fit = trial.fit.with_best_hold(trial.solution.model)
-    if fit.shots[0].hold == "linear":
-        return Trial(fit, trial.solution)
-    again = solved(fit, trial.solution.u, SETTINGS.max_steps)
-    return Trial(fit, trial.solution) if again is None else again
+    if fit.shots[0].hold != trial.fit.shots[0].hold:
+        again = solved(fit, trial.solution.u, SETTINGS.max_steps)
+        if again is not None:
+            return again
+    return Trial(fit, trial.solution)
 
 
 def _with_learned_noise(trial: Trial) -> Trial:

@@ -226,10 +226,10 @@ class FreeRunFit:
             weighting=self.weighting,
             prior=self.prior or PriorEquations.none(len(u)),
             rows=rows or self.all_rows,
-            unit=1.0 if self.noise else 0.0,
+            unit=0.0 if self.noise is None else 1.0,
         )
         point = problem.point(u, [shot.start for shot in self.shots])
-        if len(problem.prior) and not self.noise:
+        if len(problem.prior) and self.noise is None:
             # the noise is not known: what the first run misses stands for it
             unit = np.sqrt(point.cost / problem.n_rows)
             problem = replace(problem, unit=max(unit, LEAST_UNIT))
@@ -267,7 +267,7 @@ class FreeRunFit:
             full_step = point.full_step()
             expected_change = np.linalg.norm(point.jacobian @ full_step)
             deviation = np.sqrt(max(point.cost / problem.n_rows, 1e-300))
-            unit = min(deviation, 1.0) if self.noise else deviation
+            unit = deviation if self.noise is None else min(deviation, 1.0)
 
             better, damping = _better_point(problem, point, damping, move)
             if better is None:
@@ -280,7 +280,7 @@ class FreeRunFit:
     def _comparable_cost(self, problem: WhitenedRuns, point: Point) -> float:
         """Squared residuals by which fits from several starts are compared."""
         of_prior = (problem.prior_rows(point.u)[:, -1] ** 2).sum()
-        if self.noise or not of_prior:
+        if self.noise is not None or not of_prior:
             return point.cost
         # the likelihood, largest over the level of the noise
         exponent = of_prior / problem.unit**2 / problem.n_rows

@@ -243,8 +243,9 @@ class _VectorFit:
                 parts.append(fractions * (spectra.inputs[:, drive] / size)[:, None])
             # initial and final state of a shot act like a short input of its own
             transients = np.column_stack([fractions, s / abs(s[-1])]) / np.sqrt(len(s))
+            blank = np.zeros_like(transients)
             for other in range(len(self.spectra)):
-                parts.append(transients * (other == number))
+                parts.append(transients if other == number else blank)
             columns.append(np.hstack(parts))
         return columns
 

@@ -84,11 +84,11 @@ def test_absent_motions_and_storey_forces_come_with_intervals(clean, noisy_fit, 
 def test_intervals_hold_the_truth(noisy_fit):
     intervals = noisy_fit.confidence_intervals().set_index("parameter")
     true = true_parameters()
-    held = 0
+    n_inside = 0
     for name, value in true.items():
-        held += intervals.lower[name] <= value <= intervals.upper[name]
+        n_inside += intervals.lower[name] <= value <= intervals.upper[name]
 
-    assert held >= 6
+    assert n_inside >= 6
 
 
 def test_the_error_of_the_free_run_is_the_noise(noisy_fit):

@@ -18,7 +18,7 @@ from ..chain.sites import Site
 from ..equations.errors import residual_weights
 from ..equations.normal_equations import NormalEquations
 from ..records.dataset import Dataset, Segment
-from ..records.fusion.spline_fusion import white_level
+from ..records.fusion.noise_levels import white_level
 from ..records.zero_phase_filter import ZeroPhaseFilter
 
 # Bias over standard error that leaves a 95 % interval 92 %: Phi(1.96 - b) - Phi(-1.96 -

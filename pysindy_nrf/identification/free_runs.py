@@ -12,7 +12,7 @@ from ..equations.errors import free_run_of
 from ..laws.base import ForceLaw
 from ..records.dataset import Segment
 from ..records.zero_phase_filter import ZeroPhaseFilter
-from ..simulation.api import classical_run
+from ..simulation.api import classical_run, simulate
 from .linear_response import Matrices
 
 # Radians of the fastest mode in a sample, up to which one Runge-Kutta step a sample is
@@ -48,7 +48,7 @@ def integrator_for(model: ChainModel, dt: float) -> Callable[..., Any]:
     """The fastest integrator that is exact enough for a model and a step dt, s."""
     if fits_one_step(model, dt):
         return classical_run
-    return ChainModel.simulate
+    return simulate
 
 
 def in_valid_rows(segment: Segment, values: np.ndarray) -> np.ndarray:

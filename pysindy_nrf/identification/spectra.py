@@ -11,7 +11,7 @@ import numpy as np
 from scipy.fft import dct, idct
 
 from ..records.dataset import Segment
-from ..records.fusion.spline_fusion import white_level
+from ..records.fusion.noise_levels import white_level
 from ..records.zero_phase_filter import Band
 
 MAX_BINS = 28

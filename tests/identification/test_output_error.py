@@ -133,7 +133,7 @@ def test_it_is_never_worse_on_a_record_it_did_not_see(name, truth):
     errors = {}
     for method in ("iv", "simulation"):
         regressor = NRFRegressor(degree=1, estimation=method, **DECLARED[name])
-        run = regressor.fit(record).model_.simulate(F, 1 / FS, hold="cubic")
+        run = simulate(regressor.fit(record).model_, F, 1 / FS, hold="cubic")
         errors[method] = nrmse(exact, run.acceleration)
 
     assert errors["simulation"] <= errors["iv"] * (1 + 1e-9)

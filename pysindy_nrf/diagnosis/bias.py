@@ -1,10 +1,10 @@
 """What may bias masses and forces, judged from the data alone."""
 
-import warnings
 from collections.abc import Sequence
 
 import pandas as pd
 
+from ..common.warn import warn
 from ..exceptions import BiasWarning
 from .contradictions import contradictions_of
 from .jump_bias import JumpBias, sentences_of
@@ -25,9 +25,7 @@ __all__ = [
 ]
 
 
-def warn_of_bias(
-    table: pd.DataFrame, masses: Sequence[str] = (), stacklevel: int = 2
-) -> None:
+def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = ()) -> None:
     """Give one BiasWarning if masses or zeros are doubtful, or a law is missing.
 
     Parameters
@@ -36,12 +34,10 @@ def warn_of_bias(
         ``missing_terms_`` of a regressor.
     masses : sequence of str
         Further sentences, e.g. on masses.
-    stacklevel : int
-        As of :func:`warnings.warn`.
     """
     zeros = wrong_zeros(table)
     # once the fit is ruined by a constant, further terms follow it, too
     laws = [] if zeros else missing_laws(table)
     sentences = [*zeros, *masses, *laws]
     if sentences:
-        warnings.warn(" ".join(sentences), BiasWarning, stacklevel=stacklevel)
+        warn(" ".join(sentences), BiasWarning)

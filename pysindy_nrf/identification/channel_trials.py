@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,7 +45,7 @@ class Knowledge:
 
     chain: Chain
     masses: Mapping[int, float]
-    constraints: Known = MappingProxyType({})
+    constraints: Known = field(default_factory=dict)
 
     @property
     def values(self) -> dict[str, float]:

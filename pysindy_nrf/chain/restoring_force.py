@@ -9,7 +9,7 @@ import pandas as pd
 from ..exceptions import ChainError, ChannelError, LawError, UnknownSiteError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion
-from .layout import distinct_labels
+from .laws_by_site import distinct_labels
 from .sites import Site
 from .structure import Chain
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -235,6 +235,11 @@ class Chain:
             "links": [str(s) for s in self.links],
             "ground": self.ground,
         }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Chain:
+        """A chain from what :meth:`to_dict` gave."""
+        return cls(data["n_dof"], data.get("links", ()), data.get("ground", "base"))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and self.to_dict() == other.to_dict()

@@ -20,6 +20,7 @@ from ..chain.sites import Site
 from ..exceptions import NRFError
 from ..records.dataset import BlockRows, Dataset, Segment
 from ..records.record import Record
+from ..simulation.api import simulate
 from .accumulation import total_gram
 from .chain_solve import groups_of
 from .normal_equations import NormalEquations
@@ -218,7 +219,7 @@ def free_run_of(
     rows: slice | None = None,
     dt: float | None = None,
     start: tuple[np.ndarray, np.ndarray] | None = None,
-    integrator: Callable[..., Record] = ChainModel.simulate,
+    integrator: Callable[..., Record] = simulate,
     **options: Any,
 ) -> Record:
     """The model alone under the forces and base motion of some rows, from their first

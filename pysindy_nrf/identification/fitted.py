@@ -29,6 +29,7 @@ from ..records.channels import require_two_dimensions, sample_weights
 from ..records.dataset import Dataset, feature_names
 from ..records.input_arrays import from_arrays, holds_records
 from ..records.record import Record
+from ..simulation.api import simulate
 from . import intervals
 from .problem import Estimate, Problem, blocks_of, flexible_laws
 
@@ -465,14 +466,7 @@ class FittedChain:
             raise ChannelError(
                 "The free run needs the sampling step of F", "Pass dt= in s."
             )
-        return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
-
-    def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``; see
-        :meth:`ChainModel.to_sindy`.
-        """
-        check_is_fitted(self)
-        return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
+        return simulate(self.model_, F, step, x0=x0, v0=v0, **options)
 
     def _judged(self, X: Any, y: Any, **given: Any) -> Dataset:
         check_is_fitted(self)

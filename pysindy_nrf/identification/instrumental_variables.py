@@ -42,7 +42,7 @@ from ..exceptions import (
 from ..laws import PowerSeries
 from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
-from ..simulation.api import classical_run
+from ..simulation.api import classical_run, simulate
 from . import noise_spectra as spectra
 from .problem import Problem, blocks_of
 
@@ -110,7 +110,7 @@ def run_of(
     the measured one if limited.
     """
     rows, dt = segment.valid, segment.step
-    integrator = classical_run if fits_one_step(model, dt) else ChainModel.simulate
+    integrator = classical_run if fits_one_step(model, dt) else simulate
     record = free_run_of(model, segment, integrator=integrator, rtol=1e-5, hold="cubic")
     shift = np.maximum(np.arange(rows.stop - rows.start) - delay, 0)
     smooth = None

@@ -25,7 +25,7 @@ from ..equations.errors import free_run_of
 from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
 from ..laws.shape import Shape
 from ..records.dataset import Dataset, Segment
-from ..simulation.api import classical_run, linear_run
+from ..simulation.api import classical_run, linear_run, simulate
 from .instrumental_variables import (
     IVResult,
     fits_one_step,
@@ -112,9 +112,7 @@ class Shot:
                 )
             ) is not None:
                 return dict(zip("xva", found))
-        integrator = (
-            classical_run if fits_one_step(model, seg.step) else ChainModel.simulate
-        )
+        integrator = classical_run if fits_one_step(model, seg.step) else simulate
         run = free_run_of(
             model,
             seg,

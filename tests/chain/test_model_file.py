@@ -9,7 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws
+from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
 from pysindy_nrf.common.files import schema
 from pysindy_nrf.exceptions import FileFormatError, FileVersionError
 
@@ -23,7 +23,7 @@ def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path):
     )
     back = ChainModel.from_json(tmp_path / "m.json")
     a, b = (
-        m.simulate(record.force[:400], record.dt).displacement for m in (model, back)
+        simulate(m, record.force[:400], record.dt).displacement for m in (model, back)
     )
     assert a.tobytes() == b.tobytes()
 

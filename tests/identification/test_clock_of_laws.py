@@ -134,8 +134,8 @@ def test_the_instant_of_a_step_is_told_and_found_on_the_clock_of_the_record():
     assert told.restoring_forces_[1].coefficients["s [t > t0]"] == pytest.approx(
         -6e3, rel=0.03
     )
-    assert told.model_.simulate(
-        record.force, 1 / FS, t0=100.0
+    assert told.simulate(
+        record.force, dt=1 / FS, t0=100.0
     ).displacement == pytest.approx(
         record.displacement, abs=0.05 * record.displacement.std()
     )

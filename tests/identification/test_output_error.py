@@ -145,7 +145,7 @@ def test_never_worse_on_a_record_it_did_not_see(held, told):
         run = (
             NRFRegressor(degree=1, estimation=estimation, **told)
             .fit(rec)
-            .model_.simulate(F, 1 / FS, hold="cubic")
+            .simulate(F, dt=1 / FS, hold="cubic")
         )
         gap[estimation] = nrmse(exact.acceleration, run.acceleration)
     assert gap["simulation"] <= gap["iv"] * (1 + 1e-9)

@@ -18,7 +18,7 @@ from pysindy_nrf import (
     laws,
 )
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
-from pysindy_nrf.sindy.feature_library import ForceLawLibrary
+from pysindy_nrf.sindy import ForceLawLibrary, from_sindy, to_sindy
 
 N = 3
 
@@ -46,7 +46,7 @@ def truth_of(case):
 
 def test_its_right_hand_side_is_newtons_second_law(case):
     """Against the balances written out here, at the record's own states and forces."""
-    rates = truth_of(case).to_sindy().predict(state_of(case), u=case.F)
+    rates = to_sindy(truth_of(case)).predict(state_of(case), u=case.F)
     R = case.storey_forces
     a = (case.F - R + np.hstack([R[:, 1:], np.zeros((len(R), 1))])) / case.m
     assert np.abs(rates[:, :N] - case.v.cumsum(axis=1)).max() == 0.0
@@ -64,12 +64,12 @@ def test_there_and_back_is_the_same_model(n, seed):
             for i in range(n)
         },
     )
-    assert ChainModel.from_sindy(model.to_sindy()) == model
+    assert from_sindy(to_sindy(model)) == model
 
 
 def test_the_regressor_gives_its_model(case):
     model = NRFRegressor(degree=3, dt=case.dt).fit(case.X, case.F)
-    assert ChainModel.from_sindy(model.to_sindy()) == model.model_
+    assert from_sindy(to_sindy(model)) == model.model_
 
 
 def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
@@ -85,7 +85,7 @@ def test_trajectory_lists_with_one_floor_hit_in_each_give_the_chain():
         x_dot=rates,
         u=[r.F for r in records],
     )
-    found = ChainModel.from_sindy(sindy)
+    found = from_sindy(sindy)
     assert np.abs(found.masses / records[0].m - 1).max() < 1e-8
     for i in range(N):
         law = found.restoring_forces[i + 1].coefficients
@@ -129,7 +129,7 @@ def test_one_shaker_is_one_column_of_u(case):
             feature_library=library, optimizer=StateSpaceChainOptimizer(terms=library)
         )
         sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=u)
-        found[forced] = ChainModel.from_sindy(sindy)
+        found[forced] = from_sindy(sindy)
         assert np.abs(found[forced].masses / case.m - 1).max() < 1e-8
         names = [
             "x1",
@@ -181,7 +181,7 @@ def test_free_vibration_needs_no_u_and_one_known_mass(case, forced):
     assert any(
         "x and xdot of 2 DOFs in free vibration" in str(w.message) for w in said
     ) == (forced is None)
-    model = ChainModel.from_sindy(sindy)
+    model = from_sindy(sindy)
     assert model.masses == pytest.approx(m, rel=1e-7)
     for i in (1, 2):
         assert model.restoring_forces[i].coefficients.to_dict() == pytest.approx(
@@ -213,7 +213,7 @@ def test_a_plain_optimizer_on_our_library_is_read_too():
     plain = ps.STLSQ(threshold=1e-6, alpha=0.0, normalize_columns=True)
     sindy = ps.SINDy(plain, InterstoryPolynomialLibrary(3, inputs="state"))
     sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=case.F)
-    found = ChainModel.from_sindy(sindy)
+    found = from_sindy(sindy)
     assert np.abs(found.masses / case.m - 1).max() < 1e-6
     assert found.restoring_forces[2].coefficients["s"] == pytest.approx(
         case.k[1], rel=1e-4
@@ -236,9 +236,9 @@ def test_what_cannot_be_read_is_refused_in_words(case):
         with warnings.catch_warnings(action="ignore"):
             sindy.fit(state_of(case), t=case.dt, x_dot=rates_of(case), u=case.F)
         with pytest.raises(ChainError, match=words):
-            ChainModel.from_sindy(sindy)
+            from_sindy(sindy)
     with pytest.raises(LawError, match="remembers the path"):
-        ChainModel([1.0], {1: laws.Dahl(1e3, 10.0)}).to_sindy()
+        to_sindy(ChainModel([1.0], {1: laws.Dahl(1e3, 10.0)}))
 
 
 def test_a_shape_must_have_a_value():

@@ -197,7 +197,7 @@ def from_arrays(
                     f"The time of {name} jumps after {rows_text(rows.start + where)},"
                     " and a law remembers the path",
                     "Rows were left out or shuffled. Hold out whole records"
-                    " (RecordSplit), or give each contiguous piece its own record id.",
+                    ", or give each contiguous piece its own record id.",
                 )
     elif seconds is not None:
         # what a filter masked lies at the edges of the pieces

@@ -9,13 +9,12 @@ import pysindy as ps
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.model_selection import GridSearchCV, KFold
+from sklearn.model_selection import GridSearchCV, KFold, LeaveOneGroupOut
 
 from pysindy_nrf import (
     BlockedTimeSplit,
     NRFRegressor,
     Record,
-    RecordSplit,
     laws,
     one_standard_error,
     select_order,
@@ -65,29 +64,15 @@ def test_one_record_without_a_gap_is_scikit_learns_kfold():
         assert all(np.array_equal(a, b) for a, b in zip(ours, theirs))
 
 
-@given(st.lists(st.integers(1, 9), min_size=2, max_size=7), st.integers(2, 4))
-def test_records_are_never_divided(lengths, n_splits):
-    ids = np.repeat([f"test {i}" for i in range(len(lengths))], lengths)
-    X = np.zeros((len(ids), 3))
-    for splitter in (RecordSplit(), RecordSplit(min(n_splits, len(lengths)))):
-        folds = list(splitter.split(X, groups=ids))
-        assert len(folds) == splitter.get_n_splits(X, groups=ids)
-        assert np.array_equal(
-            np.sort(np.concatenate([test for _, test in folds])), np.arange(len(ids))
-        )
-        assert all(not set(ids[train]) & set(ids[test]) for train, test in folds)
-
-
 @pytest.mark.parametrize(
     "split, message",
     [
-        (lambda X: RecordSplit().split(X), "1 record cannot make 2 folds"),
         (
-            lambda X: RecordSplit().split(X, groups=np.arange(20) % 2),
+            lambda X: BlockedTimeSplit(2).split(X, groups=np.arange(20) % 2),
             "record 0 do not follow each other",
         ),
         (
-            lambda X: RecordSplit().split(X, groups=[None] * 20),
+            lambda X: BlockedTimeSplit(2).split(X, groups=[None] * 20),
             "record has no id in rows 0, 1, 2",
         ),
         (lambda X: BlockedTimeSplit(5, gap=8).split(X), "20 samples is too short"),
@@ -298,9 +283,9 @@ def test_records_that_force_other_floors_are_held_out_whole():
     ]
     X, F = np.vstack([c.noisy(0.005) for c in cases]), np.vstack([c.F for c in cases])
     ids = np.repeat([1, 2, 3], 1500)
-    folds = list(RecordSplit().split(X, groups=ids))
+    folds = list(LeaveOneGroupOut().split(X, groups=ids))
     assert_same(searched(X, F, [1, 3, 4], folds), X, F, [1, 3, 4], folds)
-    found = select_order(X, F, degrees=[1, 3, 4], cv=RecordSplit(), record=ids)
+    found = select_order(X, F, degrees=[1, 3, 4], cv=LeaveOneGroupOut(), record=ids)
     assert np.allclose(
         found.fold_scores,
         select_order(X, F, degrees=[1, 3, 4], cv=folds).fold_scores,
@@ -491,7 +476,7 @@ def test_a_fold_without_a_force_says_so():
         select_order(
             [linear_record(0.01), free.replace(name="free")],
             degrees=[1, 2],
-            cv=RecordSplit(),
+            cv=LeaveOneGroupOut(),
         )
 
 

@@ -8,20 +8,32 @@ import pandas as pd
 import pytest
 from chains import worst
 from sklearn import config_context
-from sklearn.model_selection import GridSearchCV, KFold, cross_validate
+from sklearn.model_selection import (
+    GridSearchCV,
+    KFold,
+    LeaveOneGroupOut,
+    LeaveOneOut,
+    cross_validate,
+)
 from sklearn.pipeline import make_pipeline
 
 from pysindy_nrf import (
     BlockedTimeSplit,
     KinematicSmoother,
     NRFRegressor,
-    RecordSplit,
     laws,
 )
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.selection import scorers
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+
+
+def whole_records():
+    """Held out one by one; the ids come as metadata named record."""
+    return LeaveOneGroupOut().set_split_request(groups="record")
+
+
 DT, N = 1e-3, 1200
 ROUTED = dict(record=True, time=True, base_acceleration=True, covariates=True)
 
@@ -138,14 +150,14 @@ def test_cross_validation_of_the_whole_pipeline(tests):
         whole(band=(None, 80.0)),
         table,
         F,
-        cv=RecordSplit(),
+        cv=whole_records(),
         params={"record": ids, "time": time},
         return_estimator=True,
         scoring={"balance": scorers.balance, "acceleration": scorers.acceleration},
         error_score="raise",
     )
     assert len(found["test_balance"]) == 3 and (found["test_acceleration"] > 0.98).all()
-    for i, name in enumerate(["one", "two", "three"]):
+    for i, name in enumerate(np.unique(ids)):
         rows = ids == name
         model = found["estimator"][i]
         assert model[0].noise_.index.tolist() == list(table.columns)
@@ -184,7 +196,7 @@ def test_a_search_over_smoother_and_degree(tests):
     search = GridSearchCV(
         whole(),
         {"kinematicsmoother__band": [(None, 100.0)], "nrfregressor__degree": [1, 2]},
-        cv=RecordSplit(),
+        cv=whole_records(),
         scoring=scorers.acceleration,
     ).fit(table, F, record=ids, time=time)
     assert search.best_estimator_[-1].masses_ == pytest.approx(cases[0].m, rel=0.03)
@@ -212,7 +224,7 @@ def test_base_acceleration_and_covariates_reach_fit_and_score():
         regressor(laws=damper),
         X,
         F[:, None],
-        cv=RecordSplit(),
+        cv=whole_records(),
         error_score="raise",
         return_estimator=True,
         params={
@@ -248,7 +260,7 @@ def test_a_law_with_memory_restarts_at_every_record(two_dahl):
         regressor(degree=1, laws=held),
         X,
         F,
-        cv=RecordSplit(),
+        cv=whole_records(),
         params=params,
         return_estimator=True,
         error_score="raise",
@@ -299,7 +311,7 @@ def test_a_search_over_whole_records():
         for k in (1, 2, 3)
     ]
     search = GridSearchCV(
-        NRFRegressor(), {"degree": [1, 3]}, cv=RecordSplit(), scoring=scorers.free_run
+        NRFRegressor(), {"degree": [1, 3]}, cv=LeaveOneOut(), scoring=scorers.free_run
     ).fit(records)
     assert worst(search.best_estimator_.masses_, given[0]) < 0.02
     assert search.cv_results_["mean_test_score"][0] > -5.0

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from sklearn import config_context
 from sklearn.linear_model import LinearRegression
-from sklearn.model_selection import cross_val_score, cross_validate
+from sklearn.model_selection import LeaveOneGroupOut, cross_val_score, cross_validate
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from pysindy_nrf import NRFRegressor, RecordSplit
+from pysindy_nrf import NRFRegressor
 from pysindy_nrf.exceptions import ChannelError, NRFError
 from pysindy_nrf.selection import scorers
 
@@ -108,7 +108,7 @@ def test_cross_validation_with_and_without_routing():
         X,
         F,
         groups=ids,
-        cv=RecordSplit(),
+        cv=LeaveOneGroupOut(),
         scoring=scorers.balance,
     )
     assert (plain > -1e-8).all() and len(
@@ -121,7 +121,7 @@ def test_cross_validation_with_and_without_routing():
             model,
             X,
             F,
-            cv=RecordSplit(),
+            cv=LeaveOneGroupOut().set_split_request(groups="record"),
             scoring={"f": scorers.free_run},
             params=params,
             error_score="raise",

@@ -131,27 +131,18 @@ def plan_solve_order(
     ``sites`` are those at which laws act, all sites of the chain if None. With
     ``alone``, every equation is solved by itself, so "auto" is never joint.
     """
-    if strategy not in STRATEGIES:
-        cure = f"Choose one of {', '.join(STRATEGIES)}."
-        raise ChainError(f"strategy={strategy!r} is unknown", cure)
-
     no_force = frozenset(dofs_of("unknown", unknown, chain.n_dof))
     forced = frozenset(dofs_of("excited", excited, chain.n_dof)) - no_force
     masses = frozenset(dofs_of("known_masses", known_masses, chain.n_dof))
     acting = chain.sites if sites is None else tuple(sites)
-    every = frozenset(range(1, chain.n_dof + 1))
 
-    chosen = strategy
-    if strategy == "auto" and forced != every:
-        chosen = "sequential"
-    elif strategy == "auto":
-        chosen = "complete" if alone or chain.n_dof == 1 else "joint"
-
+    all_forced = len(forced) == chain.n_dof
+    chosen = _chosen_strategy(strategy, all_forced, alone or chain.n_dof == 1)
     if chosen == "sequential":
         return _SequentialPlan(chain.n_dof, acting, forced, no_force, masses).order()
 
     scaled = forced if chosen == "joint" else forced | (masses - no_force)
-    _require_scaled(scaled, every, chosen)
+    _require_scaled(scaled, chain.n_dof, chosen)
     steps = []
     for dof in range(chain.n_dof, 0, -1):
         unknown_mass = () if dof in masses else (dof,)
@@ -161,14 +152,25 @@ def plan_solve_order(
     return SolveOrder(chosen, tuple(steps), yields=by_default)
 
 
-def _require_scaled(
-    scaled: frozenset[int], every: frozenset[int], strategy: str
-) -> None:
+def _chosen_strategy(strategy: str, all_forced: bool, alone: bool) -> str:
+    """The strategy that is asked for, or what "auto" stands for."""
+    if strategy not in STRATEGIES:
+        cure = f"Choose one of {', '.join(STRATEGIES)}."
+        raise ChainError(f"strategy={strategy!r} is unknown", cure)
+    if strategy != "auto":
+        return strategy
+    if not all_forced:
+        return "sequential"
+    return "complete" if alone else "joint"
+
+
+def _require_scaled(scaled: frozenset[int], n_dof: int, strategy: str) -> None:
     """Refuse a strategy that needs more equations with a force than there are."""
-    if scaled == every:
+    lost = sorted(set(range(1, n_dof + 1)) - scaled)
+    if not lost:
         return
 
-    idle = ", ".join(map(str, sorted(every - scaled)))
+    idle = ", ".join(map(str, lost))
     what = (
         f"strategy={strategy!r} needs a force on every DOF; none is measured on DOF"
         f" {idle}"
@@ -231,23 +233,20 @@ class _SequentialPlan:
 
     def _single_step(self) -> Step | None:
         """The equation that can be solved best: a forced one, with few unknowns."""
-        best = None
-        best_rank: tuple[bool, bool, int] | None = None
+        ranked: list[tuple[tuple[bool, bool, int], Step]] = []
         for dof in self.open_dofs:
             here = [site for site in self.acting if site.incidence(dof)]
             new, found = self._split(here)
             mass = () if dof in self.masses else (dof,)
-            if not (new or mass) or not self._is_scaled(dof, found):
+            n_unknowns = len(new) + len(mass)
+            if not n_unknowns or not self._is_scaled(dof, found):
                 continue
 
             # a tie carries a small part of the shear, and its errors would rule
-            storey_found = any(site.is_storey for site in found)
-            weak = bool(mass) and not storey_found
-            rank = (dof not in self.forced, weak, len(new) + len(mass))
-            if best_rank is None or rank < best_rank:
-                best = Step((dof,), mass, new, found, dof in self.forced)
-                best_rank = rank
-        return best
+            by_ties = dof not in self.masses and not any(s.is_storey for s in found)
+            step = Step((dof,), mass, new, found, dof in self.forced)
+            ranked.append(((not step.forced, by_ties, n_unknowns), step))
+        return min(ranked, key=itemgetter(0))[1] if ranked else None
 
     def _split(
         self, sites: Iterable[Site]

@@ -290,22 +290,22 @@ def pieces_of(
     """
     equations = BalanceEquations(data, layout, filters)
     chosen = list(range(len(data.segments)))
+    twins: dict[int, Segment] = {}
     if runs is not None:
-        chosen = [i for i in chosen if runs[i] is not None]
-    if edges is None:
-        cuts = _equal_pieces(data, chosen)
-    else:
+        twins = {i: run for i, run in enumerate(runs) if run is not None}
+        chosen = list(twins)
+    cuts = _equal_pieces(data, chosen)
+    if edges is not None:
         cuts = {i: np.asarray(edges[i]) for i in chosen}
-    known = {int(dof): float(mass) for dof, mass in known_masses.items()}
 
     if runs is None and not whiteners:
-        sums = ProductSums(layout, groups, known).add_each(_numbered(equations, cuts))
-        pieces = sums.grams()
+        sums = ProductSums(layout, groups, known_masses)
+        pieces = sums.add_each(_numbered(equations, cuts)).grams()
     else:
-        twins = {i: runs[i] for i in chosen} if runs is not None else {}
-        source = _PieceRows(equations, groups, known, twins, whiteners or {})
-        pieces = source.sums(cuts)
-    counts = [len(cuts[i]) - 1 for i in chosen]
+        known = dict(known_masses)
+        rows = _PieceRows(equations, groups, known, twins, whiteners or {})
+        pieces = rows.sums(cuts)
+    counts = [len(ends) - 1 for ends in cuts.values()]
     return replace(pieces, record=np.repeat(chosen, counts))
 
 
@@ -338,7 +338,7 @@ class _PieceRows:
     groups: Sequence[Group]
     known_masses: Mapping[int, float]
     # free runs by record: their columns, without the right-hand side, are instruments
-    twins: Mapping[int, Segment | None]
+    twins: Mapping[int, Segment]
     whiteners: Mapping[Dofs, Whitener]
 
     def sums(self, cuts: Mapping[int, np.ndarray]) -> NormalEquations:

@@ -273,26 +273,28 @@ class _JointSolve:
         single = _EachByItself(grams, self.order, dict(self.masses))
         triangles = [single.triangle_of(step) for step in self.order.steps]
         alone = _independent(single, triangles)
-        if alone is not None and self.order.yields and alone.contradicts:
-            if grams.shape:
-                raise NotTogether()
-            return alone
+        if alone is None:
+            return self._jointly(triangles, None)
 
-        shares: list[Any] = [1.0] * len(triangles)
-        if alone is not None:
-            shares = [np.maximum(fit.share, BEST_SHARE) for fit in alone.fits]
-        factor = _JointFactor(grams, self.order.steps)
-        for step, triangle, share in zip(self.order.steps, triangles, shares):
-            factor.add(step, triangle, share)
+        gives_way = self.order.yields and alone.contradicts
+        if gives_way and grams.shape:
+            raise NotTogether()
+        return alone if gives_way else self._jointly(triangles, alone)
+
+    def _jointly(
+        self, triangles: Sequence[np.ndarray], alone: Solution | None
+    ) -> Solution:
+        """All equations at once."""
+        factor = _JointFactor(self.grams, self.order.steps)
+        for i, triangle in enumerate(triangles):
+            share = 1.0 if alone is None else alone.fits[i].share
+            factor.add(self.order.steps[i], triangle, np.maximum(share, BEST_SHARE))
 
         # columns that are independent in every equation are so together
         if alone is not None and self.inner is None:
-            values = factor.solved()
-            fits = alone.fits
-        else:
-            values, fit = self._least_squares(factor)
-            fits = [fit]
-        return self._named(factor, values, fits, alone)
+            return self._named(factor, factor.solved(), alone.fits, alone)
+        values, fit = self._least_squares(factor)
+        return self._named(factor, values, [fit], alone)
 
     def _least_squares(self, factor: _JointFactor) -> tuple[np.ndarray, StepFit]:
         """All unknowns by one step with masses first, for an optimizer or low rank."""

@@ -56,16 +56,18 @@ class ProductPlan:
         summed.sort(key=len)
         widths: dict[Hashable, int] = dict.fromkeys(dofs, 2)
         widths.update(dict.fromkeys(summed, 1))
-        widths.update({site: layout.counts[site] for site in layout.acting})
+        for site in layout.acting:
+            widths[site] = layout.counts[site]
         units = _placed_units(widths)
 
         self.masses = np.array([masses.get(dof, 0.0) for dof in dofs])
         self.sums = np.array([group[0] - 1 for group in summed], dtype=np.int64)
-        self.n_rows = sum(unit.size for unit in units.values())
-        terms = []
+        self.terms = np.zeros(0, dtype=int)
         for site in layout.acting:
-            terms.append(units[site].first + np.arange(units[site].width))
-        self.terms = np.concatenate([np.zeros(0, dtype=int), *terms])
+            rows = units[site].first + np.arange(units[site].width)
+            self.terms = np.concatenate([self.terms, rows])
+        last = list(units.values())[-1]
+        self.n_rows = last.first + last.size
 
         products = _Products()
         self.take: dict[tuple[int, ...], np.ndarray] = {}

@@ -145,10 +145,7 @@ def standard_error(errors: np.ndarray) -> float:
 def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
     """Sort key of a candidate: fewer terms first, then the larger threshold."""
     last = {name.rsplit("__", 1)[-1]: value for name, value in params.items()}
-    penalties = [name for name in _PENALTIES if name in last]
-    sizes = [name for name in _SIZES if name in last]
-    has_order = "degree" in last or "orders" in last
-    if not (has_order or penalties or sizes):
+    if last.keys().isdisjoint(("degree", "orders", *_PENALTIES, *_SIZES)):
         cure = (
             "Pass complexity=, e.g. functools.partial(one_standard_error,"
             " complexity=lambda params: ...)."
@@ -156,8 +153,12 @@ def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
         raise NRFError(f"The complexity of {dict(params)} is unknown", cure)
 
     key = [_number_of_terms(last.get("degree"), last.get("orders"))]
-    key.extend(float(last[name] or 0) for name in sizes)
-    key.extend(-float(last[name]) for name in penalties)
+    for name in _SIZES:
+        if name in last:
+            key.append(float(last[name] or 0))
+    for name in _PENALTIES:
+        if name in last:
+            key.append(-float(last[name]))
     return tuple(key)
 
 

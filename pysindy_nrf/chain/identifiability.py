@@ -226,9 +226,9 @@ class _SequentialPlan:
 
             above = (dof, *above)
             crossing = [s for s in self.acting if sum(map(s.incidence, above))]
-            new, found = self._split(crossing)
-            if new:
-                return Step(above, (), new, found)
+            unknown, known = self._split(crossing)
+            if unknown:
+                return Step(above, (), unknown, known)
         return None
 
     def _single_step(self) -> Step | None:
@@ -236,32 +236,32 @@ class _SequentialPlan:
         ranked: list[tuple[tuple[bool, bool, int], Step]] = []
         for dof in self.open_dofs:
             here = [site for site in self.acting if site.incidence(dof)]
-            new, found = self._split(here)
+            unknown, known = self._split(here)
             mass = () if dof in self.masses else (dof,)
-            n_unknowns = len(new) + len(mass)
-            if not n_unknowns or not self._is_scaled(dof, found):
+            n_unknowns = len(unknown) + len(mass)
+            if not n_unknowns or not self._is_scaled(dof, known):
                 continue
 
             # a tie carries a small part of the shear, and its errors would rule
-            by_ties = dof not in self.masses and not any(s.is_storey for s in found)
-            step = Step((dof,), mass, new, found, dof in self.forced)
+            by_ties = dof not in self.masses and not any(s.is_storey for s in known)
+            step = Step((dof,), mass, unknown, known, dof in self.forced)
             ranked.append(((not step.forced, by_ties, n_unknowns), step))
         return min(ranked, key=itemgetter(0))[1] if ranked else None
 
     def _split(
         self, sites: Iterable[Site]
     ) -> tuple[tuple[Site, ...], tuple[Site, ...]]:
-        """Sites whose laws are still unknown, and those whose laws were found."""
-        new: list[Site] = []
-        found: list[Site] = []
+        """Sites whose laws are still unknown, and those whose laws are known."""
+        unknown: list[Site] = []
+        known: list[Site] = []
         for site in sites:
-            side = found if site in self.sites else new
+            side = known if site in self.sites else unknown
             side.append(site)
-        return tuple(new), tuple(found)
+        return tuple(unknown), tuple(known)
 
-    def _is_scaled(self, dof: int, found: tuple[Site, ...]) -> bool:
+    def _is_scaled(self, dof: int, known: tuple[Site, ...]) -> bool:
         """Whether something known and nonzero stands in the equation of a DOF."""
-        return dof in self.forced or dof in self.masses or bool(found)
+        return dof in self.forced or dof in self.masses or bool(known)
 
 
 def _reasons(

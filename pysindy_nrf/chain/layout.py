@@ -63,8 +63,8 @@ class Layout:
     """
 
     def __init__(self, chain: Chain, terms: Mapping[Any, int]) -> None:
-        given = {chain.site(text): int(count) for text, count in terms.items()}
-        sites = tuple(dict.fromkeys([*chain.sites, *given]))
+        widths = {chain.site(text): int(count) for text, count in terms.items()}
+        sites = tuple(dict.fromkeys([*chain.sites, *widths]))
         for site in sites:
             if site.kind == "sensor":
                 cure = "Use a storey, link, ground or dof site."
@@ -77,7 +77,7 @@ class Layout:
         self.slices: dict[Site, slice] = {}
         self.n_terms = 0
         for site in sites:
-            count = given.get(site, 0)
+            count = widths.get(site, 0)
             self.counts[site] = count
             self.slices[site] = slice(self.n_terms, self.n_terms + count)
             self.n_terms += count

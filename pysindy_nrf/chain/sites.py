@@ -164,8 +164,8 @@ def dofs_of(name: str, values: Any, n_dof: int) -> tuple[int, ...]:
 
     dofs = []
     for value in named:
-        whole = hasattr(value, "__index__") and not isinstance(value, bool)
-        if not whole or not 1 <= int(value) <= n_dof:
+        is_whole = hasattr(value, "__index__") and not isinstance(value, bool)
+        if not is_whole or not 1 <= int(value) <= n_dof:
             cure = f"The chain has DOFs 1 to {n_dof}."
             raise ChainError(f"{name} names DOF {value!r}", cure)
         dofs.append(int(value))

@@ -256,16 +256,16 @@ class Chain:
         return f"Chain({', '.join(arguments)})"
 
 
-def _number_of_masses(given: Any) -> int:
+def _number_of_masses(n_dof: Any) -> int:
     """The number of DOFs, or an error."""
-    whole = hasattr(given, "__index__") and not isinstance(given, bool)
-    if not whole or int(given) < 1:
-        what = f"n_dof={given!r} is not a number of masses"
-        raise ChainError(what, "Give a whole number of at least 1.")
-    if int(given) > MOST_DOFS:
-        what = f"n_dof={given} is more than the {MOST_DOFS} masses a chain may have"
+    is_whole = hasattr(n_dof, "__index__") and not isinstance(n_dof, bool)
+    if not is_whole or int(n_dof) < 1:
+        what = f"n_dof={n_dof!r} is not a number of masses"
+        raise ChainError(what, "Give a is_whole number of at least 1.")
+    if int(n_dof) > MOST_DOFS:
+        what = f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have"
         raise ChainError(what, "Condense it.")
-    return int(given)
+    return int(n_dof)
 
 
 def _storeys(n_dof: int, ground: str) -> tuple[Site, ...]:
@@ -307,10 +307,10 @@ def chain_of(chain: Any, n_dof: int) -> Chain:
     return chain
 
 
-def masses_of(given: Any, chain: Chain) -> dict[int, float]:
+def masses_of(known_masses: Any, chain: Chain) -> dict[int, float]:
     """Known masses, kg, by DOF."""
     masses = {}
-    for dof, mass in as_mapping("known_masses", given, "{2: 12.4}").items():
+    for dof, mass in as_mapping("known_masses", known_masses, "{2: 12.4}").items():
         (j,) = dofs_of("known_masses", [dof], chain.n_dof)
         value = number_of(mass)
         if not np.isfinite(value) or value < 0:

@@ -141,12 +141,12 @@ class ProductSums:
         def products_of(
             share: list[tuple[int, Block]],
         ) -> list[tuple[int, Block, np.ndarray | None]]:
-            found: list[tuple[int, Block, np.ndarray | None]] = []
+            products: list[tuple[int, Block, np.ndarray | None]] = []
             for number, block in share:
                 store = np.zeros(plan.size)
                 plan.multiply(block.weighted, store)
-                found.append((number, block, store))
-            return found
+                products.append((number, block, store))
+            return products
 
         shares = _shares(blocks, BLOCKS_PER_THREAD)
         return chain.from_iterable(in_threads(products_of, shares))

@@ -66,9 +66,9 @@ class BalanceEquations:
         return self._filtered(segment.F[segment.valid].T, record)
 
     def _filtered(self, lines: np.ndarray, record: int) -> np.ndarray:
-        own = np.asarray(lines, dtype=float)
+        rows = np.asarray(lines, dtype=float)
         filter = self.filters[record]
-        return own if filter is None else filter.apply(own.T).T
+        return rows if filter is None else filter.apply(rows.T).T
 
     def blocks(self, record: int) -> Iterator[Block]:
         """Columns of all equations along a record, block by block."""

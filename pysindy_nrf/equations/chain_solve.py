@@ -220,12 +220,12 @@ class _EachByItself:
         signs = dict(zip(group.sites, group.signs))
         for site in step.sites:
             stop = start + grams.layout.counts[site]
-            found = signs[site] * values[..., start:stop]
+            coefficients = signs[site] * values[..., start:stop]
             start = stop
             # an equation at the lower end finds the laws of a site once more
             is_twin = self.order.strategy != "sequential" and site.p not in step.dofs
             store = self.twins if is_twin else self.coefficients
-            store[site] = found
+            store[site] = coefficients
         return fit
 
     def _share_with_other_laws(self, step: Step, triangle: np.ndarray) -> Any:
@@ -303,17 +303,17 @@ class _JointSolve:
         for step in self.order.steps:
             free.extend(step.masses)
         dofs = tuple(range(1, layout.n_dof + 1))
-        whole = Step(dofs, tuple(free), layout.acting, (), True)
+        all_at_once = Step(dofs, tuple(free), layout.acting, (), True)
 
         keys: list[Key] = [*free, *layout.acting]
         columns = np.concatenate([factor.columns[key] for key in keys])
         last = factor.n_unknowns
         triangle = root_of(factor.upper[:, [*columns, last]])
         samples = sum(self.grams.sizes[step.dofs] for step in self.order.steps)
-        problem = SubProblem(whole, triangle, samples, layout, self.grams.kind)
-        found, fit = problem.solve(self.inner)
+        problem = SubProblem(all_at_once, triangle, samples, layout, self.grams.kind)
+        in_order, fit = problem.solve(self.inner)
         values = np.empty(last)
-        values[columns] = found
+        values[columns] = in_order
         return values, fit
 
     def _named(

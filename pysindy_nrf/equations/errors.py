@@ -156,13 +156,13 @@ def pooled_percent(balances: Iterable[Sizes | None]) -> Any:
     return _percent(top**0.5, bottom**0.5)
 
 
-def _percent(part: Any, whole: Any) -> Any:
-    """Percent of the whole; infinite of nothing, zero if the part is nothing, too."""
-    if np.ndim(whole):
-        pairs = zip(part.tolist(), whole.tolist())
+def _percent(part: Any, reference: Any) -> Any:
+    """Percent of a reference; infinite of zero, but zero of zero is zero."""
+    if np.ndim(reference):
+        pairs = zip(part.tolist(), reference.tolist())
         return np.array([_percent(one, other) for one, other in pairs])
-    if whole:
-        return 100.0 * part / whole
+    if reference:
+        return 100.0 * part / reference
     return 0.0 if part == 0 else np.inf
 
 

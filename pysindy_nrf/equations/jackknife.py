@@ -31,7 +31,8 @@ def share_of(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
     share = 1.0 - float(after.sum() / before.sum())
     if len(before) < 3:
         return share, float("nan")
-    left = after.sum() - after
-    whole = before.sum() - before
-    ratio = np.divide(left, whole, out=np.ones(len(before)), where=whole > 0)
+    after_rest = after.sum() - after
+    before_rest = before.sum() - before
+    ratio = np.ones(len(before))
+    np.divide(after_rest, before_rest, out=ratio, where=before_rest > 0)
     return share, float(np.sqrt(variance(ratio)))

@@ -70,7 +70,7 @@ class SubProblem:
         if lengths[-1] == 0:
             self._refuse_empty_target(inner)
         fitted = None
-        said: Warned = ()
+        warned: Warned = ()
         dependent = ""
         if rank < p:
             dependent = self._dependent_columns(columns, rank)
@@ -79,7 +79,7 @@ class SubProblem:
         elif inner is None:
             scaled = back_substituted(columns[:p], target[:p])
         else:
-            scaled, fitted, said = self._sparse(columns, target, inner)
+            scaled, fitted, warned = self._sparse(columns, target, inner)
 
         share = float(np.linalg.norm(target - columns @ scaled)) if p else 1.0
         noise: tuple[float, ...] = ()
@@ -95,7 +95,7 @@ class SubProblem:
             share,
             noise,
             fitted,
-            said,
+            warned,
             dependent=dependent,
         )
         return scaled * lengths[-1] / lengths[:-1], fit
@@ -209,8 +209,8 @@ class SubProblem:
             return ()
         unit = np.eye(len(upper), n_masses)
         inverse_rows = back_substituted(upper, unit, transposed=True)
-        own = np.abs(scaled[:n_masses]) / np.linalg.norm(inverse_rows, axis=0)
-        return tuple(float(share / part) if part else np.inf for part in own)
+        parts = np.abs(scaled[:n_masses]) / np.linalg.norm(inverse_rows, axis=0)
+        return tuple(float(share / part) if part else np.inf for part in parts)
 
     def _sparse(
         self, columns: np.ndarray, target: np.ndarray, inner: Any
@@ -224,17 +224,17 @@ class SubProblem:
         rms = float(self.n_samples) ** 0.5
         coefficients = np.zeros(p)
         fitted = None
-        said: Warned = ()
+        warned: Warned = ()
         if p > n_masses:
             terms = columns[n_masses:, n_masses:] * rms
-            found = fit_inner(inner, terms, target[n_masses:] * rms)
-            coefficients[n_masses:], fitted, said = found
+            values, fitted, warned = fit_inner(inner, terms, target[n_masses:] * rms)
+            coefficients[n_masses:] = values
         if n_masses:
             explained = columns[:n_masses, n_masses:] @ coefficients[n_masses:]
             coefficients[:n_masses] = back_substituted(
                 columns[:n_masses, :n_masses], target[:n_masses] - explained
             )
-        return coefficients, fitted, said
+        return coefficients, fitted, warned
 
 
 def back_substituted(

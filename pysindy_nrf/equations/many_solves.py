@@ -290,10 +290,10 @@ class ChannelSolve(CompiledChainSolve):
         size[size == 0] = 1.0
 
         known = grams[:, columns, inertia] @ self._preset
-        right = (grams[:, columns, self.at + self.n] - known) / size
-        left = grams[:, columns][:, :, columns] / size[:, :, None] / size[:, None]
-        left = left + RIDGE * np.eye(len(columns))
-        values = np.linalg.solve(left, right[:, :, None])[:, :, 0] / size
+        vector = (grams[:, columns, self.at + self.n] - known) / size
+        matrix = grams[:, columns][:, :, columns] / size[:, :, None] / size[:, None]
+        matrix = matrix + RIDGE * np.eye(len(columns))
+        values = np.linalg.solve(matrix, vector[:, :, None])[:, :, 0] / size
 
         masses = np.tile(self._preset, (len(fit), 1))
         theta = np.zeros((len(fit), fit.shape[2]))

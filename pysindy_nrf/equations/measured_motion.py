@@ -143,6 +143,6 @@ def unknown_forces(model: ChainModel, data: Dataset) -> pd.DataFrame:
         return pd.DataFrame(data.scatter(measured), columns=names)
 
     parts = []
-    for given, forces in zip(measured, model.balance_forces(data)):
-        parts.append(np.where(np.isnan(given), forces[:, hidden], np.nan))
+    for known, forces in zip(measured, model.balance_forces(data)):
+        parts.append(np.where(np.isnan(known), forces[:, hidden], np.nan))
     return pd.DataFrame(data.scatter(parts), columns=names)

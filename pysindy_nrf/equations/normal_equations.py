@@ -181,12 +181,12 @@ class NormalEquations:
         self._require_alike(other)
         matrices = {}
         sizes = {}
-        for dofs, own in self.matrices.items():
-            more = other.matrices[dofs]
+        for dofs, one in self.matrices.items():
+            two = other.matrices[dofs]
             if self.kind == "root":
-                matrices[dofs] = upper_of(np.concatenate([own, more], axis=-2))
+                matrices[dofs] = upper_of(np.concatenate([one, two], axis=-2))
             else:
-                matrices[dofs] = own + more
+                matrices[dofs] = one + two
             sizes[dofs] = self.sizes[dofs] + other.sizes[dofs]
         n_samples = self.n_samples + other.n_samples
         return replace(self, matrices=matrices, sizes=sizes, n_samples=n_samples)
@@ -222,8 +222,8 @@ class NormalEquations:
         if self.matrices.keys() != other.matrices.keys():
             what = "Gram matrices of different balances cannot be added"
             raise NRFError(what, cure)
-        for dofs, own in self.matrices.items():
-            if own.shape[-1] != other.matrices[dofs].shape[-1]:
+        for dofs, matrix in self.matrices.items():
+            if matrix.shape[-1] != other.matrices[dofs].shape[-1]:
                 what = "Gram matrices of different columns or kinds cannot be added"
                 raise NRFError(what, cure)
         if self.kind != other.kind:
@@ -254,13 +254,13 @@ class NormalEquations:
         """
         matrices = {}
         for group, change in changes.items():
-            own = self.matrices[group.dofs]
+            matrix = self.matrices[group.dofs]
             if self.kind == "root":
-                matrices[group.dofs] = _changed(own, change)
+                matrices[group.dofs] = _changed(matrix, change)
             elif change.ndim == 1:
-                matrices[group.dofs] = own[..., change[:, None], change]
+                matrices[group.dofs] = matrix[..., change[:, None], change]
             else:
-                matrices[group.dofs] = change.T @ own @ change
+                matrices[group.dofs] = change.T @ matrix @ change
         groups = {group.dofs: group for group in changes}
         sizes = {dofs: self.sizes[dofs] for dofs in groups}
         return replace(

@@ -107,10 +107,10 @@ class Regression:
             residual = residual.transpose(1, 2, 0)[self.folds]
             squares = (residual * (grams @ residual)).sum(axis=1)
             scale = float(self.size[index[-1]]) ** 2
-            left = scale * np.maximum(squares, 0.0)
+            squares = scale * np.maximum(squares, 0.0)
 
-            best = left.sum(axis=0).argmin()
-            self._fits[key] = left[:, best], float(ridges[best])
+            best = squares.sum(axis=0).argmin()
+            self._fits[key] = squares[:, best], float(ridges[best])
         return self._fits[key]
 
     def _training_sums(self, grams: np.ndarray) -> np.ndarray:
@@ -134,8 +134,8 @@ def in_blocks(
 
 def _solved(grams: np.ndarray, ridge: np.ndarray) -> np.ndarray:
     """Ridge regression of the last column on the others, for each sum and ridge."""
-    left = grams[..., :-1, :-1]
-    right = grams[..., :-1, -1:]
-    eye = np.eye(left.shape[-1])
-    squares = np.maximum(np.einsum("...ii->...i", left), 1e-12)[..., None, :] * eye
-    return np.linalg.solve(left + ridge * squares + 1e-12 * eye, right)[..., 0]
+    matrix = grams[..., :-1, :-1]
+    vector = grams[..., :-1, -1:]
+    eye = np.eye(matrix.shape[-1])
+    squares = np.maximum(np.einsum("...ii->...i", matrix), 1e-12)[..., None, :] * eye
+    return np.linalg.solve(matrix + ridge * squares + 1e-12 * eye, vector)[..., 0]

@@ -16,6 +16,7 @@ from ..chain.laws_by_site import coefficients_by_law
 from ..chain.layout import LawLayout
 from ..chain.sites import Site
 from ..exceptions import IdentifiabilityError, LawError, RankWarning
+from ..laws.base import ForceLaw
 from ..laws.shape import Scales, Shape, ShapeScale
 from ..records.dataset import Dataset, half_the_rate
 from ..records.zero_phase_filter import ZeroPhaseFilter
@@ -255,12 +256,12 @@ def _lacking_lines(
 def _longest_record(data: Dataset, dof: int) -> int | None:
     """The longest record with a clock and the force on a DOF, if there is one."""
     longest = None
-    most = 0
+    n_samples = 0
     for i, segment in enumerate(data.segments):
         unknown = np.isnan(segment.F[segment.valid.start, dof - 1])
-        if segment.dt and not unknown and segment.n_valid > most:
+        if segment.dt and not unknown and segment.n_valid > n_samples:
             longest = i
-            most = segment.n_valid
+            n_samples = segment.n_valid
     return longest
 
 
@@ -269,12 +270,15 @@ def _without_laws(
 ) -> tuple[LawLayout, Solution]:
     """The layout without some laws, and the coefficients of the others."""
     gone = {(site, number) for site, number, _ in left_out}
-    laws = {}
-    coefficients = {}
+    laws: dict[Site, list[ForceLaw]] = {}
+    coefficients: dict[Site, np.ndarray] = {}
     for site, group in layout.laws.items():
         parts = coefficients_by_law(group, solution.coefficients[site])
-        kept = [k for k in range(len(group)) if (site, k) not in gone]
-        laws[site] = [group[k] for k in kept]
-        coefficients[site] = np.concatenate([np.zeros(0), *(parts[k] for k in kept)])
+        laws[site] = []
+        coefficients[site] = np.zeros(0)
+        for number, (law, part) in enumerate(zip(group, parts)):
+            if (site, number) not in gone:
+                laws[site].append(law)
+                coefficients[site] = np.append(coefficients[site], part)
     rest = Solution(solution.masses, coefficients)
     return LawLayout(layout.chain, laws), rest

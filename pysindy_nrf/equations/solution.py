@@ -53,7 +53,7 @@ class StepFit:
         imitates; near one, noise decides.
     inner : PySINDy optimizer, optional
         The fitted one.
-    said : tuple of (warning class, str)
+    warned : tuple of (warning class, str)
         What the optimizer warned of.
     crossed : float
         As ``share``, with the laws that the neighbouring equations find in place of its
@@ -70,7 +70,7 @@ class StepFit:
     share: Any
     mass_noise: tuple[float, ...] = ()
     inner: Any = None
-    said: tuple[tuple[type[Warning], str], ...] = ()
+    warned: tuple[tuple[type[Warning], str], ...] = ()
     crossed: Any = 0.0
     dependent: str = ""
 
@@ -144,7 +144,7 @@ class Solution:
         """Warn once of what optimizers warned of, and on which equations."""
         places: dict[tuple[type[Warning], str], list[str]] = {}
         for fit in self.fits:
-            for warning in fit.said:
+            for warning in fit.warned:
                 places.setdefault(warning, []).append(str(fit.step).rstrip("."))
         for (kind, text), steps in places.items():
             where = "; ".join(steps)

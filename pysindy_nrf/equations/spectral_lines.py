@@ -104,8 +104,8 @@ def hidden_lines(
     # a sine and a cosine of each frequency, taken out of all columns
     near = lines[:, bins].T.astype(complex)
     explained = (near[:, :, None] * near[:, None].conj()).real
-    left = gram - (2.0 / max(n_used, 1)) * explained
-    residual = _residual_squares(left)
+    without_line = gram - (2.0 / max(n_used, 1)) * explained
+    residual = _residual_squares(without_line)
 
     chosen: list[int] = []
     for k in bins[np.argsort(residual)].tolist():

@@ -27,8 +27,7 @@ def one_standard_error(
     complexity: Callable[[Mapping[str, Any]], float] | None = None,
     min_gain: float = MIN_GAIN,
 ) -> int:
-    r"""The one-standard-error rule, as ``GridSearchCV(refit=one_standard_error)`` takes
-    it.
+    r"""The one-standard-error rule, for ``GridSearchCV(refit=one_standard_error)``.
 
     Chosen is the simplest candidate whose mean held-out error :math:`\bar e` is within
     one standard error, over the folds, of the best one's (Breiman et al. 1984, sec.

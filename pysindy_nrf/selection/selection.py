@@ -164,8 +164,7 @@ def select_order(
     covariates: Any = None,
     **regressor_params: Any,
 ) -> OrderSelection:
-    """Choose the order of the power series by held-out error, at the cost of about one
-    fit.
+    """Choose the order of the power series by held-out error.
 
     The samples are read once, into Gram matrices of the pieces that the folds cut. The
     scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,

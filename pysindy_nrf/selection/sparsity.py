@@ -71,13 +71,13 @@ def select_sparsity(
     covariates: Any = None,
     **regressor_params: Any,
 ) -> SparsitySelection:
-    """Leave out the terms of the power series that held-out data do not miss, from one
-    pass over the samples.
+    """Leave out the terms of the power series that held-out data do not miss.
 
-    In each step the term goes whose absence raises the balance error least. The steps
-    end where the folds can tell the error from the least so far: by more than one
-    standard error of the difference, and by more than 2 %. Each storey keeps one term
-    at least. No threshold is needed, and none would fit all storeys.
+    The samples are read once. In each step the term goes whose absence raises the
+    balance error least. The steps end where the folds can tell the error from the least
+    so far: by more than one standard error of the difference, and by more than 2 %.
+    Each storey keeps one term at least. No threshold is needed, and none would fit all
+    storeys.
 
     Parameters
     ----------

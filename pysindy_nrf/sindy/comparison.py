@@ -59,8 +59,7 @@ def compare_with_sindy(
     time_limit: float = 10.0,
     coordinates: str = "relative",
 ) -> pd.DataFrame:
-    """Fit plain SINDy and this package to the first part of a record and judge them on
-    the rest.
+    """Fit plain SINDy and this package to a part of a record, judge them on the rest.
 
     Parameters
     ----------
@@ -157,9 +156,9 @@ def compare_with_sindy(
     if not 0 < heldout < 1:
         what = f"heldout={heldout!r} is not a share"
         raise ChannelError(what, "Give a number between 0 and 1.")
-    whole = _single_record(X, F, dt, coordinates)
-    cut = round(whole.n_samples * (1 - heldout))
-    search, rest = whole.part(slice(0, cut)), whole.part(slice(cut, None))
+    record = _single_record(X, F, dt, coordinates)
+    cut = round(record.n_samples * (1 - heldout))
+    search, rest = record.part(slice(0, cut)), record.part(slice(cut, None))
     models = _models(degree, optimizers)
 
     with warnings.catch_warnings(action="ignore"):
@@ -168,7 +167,7 @@ def compare_with_sindy(
             model = NRFRegressor(degree, estimation="ls", dt=search.dt)
             model = model.fit(search.X, search.F).model_
         assert isinstance(model, ChainModel)
-        forces = model.restoring_force(whole.X, dt=whole.dt)[cut:]
+        forces = model.restoring_force(record.X, dt=record.dt)[cut:]
         course = _Comparison(
             search, rest, _Reference(model, truth is not None, forces), time_limit
         )
@@ -177,9 +176,9 @@ def compare_with_sindy(
         if truth is not None:
             storey_forces["truth"] = forces
         for name, compared in models.items():
-            rows[name], found = course.row(compared, free_run)
-            if found is not None:
-                storey_forces[name] = found
+            rows[name], forces_found = course.row(compared, free_run)
+            if forces_found is not None:
+                storey_forces[name] = forces_found
 
     index = pd.Index(rows, name="model")
     table = pd.DataFrame(list(rows.values()), index, COLUMNS)
@@ -367,8 +366,8 @@ class _Comparison:
         self, masses: np.ndarray, accelerations: np.ndarray
     ) -> np.ndarray:
         """Storey forces on the rest of the record: what all equations above leave."""
-        left = self.rest.F - masses * accelerations
-        return np.cumsum(left[:, ::-1], axis=1)[:, ::-1]
+        unbalanced = self.rest.F - masses * accelerations
+        return np.cumsum(unbalanced[:, ::-1], axis=1)[:, ::-1]
 
     def _free_run_error(
         self, model: ComparedModel, n_samples: int

@@ -323,8 +323,7 @@ def _counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
 
 
 class ChainOptimizer(_ChainOptimizerBase):
-    """The paper's solve (eqs. 3-5) as a PySINDy optimizer, around any PySINDy
-    optimizer.
+    """The paper's solve (eqs. 3-5) around any PySINDy optimizer, itself one.
 
     In ``ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))``
     the columns are a, v, s (eq. 8) and the targets, passed as ``x_dot``, are the forces

@@ -238,7 +238,23 @@ class Chain:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Chain:
-        """A chain from what :meth:`to_dict` gave."""
+        """A chain from what :meth:`to_dict` gave.
+
+        Parameters
+        ----------
+        data : dict
+            ``n_dof`` and, if there are any, ``links`` and ``ground``.
+
+        Returns
+        -------
+        Chain
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Chain
+        >>> Chain.from_dict({"n_dof": 3, "links": ["link 3-1"]})
+        Chain(3, links=['link 3-1'])
+        """
         return cls(data["n_dof"], data.get("links", ()), data.get("ground", "base"))
 
     def __eq__(self, other: object) -> bool:
@@ -261,7 +277,7 @@ def _number_of_masses(n_dof: Any) -> int:
     is_whole = hasattr(n_dof, "__index__") and not isinstance(n_dof, bool)
     if not is_whole or int(n_dof) < 1:
         what = f"n_dof={n_dof!r} is not a number of masses"
-        raise ChainError(what, "Give a is_whole number of at least 1.")
+        raise ChainError(what, "Give a whole number of at least 1.")
     if int(n_dof) > MOST_DOFS:
         what = f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have"
         raise ChainError(what, "Condense it.")

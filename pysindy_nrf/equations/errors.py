@@ -18,25 +18,13 @@ from ..chain.layout import Block, Layout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from .accumulation import total_gram
-from .free_runs import free_run_by_either, free_run_error, free_run_of, squares_of
+from .free_runs import free_run_by_either as free_run_by_either
+from .free_runs import free_run_error as free_run_error
+from .free_runs import free_run_of as free_run_of
+from .free_runs import squares_of as squares_of
 from .normal_equations import Dofs, NormalEquations, groups_of
 
-__all__ = [
-    "COLUMNS",
-    "Sizes",
-    "balance_errors",
-    "balance_sizes",
-    "explained_accelerations",
-    "free_run_by_either",
-    "free_run_error",
-    "free_run_of",
-    "judge",
-    "nrmse",
-    "pooled_error",
-    "pooled_percent",
-    "residual_weights",
-    "squares_of",
-]
+__all__ = ["nrmse"]
 
 COLUMNS = ["error", "residual", "reference", "of"]
 # Percent; below it round-off of sums of products, the root of the machine precision,

@@ -103,6 +103,14 @@ def from_sindy(sindy: ps.SINDy) -> ChainModel:
         If its library is not of this package, or a mass cannot be read off.
     LawError
         If a law has shape parameters without values.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import ChainModel, laws
+    >>> from pysindy_nrf.sindy import from_sindy, to_sindy
+    >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
+    >>> from_sindy(to_sindy(model)).masses
+    array([10.])
     """
     library, optimizer = sindy.feature_library, sindy.optimizer
     if not isinstance(library, ForceLawLibrary):

@@ -51,11 +51,9 @@ class Hook(Enum):
     """Functions of upper layers that objects of lower layers offer as methods."""
 
     PLAN = "pysindy_nrf.diagnosis.planning:plan"
-    TO_FEATURES = "pysindy_nrf.records.fusion.kinematics:to_features"
     ORDER_FIGURE = "pysindy_nrf.report.figures.motion:order_drawing"
     MODEL_FIGURE = "pysindy_nrf.report.content:drawing"
     PAGE = "pysindy_nrf.report:write_html"
-    RECORD_HTML = "pysindy_nrf.report.write:record_html"
     LOOP_MARKDOWN = "pysindy_nrf.report.write:markdown"
     LOOP_VERDICT = "pysindy_nrf.report.content:loop_verdict"
     LOOP_HTML = "pysindy_nrf.report.write:loop_html"

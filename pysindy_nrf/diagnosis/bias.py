@@ -30,7 +30,7 @@ from ..equations.normal_equations import NormalEquations, variance
 from ..exceptions import BiasWarning, NRFError, RankWarning
 from ..laws.friction import jump_at_reversal
 from ..records.dataset import Dataset
-from ..records.fusion.spline_fusion import white_level
+from ..records.fusion.noise_levels import white_level
 from .sample_windows import FOLDS, LASTING, OFFERED, Window
 
 GAIN = 5.0  # percent of the held-out residual that the extra columns must remove

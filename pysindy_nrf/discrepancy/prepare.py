@@ -95,15 +95,16 @@ def prepare(
             raise ChannelError(
                 f"Record {rec.name!r} has {rec.n_dof} DOFs, {n} are needed", cure
             )
-        smoother = KinematicSmoother(noise=known or "estimate", band=band)
-        # its square biases; a smaller share, as of a fit, would cost first modes
-        smoother._share = TENTH
-        smoother._like = spacing
+        # the square of the share biases; a smaller one, as of a fit, would cost first
+        # modes
+        smoother = KinematicSmoother(
+            noise=known or "estimate", band=band, spacing=spacing, noise_share=TENTH
+        )
         X, F = to_features(
             rec, smoother, check=bands is None
         )  # else they are records made from checked ones
         told.append(smoother.band_)
-        used.append(smoother._knots)
+        used.append(smoother.spacing_.to_dict())
         levels = {str(k): float(v) for k, v in smoother.noise_.items()}
         if _is_clean(rec, levels):
             X, F = to_features(rec, False, check=False)

@@ -20,7 +20,7 @@ from scipy.fft import dct, idct
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..records.dataset import Dataset, Segment
-from ..records.fusion.spline_fusion import white_level
+from ..records.fusion.noise_levels import white_level
 from ..records.zero_phase_filter import Band
 
 BINS = 28

@@ -14,8 +14,7 @@ from ..exceptions import ChannelError, DataQualityWarning, LawError
 from .channels import as_matrix, by_record, contiguous, finite_span, gaps, rows_text
 from .checks.channel_checks import motion_doubts
 from .dataset import Dataset, Extent, Segment, feature_names
-from .fusion import KinematicSmoother
-from .fusion.kinematics import base_acceleration_if_any, to_features
+from .fusion.kinematics import TwoWayFusion, base_acceleration_if_any, to_features
 from .record import Record, row_times
 from .zero_phase_filter import ZeroPhaseFilter
 
@@ -62,13 +61,11 @@ def both_ways(X: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     that found, if it was done.
     """
     records = ([X] if isinstance(X, Record) else X) if holds_records(X) else []
-    both = [
-        [KinematicSmoother(band="auto", joint=joint) for _ in records]
-        for joint in (True, False)
-    ]
-    for first, second in zip(*both):
-        first._kept = second._kept = []
-    return ({"smooth": both[0]}, {"smooth": both[1]}) if records else ({}, {})
+    if not records:
+        return {}, {}
+    fusions = [TwoWayFusion() for _ in records]
+    together = {"smooth": [fusion.joint for fusion in fusions]}
+    return together, {"smooth": [fusion.separate for fusion in fusions]}
 
 
 def from_arrays(

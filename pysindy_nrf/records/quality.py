@@ -1,4 +1,4 @@
-"""What is known of the quality of a record: typed notes, from which verdicts are made."""
+"""What is known of the quality of a record: typed notes, the ground of verdicts."""
 
 from __future__ import annotations
 
@@ -6,17 +6,27 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "clipped",  # repeats its largest value
-    "dead",  # does not move
+    "clipped",  # repeats its extremes; share of the samples
+    "clock",  # the unit of the time; true time over time read
+    "copied",  # the same as another channel
+    "dead",  # does not move; share of the samples
     "delay",  # lags behind another channel, s
     "drift",  # wanders slowly
+    "dropouts",  # drops to zero; share of the samples
+    "filled",  # a number stands for "not measured"; share of the samples
+    "frame",  # relative to the base and not absolute, or the reverse
     "gain",  # ratio to what another channel says
+    "gain_drift",  # relative change of that ratio over the record
+    "hum",  # of the mains; share of the rms
+    "incoherent",  # follows no other channel; the largest coherence
+    "interpolated",  # made up between samples of a slower clock; share of the samples
     "noise",  # rms of its noise, in the channel's SI unit
     "offset",  # its zero, in the channel's SI unit
-    "sign",  # points the other way
-    "spikes",  # number of samples that stand out
-    "swapped",  # looks like another channel
-    "unit",  # ratio that a known unit would explain
+    "quantised",  # moves in coarse steps
+    "sign",  # points the other way; -1
+    "spikes",  # samples that stand out; share of the samples
+    "swapped",  # looks like a channel of another place
+    "unit",  # ratio that a known unit would explain, or a peak too large for the unit
     "other",
 ]
 
@@ -30,13 +40,14 @@ class QualityNote:
     kind : str
         What is wrong or known.
     message : str
-        The same in a sentence, for the user.
+        The same in a sentence, for the user. Notes on several faults of one channel may
+        share theirs.
     channel : str
         Such as ``"a2"``; empty for the record as a whole.
     record : str
         Name of the record.
     size : float
-        How much, as the kind says: a ratio, s, a number, or the channel's SI unit.
+        How much, as the kind says: a ratio, s, a share, or the channel's SI unit.
     witness : str
         What it was measured against, such as ``"x2"``; empty if nothing.
     """
@@ -47,3 +58,8 @@ class QualityNote:
     record: str = ""
     size: float = float("nan")
     witness: str = ""
+
+
+def messages(notes: tuple[QualityNote, ...]) -> list[str]:
+    """The sentences of some notes, each once."""
+    return list(dict.fromkeys(note.message for note in notes))

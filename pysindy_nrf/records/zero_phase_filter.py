@@ -1,11 +1,12 @@
-"""Zero-phase filters, the same for force, response and law columns; the usable band of
-accelerations.
+"""Zero-phase filters for motion, force and law columns alike, and the band in which
+accelerations determine a displacement.
 """
 
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy import signal
 
 from ..common import positive
@@ -13,10 +14,17 @@ from ..exceptions import ChannelError
 from .channels import by_record, rows_text
 from .record import row_times
 
-# part of the filter's impulse response (sum of magnitudes) that may still reach across
-# the edge
+# Part of the filter's impulse response (sum of magnitudes) that may still reach across
+# the edge.
 EDGE_LEVEL = 1e-4
+# The impulse response is followed until its slowest pole is down to this level, for so
+# many samples at most.
+IMPULSE_LEVEL = 1e-6
+MAX_IMPULSE_SAMPLES = 2**22
+# Change of the sampling step, as a share of it, from which on a clock is uneven.
+UNEVEN_STEP = 0.05
 
+# Lower and upper edge, Hz; None for an open end, or for no filter.
 Band = tuple[float | None, float | None] | None
 
 
@@ -68,20 +76,18 @@ class ZeroPhaseFilter:
     """
 
     def __init__(self, band: Band, fs: float, order: int = 4) -> None:
-        self.fs, self.order = float(fs), order
+        self.fs = float(fs)
+        self.order = order
         self.band = check_band(band, self.fs)
-        if (
-            isinstance(order, bool)
-            or not isinstance(order, (int, np.integer))
-            or order < 1
-        ):
+        whole = isinstance(order, (int, np.integer)) and not isinstance(order, bool)
+        if not whole or order < 1:
             raise ChannelError(
                 f"Filter order {order!r} is not a positive integer", "4 is usual."
             )
         self.sos = _design(self.band, self.fs, int(order))
         self.edge = 0 if self.sos is None else _edge(self.sos)
 
-    def apply(self, columns: Any) -> np.ndarray:
+    def apply(self, columns: ArrayLike) -> np.ndarray:
         """Filter every column of one contiguous record.
 
         Parameters
@@ -102,25 +108,18 @@ class ZeroPhaseFilter:
         if self.sos is None or array.shape[0] < 2:
             return array.copy()
         matrix = array[:, None] if array.ndim == 1 else array
-        finite = np.isfinite(matrix)
-        use = ~np.isnan(matrix).all(axis=0)
-        bad = use & ~finite.all(axis=0)
-        if bad.any():
-            j = int(np.flatnonzero(bad)[0])
-            what = (
-                f"Column {j + 1} given to the filter is not finite in"
-                f" {rows_text(np.flatnonzero(~finite[:, j]))}"
-            )
-            raise ChannelError(
-                what,
-                "Filter the rows between the masked edges, one contiguous record at a"
-                " time.",
-            )
+        measured = _finite_columns(matrix)
         out = np.full(matrix.shape, np.nan)
-        if use.any():
+        if measured.any():
             padding = min(max(self.edge, 3 * len(self.sos)), len(matrix) - 1)
-            out[:, use] = signal.sosfiltfilt(
-                self.sos.copy(), matrix[:, use], axis=0, padtype="even", padlen=padding
+            # SciPy needs sections that it may write to; those of an unpickled filter
+            # may be mapped from disk
+            out[:, measured] = signal.sosfiltfilt(
+                self.sos.copy(),
+                matrix[:, measured],
+                axis=0,
+                padtype="even",
+                padlen=padding,
             )
         return out[:, 0] if array.ndim == 1 else out
 
@@ -128,11 +127,10 @@ class ZeroPhaseFilter:
         """The part of the power of white noise that the filter, run forward and
         backward, lets through.
         """
-        return (
-            1.0
-            if self.sos is None
-            else float(np.mean(np.abs(signal.sosfreqz(self.sos, 8192)[1]) ** 4))
-        )
+        if self.sos is None:
+            return 1.0
+        _, response = signal.sosfreqz(self.sos, 8192)
+        return float(np.mean(np.abs(response) ** 4))
 
     def __repr__(self) -> str:
         return (
@@ -148,106 +146,43 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
     nyquist = check_rate(fs) / 2
     if band is None:
         return None, None
-    try:
-        lo, hi = (None if b is None else float(b) for b in band)
-    except (TypeError, ValueError):
-        cure = "Give (lo, hi) in Hz; None for an open end."
+    low, high = _edges(band)
+    _require_below_nyquist(high, nyquist, "Lower it, or give None for no upper edge.")
+    _require_below_nyquist(low, nyquist, "Lower it.")
+    if high is not None and high <= (low or 0.0):
         raise ChannelError(
-            f"band={band!r} is not a pair of frequencies", cure
+            f"band={band!r} is empty: the upper edge is not above the lower one",
+            "Give (lo, hi) in Hz with lo < hi.",
+        )
+    return low, high
+
+
+def _edges(band: Any) -> tuple[float | None, float | None]:
+    """Lower and upper edge as numbers; None for 0 and infinity."""
+    try:
+        low, high = (None if edge is None else float(edge) for edge in band)
+    except (TypeError, ValueError):
+        raise ChannelError(
+            f"band={band!r} is not a pair of frequencies",
+            "Give (lo, hi) in Hz; None for an open end.",
         ) from None
-    if any(b is not None and not np.isfinite(b) and b != np.inf for b in (lo, hi)) or (
-        lo is not None and lo < 0
-    ):
+    low_is_possible = low is None or 0 <= low
+    high_is_possible = high is None or high > -np.inf
+    if not low_is_possible or not high_is_possible:
         raise ChannelError(
             f"band={band!r} holds an impossible frequency",
             "Give (lo, hi) in Hz with 0 <= lo < hi.",
         )
-    lo = None if not lo else lo
-    hi = None if hi is None or hi == np.inf else hi
-    for edge, cure in (
-        (hi, "Lower it, or give None for no upper edge."),
-        (lo, "Lower it."),
-    ):
-        if edge is not None and edge >= nyquist:
-            what = (
-                f"Band edge {edge:g} Hz is not below the Nyquist frequency {nyquist:g}"
-                f" Hz of fs = {fs:g} Hz"
-            )
-            raise ChannelError(what, cure)
-    if hi is not None and hi <= (lo or 0.0):
-        cure = "Give (lo, hi) in Hz with lo < hi."
+    return low or None, None if high == np.inf else high
+
+
+def _require_below_nyquist(edge: float | None, nyquist: float, cure: str) -> None:
+    if edge is not None and edge >= nyquist:
         raise ChannelError(
-            f"band={band!r} is empty: the upper edge is not above the lower one", cure
+            f"Band edge {edge:g} Hz is not below the Nyquist frequency {nyquist:g} Hz"
+            f" of fs = {2 * nyquist:g} Hz",
+            cure,
         )
-    return lo, hi
-
-
-def _design(
-    band: tuple[float | None, float | None], fs: float, order: int
-) -> np.ndarray | None:
-    # a high-pass after a low-pass: better conditioned than one band-pass of the doubled
-    # order
-    edges = zip(band[::-1], ("lowpass", "highpass"))
-    parts = [
-        signal.butter(order, edge, kind, fs=fs, output="sos")
-        for edge, kind in edges
-        if edge is not None
-    ]
-    return np.vstack(parts) if parts else None
-
-
-def _edge(sos: np.ndarray) -> int:
-    """Samples until less than EDGE_LEVEL of the zero-phase impulse response (sum of
-    magnitudes) is left.
-    """
-    slowest = np.abs(signal.sos2zpk(sos)[1]).max()
-    length = int(min(np.ceil(np.log(1e-6) / np.log(slowest)), 2**22)) + 16
-    impulse = np.zeros(length)
-    impulse[0] = 1.0
-    once = signal.sosfilt(sos, impulse)
-    both = np.abs(signal.fftconvolve(once, once[::-1])[length - 1 :])
-    tail = np.cumsum(both[::-1])[::-1]
-    total = 2 * tail[0] - both[0]
-    return int(np.argmax(tail < EDGE_LEVEL * total))
-
-
-def filters_of(band: Band, data: Any) -> list[ZeroPhaseFilter | None]:
-    """The filter of each record, or None for each."""
-    if band is None:
-        return [None] * len(data.segments)
-    filters: list[ZeroPhaseFilter | None] = []
-    for seg in data.segments:
-        if seg.dt is None:
-            cure = (
-                "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
-            )
-            raise ChannelError("band= needs the sampling step", cure)
-        steps = np.diff(seg.t)
-        uneven = np.flatnonzero(np.abs(steps - np.median(steps)) > 0.05 * seg.dt)
-        if uneven.size:
-            what = (
-                "band= needs an even clock; the step changes after row"
-                f" {seg.rows.start + int(uneven[0])}"
-            )
-            raise ChannelError(what, "Split the record at gaps, or resample it.")
-        filters.append(ZeroPhaseFilter(band, 1.0 / seg.dt))
-    return filters
-
-
-def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | None:
-    """Time of the rows in s, from ``time`` or from the index of a table, increasing in
-    each record; None if unknown.
-    """
-    index: Any = getattr(X, "index", None)
-    if time is None and isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        time = index
-    elif (
-        time is None
-        and getattr(index, "name", None) in ("t", "time")
-        and index.dtype.kind in "fiu"
-    ):
-        time = index.to_numpy()
-    return None if time is None else row_times(time, size, by_record(record, size))
 
 
 def check_rate(fs: Any) -> float:
@@ -255,66 +190,218 @@ def check_rate(fs: Any) -> float:
     return positive("fs", fs, "Give the sampling rate in Hz.", ChannelError)
 
 
-# noise of the displacement that integration may bring along, as a share of the
-# displacement
-SHARE = 0.02
-_TOP = 0.2  # part of the spectrum, from the top, that holds noise alone
-_SPOILT = 0.2  # share of the record that a filter may spoil at each end
-# share of the kinetic energy that is most of it: slow drifts have little, first modes
-# much
-_ENERGY = 0.9
-# share of the displacement's power that a short record, which asks for a higher edge,
-# must keep
-_KEPT = 0.8
+def _finite_columns(matrix: np.ndarray) -> np.ndarray:
+    """Which columns are finite, (p,); the others must be NaN throughout."""
+    finite = np.isfinite(matrix)
+    measured = ~np.isnan(matrix).all(axis=0)
+    broken = np.flatnonzero(measured & ~finite.all(axis=0))
+    if broken.size:
+        rows = np.flatnonzero(~finite[:, broken[0]])
+        raise ChannelError(
+            f"Column {broken[0] + 1} given to the filter is not finite in"
+            f" {rows_text(rows)}",
+            "Filter the rows between the masked edges, one contiguous record at a"
+            " time.",
+        )
+    return measured
 
 
-def _lowest(noise: np.ndarray, signal: np.ndarray, most: float) -> tuple[int, bool]:
-    """First line from which on noise is at most such a share of every channel, else the
-    best; whether any tells.
+def _design(
+    band: tuple[float | None, float | None], fs: float, order: int
+) -> np.ndarray | None:
+    """Second-order sections of a low-pass, then of a high-pass: better conditioned than
+    one band-pass of the doubled order.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sqrt(noise / signal)
-    worst = np.where(np.isfinite(share), share, np.inf).max(axis=1)
-    at = int(np.argmax(worst <= most)) if worst.min() <= most else int(np.argmin(worst))
-    return at, bool(np.isfinite(worst[at]))
+    low, high = band
+    sections = []
+    if high is not None:
+        sections.append(signal.butter(order, high, "lowpass", fs=fs, output="sos"))
+    if low is not None:
+        sections.append(signal.butter(order, low, "highpass", fs=fs, output="sos"))
+    return np.vstack(sections) if sections else None
+
+
+def _edge(sos: np.ndarray) -> int:
+    """Samples until less than EDGE_LEVEL of the zero-phase impulse response (sum of
+    magnitudes) is left.
+    """
+    slowest = np.abs(signal.sos2zpk(sos)[1]).max()
+    duration = np.ceil(np.log(IMPULSE_LEVEL) / np.log(slowest))
+    length = int(min(duration, MAX_IMPULSE_SAMPLES)) + 16
+    impulse = np.zeros(length)
+    impulse[0] = 1.0
+    forward = signal.sosfilt(sos, impulse)
+    response = signal.fftconvolve(forward, forward[::-1])[length - 1 :]
+    tail = np.cumsum(np.abs(response)[::-1])[::-1]
+    both_sides = 2 * tail[0] - np.abs(response[0])
+    return int(np.argmax(tail < EDGE_LEVEL * both_sides))
+
+
+def filters_of(band: Band, data: Any) -> list[ZeroPhaseFilter | None]:
+    """The filter of each record of a data set, or None for each."""
+    if band is None:
+        return [None] * len(data.segments)
+    return [_filter_of(band, segment) for segment in data.segments]
+
+
+def _filter_of(band: Band, segment: Any) -> ZeroPhaseFilter:
+    """The filter of one record, whose clock must be even."""
+    if segment.dt is None:
+        raise ChannelError(
+            "band= needs the sampling step",
+            "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
+        )
+    steps = np.diff(segment.t)
+    uneven = np.abs(steps - np.median(steps)) > UNEVEN_STEP * segment.dt
+    if uneven.any():
+        row = segment.rows.start + int(np.flatnonzero(uneven)[0])
+        raise ChannelError(
+            f"band= needs an even clock; the step changes after row {row}",
+            "Split the record at gaps, or resample it.",
+        )
+    return ZeroPhaseFilter(band, 1.0 / segment.dt)
+
+
+def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | None:
+    """Time of the rows in s, increasing in each record; None if unknown.
+
+    Parameters
+    ----------
+    X : array-like or DataFrame
+        Its index is the time if it is a time index, or numbers named ``t`` or ``time``.
+    time : array-like, optional
+        Goes before the index.
+    size : int
+        Number of rows.
+    record : array-like, optional
+        Record ids of the rows.
+    """
+    if time is None:
+        time = _clock_of_index(getattr(X, "index", None))
+    return None if time is None else row_times(time, size, by_record(record, size))
+
+
+def _clock_of_index(index: Any) -> Any:
+    """The index of a table if it is a time, else None."""
+    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        return index
+    named = getattr(index, "name", None) in ("t", "time")
+    return index.to_numpy() if named and index.dtype.kind in "fiu" else None
+
+
+# Noise of an integrated acceleration that may remain in a displacement, as a share of
+# it.
+MAX_NOISE_SHARE = 0.02
+# Part of the spectrum, from the top, that holds noise alone.
+NOISE_PART = 0.2
+# Share of the record that the filter may spoil at each end.
+MAX_SPOILT_SHARE = 0.2
+# Share of the kinetic energy that is most of it: slow drifts have little, first modes
+# much.
+KINETIC_SHARE = 0.9
+# Share of the displacement's power that must be left where a short record asks for a
+# higher edge.
+DISPLACEMENT_SHARE = 0.8
+# Highest edge that is tried, as a share of the sampling rate.
+MAX_EDGE = 0.1
 
 
 def lowest_frequency(
-    accelerations: np.ndarray, fs: float, most: float = SHARE
+    accelerations: np.ndarray, fs: float, max_noise_share: float = MAX_NOISE_SHARE
 ) -> float | None:
     """Frequency above which displacements integrated from noisy accelerations can be
     trusted.
 
-    Where that is less than an octave below most of the kinetic energy, noise may be a
-    larger share, ``most``, of the displacement from that octave on.
+    Parameters
+    ----------
+    accelerations : ndarray of shape (n_samples, n_dof)
+    fs : float
+        Hz.
+    max_noise_share : float
+        Where the frequency is less than an octave below most of the kinetic energy,
+        noise may be this share of the displacement from that octave on.
+
+    Returns
+    -------
+    float or None
+        Hz; None if there is none, or the record is too short for a filter there.
     """
-    channels = np.column_stack([accelerations, np.diff(accelerations, axis=1)])
+    drifts = np.diff(accelerations, axis=1)
+    channels = np.column_stack([accelerations, drifts])
     channels = channels[:, channels.any(axis=0)]
     if channels.shape[1] == 0:
         return None
-    f, density = signal.welch(channels, fs, nperseg=max(64, len(channels) // 6), axis=0)
-    f, density = f[1:], density[1:]
-    noise = np.median(density[f > (1 - _TOP) * f[-1]], axis=0)
-    weight = f[:, None] ** -4.0
-    above = lambda y: np.cumsum(y[::-1], axis=0)[::-1]  # noqa: E731
-    signal_part, noise_part = (
-        above(np.maximum(density - noise, 0.0) * weight),
-        above(noise * weight),
-    )
-    at, clear = _lowest(noise_part, signal_part, SHARE)
-    if not clear:
+    displacements = _IntegratedSpectra(channels, fs)
+    line = displacements.first_clear_line(MAX_NOISE_SHARE)
+    if line is None:
         return None
-    if most > SHARE:
-        low = _lowest(noise_part, signal_part, most)[0]
-        rate = above(np.maximum(density - noise, 0.0) * f[:, None] ** -2.0)
-        first = f[
-            np.flatnonzero((rate >= _ENERGY * rate[low]).all(axis=1))[-1]
-        ]  # about the first mode
-        octave = int(np.searchsorted(f, 0.5 * first))
-        at = max(_lowest(noise_part, signal_part[octave], most)[0], min(at, octave))
-    for i in range(at, int(np.searchsorted(f, 0.1 * fs))):
-        if (signal_part[i] < _KEPT * signal_part[at]).any():
-            break
-        if ZeroPhaseFilter((float(f[i]), None), fs).edge <= _SPOILT * len(channels):
-            return float(f[i])
-    return None
+    if max_noise_share > MAX_NOISE_SHARE:
+        line = displacements.line_that_keeps_first_mode(line, max_noise_share)
+    return displacements.edge_from(line, MAX_SPOILT_SHARE * len(channels))
+
+
+class _IntegratedSpectra:
+    """Power of displacements above each frequency, from accelerations with noise."""
+
+    def __init__(self, accelerations: np.ndarray, fs: float) -> None:
+        segment = max(64, len(accelerations) // 6)
+        f, density = signal.welch(accelerations, fs, nperseg=segment, axis=0)
+        self.fs = fs
+        self.f = f[1:]
+        density = density[1:]
+        top = self.f > (1 - NOISE_PART) * self.f[-1]
+        noise = np.median(density[top], axis=0)
+        motion = np.maximum(density - noise, 0.0)
+        twice = self.f[:, None] ** -4.0
+        self.motion = _power_above(motion * twice)
+        self.noise = _power_above(noise * twice)
+        self.velocity = _power_above(motion * self.f[:, None] ** -2.0)
+
+    def first_clear_line(self, max_noise_share: float) -> int | None:
+        """First line above which noise is at most a share of every displacement, else
+        the one with the least share; None if noise is all there is.
+        """
+        line, share = self._clearest(self.motion, max_noise_share)
+        return line if np.isfinite(share) else None
+
+    def line_that_keeps_first_mode(self, line: int, max_noise_share: float) -> int:
+        """A lower line, where this one is less than an octave below the first mode and
+        more noise is allowed there.
+        """
+        lowest, _ = self._clearest(self.motion, max_noise_share)
+        energetic = self.velocity >= KINETIC_SHARE * self.velocity[lowest]
+        first_mode = self.f[np.flatnonzero(energetic.all(axis=1))[-1]]
+        octave_below = int(np.searchsorted(self.f, 0.5 * first_mode))
+        allowed, _ = self._clearest(self.motion[octave_below], max_noise_share)
+        return max(allowed, min(line, octave_below))
+
+    def edge_from(self, line: int, max_edge_samples: float) -> float | None:
+        """The first frequency from a line on at which a high-pass spoils few samples of
+        the record; None if too much of the displacement lies below it.
+        """
+        last = int(np.searchsorted(self.f, MAX_EDGE * self.fs))
+        for k in range(line, last):
+            if (self.motion[k] < DISPLACEMENT_SHARE * self.motion[line]).any():
+                return None
+            high_pass = ZeroPhaseFilter((float(self.f[k]), None), self.fs)
+            if high_pass.edge <= max_edge_samples:
+                return float(self.f[k])
+        return None
+
+    def _clearest(
+        self, motion: np.ndarray, max_noise_share: float
+    ) -> tuple[int, float]:
+        """First line above which noise is at most such a share of every motion, else
+        the line with the least share; and that share.
+        """
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.sqrt(self.noise / motion)
+        worst = np.where(np.isfinite(shares), shares, np.inf).max(axis=1)
+        clear = worst <= max_noise_share
+        line = int(np.argmax(clear)) if clear.any() else int(np.argmin(worst))
+        return line, float(worst[line])
+
+
+def _power_above(density: np.ndarray) -> np.ndarray:
+    """Sum of a density from each line up."""
+    return np.cumsum(density[::-1], axis=0)[::-1]

@@ -17,7 +17,7 @@ from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
 from ...records.channels import by_record
 from ...records.dataset import feature_names
-from ...records.files.arrays import data_sets, require_own
+from ...records.files.formats.hdf5 import data_sets, require_own
 from ...records.files.table import check_file, reading_as, unreadable
 from ...records.fusion.kinematics import base_acceleration_if_any
 from ...records.input_arrays import table_time

@@ -1,28 +1,135 @@
-r"""Channels that are late, inverted, wrongly scaled, or on clocks of their own.
-
-Acceleration, velocity and displacement of one DOF are one motion; where they do not
-fit, the transfer between them says why: its phase is a delay (straight in frequency) or
-an inversion (pi), its size a gain,
-
-.. math:: \frac{X_c(f)}{X_r(f)} (2 \pi i f)^{k} = g \, e^{-2 \pi i f \tau} .
-"""
+"""Channels that are late, inverted, wrongly scaled, or on clocks of their own."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
-from typing import Any, NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import resample_poly, zoom_fft
+from scipy.signal import resample_poly
 
 from ...exceptions import ChannelError
 from ...laws.sensor import shifted
-from ..channels import as_matrix
+from ..channels import GAP, as_matrix
+from ..quality import Kind
 from ..record import OF_LETTER, Record, seconds_of
+from .reference_frame import wrong_frame
+from .transfer_function import ORDERS, Transfer, transfer
 
 __all__ = ["align", "channel_alignment", "resampled", "split_at_gaps"]
+
+# Samples from which on a channel is called late, and share of one from which on it is
+# called wrongly scaled.
+CLEAR_DELAY = 0.05
+CLEAR_GAIN = 0.02
+# Share of a channel that gain, sign and delay leave, from which on it is of another
+# place.
+OTHER_PLACE = 0.5
+# Relative difference of two ratios of rates that count as the same, and the largest
+# denominator of a simple ratio.
+SAME_RATIO = 1e-6
+MAX_DENOMINATOR = 1000
+
+
+@dataclass(frozen=True)
+class ChannelComparison:
+    """One motion channel against another of the same DOF.
+
+    Attributes
+    ----------
+    channel, reference : str
+        Such as ``"x2"`` and ``"a2"``.
+    fs : float
+        Hz.
+    transfer : Transfer
+        Gain, sign and delay.
+    frame_message : str
+        Why the channel is in another frame of reference than the record says; empty if
+        it is not. Nothing else is compared then.
+    """
+
+    channel: str
+    reference: str
+    fs: float
+    transfer: Transfer
+    frame_message: str = ""
+
+    @property
+    def samples(self) -> float:
+        """Delay in samples."""
+        return self.transfer.delay * self.fs
+
+    @cached_property
+    def faults(self) -> dict[Kind, float]:
+        """Kind and size of everything that is wrong, the sizes as those of a
+        QualityNote.
+        """
+        fit = self.transfer
+        if self.frame_message:
+            return {"frame": np.nan}
+        if not fit.coherent:
+            return {"incoherent": fit.coherence}
+        if fit.misfit > OTHER_PLACE:
+            return {"swapped": np.nan}
+        faults: dict[Kind, float] = {}
+        if fit.sign < 0:
+            faults["sign"] = fit.sign
+        if abs(self.samples) > CLEAR_DELAY:
+            faults["delay"] = fit.delay
+        if abs(fit.gain - 1) > CLEAR_GAIN:
+            faults["gain"] = fit.gain
+        return faults
+
+    @property
+    def aligned(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.faults
+
+    @property
+    def message(self) -> str:
+        """What is wrong, in a sentence; empty if nothing is."""
+        channel, reference = self.channel, self.reference
+        if self.frame_message or not self.faults:
+            return self.frame_message
+        if "incoherent" in self.faults:
+            return (
+                f"{channel} and {reference} are not coherent: columns swapped, another"
+                " floor, or dead"
+            )
+        if "swapped" in self.faults:
+            return (
+                f"{channel} does not follow {reference} as {OF_LETTER[channel[0]]}"
+                f" follows {OF_LETTER[reference[0]]}: columns swapped, or a channel of"
+                " another floor"
+            )
+        faults = ", ".join(self._phrase(kind) for kind in self.faults)
+        return f"{channel} {faults} against {reference}"
+
+    def _phrase(self, kind: Kind) -> str:
+        if kind == "sign":
+            return "has the opposite sign"
+        if kind == "gain":
+            return f"is {self.transfer.gain:.3g} times as large"
+        side = "late" if self.transfer.delay > 0 else "early"
+        milliseconds = abs(self.transfer.delay) * 1e3
+        return f"is {milliseconds:.3g} ms ({abs(self.samples):.2f} samples) {side}"
+
+    def row(self) -> dict[str, Any]:
+        """A row of the table of :func:`channel_alignment`."""
+        fit = self.transfer
+        return {
+            "reference": self.reference,
+            "delay": fit.delay,
+            "samples": self.samples,
+            "gain": fit.gain,
+            "scatter": fit.scatter,
+            "sign": fit.sign,
+            "coherence": fit.coherence,
+            "aligned": self.aligned,
+            "message": self.message,
+        }
 
 
 def channel_alignment(
@@ -49,7 +156,7 @@ def channel_alignment(
     DataFrame
         By channel: ``reference``, ``delay`` (s, positive = late), ``samples``,
         ``gain``, ``scatter`` (of the gain: how far it differs with frequency, and what
-        noise may have made of it, as a share; infinite where too few lines tell),
+        noise may have made of it, as a share; infinite where too few lines are clear),
         ``sign`` (+1 or -1), ``coherence``, ``aligned`` (bool) and ``message``.
 
     Raises
@@ -62,50 +169,89 @@ def channel_alignment(
     >>> from pysindy_nrf import datasets
     >>> from pysindy_nrf.records.checks.alignment import channel_alignment
     >>> rec = datasets.load_demo()
-    >>> found = channel_alignment(rec.replace(displacement=-rec.displacement))
-    >>> found["sign"].tolist()
+    >>> table = channel_alignment(rec.replace(displacement=-rec.displacement))
+    >>> table["sign"].tolist()
     [-1.0, -1.0, -1.0]
     """
-    if reference not in ORDER:
+    comparisons = compare_channels(record, band, reference, runs)
+    if not comparisons:
+        raise ChannelError(
+            f"No DOF of record {record.name!r} has two kinds of motion channels",
+            "Delays between DOFs show in the balances only.",
+        )
+    names = [comparison.channel for comparison in comparisons]
+    rows = [comparison.row() for comparison in comparisons]
+    return pd.DataFrame(rows, index=pd.Index(names, name="channel"))
+
+
+def compare_channels(
+    record: Record,
+    band: tuple[float, float] | None = None,
+    reference: str = "a",
+    runs: Sequence[slice] | None = None,
+) -> tuple[ChannelComparison, ...]:
+    """Compare the motion channels of each DOF; see :func:`channel_alignment`.
+
+    Returns
+    -------
+    tuple of ChannelComparison
+        Empty if no DOF has two kinds of channels.
+    """
+    if reference not in ORDERS:
         raise ChannelError(
             f"reference={reference!r} is unknown", "Choose 'a', 'v' or 'x'."
         )
     channels = record.channels()
-    shaken = record.coordinates == "relative" and record.base_moves
-    if shaken and "ag" not in channels:
-        what = f"Record {record.name!r} has a moving base without its acceleration"
-        raise ChannelError(what, "Give base_acceleration.")
-    base = channels["ag"] if shaken else None
-    rows = {}
+    base = _base_acceleration(record)
+    out = []
     for j in range(1, record.n_dof + 1):
-        own = {k: channels[f"{k}{j}"] for k in "avx" if f"{k}{j}" in channels}
-        if len(own) < 2:
-            continue
-        first = reference if reference in own else next(iter(own))
-        for kind, values in own.items():
+        kinds = [kind for kind in "avx" if f"{kind}{j}" in channels]
+        first = reference if reference in kinds else "".join(kinds[:1])
+        for kind in kinds:
             if kind != first:
-                rows[f"{kind}{j}"] = against(
-                    record, base, (first, own[first]), (kind, values), j, band, runs
-                )
-    if not rows:
-        cure = "Delays between DOFs show in the balances only."
+                out.append(_comparison(record, base, j, first, kind, band, runs))
+    return tuple(out)
+
+
+def _base_acceleration(record: Record) -> np.ndarray | None:
+    """What must be taken off absolute accelerations; None if nothing must."""
+    if record.coordinates == "absolute" or not record.base_moves:
+        return None
+    if record.base_acceleration is None:
         raise ChannelError(
-            f"No DOF of record {record.name!r} has two kinds of motion channels", cure
+            f"Record {record.name!r} has a moving base without its acceleration",
+            "Give base_acceleration.",
         )
-    columns = [
-        "reference",
-        "delay",
-        "samples",
-        "gain",
-        "scatter",
-        "sign",
-        "coherence",
-        "aligned",
-        "message",
-    ]
-    return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis(
-        "channel"
+    return record.base_acceleration
+
+
+def _comparison(
+    record: Record,
+    base: np.ndarray | None,
+    dof: int,
+    reference: str,
+    kind: str,
+    band: tuple[float, float] | None,
+    runs: Sequence[slice] | None,
+) -> ChannelComparison:
+    """One kind of channel of a DOF against another."""
+    names = f"{kind}{dof}", f"{reference}{dof}"
+    message = wrong_frame(record, dof, kind, reference)
+    if message:
+        return ChannelComparison(*names, record.fs, Transfer(), message)
+    channels = record.channels()
+    if base is not None and f"a{dof}" in names:
+        channels[f"a{dof}"] = channels[f"a{dof}"] - base
+    order = ORDERS[kind] - ORDERS[reference]
+    fit = transfer(
+        channels[f"{reference}{dof}"],
+        channels[f"{kind}{dof}"],
+        order,
+        record.fs,
+        band,
+        runs,
     )
+    return ChannelComparison(*names, record.fs, fit)
 
 
 def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
@@ -145,17 +291,17 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
     """
     changes: dict[str, np.ndarray] = {}
     for name, row in found.iterrows():
-        if row["aligned"] or not np.isfinite(
-            row["sign"]
-        ):  # an incoherent channel tells nothing to correct
+        # of an incoherent channel nothing is known to correct
+        if row["aligned"] or not np.isfinite(row["sign"]):
             continue
         key, j = OF_LETTER[str(name)[0]], int(str(name)[1:]) - 1
         array = changes.setdefault(key, np.array(getattr(record, key), dtype=float))
-        factor = row["sign"] / (
-            row["gain"] if gains and abs(row["gain"] - 1) > GAIN else 1.0
-        )
-        late = row["samples"] if abs(row["samples"]) > DELAY else 0.0
-        array[:, j] = factor * (shifted(array[:, j], -late) if late else array[:, j])
+        factor = row["sign"]
+        if gains and abs(row["gain"] - 1) > CLEAR_GAIN:
+            factor = factor / row["gain"]
+        if abs(row["samples"]) > CLEAR_DELAY:
+            array[:, j] = shifted(array[:, j], -row["samples"])
+        array[:, j] *= factor
     return record.replace(**changes)
 
 
@@ -208,37 +354,42 @@ def resampled(
     ... )
     (250.0, True)
     """
-    own = {
-        n: float(rates.get(n, rates.get(n.rstrip("0123456789"), np.nan)))
-        for n in channels
-    }
-    lost = [n for n, r in own.items() if not np.isfinite(r) or r <= 0]
-    if lost:
-        raise ChannelError(
-            f"The sampling rate of channel {lost[0]} is unknown",
-            "Give it in rates={...}, in Hz.",
-        )
-    wanted = float(fs or min(own.values()))
+    rate_of = {name: _rate_of(name, rates) for name in channels}
+    wanted = float(fs or min(rate_of.values()))
     out = {}
     for name, values in channels.items():
         line = as_matrix(values, [name], 1)[:, 0].astype(float)
-        ratio = Fraction(wanted / own[name]).limit_denominator(1000)
-        if abs(float(ratio) * own[name] / wanted - 1) > 1e-6:
-            cure = "Give another fs."
-            raise ChannelError(
-                f"{own[name]:g} Hz of channel {name} and {wanted:g} Hz have no simple"
-                " ratio",
-                cure,
+        ratio = _simple_ratio(name, rate_of[name], wanted)
+        if ratio != 1:
+            line = resample_poly(
+                line, ratio.numerator, ratio.denominator, padtype="line"
             )
-        out[name] = (
-            line
-            if ratio == 1
-            else resample_poly(line, ratio.numerator, ratio.denominator, padtype="line")
+        out[name] = line
+    shortest = min(map(len, out.values()))
+    table = pd.DataFrame({name: line[:shortest] for name, line in out.items()})
+    return Record.from_frame(table, fs=wanted, **options)
+
+
+def _rate_of(channel: str, rates: Mapping[str, float]) -> float:
+    """Sampling rate of a channel, Hz, by its name or its kind."""
+    kind = channel.rstrip("0123456789")
+    rate = float(rates.get(channel, rates.get(kind, np.nan)))
+    if not np.isfinite(rate) or rate <= 0:
+        raise ChannelError(
+            f"The sampling rate of channel {channel} is unknown",
+            "Give it in rates={...}, in Hz.",
         )
-    n = min(map(len, out.values()))
-    return Record.from_frame(
-        pd.DataFrame({k: y[:n] for k, y in out.items()}), fs=wanted, **options
-    )
+    return rate
+
+
+def _simple_ratio(channel: str, rate: float, wanted: float) -> Fraction:
+    ratio = Fraction(wanted / rate).limit_denominator(MAX_DENOMINATOR)
+    if abs(float(ratio) * rate / wanted - 1) > SAME_RATIO:
+        raise ChannelError(
+            f"{rate:g} Hz of channel {channel} and {wanted:g} Hz have no simple ratio",
+            "Give another fs.",
+        )
+    return ratio
 
 
 def split_at_gaps(
@@ -274,24 +425,22 @@ def split_at_gaps(
     >>> [(rec.n_samples, round(rec.fs, 6)) for rec in split_at_gaps(table)]
     [(400, 100.0), (500, 100.0)]
     """
-    key = next((k for k in ("t", "time") if k in table), None)
-    steps = np.diff(seconds_of(table[key].to_numpy() if key else table.index))
+    clock = next((name for name in ("t", "time") if name in table), None)
+    time = table.index if clock is None else table[clock].to_numpy()
+    channels = table if clock is None else table.drop(columns=[clock])
+    steps = np.diff(seconds_of(time))
     usual = 1.0 / fs if fs else float(np.median(steps))
-    body = table.drop(columns=[key]) if key else table
-    good = body.dropna(axis=1, how="all").notna().all(axis=1).to_numpy()
-    breaks = (
-        np.flatnonzero((steps > 1.5 * usual) | (steps <= 0) | (good[1:] != good[:-1]))
-        + 1
-    )
+    complete = channels.dropna(axis=1, how="all").notna().all(axis=1).to_numpy()
+    breaks = (steps > GAP * usual) | (steps <= 0) | (complete[1:] != complete[:-1])
+
     name = options.pop("name", "record")
     out: list[Record] = []
-    for rows in np.split(np.arange(len(table)), breaks):
-        if good[rows[0]] and len(rows) >= shortest:
-            part = body.iloc[rows].reset_index(drop=True)
+    for rows in np.split(np.arange(len(table)), np.flatnonzero(breaks) + 1):
+        if complete[rows[0]] and len(rows) >= shortest:
+            part = channels.iloc[rows].reset_index(drop=True)
+            part_name = f"{name}, part {len(out) + 1}"
             out.append(
-                Record.from_frame(
-                    part, fs=1.0 / usual, name=f"{name}, part {len(out) + 1}", **options
-                )
+                Record.from_frame(part, fs=1.0 / usual, name=part_name, **options)
             )
     if not out:
         raise ChannelError(
@@ -299,335 +448,3 @@ def split_at_gaps(
             "Repair the channels, or lower shortest=.",
         )
     return out
-
-
-ORDER = {"x": 0, "v": 1, "a": 2}
-STRONG = 1e-3  # share of a spectrum's peak
-LONGEST = 65536  # samples of a channel that are used
-FINE, MOST = (
-    4,
-    20,
-)  # steps of a sample in which a delay is searched, and samples up to which
-CYCLES = 8  # of a line, at least, within the lasting part of a record
-CYCLES_OF_A_RUN, DENSE = (
-    3,
-    4,
-)  # the same for runs that are differentiated first; lines of a run for each of its own
-NEIGHBOURS = 9  # lines that are averaged
-# share of a channel that gain, sign and delay leave, from which on it is of another
-# place
-MISFIT = 0.5
-BLOCKS = 8  # of lines, over which the scatter of the gain is taken
-DELAY, GAIN = (
-    0.05,
-    0.02,
-)  # samples, and share of one, from which on a channel is called misaligned
-
-
-def against(
-    record: Record,
-    base: np.ndarray | None,
-    one: tuple[str, np.ndarray],
-    other: tuple[str, np.ndarray],
-    j: int,
-    band: Any,
-    runs: Sequence[slice] | None,
-) -> list[Any]:
-    """One row of the table: the second channel against the first, in the frame of
-    reference the record claims.
-    """
-    order = ORDER[other[0]] - ORDER[one[0]]
-    names = f"{one[0]}{j}", f"{other[0]}{j}"
-    if message := _wrong_frame(record, one, other, names):
-        return [names[0], *[np.nan] * 6, False, message]
-    first, second = (
-        y - base if k == "a" and base is not None else y for k, y in (one, other)
-    )
-    return _compare(first, second, order, record.fs, band, *names, runs)
-
-
-def _wrong_frame(
-    record: Record,
-    one: tuple[str, np.ndarray],
-    other: tuple[str, np.ndarray],
-    names: tuple[str, str],
-) -> str:
-    """Message if displacement or velocity is measured in another frame than the record
-    states; else empty.
-    """
-    ag = record.base_acceleration
-    pair = {k: y for k, y in (one, other)}
-    if ag is None or "a" not in pair or len(pair) < 2:
-        return ""
-    kind = next(k for k in pair if k != "a")
-    good = np.isfinite(pair["a"]) & np.isfinite(pair[kind]) & np.isfinite(ag)
-    n = min(int(good.sum()), LONGEST)
-    if n < 64 or not np.any(ag[good]):
-        return ""
-    y, a, g = (
-        np.fft.rfft(hann(n) * (line[good][:n] - line[good][:n].mean()))
-        for line in (pair[kind], pair["a"], ag)
-    )
-    y = y * (2j * np.pi * np.fft.rfftfreq(n, 1 / record.fs)) ** (
-        ORDER["a"] - ORDER[kind]
-    )
-    use = np.arange(len(y)) > 4
-    use &= (np.abs(a) ** 2 > STRONG * (np.abs(a[use]) ** 2).max()) & (
-        np.arange(len(y)) < 0.8 * len(y)
-    )
-    if use.sum() < 8:
-        return ""
-    columns = np.column_stack([a[use], g[use]]) / np.abs(y[use])[:, None]
-    alpha, beta = np.linalg.lstsq(columns, y[use] / np.abs(y[use]), rcond=None)[0].real
-    relative = record.coordinates == "relative"
-    if abs(alpha - 1) > 0.3 or abs(beta - (0.0 if relative else -1.0)) > 0.3:
-        return ""
-    x = names[0] if names[0][0] == kind else names[1]
-    if relative:
-        return (
-            f"{x} agrees with a{x[1:]} itself, not with a{x[1:]} less the base"
-            f" acceleration: {x} is absolute (coordinates='absolute'), or a{x[1:]} is"
-            " relative to the base (add ag to it)"
-        )
-    return (
-        f"{x} agrees with a{x[1:]} less the base acceleration: it is relative to the"
-        " base (coordinates='relative')"
-    )
-
-
-def _duration(line: np.ndarray) -> float:
-    """Samples over which the power of a signal is spread: its square sum squared over
-    the sum of its fourth powers.
-    """
-    power = line**2
-    return float(power.sum() ** 2 / max((power**2).sum(), np.finfo(float).tiny))
-
-
-class _Lines(NamedTuple):
-    """Spectra of two channels brought to one kind, averaged over neighbouring lines."""
-
-    f: np.ndarray
-    cross: np.ndarray
-    own: np.ndarray
-    theirs: np.ndarray
-    size: np.ndarray
-    slowest: float
-    length: int
-
-
-def _whole(first: np.ndarray, second: np.ndarray, order: int, fs: float) -> _Lines:
-    """Lines of the whole record."""
-    good = np.isfinite(first) & np.isfinite(second)
-    y, z = (_detrended(line[good][:LONGEST]) for line in (first, second))
-    length = len(y)
-    bell = hann(length)
-    f = np.fft.rfftfreq(length, 1 / fs)
-    Y, Z = np.fft.rfft(bell * y), np.fft.rfft(bell * z)
-    # derived line by line before lines are averaged: however steep the spectra, nothing
-    # leaks then
-    U = (
-        Y * (2j * np.pi * np.maximum(f, f[1])) ** order
-    )  # a running mean loses what is far below its largest line
-    # the window is differentiated too: lines with few cycles within it, or within its
-    # decay, are unreliable
-    lasting = min(_duration(bell * y), _duration(bell * z)) / fs
-    sums = (
-        _mean(np.conj(U) * Z),
-        _mean(np.abs(U) ** 2),
-        _mean(np.abs(Z) ** 2),
-        _mean(np.abs(Y) ** 2),
-    )
-    return _Lines(f, *sums, CYCLES / lasting if lasting else np.inf, length)
-
-
-def _in_runs(
-    first: np.ndarray, second: np.ndarray, order: int, fs: float, runs: Sequence[slice]
-) -> _Lines:
-    """Lines of several runs together."""
-    longest = min(max(run.stop - run.start for run in runs), LONGEST)
-    dense = longest * (DENSE if len(runs) > 1 else 1)
-    f = np.fft.rfftfreq(dense, 1 / fs)
-    angle = np.minimum(2 * np.pi * f[1:] / fs, 0.9 * np.pi)
-    true = np.ones(len(f))  # central differences over derivatives
-    true[1:] = (
-        np.sin(angle) / angle if abs(order) == 1 else 2 * (1 - np.cos(angle)) / angle**2
-    )
-    total = [np.zeros(len(f), dtype=complex), np.zeros(len(f)), np.zeros(len(f))]
-    for run in runs:
-        pair = first[run][:longest], second[run][:longest]
-        good = np.isfinite(pair[0]) & np.isfinite(pair[1])
-        y, z = (
-            _derived(line[good], max(k, 0), fs)
-            for line, k in zip(pair, (order, -order))
-        )
-        if len(y) < 2 * NEIGHBOURS:
-            continue
-        U, Z = (
-            np.fft.rfft(hann(len(line)) * _detrended(line), dense) for line in (y, z)
-        )
-        if order:
-            U, Z = (U / true, Z) if order > 0 else (U, Z / true)
-        for part, more in zip(total, (np.conj(U) * Z, np.abs(U) ** 2, np.abs(Z) ** 2)):
-            part += np.where(
-                f < 0.45 * fs, more, 0.0
-            )  # above, a difference is unreliable
-    cross, own, theirs = (_mean(part) for part in total)
-    return _Lines(f, cross, own, theirs, own, CYCLES_OF_A_RUN * fs / longest, dense)
-
-
-def _derived(y: np.ndarray, order: int, fs: float) -> np.ndarray:
-    """Central differences of first or second order, a sample shorter at either end."""
-    if order == 0:
-        return y[1:-1]
-    return (
-        (y[2:] - y[:-2]) * (0.5 * fs)
-        if order == 1
-        else (y[2:] - 2 * y[1:-1] + y[:-2]) * fs**2
-    )
-
-
-@lru_cache(maxsize=4)
-def hann(length: int) -> np.ndarray:
-    """Hann window, sampled at the middles of its intervals, of height two."""
-    return np.asarray(1 - np.cos(2 * np.pi * (np.arange(length) + 0.5) / length))
-
-
-def _detrended(y: np.ndarray) -> np.ndarray:
-    """The signal less its least-squares line; in closed form, ten times as fast as
-    SciPy's general solve.
-    """
-    t = np.arange(len(y)) - 0.5 * (len(y) - 1)
-    return (
-        y - y.mean() - (t * y).mean() / np.square(t).mean() * t
-    )  # without BLAS, whose threads wait for each other
-
-
-def _mean(product: np.ndarray) -> np.ndarray:
-    """Mean over neighbouring lines."""
-    return np.asarray(uniform_filter1d(product, NEIGHBOURS))
-
-
-def _compare(
-    first: np.ndarray,
-    second: np.ndarray,
-    order: int,
-    fs: float,
-    band: Any,
-    one: str,
-    other: str,
-    runs: Sequence[slice] | None,
-) -> list[Any]:
-    """Fit gain, sign and delay of the second channel against derivatives of the
-    first.
-    """
-    lines = (
-        _whole(first, second, order, fs)
-        if runs is None
-        else _in_runs(first, second, order, fs, runs)
-    )
-    f, cross, own, theirs, size, slowest, length = lines
-    use = (np.arange(len(f)) > NEIGHBOURS) & (f > slowest) & (f < 0.4 * fs)
-    use &= (size > STRONG * size.max()) & (theirs > STRONG * theirs.max())
-    if band is not None:
-        use &= (f >= band[0]) & (f <= band[1])
-    if use.sum() < NEIGHBOURS:  # the motion is too slow for the length of the record
-        return [one, *[np.nan] * 6, True, ""]
-    coherence = np.zeros(len(f))
-    coherence[use] = np.abs(cross[use]) ** 2 / own[use] / theirs[use]
-    if (coherence[use] > 0.5).sum() <= 0.2 * use.sum():
-        message = (
-            f"{other} and {one} are not coherent: columns swapped, another floor, or"
-            " dead"
-        )
-        return [one, *[np.nan] * 5, float(coherence.max()), False, message]
-    use &= coherence > min(0.9, 0.9 * coherence.max())
-    if (
-        use.sum() < NEIGHBOURS // 2
-    ):  # a line or two of noise that are coherent by chance
-        return [one, *[np.nan] * 5, float(coherence.max()), True, ""]
-    w = 2 * np.pi * f[use]
-    # between the gains that noise in the one and in the other channel makes too small
-    # and too large
-    H = cross[use] / np.abs(cross[use]) * np.sqrt(theirs[use] / own[use])
-    weight = np.minimum(coherence[use] / np.maximum(1 - coherence[use], 1e-6), 1e3)
-    # delay: the one that lines all phases up, searched on a grid (a chirp transform)
-    # and refined
-    lined = np.zeros(int(np.flatnonzero(use)[-1]) + 1, dtype=complex)
-    lined[use[: len(lined)]] = H / np.abs(H) * weight
-    fine = max(FINE, -(-FINE * 256 // length))
-    total = zoom_fft(
-        lined.conj(),
-        [-MOST / length, MOST / length],
-        2 * MOST * fine + 1,
-        fs=1.0,
-        endpoint=True,
-    ).real
-    best = int(np.argmax(np.abs(total)))
-    sign = 1.0 if total[best] > 0 else -1.0
-    delay = (best - MOST * fine) / fine / fs
-    for _ in range(3):
-        phase = np.angle(sign * H * np.exp(1j * w * delay))
-        delay -= float((weight * w * phase).sum() / (weight * w**2).sum())
-    gain = float(np.exp(np.average(np.log(np.abs(H)), weights=weight)))
-    scatter = _scatter(np.log(np.abs(H)), w, weight, coherence[use])
-    fitted = sign * gain * np.exp(-1j * w * delay)
-    power = theirs[use] * coherence[use]
-    misfit = float(np.sqrt((np.abs(H / fitted - 1) ** 2 * power).sum() / power.sum()))
-    faults = []
-    if sign < 0:
-        faults.append("has the opposite sign")
-    if abs(delay * fs) > DELAY:
-        side = "late" if delay > 0 else "early"
-        faults.append(
-            f"is {abs(delay) * 1e3:.3g} ms ({abs(delay * fs):.2f} samples) {side}"
-        )
-    if abs(gain - 1) > GAIN:
-        faults.append(f"is {gain:.3g} times as large")
-    message = f"{other} {', '.join(faults)} against {one}" if faults else ""
-    if misfit > MISFIT:
-        message = (
-            f"{other} does not follow {one} as {OF_LETTER[other[0]]} follows"
-            f" {OF_LETTER[one[0]]}: columns swapped, or a channel of another floor"
-        )
-    return [
-        one,
-        delay,
-        delay * fs,
-        gain,
-        scatter,
-        sign,
-        float(np.average(coherence[use])),
-        not message,
-        message,
-    ]
-
-
-def _scatter(
-    logs: np.ndarray, w: np.ndarray, weight: np.ndarray, coherence: np.ndarray
-) -> float:
-    """Scatter of the log gain over frequency: between blocks of lines, towards low
-    frequencies, and from noise.
-    """
-    count = min(BLOCKS, len(logs) // NEIGHBOURS)
-    if count < 3:
-        return float("inf")
-    parts = np.array_split(np.arange(len(logs)), count)
-    means = np.array([np.average(logs[p], weights=weight[p]) for p in parts])
-    shares = np.array([weight[p].sum() for p in parts])
-    mean = float(np.average(means, weights=shares))
-    apart = np.sqrt(np.average((means - mean) ** 2, weights=shares))
-    columns = (
-        np.column_stack([np.ones(len(w)), (w / w.max()) ** 2])
-        * np.sqrt(weight)[:, None]
-    )
-    line = np.linalg.lstsq(columns, logs * np.sqrt(weight), rcond=None)[0]
-    left = columns @ line - logs * np.sqrt(weight)
-    error = np.sqrt(
-        NEIGHBOURS
-        * np.linalg.pinv(columns.T @ columns)[0, 0]
-        * (left @ left)
-        / len(left)
-    )
-    bent = max(abs(line[0] - mean) - 2 * error, 0.0)
-    noise = np.average(-0.5 * np.log(np.minimum(coherence, 1.0)), weights=weight)
-    return float(apart + bent + noise)

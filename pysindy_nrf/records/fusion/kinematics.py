@@ -1,33 +1,267 @@
-"""From the measured channels of a record to the regressor's input (paper eq. 8);
-integration of motions.
+"""From the measured channels of a record to the motion and forces of its balances.
+
+The result has absolute accelerations, inter-storey velocities and drifts (paper eq. 8).
 """
 
 import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import cumulative_trapezoid
-from scipy.interpolate import make_interp_spline
 
 from ...exceptions import ChannelError, DataQualityWarning
-from ..checks.channel_checks import data_warnings
+from ..checks.channel_checks import channel_notes
+from ..quality import QualityNote, messages
 from ..record import Record
-from ..zero_phase_filter import Band, ZeroPhaseFilter, check_band, check_rate
+from ..zero_phase_filter import Band, ZeroPhaseFilter, check_band
+from .channel_fusion import (
+    FusedChannels,
+    FusionSettings,
+    choose_band,
+    fuse_channels,
+    warn_of_lost_motion,
+)
+from .channel_table import ChannelTable
+from .dof_fusion import FusedMotion
 from .kinematic_smoother import KinematicSmoother
 
-RESOLVED = (
-    0.7  # share of the knots' Nyquist frequency up to which a fused motion is reliable
-)
+# Share of the knots' Nyquist frequency up to which a fused motion is reliable.
+RESOLVED = 0.7
+# Accelerations that differ by less than this share of themselves and of their standard
+# deviation were passed on unchanged.
+PASSED_ON = 1e-4
+
+
+@dataclass(frozen=True)
+class FusedRecord:
+    """One motion and the forces of a record, as the balances need them.
+
+    Arrays have a row for each sample and a column for each DOF or storey. Rows at the
+    ends that a filter spoils, or in which a channel is NaN, are NaN.
+
+    Attributes
+    ----------
+    motion : ndarray of shape (n_samples, 3 n_dof)
+        Absolute accelerations, m/s^2, inter-storey velocities, m/s, and drifts, m:
+        ``a1.., v1.., s1..`` (paper eq. 8). ``a``, ``v`` and ``s`` are views of it.
+    force : ndarray of shape (n_samples, n_dof)
+        N; a column of NaN is unknown.
+    ag : ndarray of shape (n_samples,) or None
+        Acceleration of the base in the band of the motion, m/s^2, measured or derived
+        from its velocity and displacement; None if no motion of the base was given.
+    time : ndarray of shape (n_samples,)
+        s.
+    band : (float or None, float or None) or None
+        Band of motion and forces, Hz; None if no filter was applied.
+    resolved : float or None
+        Frequency up to which the fusion resolves the motion of every DOF, Hz; None if
+        the sampling rate alone limits it.
+    noise : mapping of str to float
+        Noise level of each measured motion channel, SI rms.
+    spacing : mapping of int to float
+        Distance of the spline's knots of each DOF, samples.
+    joint : bool
+        True if the DOFs improved each other, which leaves their noise dependent on the
+        motion.
+    notes : tuple of QualityNote
+        What is wrong with the measured channels.
+    """
+
+    motion: np.ndarray
+    force: np.ndarray
+    ag: np.ndarray | None
+    time: np.ndarray
+    band: Band = None
+    resolved: float | None = None
+    noise: Mapping[str, float] = field(default_factory=dict)
+    spacing: Mapping[int, float] = field(default_factory=dict)
+    joint: bool = False
+    notes: tuple[QualityNote, ...] = ()
+
+    @property
+    def n_dof(self) -> int:
+        """Degrees of freedom."""
+        return self.force.shape[1]
+
+    @property
+    def a(self) -> np.ndarray:
+        """Absolute accelerations, m/s^2, (n_samples, n_dof)."""
+        return self.motion[:, : self.n_dof]
+
+    @property
+    def v(self) -> np.ndarray:
+        """Inter-storey velocities, m/s, (n_samples, n_dof)."""
+        return self.motion[:, self.n_dof : 2 * self.n_dof]
+
+    @property
+    def s(self) -> np.ndarray:
+        """Drifts, m, (n_samples, n_dof)."""
+        return self.motion[:, 2 * self.n_dof :]
+
+
+# Another way to fuse a record than by a KinematicSmoother; the second argument says
+# whether its channels are checked.
+Fusion = Callable[[Record, bool], FusedRecord]
+
+
+def fuse_record(
+    record: Record, smooth: bool | KinematicSmoother | Fusion = True, check: bool = True
+) -> FusedRecord:
+    """Fuse the measured channels of a record into one motion of each DOF.
+
+    Parameters
+    ----------
+    record : Record
+    smooth : bool, KinematicSmoother or function
+        True: ``KinematicSmoother(band="auto")``. False: the channels are taken as they
+        are, and every DOF needs all three. A function, such as a method of
+        :class:`TwoWayFusion`, is called with the record and ``check``.
+    check : bool
+        Look for faults of the channels before; what is found becomes a warning and
+        stands in ``notes``.
+
+    Raises
+    ------
+    ChannelError
+        If the record has no clock, or a DOF lacks the channels that are needed.
+    """
+    if callable(smooth):
+        return smooth(record, check)
+    _require_motion(record)
+    if not isinstance(smooth, (bool, KinematicSmoother)):
+        raise ChannelError(
+            f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother."
+        )
+    notes = _checked(record) if check else ()
+    if smooth is False:
+        return _as_measured(record, notes)
+    smoother = KinematicSmoother(band="auto") if smooth is True else smooth
+    return _from_channels(record, smoother.fuse(record), smoother.joint, notes)
+
+
+class TwoWayFusion:
+    """Fuses one record jointly over its DOFs, and DOF by DOF.
+
+    Instrumental variables need both. The first step, each DOF by itself, is done once.
+    """
+
+    def __init__(self) -> None:
+        self._dof_by_dof: Sequence[list[FusedMotion]] | None = None
+
+    def joint(self, record: Record, check: bool = True) -> FusedRecord:
+        """The record with motions that its DOFs improved for each other."""
+        return self._fuse(record, True, check)
+
+    def separate(self, record: Record, check: bool = True) -> FusedRecord:
+        """The record with motions whose noise is independent of the motion."""
+        return self._fuse(record, False, check)
+
+    def _fuse(self, record: Record, joint: bool, check: bool) -> FusedRecord:
+        _require_motion(record)
+        first = self._dof_by_dof is None
+        notes = _checked(record) if check and first else ()
+        settings = FusionSettings(band="auto", joint=joint)
+        table = ChannelTable.from_record(record)
+        fused = fuse_channels(
+            table,
+            settings,
+            choose_band([table], settings),
+            noise={},
+            keep=first,
+            dof_by_dof=self._dof_by_dof or (),
+        )
+        warn_of_lost_motion(fused)
+        if first:
+            self._dof_by_dof = fused.dof_by_dof
+        return _from_channels(record, fused, joint, notes)
 
 
 def to_features(
-    record: Record, smooth: Any = True, check: bool = True
+    record: Record,
+    smooth: bool | KinematicSmoother | Fusion = True,
+    check: bool = True,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Accelerations, inter-storey velocities and drifts of a record, and its forces;
-    its channels are checked.
+    """Motion and forces of a record as tables; see :func:`fuse_record`.
+
+    Returns
+    -------
+    X, F : DataFrame
+        Columns ``a1.., v1.., s1..`` and ``F1..``, indexed by time. ``X.attrs`` has
+        ``band``, ``noise``, ``resolved``, ``joint_fusion`` and ``doubts``.
     """
-    have = set(record.measured)
+    fused = fuse_record(record, smooth, check)
+    index = pd.Index(fused.time, name="t")
+    dofs = range(1, fused.n_dof + 1)
+    names = [f"{kind}{j}" for kind in "avs" for j in dofs]
+    X = pd.DataFrame(fused.motion, index=index, columns=names, copy=False)
+    F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in dofs])
+
+    if fused.resolved is not None:
+        X.attrs["resolved"] = fused.resolved
+    if any(spacing > 1.0 for spacing in fused.spacing.values()):
+        X.attrs["joint_fusion"] = fused.joint
+    if fused.spacing:
+        X.attrs["noise"] = dict(fused.noise)
+    if fused.band is not None:
+        X.attrs["band"] = fused.band
+    if fused.notes:
+        X.attrs["doubts"] = messages(fused.notes)
+    return X, F
+
+
+def _as_measured(record: Record, notes: tuple[QualityNote, ...]) -> FusedRecord:
+    """The channels of a record as they are."""
+    _require_every_channel(record)
+    motion = _motion(record, record, smooth=False)
+    ag = base_acceleration_if_any(record)
+    return FusedRecord(motion, record.force, ag, record.time, notes=notes)
+
+
+def _from_channels(
+    record: Record, fused: FusedChannels, joint: bool, notes: tuple[QualityNote, ...]
+) -> FusedRecord:
+    """The fused channels of a record as motion of its storeys."""
+    band = None if fused.band is None else check_band(fused.band, record.fs)
+    with_motion = fused.as_record(record)
+    coarse = max(fused.spacing.values()) > 1.0
+    return FusedRecord(
+        _motion(record, with_motion, smooth=True),
+        with_motion.force,
+        _base_in_band(record, band),
+        record.time,
+        band=band,
+        resolved=_resolved_frequency(record, fused.spacing),
+        noise=fused.noise,
+        spacing=fused.spacing,
+        joint=joint and coarse and not _passed_on(record, with_motion),
+        notes=notes,
+    )
+
+
+def _motion(record: Record, fused: Record, smooth: bool) -> np.ndarray:
+    """Absolute accelerations, inter-storey velocities and drifts, (n_samples, 3
+    n_dof).
+    """
+    a = fused.acceleration
+    v = fused.velocity
+    x = fused.displacement
+    # measured, or filled in by the fusion
+    assert a is not None and v is not None and x is not None
+
+    if record.coordinates == "absolute" and record.base_moves:
+        vg, xg = base_motion(record, fused, smooth)
+        v, x = v - vg[:, None], x - xg[:, None]
+    motion = np.hstack([a, v, x])
+    n_dof = record.n_dof
+    # of storeys above the first: against the DOF below
+    motion[:, n_dof + 1 : 2 * n_dof] -= v[:, :-1]
+    motion[:, 2 * n_dof + 1 :] -= x[:, :-1]
+    return motion
+
+
+def _require_motion(record: Record) -> None:
     if not record.has_clock:
         raise ChannelError(
             f"Record {record.name!r} has no clock, which a mass or a damper needs",
@@ -35,85 +269,69 @@ def to_features(
             " NRFRegressor(massless=True) with laws of the drift alone, such as"
             " laws={1: [laws.LinearElastic()]}.",
         )
+    measured = set(record.measured)
     for j in range(1, record.n_dof + 1):
-        if not have & {f"a{j}", f"v{j}", f"x{j}"}:
+        if measured.isdisjoint({f"a{j}", f"v{j}", f"x{j}"}):
             raise ChannelError(
                 f"DOF {j} of record {record.name!r} has no motion channel",
                 f"Measure a{j}, v{j} or x{j}, or fit the records themselves"
                 " (NRFRegressor.fit): the free run is then fitted to the other"
                 " channels.",
             )
-    if not isinstance(smooth, (bool, KinematicSmoother)):
+
+
+def _require_every_channel(record: Record) -> None:
+    wanted = [f"{kind}{j}" for j in range(1, record.n_dof + 1) for kind in "avx"]
+    missing = [name for name in wanted if name not in record.measured]
+    if missing:
+        more = " and more" if len(missing) > 6 else ""
         raise ChannelError(
-            f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother."
+            f"Record {record.name!r} lacks {', '.join(missing[:6])}{more}",
+            "Use smooth=True, which derives them from the other channels, or measure"
+            " them.",
         )
-    smoother = KinematicSmoother(band="auto") if smooth is True else smooth or None
-    again = smoother is not None and bool(smoother._kept)
-    if messages := data_warnings(record) if check and not again else []:
+
+
+def _checked(record: Record) -> tuple[QualityNote, ...]:
+    """Notes on the channels of a record, which a warning lists."""
+    notes = channel_notes(record)
+    if notes:
+        faults = "; ".join(message.rstrip(".") for message in messages(notes))
         warnings.warn(
-            f"Record {record.name!r}:"
-            f" {'; '.join(text.rstrip('.') for text in messages)}. See"
-            " pysindy_nrf.records.checks.alignment and pysindy_nrf.records.checks.channel_checks.",
+            f"Record {record.name!r}: {faults}. See"
+            " pysindy_nrf.records.checks.alignment and"
+            " pysindy_nrf.records.checks.channel_checks.",
             DataQualityWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
-    if smoother is None:
-        missing = [
-            f"{kind}{j}"
-            for j in range(1, record.n_dof + 1)
-            for kind in "avx"
-            if f"{kind}{j}" not in have
-        ]
-        if missing:
-            lacks = (
-                f"Record {record.name!r} lacks"
-                f" {', '.join(missing[:6])}{' and more' * (len(missing) > 6)}"
-            )
-            raise ChannelError(
-                lacks,
-                "Use smooth=True, which derives them from the other channels, or"
-                " measure them.",
-            )
-        fused = record
-    else:
-        fused = smoother.transform_record(record)
-    a, v, x = fused.acceleration, fused.velocity, fused.displacement
-    assert (
-        a is not None and v is not None and x is not None
-    )  # measured, or filled in by the smoother
-    if record.coordinates == "absolute" and record.base_moves:
-        vg, xg = base_motion(record, fused, smooth)
-        v, x = v - vg[:, None], x - xg[:, None]
-    index = pd.Index(record.time, name="t")
-    columns = [f"{kind}{j}" for kind in "avs" for j in range(1, record.n_dof + 1)]
-    table, n = np.hstack([a, v, x]), record.n_dof
-    table[:, n + 1 : 2 * n] -= v[:, :-1]
-    table[:, 2 * n + 1 :] -= x[:, :-1]
-    X, force = (
-        pd.DataFrame(table, index=index, columns=columns, copy=False),
-        fused.force,
-    )
-    del fused, v, x  # long motions are not held twice
-    if smoother is not None and smoother.spacing_.max() > 1.0:
-        # an accelerometer resolves the whole band; what a displacement sensor cannot
-        # resolve is smoothed away
-        blind = [
-            h for j, h in smoother.spacing_.items() if f"a{j}" not in have and h > 1.0
-        ]
-        if blind:
-            X.attrs["resolved"] = RESOLVED * record.fs / (2 * float(max(blind)))
-        X.attrs["joint_fusion"] = smoother.joint and not _as_measured(record, a)
-    if smoother is not None:
-        X.attrs["noise"] = {
-            str(name): float(level) for name, level in smoother.noise_.items()
-        }
-    if smoother is not None and smoother.band_ is not None:
-        X.attrs["band"] = check_band(smoother.band_, record.fs)
-    if messages:
-        X.attrs["doubts"] = messages
-    return X, pd.DataFrame(
-        force, index=index, columns=[f"F{j}" for j in range(1, record.n_dof + 1)]
-    )
+    return notes
+
+
+def _resolved_frequency(record: Record, spacing: Mapping[int, float]) -> float | None:
+    """Frequency, Hz, up to which the knots resolve every DOF without accelerometer.
+
+    An accelerometer resolves the whole band; what a displacement sensor cannot resolve
+    is smoothed away.
+    """
+    measured = set(record.measured)
+    coarse = [
+        distance
+        for j, distance in spacing.items()
+        if distance > 1.0 and f"a{j}" not in measured
+    ]
+    return RESOLVED * record.fs / (2 * max(coarse)) if coarse else None
+
+
+def _base_in_band(record: Record, band: Band) -> np.ndarray | None:
+    """Acceleration of the base through the filter of the motion."""
+    ag = base_acceleration_if_any(record)
+    known = np.flatnonzero(np.isfinite(ag)) if ag is not None else np.zeros(0, int)
+    if band is None or ag is None or not known.size:
+        return ag
+    rows = slice(known[0], known[-1] + 1)
+    out = np.array(ag, dtype=float)
+    out[rows] = ZeroPhaseFilter(band, record.fs).apply(out[rows])
+    return out
 
 
 def base_acceleration(record: Record) -> np.ndarray:
@@ -122,148 +340,74 @@ def base_acceleration(record: Record) -> np.ndarray:
         return record.base_acceleration
     if not record.base_moves:
         return np.zeros(record.n_samples)
-    acceleration = _ground(
+    ground = _fused_base(
         record, velocity=record.base_velocity, displacement=record.base_displacement
-    ).acceleration
-    assert acceleration is not None
-    return acceleration[:, 0]
+    )
+    return ground.a[:, 0]
 
 
 def base_acceleration_if_any(record: Record, band: Band = None) -> np.ndarray | None:
-    """The same; None for a record in which no motion of the base was given."""
+    """Acceleration of the base in a band; None for a record in which no motion of the
+    base was given.
+    """
     ag = base_acceleration(record) if record.base_moves else record.base_acceleration
-    return (
-        ag if ag is None or band is None else ZeroPhaseFilter(band, record.fs).apply(ag)
-    )
+    if ag is None or band is None:
+        return ag
+    return ZeroPhaseFilter(band, record.fs).apply(ag)
 
 
 def base_motion(
-    record: Record, fused: Record, smooth: Any = True
+    record: Record, fused: Record, smooth: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity and displacement of the base, for records in absolute coordinates."""
-    have = set(record.measured)
-    if {"vg", "xg"} <= have and smooth is False:
-        assert fused.base_velocity is not None and fused.base_displacement is not None
-        return fused.base_velocity, fused.base_displacement
-    if smooth is False or not have & {"vg", "xg"}:
-        what = (
-            f"Record {record.name!r} has absolute displacements and a moving base, but"
-            " lacks "
-        )
-        what += "vg" if "xg" in have else "xg"
-        cure = (
-            "and base_velocity."
-            if smooth is False
-            else "(integrating ag alone loses its slow part)."
-        )
-        raise ChannelError(
-            what, f"Give base_displacement {cure} Or give motion relative to the base."
-        )
-    # the record is already band-limited if the smoother was told to
-    measured = {
-        "velocity": fused.base_velocity,
-        "displacement": fused.base_displacement,
-    }
-    whole = _ground(record, acceleration=fused.base_acceleration, **measured)
-    assert whole.velocity is not None and whole.displacement is not None
-    return whole.velocity[:, 0], whole.displacement[:, 0]
-
-
-def _ground(record: Record, **measured: Any) -> Record:
-    """Motion of the base of a record, fused from what was measured of it."""
-    ground = Record(
-        **measured, fs=record.fs, name=f"base of {record.name}", coordinates="absolute"
-    )
-    return KinematicSmoother().transform_record(ground)
-
-
-def _as_measured(record: Record, fused: np.ndarray) -> bool:
-    """True if the fusion passed clean accelerations on unchanged."""
-    return record.acceleration is not None and np.allclose(
-        record.acceleration,
-        fused,
-        rtol=1e-4,
-        atol=1e-4 * np.nanstd(fused),
-        equal_nan=True,
-    )
-
-
-def integrate(
-    a: Any, dt: float, method: str = "spline", order: int = 1, detrend: bool = False
-) -> np.ndarray:
-    """Integral over time of every column of one contiguous record, zero at the first
-    sample (but with ``detrend``).
+    """Velocity and displacement of the base, for records in absolute coordinates.
 
     Parameters
     ----------
-    a : array-like of shape (n_samples,) or (n_samples, p)
-        Motion, evenly sampled.
-    dt : float
-        Sampling step, s.
-    method : {"spline", "cumulative"}
-        ``"spline"``: antiderivative of the interpolating spline of degree 7.
-        ``"cumulative"``: trapezoid rule (the paper's), low by ``(2 pi f dt)^2 / 12``
-        for each integration.
-    order : {1, 2}
-        Once (velocity from acceleration) or twice.
-    detrend : bool
-        Remove the polynomial of degree ``order`` that fits best: the drift that the
-        unknown initial motion and a sensor offset leave.
-
-    Returns
-    -------
-    ndarray of the shape of a
-        Times s or s^2.
-
-    Raises
-    ------
-    ChannelError
-        If a is not finite, too short, or a parameter is unknown.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.records.fusion import integrate
-    >>> t = np.arange(1000) / 500
-    >>> v = integrate(np.cos(30 * t), dt=1 / 500)
-    >>> bool(np.abs(v - np.sin(30 * t) / 30).max() < 1e-9)
-    True
+    record : Record
+        As measured.
+    fused : Record
+        With the base in the band of the fused motion.
+    smooth : bool
+        False: both are taken as measured.
     """
-    if method not in ("spline", "cumulative"):
+    measured = {"vg", "xg"}.intersection(record.measured)
+    if not smooth and len(measured) == 2:
+        assert fused.base_velocity is not None and fused.base_displacement is not None
+        return fused.base_velocity, fused.base_displacement
+    if not smooth or not measured:
+        missing = "vg" if "xg" in measured else "xg"
+        cure = "Give base_displacement (integrating ag alone loses its slow part)."
+        if not smooth:
+            cure = "Give base_displacement and base_velocity."
         raise ChannelError(
-            f"method={method!r} is unknown", "Choose spline, cumulative."
+            f"Record {record.name!r} has absolute displacements and a moving base, but"
+            f" lacks {missing}",
+            f"{cure} Or give motion relative to the base.",
         )
-    values = np.asarray(a, dtype=float)
-    if values.ndim not in (1, 2):
-        cure = "Give one row per sample and one column per channel."
-        raise ChannelError(f"The motion has {values.ndim} dimensions", cure)
-    if len(values) < 3:
-        raise ChannelError(
-            f"{len(values)} samples are too few", "Give a longer record."
-        )
-    if not np.isfinite(values).all():
-        rows = np.flatnonzero(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-        raise ChannelError(
-            f"The motion is not finite in row {rows[0]}",
-            "Cut the masked edges and repair gaps first.",
-        )
-    dt = 1.0 / check_rate(1.0 / dt if dt else None)
-    if order not in (1, 2):
-        raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
-    n = len(values)
-    t = dt * np.arange(n)
-    if method == "cumulative":
-        out = values
-        for _ in range(order):
-            out = cumulative_trapezoid(out, dx=dt, axis=0, initial=0.0)
-    else:
-        degree = min(
-            7, n - 1 if n % 2 == 0 else n - 2
-        )  # less than 7 for the shortest records
-        out = make_interp_spline(t, values, k=max(1, degree), axis=0).antiderivative(
-            order
-        )(t)
-    if detrend:
-        basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), order)
-        out = out - basis @ np.linalg.lstsq(basis, out, rcond=None)[0]
-    return out
+    ground = _fused_base(
+        record,
+        acceleration=fused.base_acceleration,
+        velocity=fused.base_velocity,
+        displacement=fused.base_displacement,
+    )
+    return ground.v[:, 0], ground.x[:, 0]
+
+
+def _fused_base(record: Record, **measured: Any) -> FusedChannels:
+    """Motion of the base of a record, fused from what was measured of it, as if it were
+    a DOF.
+    """
+    ground = Record(
+        **measured, fs=record.fs, name=f"base of {record.name}", coordinates="absolute"
+    )
+    table = ChannelTable.from_record(ground)
+    return fuse_channels(table, FusionSettings(), band=None, noise={})
+
+
+def _passed_on(record: Record, fused: Record) -> bool:
+    """Whether the fusion passed clean accelerations on unchanged."""
+    before, after = record.acceleration, fused.acceleration
+    if before is None or after is None:
+        return False
+    tolerance = PASSED_ON * np.nanstd(after)
+    return np.allclose(before, after, rtol=PASSED_ON, atol=tolerance, equal_nan=True)

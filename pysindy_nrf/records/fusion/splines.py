@@ -1,17 +1,15 @@
-"""Splines on evenly spaced samples: least squares about measured values and
-derivatives, in units of samples.
+"""Splines on evenly spaced samples, fitted by least squares to values and derivatives.
 
-``x(t) = sum_k c_k B((t - t_0) / h - k)``, B the cardinal B-spline of degree 7, knots h
-samples apart. No periodicity is assumed; everything is banded, so the cost is linear in
-the number of samples. Degree 7 makes the second derivative right to ``(2 pi f / fs)^6 /
-30240``.
+All in units of samples: ``x(t) = sum_k c_k B((t - t_0) / h - k)``, where B is the
+cardinal B-spline of degree 7 and h the distance of the knots. Nothing is taken to be
+periodic. Every matrix is banded, so the cost is linear in the number of samples. Degree
+7 makes the second derivative right to ``(2 pi f / fs)^6 / 30240``.
 """
 
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property, lru_cache
 from itertools import combinations_with_replacement
 from math import comb
-from typing import Any
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder
@@ -21,251 +19,352 @@ from ...exceptions import ChannelError
 
 DEGREE = 7
 # The eight splines over one interval between knots: coefficients of the powers of the
-# place in it, (power, spline).
+# position in it, (power, spline).
 PIECES = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0))).c[
     ::-1, -DEGREE - 1 : DEGREE - 1 : -1
 ]
-# Share of the roughness that settles the ends, where fewer samples than coefficients
-# speak.
-END_WEIGHT = 1e-8
+# Share of the roughness that is added to the normal matrices. It settles the ends,
+# where fewer samples than coefficients count.
+END_ROUGHNESS = 1e-8
+# Factors on the diagonal of the normal matrix that are tried until it is positive
+# definite: motion that is sampled very fast loses the last digits.
+DIAGONAL_FACTORS = (1.0, 1.0 + 1e-13, 1.0 + 1e-11, 1.0 + 1e-9)
+# Frequencies at which the spectra of the normal matrices are averaged.
+N_FREQUENCIES = 512
+# Distances of the knots that are tried, samples.
+SPACINGS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
+# Intervals between knots that a record must have for a distance to be tried.
+MIN_INTERVALS = 12
+# Bases kept for the next records of equal length: a search fuses its own records, those
+# held out, and the pieces from which noise levels are found.
+LENGTHS_KEPT = 3
 
 
 class SplineBasis:
-    """B-spline basis on n samples, ``size`` coefficients; knots h <= spacing samples
-    apart divide the record evenly.
+    """B-splines of degree 7 on a record, for displacement, velocity and acceleration.
+
+    Parameters
+    ----------
+    n_samples : int
+    spacing : float
+        Largest distance of the knots, samples. They divide the record evenly.
+
+    Attributes
+    ----------
+    spacing : float
+        Distance of the knots.
+    size : int
+        Number of coefficients.
     """
 
-    def __init__(self, n: int, spacing: float = 1.0) -> None:
-        self.n = n
-        intervals = max(1, int(np.ceil((n - 1) / spacing - 1e-9)))
-        self.h = (n - 1) / intervals
-        self.size = intervals + DEGREE
+    def __init__(self, n_samples: int, spacing: float = 1.0) -> None:
+        self.n_samples = n_samples
+        self.n_intervals = max(1, int(np.ceil((n_samples - 1) / spacing - 1e-9)))
+        self.spacing = (n_samples - 1) / self.n_intervals
+        self.size = self.n_intervals + DEGREE
 
     @cached_property
-    def _near(self) -> tuple[np.ndarray, np.ndarray]:
-        """The first of the eight splines that are not zero at a sample; values and
-        derivatives of these, (n, 3, 8).
+    def _at_samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """First of the eight splines that are not zero at each sample, and their values
+        and derivatives, (n_samples, 3, 8).
         """
-        count, last = self.size - DEGREE, self.n - 1
-        at = count * np.arange(self.n)
-        first = np.minimum(at // last, count - 1)
-        powers = np.vander((at - first * last) / last, DEGREE + 1, increasing=True)
-        parts = [
-            powers[:, : DEGREE + 1 - o] @ polyder(PIECES, o, 1.0 / self.h)
-            for o in range(3)
+        last_sample = self.n_samples - 1
+        # in whole numbers: a sample on a knot is exactly on it
+        position = self.n_intervals * np.arange(self.n_samples)
+        first = np.minimum(position // last_sample, self.n_intervals - 1)
+        powers = np.vander(
+            (position - first * last_sample) / last_sample, DEGREE + 1, increasing=True
+        )
+
+        derivatives = [
+            powers[:, : DEGREE + 1 - order] @ polyder(PIECES, order, 1.0 / self.spacing)
+            for order in range(3)
         ]
-        return first, np.stack(parts, axis=1)
+        return first, np.stack(derivatives, axis=1)
 
     @cached_property
-    def grams(self) -> np.ndarray:
-        """Normal matrices of value, first and second derivative with a roughness each,
-        lower banded, (size, 3, 9).
+    def normal_matrices(self) -> np.ndarray:
+        """Normal matrix of value, first and second derivative, each with a little
+        roughness, lower banded, (size, 3, 9).
         """
-        first, near = self._near
-        starts = np.searchsorted(first, np.arange(self.size - DEGREE))
-        grams = np.stack(
+        first, values = self._at_samples
+        starts = np.searchsorted(first, np.arange(self.n_intervals))
+        matrices = np.stack(
             [
-                _banded(np.ascontiguousarray(near[:, o].T), starts, self.size)
-                for o in range(3)
+                _banded(np.ascontiguousarray(values[:, order].T), starts, self.size)
+                for order in range(3)
             ],
             axis=1,
         )
-        k, count = DEGREE + 1, max(self.size - DEGREE - 1, 0)
+
+        # roughness: squares of the differences of order 8 of the coefficients
+        order, count = DEGREE + 1, max(self.n_intervals - 1, 0)
         differences = [
-            np.full(count, float((-1) ** i * comb(k, i))) for i in range(k + 1)
+            np.full(count, float((-1) ** i * comb(order, i))) for i in range(order + 1)
         ]
-        rough = END_WEIGHT * _banded(differences, np.arange(count), self.size)
-        return grams + grams[:, :, :1].mean(axis=0) * rough[:, None]
+        roughness = END_ROUGHNESS * _banded(differences, np.arange(count), self.size)
+        mean_diagonal = matrices[:, :, :1].mean(axis=0)
+        return matrices + mean_diagonal * roughness[:, None]
 
     @cached_property
-    def _inner(self) -> np.ndarray:
-        """The three normal matrices inside the record, the mean over columns: samples
-        sit differently between knots.
+    def _inner_bands(self) -> np.ndarray:
+        """Band of the normal matrices inside the record, (3, 9); a mean over columns,
+        as samples lie differently between knots.
         """
-        return self.grams[
-            self.size // 4 : max(self.size // 4 + 1, 3 * self.size // 4)
-        ].mean(axis=0)
+        start = self.size // 4
+        stop = max(start + 1, 3 * self.size // 4)
+        return self.normal_matrices[start:stop].mean(axis=0)
 
-    def symbols(self, w: np.ndarray) -> np.ndarray:
-        """Fourier symbols of the three normal matrices inside the record."""
-        return self._inner[:, :1] + 2 * self._inner[:, 1:] @ np.cos(
-            np.arange(1, DEGREE + 2)[:, None] * w
+    def spectra(self, frequencies: np.ndarray) -> np.ndarray:
+        """Spectra of the three normal matrices inside the record.
+
+        Parameters
+        ----------
+        frequencies : ndarray of shape (n,)
+            Radians per coefficient.
+
+        Returns
+        -------
+        ndarray of shape (3, n)
+            What the matrix makes of a harmonic; rounding may leave it below zero.
+        """
+        lags = np.arange(1, DEGREE + 2)[:, None]
+        return self._inner_bands[:, :1] + 2 * self._inner_bands[:, 1:] @ np.cos(
+            lags * frequencies
         )
 
     @cached_property
-    def spectrum(self) -> np.ndarray:
-        """These symbols at 512 frequencies, evenly over all, not negative."""
-        return np.maximum(self.symbols(np.pi * (np.arange(512) + 0.5) / 512), 0.0)
+    def _spectra_evenly(self) -> np.ndarray:
+        """Spectra at frequencies that cover all evenly, (3, N_FREQUENCIES)."""
+        frequencies = np.pi * (np.arange(N_FREQUENCIES) + 0.5) / N_FREQUENCIES
+        return np.maximum(self.spectra(frequencies), 0.0)
 
-    def normal_matrix(self, weights: np.ndarray, rows: slice) -> np.ndarray:
-        """Weighted sum of the normal matrices, lower banded form, some columns of it,
-        (9, n_columns).
+    def parameters_spent(self, weights: np.ndarray) -> np.ndarray:
+        """Number of parameters that each channel determines, (3,): the trace of its
+        part of the smoothing matrix.
         """
-        return np.einsum("kof,o->fk", self.grams[rows], weights)
+        spectra = self._spectra_evenly
+        shares = spectra @ (1.0 / (weights @ spectra))
+        return self.size * weights * shares / N_FREQUENCIES
+
+    def normal_matrix(self, weights: np.ndarray, columns: slice) -> np.ndarray:
+        """Weighted sum of the normal matrices, some columns of the lower band, (9,
+        n_columns).
+        """
+        return np.einsum("kof,o->fk", self.normal_matrices[columns], weights)
 
     def solve(
         self, weights: np.ndarray, channels: Sequence[np.ndarray | None]
     ) -> np.ndarray:
-        """Coefficients that minimise the weighted squares about the channels; None is
-        not measured.
+        """Coefficients that minimise the weighted squares about the channels.
+
+        Parameters
+        ----------
+        weights : ndarray of shape (3,)
+            Of displacement, velocity and acceleration.
+        channels : sequence of three ndarrays of shape (n_samples,)
+            In units of samples. A channel of None is zero where its weight is not.
+
+        Returns
+        -------
+        ndarray of shape (size,)
+
+        Raises
+        ------
+        ChannelError
+            If the normal matrix is singular.
         """
-        seen = np.array([y is not None for y in channels]) * weights
-        given = [channels[int(seen.argmax())] if y is None else y for y in channels]
-        rows = (
-            self.size + DEGREE + 1
-        )  # elimination writes zeros past the last coefficient
-        c, band = np.zeros(rows), np.empty((rows, DEGREE + 2))
-        for ridge in (
-            1.0,
-            1.0 + 1e-13,
-            1.0 + 1e-11,
-            1.0 + 1e-9,
-        ):  # heavily oversampled motion takes the last digits
-            if compiled()[0](
-                *self._near, self.grams, weights, seen, *given, ridge, band, c
+        measured = np.array([channel is not None for channel in channels])
+        data_weights = measured * weights
+        stand_in = channels[int(data_weights.argmax())]
+        data = [stand_in if channel is None else channel for channel in channels]
+
+        # elimination writes zeros past the last coefficient
+        rows = self.size + DEGREE + 1
+        coefficients = np.zeros(rows)
+        band = np.empty((rows, DEGREE + 2))
+        solve_banded, _ = compiled()
+        for factor in DIAGONAL_FACTORS:
+            if solve_banded(
+                *self._at_samples,
+                self.normal_matrices,
+                weights,
+                data_weights,
+                *data,
+                factor,
+                band,
+                coefficients,
             ):
-                return c[: self.size]
-        what = (
-            "The motion cannot be determined at this sampling rate: it changes too"
-            " little between samples"
-        )
+                return coefficients[: self.size]
         raise ChannelError(
-            what,
+            "The motion cannot be determined at this sampling rate: it changes too"
+            " little between samples",
             "Resample to a lower rate, or give noise= levels to KinematicSmoother.",
         )
 
     def evaluate(self, coefficients: np.ndarray) -> np.ndarray:
-        """The motion and its derivatives per sample at the samples, (3, n)."""
-        return self.add(coefficients, np.ones(self.n), np.zeros((3, self.n)))
+        """Displacement, velocity and acceleration at the samples, (3, n_samples)."""
+        out = np.zeros((3, self.n_samples))
+        self.add(coefficients, np.ones(self.n_samples), out)
+        return out
 
     def add(
         self, coefficients: np.ndarray, weight: np.ndarray, out: np.ndarray
-    ) -> np.ndarray:
-        """Add to ``out`` what :meth:`evaluate` gives, with a weight for each sample."""
-        compiled()[1](*self._near, np.ascontiguousarray(coefficients), weight, *out)
-        return out
+    ) -> None:
+        """Add to ``out`` what :meth:`evaluate` gives, times a weight for each
+        sample.
+        """
+        _, add_values = compiled()
+        add_values(*self._at_samples, np.ascontiguousarray(coefficients), weight, *out)
 
     @cached_property
-    def mean(self) -> np.ndarray:
-        """Mean of every spline over the samples."""
-        first, near = self._near
-        return (
-            np.bincount(
-                (first[:, None] + np.arange(DEGREE + 1)).ravel(),
-                near[:, 0].ravel(),
-                self.size,
-            )
-            / self.n
-        )
+    def means(self) -> np.ndarray:
+        """Mean of every spline over the samples, (size,)."""
+        first, values = self._at_samples
+        splines = first[:, None] + np.arange(DEGREE + 1)
+        totals = np.bincount(splines.ravel(), values[:, 0].ravel(), self.size)
+        return totals / self.n_samples
 
 
 @cache
 def compiled() -> tuple[Callable[..., bool], Callable[..., None]]:
-    """Least squares and values of a spline. LAPACK takes four times as long: it calls a
-    routine for each column.
+    """Least squares and values of a spline.
+
+    LAPACK takes four times as long: it calls a routine for each column.
     """
     from ...common.compiled import address_of, addresses, jit
 
-    order, width = DEGREE + 1, DEGREE + 2  # of the splines; of a column of the band
+    n_splines = DEGREE + 1
+    n_band = DEGREE + 2
 
-    def spline_solve(first, near, grams, weights, seen, x, v, a, ridge, band, c):
-        """Eliminate the coefficients in turn; False if the normal matrix is not
-        positive definite.
-        """
-        size = grams.shape[0]
-        w0, w1, w2, s0, s1, s2 = (
-            weights[0],
-            weights[1],
-            weights[2],
-            seen[0],
-            seen[1],
-            seen[2],
-        )
-        near, grams, band, c = addresses((near, grams, band, c))
+    # longer than other functions: addresses cannot be passed between compiled functions
+    # without cost
+    def spline_solve(
+        first,
+        values,
+        matrices,
+        weights,
+        data_weights,
+        x,
+        v,
+        a,
+        diagonal_factor,
+        band,
+        c,
+    ):
+        """False if the normal matrix is not positive definite."""
+        size = matrices.shape[0]
+        weight_x = weights[0]
+        weight_v = weights[1]
+        weight_a = weights[2]
+        data_weight_x = data_weights[0]
+        data_weight_v = data_weights[1]
+        data_weight_a = data_weights[2]
+        values, matrices, band, c = addresses((values, matrices, band, c))
+
+        # normal matrix
         for k in range(size):
-            row, of_x = address_of(band, width * k), address_of(grams, 3 * width * k)
-            of_v, of_a = address_of(of_x, width), address_of(of_x, 2 * width)
-            for j in range(width):
-                row[j] = w0 * of_x[j] + w1 * of_v[j] + w2 * of_a[j]
-            row[0] *= ridge
+            row = address_of(band, n_band * k)
+            row_x = address_of(matrices, 3 * n_band * k)
+            row_v = address_of(row_x, n_band)
+            row_a = address_of(row_x, 2 * n_band)
+            for j in range(n_band):
+                row[j] = weight_x * row_x[j] + weight_v * row_v[j] + weight_a * row_a[j]
+            row[0] *= diagonal_factor
             c[k] = 0.0
+
+        # right-hand side
         for t in range(first.shape[0]):
-            right, of_x = address_of(c, first[t]), address_of(near, 3 * order * t)
-            of_v, of_a = address_of(of_x, order), address_of(of_x, 2 * order)
-            x_t, v_t, a_t = s0 * x[t], s1 * v[t], s2 * a[t]
-            for j in range(order):
+            right = address_of(c, first[t])
+            of_x = address_of(values, 3 * n_splines * t)
+            of_v = address_of(of_x, n_splines)
+            of_a = address_of(of_x, 2 * n_splines)
+            x_t = data_weight_x * x[t]
+            v_t = data_weight_v * v[t]
+            a_t = data_weight_a * a[t]
+            for j in range(n_splines):
                 right[j] += x_t * of_x[j] + v_t * of_v[j] + a_t * of_a[j]
+
+        # elimination, then substitution from the last coefficient up
         for k in range(size):
-            row = address_of(band, width * k)
+            row = address_of(band, n_band * k)
             if not row[0] > 0.0:
                 return False
-            inverse, value = 1.0 / row[0], c[k]
-            for i in range(1, width):
-                share, below = row[i] * inverse, address_of(row, width * i)
-                for j in range(width - i):
+            inverse = 1.0 / row[0]
+            value = c[k]
+            for i in range(1, n_band):
+                share = row[i] * inverse
+                below = address_of(row, n_band * i)
+                for j in range(n_band - i):
                     below[j] -= share * row[i + j]
                 c[k + i] -= share * value
             row[0] = inverse
         for k in range(size - 1, -1, -1):
-            row, value = address_of(band, width * k), c[k]
-            for i in range(width - 1, 0, -1):
+            row = address_of(band, n_band * k)
+            value = c[k]
+            for i in range(n_band - 1, 0, -1):
                 value -= row[i] * c[k + i]
             c[k] = value * row[0]
         return True
 
-    def spline_values(first, near, c, weight, out_x, out_v, out_a):
-        near, c = addresses((near, c))
+    def spline_values(first, values, c, weight, out_x, out_v, out_a):
+        """Add the weighted values and derivatives."""
+        values, c = addresses((values, c))
         for t in range(first.shape[0]):
-            here, of_x = address_of(c, first[t]), address_of(near, 3 * order * t)
-            of_v, of_a = address_of(of_x, order), address_of(of_x, 2 * order)
-            x = v = a = 0.0
-            for j in range(order):
-                x, v, a = (
-                    x + here[j] * of_x[j],
-                    v + here[j] * of_v[j],
-                    a + here[j] * of_a[j],
-                )
-            out_x[t], out_v[t], out_a[t] = (
-                out_x[t] + weight[t] * x,
-                out_v[t] + weight[t] * v,
-                out_a[t] + weight[t] * a,
-            )
+            local = address_of(c, first[t])
+            of_x = address_of(values, 3 * n_splines * t)
+            of_v = address_of(of_x, n_splines)
+            of_a = address_of(of_x, 2 * n_splines)
+            x = 0.0
+            v = 0.0
+            a = 0.0
+            for j in range(n_splines):
+                x += local[j] * of_x[j]
+                v += local[j] * of_v[j]
+                a += local[j] * of_a[j]
+            out_x[t] += weight[t] * x
+            out_v[t] += weight[t] * v
+            out_a[t] += weight[t] * a
 
     return jit(spline_solve), jit(spline_values)
 
 
-def _banded(rows: Any, starts: np.ndarray, size: int) -> np.ndarray:
-    """Lower banded normal matrix: from each of the starts on, ``rows`` hold
-    neighbouring columns, one further each.
+def _banded(
+    rows: np.ndarray | Sequence[np.ndarray], starts: np.ndarray, size: int
+) -> np.ndarray:
+    """Lower banded normal matrix, (size, 9).
+
+    ``rows[i]`` has the entries of column k + i of the design matrix, for the samples
+    from ``starts[k]`` to ``starts[k + 1]``.
     """
     out = np.zeros((size, DEGREE + 2))
-    for i, j in combinations_with_replacement(
-        range(len(rows) if len(starts) else 0), 2
-    ):
-        out[i : i + len(starts), j - i] += np.add.reduceat(rows[i] * rows[j], starts)
+    if not len(starts):
+        return out
+    for i, j in combinations_with_replacement(range(len(rows)), 2):
+        products = np.add.reduceat(rows[i] * rows[j], starts)
+        out[i : i + len(starts), j - i] += products
     return out
 
 
-# Knot distances that are tried, samples.
-LADDER = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
-
-
 class BasisLadder(dict[float, SplineBasis]):
-    """Spline bases of one record length, built when needed and shared by all degrees of
-    freedom.
+    """Spline bases of one record length by the distance of their knots, made when
+    needed and shared by all degrees of freedom.
     """
 
-    def __init__(self, n: int) -> None:
-        self.n = n
-        self.spacings = [h for h in LADDER if h == 1.0 or (n - 1) / h >= 12]
+    def __init__(self, n_samples: int) -> None:
+        self.n_samples = n_samples
+        self.spacings = [
+            spacing
+            for spacing in SPACINGS
+            if spacing == 1.0 or (n_samples - 1) / spacing >= MIN_INTERVALS
+        ]
 
     def __missing__(self, spacing: float) -> SplineBasis:
-        return self.setdefault(spacing, SplineBasis(self.n, spacing))
+        return self.setdefault(spacing, SplineBasis(self.n_samples, spacing))
 
 
-@lru_cache(
-    maxsize=3
-)  # the records of a search, those held out and SEARCH; a length has an upper bound
-def ladder_of(n: int) -> BasisLadder:
+# the cache is bounded because longer records are fused in blocks of one length
+@lru_cache(maxsize=LENGTHS_KEPT)
+def ladder_of(n_samples: int) -> BasisLadder:
     """Spline bases of a record length, kept for the next records of that length."""
-    return BasisLadder(n)
+    return BasisLadder(n_samples)

@@ -171,7 +171,7 @@ def floor_of(regressor: NRFRegressor, record: Record, draws: int = 4) -> NoiseFl
     levels = levels_of(record, smoother.noise_)
     quiet, rng, found = quiet_drive(record, levels), np.random.default_rng(0), []
     ag = quiet.base_acceleration
-    run = regressor.model_.simulate(quiet.force, record.dt, base_acceleration=ag)
+    run = regressor.simulate(quiet.force, dt=record.dt, base_acceleration=ag)
     for _ in range(draws):
         channels = {
             key: (

@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.ticker import MaxNLocator
 from scipy.signal import welch
 
-from pysindy_nrf import Record
+from pysindy_nrf import Record, simulate
 from pysindy_nrf.chain.model import as_model, as_segments
 from pysindy_nrf.chain.sites import index_of
 from pysindy_nrf.discrepancy.residual import SiteLoop
@@ -822,8 +822,8 @@ class FreeRunDisplay(Display):
             "covariates": record.covariates,
         }
         given |= {"base_acceleration": base_acceleration_if_any(record)} | options
-        run = getattr(estimator, "model_", estimator).simulate(
-            record.force, record.dt, **given
+        run = simulate(
+            getattr(estimator, "model_", estimator), record.force, record.dt, **given
         )
         return cls(record.time, measured, run.displacement)
 

@@ -26,7 +26,6 @@ _LAZY = {
     "close_loop": "discrepancy",
     "compare_with_sindy": "sindy.comparison",
     "BlockedTimeSplit": "selection",
-    "RecordSplit": "selection",
     "one_standard_error": "selection",
     "select_order": "selection",
     "select_sparsity": "selection",

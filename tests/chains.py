@@ -325,7 +325,7 @@ def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
     from pysindy_nrf.records.input_arrays import from_arrays
 
     rng, ag = np.random.default_rng(seed), record.base_acceleration
-    run = model.simulate(record.force, record.dt, base_acceleration=ag)
+    run = simulate(model, record.force, record.dt, base_acceleration=ag)
     found = []
     for _ in range(draws):
         noisy = {

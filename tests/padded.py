@@ -3,7 +3,6 @@ to whole DOFs by functions of the row alone, so that nothing but their number ch
 """
 
 import re
-from dataclasses import replace
 
 import numpy as np
 from sklearn.utils.validation import check_is_fitted
@@ -64,16 +63,15 @@ class PaddedRegressor(NRFRegressor):
         self.n_features_in_ = width
         return self
 
-    def _read(self, given, every_row=False):
+    def dataset(self, X, y=None, **given):
         check_is_fitted(self)
         n_dof = self.model_.n_dof
-        X = padded(checked(self, given.X, reset=False), 3, 3 * n_dof)
-        F = given.F
-        if F is not None:
-            columns = np.asarray(F).reshape(len(F), -1)
+        X = padded(checked(self, X, reset=False), 3, 3 * n_dof)
+        if y is not None:
+            columns = np.asarray(y).reshape(len(y), -1)
             more = np.tile(columns[:, :1], n_dof - columns.shape[1])
-            F = np.hstack([columns, more])
-        return super()._read(replace(given, X=X, F=F), every_row)
+            y = np.hstack([columns, more])
+        return super().dataset(X, y, **given)
 
     def predict(self, X):
         out = super().predict(X)

@@ -191,6 +191,7 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
       answer.csv pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping
       campaign.toml
     """
+    from .. import simulation
     from ..chain.model import ChainModel
     from ..records.files import describe, write_record
     from ..records.files.reading import read_excitation
@@ -207,7 +208,8 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
         **how,
     )
     with session.listening():
-        run = structure.simulate(
+        run = simulation.simulate(
+            structure,
             load.force,
             1.0 / load.fs,
             base_acceleration=load.base_acceleration,

@@ -21,6 +21,7 @@ from ..records.dataset import Dataset, feature_names
 from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
 from ..records.named_columns import forces_by_name
 from ..records.record import Record
+from ..simulation.api import simulate
 from .problem import blocks_of
 from .result import IdentificationResult
 from .wiring import wiring_of
@@ -74,8 +75,14 @@ class FittedChain:
             N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this
             shape.
         """
-        given = Input(X, None, record, time, base_acceleration, covariates)
-        data = self._read(given, every_row=True)
+        data = self.dataset(
+            X,
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+            every_row=True,
+        )
         forces = data.scatter(self.model_.balance_forces(data))
         return forces[:, 0] if self._one_force else forces
 
@@ -92,7 +99,7 @@ class FittedChain:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        data = self._read(Input(X, **given), every_row=True)
+        data = self.dataset(X, every_row=True, **given)
         return self.model_.restoring_force(data)
 
     def score(
@@ -117,8 +124,14 @@ class FittedChain:
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
         """
-        given = Input(X, y, record, time, base_acceleration, covariates)
-        data = self._read(given)
+        data = self.dataset(
+            X,
+            y,
+            record=record,
+            time=time,
+            base_acceleration=base_acceleration,
+            covariates=covariates,
+        )
         weights = sample_weights(sample_weight, data.n_samples)
         filters = self.result_.problem.filters(data)
         left_hand_sides = self.model_.balance_forces(data)
@@ -144,7 +157,7 @@ class FittedChain:
         DataFrame
             Percent NRMSE, one row for each balance; as ``errors_``.
         """
-        data = self._read(Input(X, y, **given))
+        data = self.dataset(X, y, **given)
         problem = self.result_.problem
         layout, filters = problem.layout, problem.filters(data)
         return judge(
@@ -154,22 +167,32 @@ class FittedChain:
             lambda: blocks_of(data, filters, layout),
         )
 
-    def _input_settings(self, X: Any) -> InputSettings:
-        """How data are read; the estimator has its own way."""
-        return InputSettings(coordinates=self.coordinates, dt=self.dt)
+    def dataset(
+        self, X: Any, y: Any = None, *, every_row: bool = False, **given: Any
+    ) -> Dataset:
+        """Other data, read as those of the fit.
 
-    def _read(self, given: Input, every_row: bool = False) -> Dataset:
-        """Other data, as the laws that were found need them."""
+        Parameters
+        ----------
+        every_row : bool
+            Keep the short pieces between gaps of the clock that a fit leaves out.
+        **given
+            Record, time, base_acceleration and covariates, as in :meth:`fit`.
+        """
         check_is_fitted(self)
-        if not hasattr(given.X, "columns") and records_in(given.X) is None:
-            self._require_width(given.X)
+        if not hasattr(X, "columns") and records_in(X) is None:
+            self._require_width(X)
         settings = replace(
-            self._input_settings(given.X),
+            self._input_settings(X),
             n_dof=self.model_.n_dof,
             has_memory=self.model_.has_memory,
             every_row=every_row,
         )
-        return as_dataset(given, settings)
+        return as_dataset(Input(X, y, **given), settings)
+
+    def _input_settings(self, X: Any) -> InputSettings:
+        """How data are read; the estimator has its own way."""
+        return InputSettings(coordinates=self.coordinates, dt=self.dt)
 
     def _require_width(self, X: Any) -> None:
         """Refuse an array with another number of columns, in scikit-learn's words."""
@@ -367,9 +390,4 @@ class FittedChain:
             )
         if hasattr(F, "columns"):
             F = forces_by_name(F, self.model_.n_dof)
-        return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
-
-    def to_sindy(self) -> Any:
-        """The model as a fitted ``ps.SINDy``; see :meth:`ChainModel.to_sindy`."""
-        check_is_fitted(self)
-        return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
+        return simulate(self.model_, F, step, x0=x0, v0=v0, **options)

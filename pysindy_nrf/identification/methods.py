@@ -175,8 +175,8 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
         if found.resolver is None:
             return examined_result(by_least_squares.finding(start, data, notes))
 
-        for one in caught:
-            warn(str(one.message), one.category)
+        for kind, text in zip((one.category for one in caught), notes):
+            warn(text, kind)
         facts = found.facts | {"notes": list(notes)}
         # the channels are examined by least squares of what was measured
         return examined_result(

@@ -478,7 +478,7 @@ def _require_steady_clock(pieces: Pieces, time: np.ndarray) -> None:
                 f"The time of {name} jumps after {rows_text(rows.start + jumps)}, and a"
                 " law remembers the path",
                 "Rows were left out or shuffled. Hold out whole records"
-                " (RecordSplit), or give each contiguous piece its own record id.",
+                ", or give each contiguous piece its own record id.",
             )
 
 

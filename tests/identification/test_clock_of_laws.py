@@ -138,7 +138,7 @@ def test_the_instant_of_a_step_is_declared_on_the_clock_of_the_record(late):
     loss = model.restoring_forces_[1].coefficients["s [t > t0]"]
     assert loss == pytest.approx(LOSS, rel=0.03)
 
-    run = model.model_.simulate(late.force, 1 / FS, t0=100.0).displacement
+    run = model.simulate(late.force, dt=1 / FS, t0=100.0).displacement
     tolerance = 0.05 * late.displacement.std()
     assert run == pytest.approx(late.displacement, abs=tolerance)
 

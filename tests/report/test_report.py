@@ -347,9 +347,9 @@ def test_without_its_extra_the_page_names_it_and_leaves_the_old_file(
         with monkeypatch.context() as patch:
             patch.setitem(sys.modules, missing, None)
             with pytest.raises(MissingExtraError, match=r"pysindy_nrf\[report\]"):
-                model.to_html(old)
+                write_html(old, model)
     assert old.read_text() == "before" and list(tmp_path.iterdir()) == [old]
-    model.to_html(old)
+    write_html(old, model)
     assert old.read_text().startswith("<!doctype html>")
 
 

@@ -260,7 +260,7 @@ def test_a_problem_needs_a_chain():
 
 
 def test_weights_are_for_least_squares(case):
-    with pytest.raises(NRFError, match="sample_weight is for least squares"):
+    with pytest.raises(NRFError, match="sample_weight has no part in instrumental"):
         NRFRegressor(estimation="iv", dt=1.0).fit(case.X, case.F, np.ones(2000))
 
 

@@ -172,8 +172,8 @@ def compared(n: int, noise: float, seed: int) -> tuple[float, float, float]:
         )
     true = [*m, *(value for pair in zip(c, k) for value in pair)]
     judged = np.r_[:n, n + 1 : 3 * n : 2]  # not damping
-    now = fit.rebuild.numbers(best.u)
-    slope = np.where(fit.rebuild.scale == 0, now, fit.rebuild.scale)
+    now = fit.rebuild.values(best.u)
+    slope = fit.rebuild.slopes(best.u)
     pieces = np.sqrt((best.influences**2).sum(axis=0)) * slope
     curvature = np.sqrt(np.diag(np.linalg.inv(best.jacobian.T @ best.jacobian))) * slope
     inside = [

@@ -41,7 +41,8 @@ from pysindy_nrf import (  # noqa: E402
 )
 from pysindy_nrf.equations.errors import nrmse  # noqa: E402
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.identification.noise_spectra import spectrum, transfer  # noqa: E402
+from pysindy_nrf.identification.linear_response import transfer  # noqa: E402
+from pysindy_nrf.identification.spectra import fourier_lines  # noqa: E402
 from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
 
 FS, DURATION, N = 1000.0, 16.0, 4
@@ -193,7 +194,8 @@ def bound(case: str, seed: int) -> np.ndarray:
     added = [np.outer(run.acceleration[:, j], np.eye(N)[j]) for j in range(N)]
     added += [np.outer(y[:, i], step[:, i]) for y in (s, v) for i in range(N)]
     J = np.stack(
-        [-(G @ spectrum(y, 1 / FS)[: len(f), :, None])[:, :, 0] for y in added], axis=2
+        [-(G @ fourier_lines(y, 1 / FS)[: len(f), :, None])[:, :, 0] for y in added],
+        axis=2,
     )
     information = 2 * np.einsum("fdi,fdj->ij", J.conj(), np.linalg.solve(S, J)).real
     scale = parameters(truth)

@@ -31,7 +31,7 @@ def record(blind=(2,), dofs=(4,), fs=500.0, **changes):
 
 def test_it_is_refused_with_the_way_out():
     with pytest.raises(
-        IdentifiabilityError, match=r"(do not tell|misses) [\s\S]*Add a sensor"
+        IdentifiabilityError, match=r"(do not determine|misses) [\s\S]*Add a sensor"
     ):
         NRFRegressor(degree=1).fit(record(fs=100.0))
     assert "Floor 2 has no sensor" in str(Chain(4).plan(sensors=[1, 3, 4]))

@@ -361,14 +361,18 @@ def _replaceable(state: SearchState, candidate: Candidate) -> set[frozenset[Effe
     None if it stands there already.
     """
     law = candidate.law
-    there = [e for e in state.effects if e.site in candidate.sites]
-    if not law.superposes and any(e.template == law for e in there):
-        return set()
-
-    must = frozenset(e for e in there if excludes(e.law, law))
-    if law.superposes:
-        return {must}
-    return {must, must | {e for e in there if e.law.family == law.family}}
+    must: set[Effect] = set()
+    may: set[Effect] = set()
+    for effect in state.effects:
+        if effect.site not in candidate.sites:
+            continue
+        if effect.template == law and not law.superposes:
+            return set()
+        if excludes(effect.law, law):
+            must.add(effect)
+        elif effect.law.family == law.family and not law.superposes:
+            may.add(effect)
+    return {frozenset(must), frozenset(must | may)}
 
 
 def _varied(findings: Iterable[Finding], count: int) -> list[Finding]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -133,27 +133,22 @@ class Experiment:
 
     Attributes
     ----------
+    catalogue : sequence of ForceLaw
+        Laws that are tried.
     chain : Chain
-    known_masses : iterable of int
-        DOFs.
-    forced : iterable of int
-        DOFs on which a force acts.
+    known_masses, forced : collection of int
+        DOFs with a known mass, and with a measured force.
     covariates : sequence of str
         Names of the channels that all records hold.
     n_records : int
     """
 
+    catalogue: Sequence[ForceLaw]
     chain: Chain
-    known_masses: Iterable[int] = ()
-    forced: Iterable[int] = ()
+    known_masses: Collection[int] = ()
+    forced: Collection[int] = ()
     covariates: Sequence[str] = ()
     n_records: int = 1
-    catalogue: Sequence[ForceLaw] = field(default=(), repr=False)
-
-    @property
-    def is_forced(self) -> bool:
-        """Whether a force acts."""
-        return any(True for _ in self.forced)
 
     @cached_property
     def dofs(self) -> list[Site]:
@@ -188,7 +183,7 @@ class Experiment:
         better than it. Without a force a tie stands in for a storey.
         """
         ties = any("new link" in law.acts_at for law in self.catalogue)
-        return ties and self.is_forced
+        return ties and bool(self.forced)
 
 
 def candidates(experiment: Experiment) -> Iterator[Candidate]:
@@ -207,38 +202,65 @@ def _can_be_distinguished(law: ForceLaw, experiment: Experiment) -> bool:
         return False
     if law.permanent_change and experiment.n_records > 1:
         return False
-    return experiment.is_forced or not law.mimics_inertia
+    return bool(experiment.forced) or not law.mimics_inertia
 
 
 def sites_of(law: ForceLaw, experiment: Experiment) -> list[Site]:
     """Sites at which a search tries a law."""
     sites: list[Site] = []
-    if "dof" in law.acts_at:
-        sites += _dofs(law, experiment)
-    if "link" in law.acts_at:
-        # on DOF 1 it is the same as in storey 1
-        links = experiment.chain.sites
-        sites += [s for s in links if s.q > 0] if sites else links
-    if "ground" in law.acts_at:
-        sites += experiment.grounds
-    if "new link" in law.acts_at or _may_tie(law, experiment):
-        sites += [s for s in experiment.new_links if s not in sites]
-    if "two storeys" in law.acts_at:
-        sites += [s for s in experiment.new_links if s.p - s.q == 2]
+    for kind, sites_of_kind in _SITES_OF_KIND.items():
+        ties = kind == "new link" and _may_tie(law, experiment)
+        if kind in law.acts_at or ties:
+            found = sites_of_kind(law, experiment)
+            sites += [site for site in found if site not in sites]
     return sites
 
 
 def _dofs(law: ForceLaw, experiment: Experiment) -> list[Site]:
-    """DOFs at which a law is tried.
+    """All DOFs; for a law of the acceleration those of known mass, up to the force.
 
-    One of the acceleration only where the mass is known, up to the highest force: above
-    it every balance is homogeneous.
+    Above the highest force every balance is homogeneous.
     """
     if law.variable != "a":
-        return list(experiment.dofs)
+        return experiment.dofs
     highest = max(experiment.forced, default=0)
     known = set(experiment.known_masses)
     return [s for s in experiment.dofs if s.p in known and s.p <= highest]
+
+
+def _links(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """The links of the chain.
+
+    On DOF 1 a law of the DOFs is the same as in storey 1.
+    """
+    links = list(experiment.chain.sites)
+    if "dof" in law.acts_at and _dofs(law, experiment):
+        return [site for site in links if site.q > 0]
+    return links
+
+
+def _grounds(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """Links to the ground that the chain lacks."""
+    return experiment.grounds
+
+
+def _new_links(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """All links that the chain lacks."""
+    return experiment.new_links
+
+
+def _over_two_storeys(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """Links over two storeys that the chain lacks."""
+    return [site for site in experiment.new_links if site.p - site.q == 2]
+
+
+_SITES_OF_KIND: dict[str, Callable[[ForceLaw, Experiment], list[Site]]] = {
+    "dof": _dofs,
+    "link": _links,
+    "ground": _grounds,
+    "new link": _new_links,
+    "two storeys": _over_two_storeys,
+}
 
 
 def _may_tie(law: ForceLaw, experiment: Experiment) -> bool:

@@ -77,29 +77,42 @@ def certainty_of(
         What the final model would have produced with fresh noise.
     """
     left = final.balance_errors
-    sizes = [_size_of_effect(draft, left) for draft in drafts]
-    companies = [_company(draft, drafts) for draft in drafts]
-    possible = []
-    for draft, company in zip(drafts, companies):
-        alone = not draft.alternatives and not company
-        possible.append(draft.plausible and draft.confirmed and alone)
+    names = [_name(draft, drafts, left) for draft in drafts]
+    largest = max((name.size for name in names if name.may_be_sure), default=0.0)
 
-    largest = max((s for s, sure in zip(sizes, possible) if sure), default=0.0)
     floor = _NoiseFloor(left)
     for drawn in draws:
         floor.add(final, drawn)
+        lowest = np.nanmax(floor.beyond(CERTAINTY.least_of_draw))
         # no name can be sure
-        lowest = floor.beyond(CERTAINTY.least_of_draw)
-        if np.nanmax(lowest) > CERTAINTY.remainder * largest:
+        if lowest > CERTAINTY.remainder * largest:
             break
 
     beyond = floor.beyond(1.0)
     effects = []
-    for company, size, sure in zip(companies, sizes, possible):
-        remainder = float(np.nanmax(beyond)) / size
-        sure = sure and remainder <= CERTAINTY.remainder
-        effects.append(Certainty(company, remainder, sure))
+    for name in names:
+        remainder = float(np.nanmax(beyond)) / name.size
+        sure = name.may_be_sure and remainder <= CERTAINTY.remainder
+        effects.append(Certainty(name.company, remainder, sure))
     return CertaintyReport(effects, beyond)
+
+
+@dataclass(frozen=True)
+class _Name:
+    """What decides on the name of an effect before noise is looked at."""
+
+    company: list[str]
+    # what was missing without the effect, percent
+    size: float
+    may_be_sure: bool
+
+
+def _name(draft: StepDraft, drafts: Sequence[StepDraft], left: np.ndarray) -> _Name:
+    """What decides on the name of an effect beside others."""
+    company = _company(draft, drafts)
+    has_rivals = bool(draft.alternatives or company)
+    may_be_sure = draft.plausible and draft.confirmed and not has_rivals
+    return _Name(company, _size_of_effect(draft, left), may_be_sure)
 
 
 class _NoiseFloor:

@@ -33,7 +33,6 @@ from .candidate_search import CandidateSearch
 from .catalogue import Experiment, candidates
 from .channel_spectra import ChannelData, ChannelSpectra
 from .confirmation import Decision, FoundEffect
-from .course import Course
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
 from .fitted_model import FittedModel, LawsBySite, fit_model
 from .folds import Split, split, window_length
@@ -48,7 +47,7 @@ from .judgement import (
     error_table,
 )
 from .report import LoopReport, Step
-from .request import progress_bar
+from .request import LoopRequest, progress_bar
 from .steps import draft_step
 from .windows import ChannelWindows
 
@@ -299,8 +298,16 @@ def judge_run(name: str, model: ChainModel, linear: FittedModel) -> JudgedModel:
     return JudgedModel(name, run, heldout, errors)
 
 
-class ChannelLoop(Course[FittedRuns, SplitRuns, ChannelStart, ChannelFound, Judgement]):
-    """The loop on records in which floors have no sensor."""
+class ChannelLoop:
+    """The loop on records in which floors have no sensor.
+
+    Parameters
+    ----------
+    request : LoopRequest
+    """
+
+    def __init__(self, request: LoopRequest) -> None:
+        self.request = request
 
     # -- prepare, split, find bands --------------------------------------------
 
@@ -380,12 +387,12 @@ class ChannelLoop(Course[FittedRuns, SplitRuns, ChannelStart, ChannelFound, Judg
                 catalogue.append(law)
         forced = {j for record in request.records for j in record.forced}
         experiment = Experiment(
+            catalogue,
             request.problem.chain,
-            tuple(request.problem.known_masses),
-            tuple(sorted(forced)),
+            request.problem.known_masses,
+            forced,
             request.covariates,
             len(request.records),
-            catalogue,
         )
         return list(candidates(experiment))
 
@@ -423,7 +430,8 @@ class ChannelLoop(Course[FittedRuns, SplitRuns, ChannelStart, ChannelFound, Judg
             notes += _doubts(found)
         except NRFError as error:
             stopped, nothing_claimed = wording.no_claim(error.what), True
-            steps, judged, final = [], judged[:1], 0
+            steps, judged = [], judged[:1]
+            final = 0
 
         return Judgement(
             steps,

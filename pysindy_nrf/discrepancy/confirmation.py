@@ -208,7 +208,7 @@ class Confirmer:
         Errors pass to the storey below until the law of that storey is there. None if
         not all that remain are confirmed.
         """
-        remaining = [e for e in effects if not e.is_fault and not e.is_constant]
+        remaining = [effect for effect in effects if effect.is_felt_by_others]
         decisions: list[Decision] = []
         # columns may depend on each other
         with suppress(NRFError):

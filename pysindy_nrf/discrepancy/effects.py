@@ -64,6 +64,11 @@ class Effect:
         """Whether it is a constant force, which the means alone show."""
         return self.law.variable == "1"
 
+    @property
+    def is_felt_by_others(self) -> bool:
+        """Whether its error passes to the storey below."""
+        return not self.is_fault and not self.is_constant
+
 
 @dataclass(frozen=True)
 class SearchState:

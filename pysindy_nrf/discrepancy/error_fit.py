@@ -100,7 +100,8 @@ class ErrorFit:
         """
         spectra = self._spectra_at(start)
         weights, level = self._judged(spectra, self.weights)
-        errors, best, least = start, start, level
+        errors = best = start
+        least = level
 
         for _ in range(MAX_STEPS):
             errors = errors + self._step(errors, spectra, weights)

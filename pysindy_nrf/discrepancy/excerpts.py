@@ -40,7 +40,9 @@ def excerpts(
     if size is None or not records.records[0].has_clock:
         return records, data
 
-    cut_records, segments, blocks, fusion, n_rows = [], [], [], [], 0
+    cut_records, fusion = [], []
+    segments, blocks = [], []
+    n_rows = 0
     for number, fold in enumerate(data.search):
         segment = data.data.segments[fold.segment]
         length = min(size, fold.rows.stop - fold.rows.start)

@@ -129,22 +129,11 @@ class _Cells:
         if all(segments[i].n_valid < 3 * self.samples[i] for i in numbers):
             raise _too_short()
 
-        energy = {i: _energy(segments[i], self.samples[i]) for i in numbers}
-        total = np.sum([cells.sum(axis=0) for cells in energy.values()], axis=0)
-        n_rates = segments[numbers[0]].n_dof
-        if not total[:n_rates].any():
-            raise ChannelError(
-                "Nothing moves in the records that are searched: drifts and velocities"
-                " are zero",
-                "Dead sensors or wrong columns; check them.",
-            )
-
-        moves = total > 0
-        self.energy = {i: e[:, moves] / total[moves] for i, e in energy.items()}
-        self.n_cells = sum(len(e) for e in energy.values())
-        self.period = {
-            i: _cells_of_a_period(segments[i], self.samples[i]) for i in numbers
-        }
+        self.energy = _energy_shares(segments, numbers, self.samples)
+        self.n_cells = sum(len(energy) for energy in self.energy.values())
+        self.period = {}
+        for i in numbers:
+            self.period[i] = _cells_of_a_period(segments[i], self.samples[i])
 
     def cut(self, share: float, pieces: int, shift: int) -> Split:
         """Cut every record into folds with held-out pieces between them."""
@@ -202,6 +191,23 @@ class _Cells:
         first = block.rows.start // size - 1 + margin
         last = block.rows.stop // size - 1 - margin
         return self.energy[block.segment][first:last]
+
+
+def _energy_shares(
+    segments: Sequence[Segment], numbers: Sequence[int], samples: Sequence[int]
+) -> dict[int, np.ndarray]:
+    """Share of the energy of each channel that moves in the cells of each record."""
+    energy = {i: _energy(segments[i], samples[i]) for i in numbers}
+    total = np.sum([cells.sum(axis=0) for cells in energy.values()], axis=0)
+    n_rates = segments[numbers[0]].n_dof
+    if not total[:n_rates].any():
+        raise ChannelError(
+            "Nothing moves in the records that are searched: drifts and velocities are"
+            " zero",
+            "Dead sensors or wrong columns; check them.",
+        )
+    moves = total > 0
+    return {i: cells[:, moves] / total[moves] for i, cells in energy.items()}
 
 
 def _energy(segment: Segment, hop: int) -> np.ndarray:

@@ -104,7 +104,8 @@ def prepare(
     every = [_without_offset(rec) for rec in (*searched, *kept)]
     _require_one_chain(every)
 
-    segments, fusion, clean, n_rows = [], [], True, 0
+    segments, fusion = [], []
+    clean, n_rows = True, 0
     for number, record in enumerate(every):
         wanted = None if like is None else like[number]
         X, F, recipe = _fused(record, wanted)

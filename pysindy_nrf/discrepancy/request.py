@@ -140,14 +140,11 @@ def read_request(
         kept = [rec.by_sample() for rec in kept]
 
     every = [*searched, *kept]
-    step = max((rec.dt for rec in every if rec.has_clock), default=1.0)
-    covariates = []
-    for name in searched[0].covariates:
-        if all(name in rec.covariates for rec in every):
-            covariates.append(name)
+    covariates = _shared_covariates(every)
     laws = _catalogue(catalogue, every, covariates)
     if not has_clock:
         laws = [law for law in laws if not law.rate_dependent]
+    tolerances = default_tolerances(_longest_step(every))
 
     return LoopRequest(
         searched,
@@ -155,14 +152,27 @@ def read_request(
         model,
         problem,
         laws,
-        tuple(covariates),
+        covariates,
         model.band if band is None else band,
         _max_steps(limits.max_steps, searched[0].n_dof),
-        tolerances_of(limits.calibration, default_tolerances(step)),
+        tolerances_of(limits.calibration, tolerances),
         limits.random_state,
         generator(limits.random_state),
         limits.progress,
     )
+
+
+def _shared_covariates(records: Sequence[Record]) -> tuple[str, ...]:
+    """Covariates that all records hold."""
+    shared = set(records[0].covariates)
+    for record in records:
+        shared &= set(record.covariates)
+    return tuple(name for name in records[0].covariates if name in shared)
+
+
+def _longest_step(records: Sequence[Record]) -> float:
+    """The longest sampling step, s; 1 where there is no clock."""
+    return max((rec.dt for rec in records if rec.has_clock), default=1.0)
 
 
 def _baseline(baseline: NRFRegressor | None, has_clock: bool) -> NRFRegressor:

@@ -96,7 +96,9 @@ class SearchData:
         out.data = data
         out.search = self._same_rows(self.search, data)
         out.heldout = self._same_rows(self.heldout, data)
-        out.made, out._motions, out._scales = {}, {}, {}
+        out.made = {}
+        out._motions = {}
+        out._scales = {}
         return out
 
     def _same_rows(self, blocks: Sequence[BlockRows], data: Dataset) -> list[BlockRows]:

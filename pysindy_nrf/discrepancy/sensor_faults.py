@@ -23,6 +23,7 @@ from ..chain.sites import Site
 from ..exceptions import NRFError
 from ..laws.sensor import SensorFault
 from ..records.dataset import Dataset, Segment
+from ..records.record import Record
 from ..simulation.api import as_true
 from .channel_readings import motion_of_dof
 from .contradictions import Contradiction, contradictions, longest_record, mean_rate
@@ -167,27 +168,33 @@ class FaultSearch:
 
     def _alone(self, records: PreparedRecords, data: SearchData) -> Iterator[Suspect]:
         """Channels that no other of their DOF can contradict, with possible faults."""
-        record = records.records[longest_record(data)]
-        motions = []
-        for j in range(1, record.n_dof + 1):
-            kinds = [kind for kind in "avx" if f"{kind}{j}" in record.measured]
-            if len(kinds) == 1:
-                motions.append(f"{kinds[0]}{j}")
+        motions = _single_channels(records.records[longest_record(data)])
         forces = [f"F{j}" for j in data.forced]
+        motions_are_scaled = data.n_dof > 1 and bool(data.forced)
+        forces_are_scaled = len(data.forced) + len(data.known_masses) > 1
 
         for law in self.laws:
             # the mean of every column over a fold is taken out
             if not law.acts_on_derivatives:
                 continue
-            scaled = data.n_dof > 1 and bool(data.forced)
-            if scaled or not law.changes_scale:
+            if motions_are_scaled or not law.changes_scale:
                 yield from _suspects(law, motions)
-            scaled = len(data.forced) + len(data.known_masses) > 1
-            if scaled or not law.changes_scale:
+            if forces_are_scaled or not law.changes_scale:
                 yield from _suspects(law, forces)
 
 
+def _single_channels(record: Record) -> list[str]:
+    """Channels of the motion of DOFs that have no other."""
+    single = []
+    for j in range(1, record.n_dof + 1):
+        kinds = [kind for kind in "avx" if f"{kind}{j}" in record.measured]
+        if len(kinds) == 1:
+            single.append(f"{kinds[0]}{j}")
+    return single
+
+
 def _suspects(law: SensorFault, channels: Sequence[str]) -> Iterator[Suspect]:
+    """A fault at each of some channels."""
     for channel in channels:
         yield Suspect(law, Site(f"sensor {channel}"))
 

@@ -12,7 +12,7 @@ from . import judge, wording
 from .confirmation import Decision, FoundEffect
 from .effects import Effect, Finding
 from .fitted_model import FittedModel
-from .intervals import effect_intervals
+from .intervals import Interval, effect_intervals
 from .report import Step
 
 # Other families that are named.
@@ -73,7 +73,8 @@ def draft_step(
     """
     effect, model = found.effect, found.after
     reduction = model.reduction_from(found.before)
-    fitted, intervals, share = effect.law, {}, float("nan")
+    fitted, share = effect.law, float("nan")
+    intervals: dict[str, Interval] = {}
     if not effect.is_fault:
         fitted = _fitted_law(model, effect)
         intervals = effect_intervals(model, effect)

@@ -16,6 +16,7 @@ from .chance import ChanceTest
 from .channel_errors import ChannelErrorTest
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
 from .error_reduction import ErrorReduction
+from .fitted_model import FittedModel, PlacedLaw
 from .judge import JUDGE
 from .sensor_faults import FaultSearch
 from .spectra import BalanceSpectra
@@ -299,20 +300,30 @@ def add_constants(
     places = list(dict.fromkeys((c.sites[0], c.law) for c in candidates))
     effects = list(state.effects)
     for _ in range(room):
-        best, largest = None, -np.inf
-        for place in places:
-            site, law = place
-            with suppress(NRFError):
-                after = model.with_laws([place])
-                reduction = after.reduction_from(model)
-                there = judge.is_there(reduction, law)
-                if there and reduction.value > largest:
-                    share = judge.share_of_force(after, model, site)
-                    if share >= JUDGE.least_share:
-                        best, largest = (place, after), reduction.value
-        if best is None:
+        added = _best_constant(model, places)
+        if added is None:
             break
-        (site, law), model = best
+        (site, law), model = added
         places.remove((site, law))
         effects.append(Effect(law, site, law))
     return replace(state, effects=tuple(effects))
+
+
+def _best_constant(
+    model: FittedModel, places: Sequence[PlacedLaw]
+) -> tuple[PlacedLaw, FittedModel] | None:
+    """The constant force that lowers the residual most, and the model with it.
+
+    None if none is there and matters.
+    """
+    best, largest = None, -np.inf
+    for site, law in places:
+        with suppress(NRFError):
+            after = model.with_laws([(site, law)])
+            reduction = after.reduction_from(model)
+            if reduction.value > largest and judge.is_there(reduction, law):
+                share = judge.share_of_force(after, model, site)
+                if share >= JUDGE.least_share:
+                    best = (site, law), after
+                    largest = reduction.value
+    return best

@@ -88,8 +88,8 @@ class Basis:
         With those named in ``ROWS`` they make a row of the table of shares.
         """
         s, v = motion.s, motion.v
-        x, y, sign = s / self.drift, v / self.rate, np.sign(v)
-        one = np.ones(motion.n_samples)
+        x, y = s / self.drift, v / self.rate
+        sign, one = np.sign(v), np.ones(motion.n_samples)
         linear = [s, v] if motion.a is None else [s, v, motion.a]
         rate_powers = [y * np.abs(y), y**2, y**3, y**4, y**5]
 

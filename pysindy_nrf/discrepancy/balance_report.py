@@ -86,7 +86,8 @@ def _evidence(
     concluded: BalanceJudgement, models: Sequence[ChainModel]
 ) -> list[Evidence]:
     """What each model leaves: is it noise, where does it act, what is it like."""
-    judgement, noise, floor = concluded.judgement, concluded.left.noise, None
+    judgement, noise = concluded.judgement, concluded.left.noise
+    floor = None
     if noise is not None:
         pieces, filters, _ = noise.spectra.data.diagnosed().cut()
         left = residual_of(models[judgement.final], pieces, filters)

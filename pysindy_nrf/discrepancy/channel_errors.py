@@ -24,7 +24,7 @@ from .channel_readings import (
     with_errors,
 )
 from .effects import Effect
-from .error_fit import ErrorFit, RowChange
+from .error_fit import ERROR_FIT, ErrorFit, RowChange
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 from .judge import JUDGE
@@ -58,8 +58,6 @@ class ChannelErrorSettings:
     more: float = 0.05
     # Share of its own reduction that an effect must keep where they do.
     kept_share: float = 0.5
-    # Size of an error for differences, standard deviations.
-    difference: float = 0.1
     # Columns of the spectra by which errors are estimated: some for each of a hundred
     # errors in each of 24 bands.
     n_columns: int = 8_000
@@ -240,7 +238,7 @@ class ChannelErrors:
         missing: Sequence[tuple[_Touched, int]],
     ) -> dict[_Touched, np.ndarray]:
         """Changes by differences, a standard deviation of the error scaled up."""
-        part = CHANNEL_ERRORS.difference
+        part = ERROR_FIT.difference
         step = [(error, part * error.deviation)]
         moved = self.data.with_data(with_errors(self.data, self.readings, step))
         fixed_row = self._fixed_row(error)

@@ -31,7 +31,7 @@ from ..records.checks.channel_checks import measured
 from . import judge, wording
 from .candidate_search import CandidateSearch
 from .catalogue import Experiment, candidates
-from .channel_spectra import ChannelData, ChannelSpectra
+from .channel_spectra import CHANNELS, ChannelData, ChannelSpectra
 from .confirmation import Decision, FoundEffect
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
 from .fitted_model import FittedModel, LawsBySite, fit_model
@@ -50,23 +50,6 @@ from .report import LoopReport, Step
 from .request import LoopRequest, progress_bar
 from .steps import draft_step
 from .windows import ChannelWindows
-
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """Effort of the loop where floors have no sensor."""
-
-    # Linearisations of a model about its own run at most.
-    max_linearisations: int = 6
-    # Share of what the run missed before that it misses when it has stalled.
-    stalled: float = 0.98
-    # Candidates that are settled.
-    settled_candidates: int = 4
-    # Steps of the fit of a confirmed model, of which a gap needs more than six.
-    fit_steps: int = 25
-
-
-CHANNELS = ChannelSettings()
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ the free run of a model. All channels together stand for one balance.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +24,23 @@ from .prepare import Band
 from .search_data import SearchData
 from .spectra import BalanceSpectra
 from .windows import ChannelWindows, Windows
+
+
+@dataclass(frozen=True)
+class ChannelSettings:
+    """Effort of the loop where floors have no sensor."""
+
+    # Linearisations of a model about its own run at most.
+    max_linearisations: int = 6
+    # Share of what the run missed before that it misses when it has stalled.
+    stalled: float = 0.98
+    # Candidates that are settled.
+    settled_candidates: int = 4
+    # Steps of the fit of a confirmed model, of which a gap needs more than six.
+    fit_steps: int = 25
+
+
+CHANNELS = ChannelSettings()
 
 
 class ChannelData(SearchData):

@@ -15,10 +15,18 @@ from ..records.checks.alignment import channel_alignment
 from .prepare import PreparedRecords
 from .search_data import SearchData
 
-# Gain or delay, as a share of the channel, from which on it is a contradiction.
-LEAST_SHARE = 0.03
-# Samples below which half a record shows no delay.
-SAMPLES_OF_HALF = 1000
+
+@dataclass(frozen=True)
+class ContradictionSettings:
+    """When channels contradict each other."""
+
+    # Gain or delay, as a share of the channel.
+    least_share: float = 0.03
+    # Samples below which half a record shows no delay.
+    samples_of_half: int = 1000
+
+
+CONTRADICTIONS = ContradictionSettings()
 
 
 @dataclass(frozen=True)
@@ -88,11 +96,15 @@ def _contradictions_of(
     """
     delay, gain = float(row["delay"]), _signed_gain(row)
     turn = abs(delay) * mean_rate(data, int(channel[1:]))
-    if turn >= LEAST_SHARE and _agree([half["delay"] for half in halves]):
+    if turn >= CONTRADICTIONS.least_share and _agree(
+        [half["delay"] for half in halves]
+    ):
         yield from _both(channel, row, 1, turn, (-delay, delay))
 
     off = _gain_beyond_noise(gain, row)
-    if off >= LEAST_SHARE and _agree([_signed_gain(half) - 1.0 for half in halves]):
+    if off >= CONTRADICTIONS.least_share and _agree(
+        [_signed_gain(half) - 1.0 for half in halves]
+    ):
         yield from _both(channel, row, 0, off, (gain - 1.0, 1.0 / gain - 1.0))
 
 
@@ -143,7 +155,7 @@ def _halves(runs: Sequence[slice]) -> list[list[slice]]:
     All of them where they are too few to be halved.
     """
     lengths = [run.stop - run.start for run in runs]
-    if sum(lengths) < 2 * SAMPLES_OF_HALF:
+    if sum(lengths) < 2 * CONTRADICTIONS.samples_of_half:
         return [list(runs)]
 
     first, second = [], []

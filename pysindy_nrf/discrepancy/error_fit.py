@@ -11,15 +11,23 @@ from scipy.sparse import csr_array
 from .error_reduction import REDUCTION, mean_reduction, residual_share
 from .fitted_model import FittedModel
 
-# Gauss-Newton steps: three settle all of 24 chains with imperfect sensors; more fit the
-# noise of the columns.
-MAX_STEPS = 4
-# Change of the level, dB, below which the errors have settled.
-SETTLED = 0.05
-# Size of an error for differences, standard deviations.
-DIFFERENCE = 0.1
-# Factor by which the prior of the errors grows until they are credible together.
-PRIOR_GROWTH = 1.2
+
+@dataclass(frozen=True)
+class ErrorFitSettings:
+    """Effort of a fit of errors of the channels."""
+
+    # Gauss-Newton steps: three settle all of 24 chains with imperfect sensors; more fit
+    # the noise of the columns.
+    max_steps: int = 4
+    # Change of the level, dB, below which the errors have settled.
+    settled: float = 0.05
+    # Size of an error for differences, standard deviations.
+    difference: float = 0.1
+    # Factor by which the prior of the errors grows until they are credible together.
+    prior_growth: float = 1.2
+
+
+ERROR_FIT = ErrorFitSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +111,11 @@ class ErrorFit:
         errors = best = start
         least = level
 
-        for _ in range(MAX_STEPS):
+        for _ in range(ERROR_FIT.max_steps):
             errors = errors + self._step(errors, spectra, weights)
             spectra = self._spectra_at(errors)
             weights, level = self._judged(spectra, weights)
-            settled = abs(least - level) < SETTLED
+            settled = abs(least - level) < ERROR_FIT.settled
             if level < least:
                 best, least = errors, level
             if settled:
@@ -194,7 +202,7 @@ class ErrorFit:
         products = self._products(spectra, weights)
         out = np.repeat(products[None], n_errors + 1, axis=0)
         for group, (rows, inside) in enumerate(zip(self.own, self.inside)):
-            column_weights = DIFFERENCE * self._column_weights(group, weights)
+            column_weights = ERROR_FIT.difference * self._column_weights(group, weights)
             cross = self.changes[inside] @ (spectra[rows] * column_weights).T
             error = self.numbers[inside, None] + 1
             changed = self.rows[inside, None]
@@ -237,7 +245,7 @@ class ErrorFit:
     ) -> Iterator[_Combination]:
         """What each error changes in the combination of rows of each balance."""
         # of masses and coefficients
-        follow = (rows[1:] - rows[0]) / DIFFERENCE
+        follow = (rows[1:] - rows[0]) / ERROR_FIT.difference
         for balance, group in enumerate(self.solver.judged):
             own, inside = self.own[group], self.inside[group]
             errors, place = np.unique(self.numbers[inside], return_inverse=True)
@@ -265,6 +273,6 @@ class ErrorFit:
         prior = max(self.n_bands / self.n_columns, 1e-12 * largest)
         found = directions @ (pull / (sizes + prior))
         while np.sum(found**2) > self.limit and prior < 1e12 * largest:
-            prior *= PRIOR_GROWTH
+            prior *= ERROR_FIT.prior_growth
             found = directions @ (pull / (sizes + prior))
         return found

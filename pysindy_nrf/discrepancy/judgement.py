@@ -19,9 +19,12 @@ from .candidate_search import SEARCH
 from .certainty import CERTAINTY
 from .chance import CHANCE
 from .channel_errors import CHANNEL_ERRORS
+from .channel_spectra import CHANNELS
 from .claims import CLAIMS
 from .confirmation import CONFIRMATION
+from .contradictions import CONTRADICTIONS
 from .effects import RankedFinding
+from .error_fit import ERROR_FIT
 from .error_reduction import REDUCTION
 from .excerpts import EXCERPTS
 from .fitted_model import FIT
@@ -53,6 +56,8 @@ ALL_SETTINGS: dict[str, Any] = {
     "judge": JUDGE,
     "chance": CHANCE,
     "channel errors": CHANNEL_ERRORS,
+    "fit of channel errors": ERROR_FIT,
+    "contradictions": CONTRADICTIONS,
     "sensor faults": FAULTS,
     "held-out data": HELDOUT,
     "confirmation": CONFIRMATION,
@@ -60,6 +65,7 @@ ALL_SETTINGS: dict[str, Any] = {
     "claims": CLAIMS,
     "certainty": CERTAINTY,
     "residual": RESIDUAL,
+    "fewer sensors": CHANNELS,
 }
 
 

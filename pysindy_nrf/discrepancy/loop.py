@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -158,12 +158,24 @@ def close_loop(
 
 def _follow(course: Course[Records, Folds, Start, Found, Concluded]) -> LoopReport:
     """All steps of a loop, one after the other."""
-    records = course.prepare()
+    records = _warn_user(course.prepare)
     folds = course.split(records)
     start = course.find_bands(folds)
     found = course.search(start)
     judgement = course.judge(found)
     return course.report(judgement)
+
+
+def _warn_user(step: Callable[[], Records]) -> Records:
+    """The result of a step; its warnings point at the line that called the loop."""
+    caught: list[warnings.WarningMessage] = []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            return step()
+    finally:
+        # above this function are _follow, close_loop, and the user
+        for warning in caught:
+            warnings.warn(warning.message, stacklevel=4)
 
 
 __all__ = ["close_loop"]

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
-from scipy import stats
-from scipy.integrate import solve_ivp
-
 from pysindy_nrf.discrepancy.characterisation import (
     characterise,
     conditional_mean,
     spectral_line,
 )
 from pysindy_nrf.discrepancy.words import Dependence, Feature
+from scipy import stats
+from scipy.integrate import solve_ivp
+
 from pysindy_nrf.equations.normal_equations import Regression, share_of
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion

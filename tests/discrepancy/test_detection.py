@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 from chains import duffing, floor_of_noise, parameters
+from pysindy_nrf.discrepancy.evidence import detect
+from pysindy_nrf.discrepancy.words import ResidualKind
 from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
-from pysindy_nrf.discrepancy.evidence import detect
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of
-from pysindy_nrf.discrepancy.words import ResidualKind
 from pysindy_nrf.records.input_arrays import from_arrays
 from pysindy_nrf.records.zero_phase_filter import filters_of
 

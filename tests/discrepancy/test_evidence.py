@@ -6,16 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pysindy_nrf.discrepancy.characterisation import characterise
+from pysindy_nrf.discrepancy.evidence import Evidence, detect, look
+from pysindy_nrf.discrepancy.words import Dependence, Feature, ResidualKind
 from report_cases import cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.discrepancy import sensors
-from pysindy_nrf.discrepancy.characterisation import characterise
-from pysindy_nrf.discrepancy.evidence import Evidence, detect, look
 from pysindy_nrf.discrepancy.prepare import Workspace, prepare
 from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of, searched
 from pysindy_nrf.discrepancy.windows import split, window_length
-from pysindy_nrf.discrepancy.words import Dependence, Feature, ResidualKind
 from pysindy_nrf.records.fusion.noise_levels import levels_of
 
 pytestmark = pytest.mark.slow

@@ -5,11 +5,11 @@ of the baseline.
 import numpy as np
 import pytest
 from chains import band_limited, duffing, floor_of_noise, parameters
+from pysindy_nrf.discrepancy.evidence import Localiser
+from pysindy_nrf.discrepancy.words import Location
 
 from pysindy_nrf import NRFRegressor, Record
-from pysindy_nrf.discrepancy.evidence import Localiser
 from pysindy_nrf.discrepancy.residual import residual_of
-from pysindy_nrf.discrepancy.words import Location
 from pysindy_nrf.records.input_arrays import from_arrays
 
 pytestmark = pytest.mark.slow

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pysindy_nrf.discrepancy.words import Location
 from simulated_cases import Plan, simulated
 
 from pysindy_nrf import (
@@ -23,7 +24,6 @@ from pysindy_nrf.cli.group import run
 from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
 from pysindy_nrf.discrepancy.loop import _ruler
 from pysindy_nrf.discrepancy.prepare import MOST, prepare
-from pysindy_nrf.discrepancy.words import Location
 from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.report.content import cautions, chapters, lead
 from pysindy_nrf.report.figures.evidence import evidence_figures

@@ -87,7 +87,7 @@ class WhatIsLeft:
 
 @dataclass(frozen=True, eq=False)
 class BalanceJudgement:
-    """What the loop concludes, with all that the report says of it."""
+    """What the loop concludes, with all that the report needs."""
 
     judgement: Judgement
     left: WhatIsLeft
@@ -140,7 +140,7 @@ class BalanceJudge:
         return BalanceJudgement(judgement, left, self.found)
 
     def _drafts(self, confirmation: Confirmation) -> list[StepDraft]:
-        """All that is said of the effects but the certainty of their names."""
+        """The steps of the effects without the certainty of their names."""
         drafts = []
         for decision in confirmation.decisions:
             effect = decision.effect

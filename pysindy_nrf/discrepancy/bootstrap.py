@@ -108,7 +108,7 @@ class _Source:
             return None
         try:
             made = [_record(one, model, self.rng) for one in self.templates]
-            # what is to be said of the channels was said of the measured ones
+            # warnings on channels were given for the measured ones
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 prepared = prepare(made, like=self.fusion)

@@ -48,7 +48,7 @@ class FoundEffect:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """What held-out data say of an effect: models without and with it.
+    """An effect judged on held-out data: models without and with it.
 
     Beside all effects that were confirmed before it.
     """
@@ -167,7 +167,7 @@ class Confirmer:
         return Confirmation(baseline, final, found, list(decisions.values()))
 
     def _found_effects(self) -> dict[Effect, FoundEffect]:
-        """What the search says: each effect beside all those found before it."""
+        """Each effect as the search found it, beside all those found before it."""
         found: dict[Effect, FoundEffect] = {}
         model = self.result.first.model
         for effect in self.result.effects:
@@ -208,7 +208,7 @@ class Confirmer:
         Errors pass to the storey below until the law of that storey is there. None if
         not all that remain are confirmed.
         """
-        remaining = [effect for effect in effects if effect.is_felt_by_others]
+        remaining = [effect for effect in effects if effect.passes_on_its_error]
         decisions: list[Decision] = []
         # columns may depend on each other
         with suppress(NRFError):

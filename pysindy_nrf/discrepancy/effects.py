@@ -65,7 +65,7 @@ class Effect:
         return self.law.variable == "1"
 
     @property
-    def is_felt_by_others(self) -> bool:
+    def passes_on_its_error(self) -> bool:
         """Whether its error passes to the storey below."""
         return not self.is_fault and not self.is_constant
 

@@ -35,7 +35,7 @@ class FitSettings:
     # Relative change of the weights below which they have settled.
     settled: float = 0.05
     # Weight that a fold keeps when it is left out. The change of the parameters is
-    # taken for the rest of all: where one fold alone tells parameters apart (the
+    # taken for the rest of all: where one fold alone separates parameters (the
     # transient before a steady state), the others would extrapolate at random.
     weight_left_out: float = 0.1
 

@@ -22,7 +22,7 @@ class HeldoutSettings:
     """Numbers of the errors on held-out data."""
 
     # A balance whose held-out reference is less than a tenth of the search's is not
-    # driven there: its error says nothing.
+    # driven there: its error means nothing.
     undriven: float = 0.1
 
 

@@ -1,4 +1,4 @@
-"""The judge: is an effect there, does it matter, which names cannot be told apart."""
+"""The judge: is an effect there, does it matter, which names are as good."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ def _shares(finding: Finding, state: SearchState) -> dict[Site, float]:
     return shares
 
 
-# -- which names cannot be told apart ------------------------------------------
+# -- which names are as good ---------------------------------------------------
 
 
 def ranked(findings: Iterable[Finding], state: SearchState) -> list[RankedFinding]:
@@ -236,5 +236,5 @@ def simplest(findings: Sequence[RankedFinding]) -> int:
 
 
 def rivals(findings: Sequence[RankedFinding], number: int) -> list[Finding]:
-    """Findings that the data cannot tell from one of them."""
+    """Findings that explain the data as well as one of them."""
     return [findings[k].finding for k in _tied(findings, number) if k != number]

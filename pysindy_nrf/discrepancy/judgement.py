@@ -121,7 +121,7 @@ def error_table(judgement: Judgement) -> pd.DataFrame:
 def chain_models(
     judgement: Judgement, visited: Mapping[Any, VisitedRegion] | None = None
 ) -> list[ChainModel]:
-    """The judged models; that with all confirmed effects says where it comes from."""
+    """The judged models; that with all confirmed effects records its origin."""
     models = [one.model.chain_model() for one in judgement.judged]
     band = judgement.band
     steps = [step for step in judgement.steps if step.confirmed]

@@ -71,7 +71,7 @@ def close_loop(
     do not explain it as well. After each effect all shape parameters are refined and
     effects that became needless are taken out. Held-out data have the last word: an
     effect that does not lower their error, or takes a tenth neither of it nor of what
-    the search leaves, is not confirmed, and the model does not hold it.
+    the search leaves, is not confirmed and not in the model.
 
     Where a floor has no sensor, candidates are ranked by what their force would do to
     the measured channels along the free run of the model.

@@ -23,7 +23,7 @@ from .residual import Evidence, SiteLoop
 class Step:
     """One effect that the search found.
 
-    What the search says of it, and what held-out data say.
+    With its size and its effect on errors, in the search and on held-out data.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Step:
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str
-        Other families the data cannot tell from this one (at most two, three with its
+        Other families that explain the data as well (at most two, three with its
         own).
     error_before, error_after : float
         Pooled balance error on the held-out data, percent NRMSE.
@@ -60,7 +60,7 @@ class Step:
         force; NaN for a sensor.
     confirmed : bool
         Whether held-out errors fall, and there or in the search by a tenth; the model
-        holds confirmed effects only.
+        has confirmed effects only.
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
@@ -68,12 +68,12 @@ class Step:
     evidence : str
         Why it was accepted.
     tied : list of (law, site, gain in dB)
-        Candidates that the data could not tell from this one when it was accepted.
+        Candidates that explained the data as well when it was accepted.
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
     company : list of str
         Other laws of the same variable (rate or drift) at this site: together they may
-        stand for a single law that the catalogue does not hold, so that no name is
+        stand for a single law that the catalogue lacks, so that no name is
         sure; ``remainder`` is then what this one leaves alone.
 
     Examples
@@ -187,7 +187,7 @@ class LoopReport:
         What is known of the quality of the records.
     nothing_claimed : bool
         Whether the model is too far from the data for any claim; ``stopped_because``
-        says why.
+        gives the reason.
 
     Examples
     --------

@@ -3,8 +3,8 @@
 A fault of a sensor is not a force: it changes the channels from which every column is
 built, and the fusion that mixes them. So a candidate corrects the channel, and the same
 model is fitted again to what follows. Where a DOF has several kinds of channels their
-contradiction gives the fault, and the balances say which of them is wrong; where it has
-one, and for forces, the fault is found from the balances alone.
+contradiction gives the fault, and the balances show which of them is wrong. Where it
+has one, and for forces, the fault is found from the balances alone.
 
 What the data cannot show is not tried: the gain of the only force where no mass is
 known (it scales the chain), the gain of the only DOF, the zero of x1 (a constant force

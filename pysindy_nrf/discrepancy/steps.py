@@ -1,4 +1,4 @@
-"""What is said of one effect: by the search, and by held-out data."""
+"""The step of the report that an effect makes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_ALTERNATIVES = 2
 
 @dataclass(frozen=True)
 class StepDraft:
-    """An effect with all that is said of it but the certainty of its name.
+    """A step without the certainty of its name.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class StepDraft:
 
     @property
     def alternatives(self) -> list[str]:
-        """Families the data cannot tell from it."""
+        """Other families that explain the data as well."""
         return self.step.alternatives
 
     def refused(self) -> StepDraft:
@@ -60,16 +60,16 @@ class StepDraft:
 def draft_step(
     found: FoundEffect, decision: Decision, rivals: Sequence[Finding]
 ) -> StepDraft:
-    """All that is said of an effect but the certainty of its name.
+    """The step of an effect without the certainty of its name.
 
     Parameters
     ----------
     found : FoundEffect
-        Beside all effects that were found before it: what the search says.
+        In the search, beside all effects that were found before it.
     decision : Decision
-        Beside all effects that were confirmed before it: what held-out data say.
+        On held-out data, beside all effects that were confirmed before it.
     rivals : sequence of Finding
-        What the data could not tell from it.
+        Candidates that explained the data as well.
     """
     effect, model = found.effect, found.after
     reduction = model.reduction_from(found.before)
@@ -121,7 +121,7 @@ def _fitted_law(model: FittedModel, effect: Effect) -> ForceLaw:
 def _other_families(
     effect: Effect, model: FittedModel, rivals: Sequence[Finding]
 ) -> list[str]:
-    """Families the data cannot tell from that of an effect."""
+    """Other families that explain the data as well as an effect."""
     families = [finding.family for finding in rivals]
     if effect.is_constant:
         # the wrong zero of a displacement is the same

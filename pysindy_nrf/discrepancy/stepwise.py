@@ -56,7 +56,7 @@ class Round:
     findings: Sequence[RankedFinding] = ()
     examinations: Mapping[int, Examination] = field(default_factory=dict)
     chosen: int | None = None
-    # findings that the data cannot tell from the chosen one
+    # findings that explain the data as well as the chosen one
     rivals: Sequence[Finding] = ()
 
 
@@ -70,7 +70,7 @@ class SearchResult:
         Before the search and at its end.
     last_round : Round
     rivals : mapping of Effect to sequence of Finding
-        What the data could not tell from an effect when it was accepted.
+        What explained the data as well as an effect when it was accepted.
     corrected : mapping of Effect to BalanceSpectra
         Of each fault, the spectra of the records freed of it.
     """

@@ -58,7 +58,7 @@ def _errors_of(reduction: ErrorReduction) -> str:
 
 
 def confirmation(step: Step) -> str:
-    """What the held-out data say of an effect."""
+    """Whether held-out data confirm an effect."""
     text = f"held-out balance error {step.error_before:.3g} to {step.error_after:.3g} %"
     if step.confirmed:
         return text
@@ -68,7 +68,7 @@ def confirmation(step: Step) -> str:
 
 
 def step_sentence(step: Step) -> str:
-    """An effect with all that is said of it."""
+    """A step of the report in one paragraph."""
     values = []
     for symbol, value in step.parameters.items():
         if value is not None:

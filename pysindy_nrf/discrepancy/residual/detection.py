@@ -45,7 +45,7 @@ class Detection:
 
 
 def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
-    """Ask of every balance and storey what it holds beside noise.
+    """Find what every balance and storey holds beside noise.
 
     Parameters
     ----------

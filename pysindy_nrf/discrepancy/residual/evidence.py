@@ -1,9 +1,9 @@
-"""What the data say of a residual before any law is tried.
+"""What the data show of a residual before any law is tried.
 
 Is it noise, where does it act, what is it like? One residual, one regression: what the
-motion explains of it tells noise from what is missing; what a free force with the signs
-of a site explains tells where it acts. It informs the page and decides nothing in the
-loop.
+motion explains of it distinguishes noise from what is missing; what a free force with
+the signs of a site explains shows where it acts. It informs the page and decides
+nothing in the loop.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ class Localisation:
 
     ``table`` has a row for each site: ``share`` (percent), ``low``, ``high`` (about 95
     %), ``own`` (what the force's own motion explains of it, percent), ``balances`` (the
-    signs), ``pattern`` (its number; equal ones cannot be told apart), ``near`` (hardly
-    told from the first). ``over_floor`` is what all balances leave over what noise
+    signs), ``pattern`` (its number; equal ones are indistinguishable), ``near`` (nearly
+    as good as the first). ``over_floor`` is what all balances leave over what noise
     leaves.
     """
 

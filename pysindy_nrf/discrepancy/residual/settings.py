@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ResidualSettings:
-    """Numbers that tell a missing force from noise."""
+    """Numbers that distinguish a missing force from noise."""
 
     # Samples looked at: enough to see any effect, and little beside a search.
     n_samples: int = 10_000

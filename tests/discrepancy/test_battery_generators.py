@@ -48,7 +48,9 @@ def test_generators_do_not_load_the_package():
 # -- another integrator --------------------------------------------------------
 # a two-storey chain, an effect in storey 2; the formulas once more, by hand
 
-M, K, C = np.array([10.0, 12.0]), np.array([1e5, 8e4]), np.array([60.0, 50.0])
+M = np.array([10.0, 12.0])
+K = np.array([1e5, 8e4])
+C = np.array([60.0, 50.0])
 FS, N_SAMPLES = 400.0, 600
 T = np.arange(N_SAMPLES) / FS
 
@@ -191,7 +193,8 @@ def test_an_effect_has_the_share_it_claims(case):
 
 def test_the_balances_close_on_clean_channels(case):
     """With the effect's force where its site says."""
-    structure, run, (effect,) = case.structure, case.runs[0], case.effects
+    structure, run = case.structure, case.runs[0]
+    (effect,) = case.effects
     drift = np.diff(run.x, axis=1, prepend=0.0)
     rate = np.diff(run.v, axis=1, prepend=0.0)
     storeys = structure.k * drift + structure.c * rate

@@ -60,7 +60,8 @@ def record(effect=None, dofs=(3,), seed=0, n_samples=3500, noise=0.0, name="test
     """A three-storey chain with an effect: effect(t, x, v) -> forces on the floors."""
     F = random_forces(n_samples, dofs, seed)
     t = np.arange(n_samples) * DT
-    load, stiff, damp = CubicSpline(t, F).c, tridiagonal(K), tridiagonal(C)
+    load = CubicSpline(t, F).c
+    stiff, damp = tridiagonal(K), tridiagonal(C)
 
     def rate(time, y):
         i = min(int(time / DT), n_samples - 2)

@@ -204,7 +204,8 @@ def test_laws_in_every_storey_are_found_and_confirmed(forced, rms, held):
     """With one floor forced, a law hands its error on to the balance below until the
     law of that storey is there.
     """
-    n, storeys, wanted = len(held), {}, set()
+    n = len(held)
+    storeys, wanted = {}, set()
     for i, (k, law) in enumerate(zip(np.linspace(1e5, 5e4, n), held), 1):
         storeys[i] = [laws.LinearElastic(k), laws.LinearViscous(8e-4 * k), law]
         wanted.add((law.name, f"storey {i}"))

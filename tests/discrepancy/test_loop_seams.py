@@ -253,7 +253,7 @@ def test_the_command_writes_the_report_and_a_model_that_is_read_again(
 def balance_errors(model, X, F):
     """Error of each balance of a plain chain by hand, percent."""
     n = F.shape[1]
-    a, v, s = X[:, :n], X[:, n : 2 * n], X[:, 2 * n :]
+    a, v, s = np.split(X, 3, axis=1)
     forces = np.zeros((len(X), n + 1))
     for i in range(n):
         for law in model.laws[f"storey {i + 1}"]:

@@ -47,7 +47,8 @@ def problem(request):
 def random_columns(layout, forced):
     """Terms of many sizes, accelerations, and forces that they nearly explain."""
     rng = np.random.default_rng(5)
-    count, n, n_terms = 500, layout.n_dof, layout.n_terms
+    n, n_terms = layout.n_dof, layout.n_terms
+    count = 500
     sizes = 10.0 ** rng.uniform(-6, 1, n_terms)
     terms = rng.normal(size=(count, n_terms)) * sizes
     a, noise = rng.normal(size=(2, count, n))

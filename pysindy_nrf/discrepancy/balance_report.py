@@ -12,6 +12,7 @@ from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..identification.fitted import wiring_of
 from ..records.dataset import Dataset
 from ..records.quality import QualityNote
+from .audit import audit
 from .balance_judgement import BalanceFound, BalanceJudgement
 from .claims import lack_of_fit
 from .excerpts import EXCERPTS
@@ -19,7 +20,6 @@ from .fitted_model import FittedModel
 from .free_run import FREE_RUN
 from .intervals import parameter_intervals
 from .judgement import (
-    audit,
     candidate_table,
     chain_models,
     error_table,

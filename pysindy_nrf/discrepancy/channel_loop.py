@@ -17,6 +17,7 @@ from ..exceptions import NRFError
 from ..identification.fewer_sensors import estimate, negative, shot_of, told
 from ..records.checks.channel_checks import measured
 from . import judge, wording
+from .audit import audit
 from .candidate_search import CandidateSearch
 from .catalogue import Experiment, candidates
 from .channel_spectra import CHANNELS
@@ -28,7 +29,6 @@ from .intervals import parameter_intervals
 from .judge import JUDGE
 from .judgement import (
     Judgement,
-    audit,
     candidate_table,
     chain_models,
     error_table,

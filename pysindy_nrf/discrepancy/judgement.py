@@ -3,70 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.visited_region import VisitedRegion
-from ..common.audit import settings_of
 from ..records.checks.channel_checks import Measured, measured
 from ..records.record import Record
 from . import wording
-from .bands import BANDS
-from .candidate_search import SEARCH
-from .certainty import CERTAINTY
-from .chance import CHANCE
-from .channel_errors import CHANNEL_ERRORS
-from .channel_spectra import CHANNELS
-from .claims import CLAIMS
-from .confirmation import CONFIRMATION
-from .contradictions import CONTRADICTIONS
 from .effects import RankedFinding
-from .error_fit import ERROR_FIT
-from .error_reduction import REDUCTION
-from .excerpts import EXCERPTS
-from .fitted_model import FIT
-from .folds import FOLDS
-from .free_run import FREE_RUN
-from .heldout import HELDOUT, JudgedModel
-from .judge import JUDGE
-from .prepare import FUSION, Band
+from .heldout import JudgedModel
+from .prepare import Band
 from .report import Step
-from .request import LoopRequest
-from .residual.settings import RESIDUAL
-from .sensor_faults import FAULTS
-from .shape_axes import AXES
-from .signs import SIGNS
-from .windows import WINDOWS
-
-# Every number by which the loop decides, in groups.
-ALL_SETTINGS: dict[str, Any] = {
-    "fusion": FUSION,
-    "folds": FOLDS,
-    "excerpts": EXCERPTS,
-    "windows": WINDOWS,
-    "bands": BANDS,
-    "fit": FIT,
-    "error reduction": REDUCTION,
-    "scan": AXES,
-    "search": SEARCH,
-    "signs": SIGNS,
-    "judge": JUDGE,
-    "chance": CHANCE,
-    "channel errors": CHANNEL_ERRORS,
-    "fit of channel errors": ERROR_FIT,
-    "contradictions": CONTRADICTIONS,
-    "sensor faults": FAULTS,
-    "held-out data": HELDOUT,
-    "confirmation": CONFIRMATION,
-    "free run": FREE_RUN,
-    "claims": CLAIMS,
-    "certainty": CERTAINTY,
-    "residual": RESIDUAL,
-    "fewer sensors": CHANNELS,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,36 +119,3 @@ def measured_records(
         role = searched if i < n_searched else "held out"
         out.append(measured(record, levels, role))
     return out
-
-
-def audit(request: LoopRequest, calibration: Any) -> dict[str, dict[str, str]]:
-    """Every setting of a run: arguments, declared model, numbers of the decisions."""
-    names = [record.name for record in request.heldout]
-    laws = dict.fromkeys(law.name for law in request.catalogue)
-    band = "found from the data"
-    if request.band is not None:
-        band = f"{request.band} Hz"
-
-    arguments = {
-        "band": band,
-        "random_state": request.random_state,
-        "max_steps": request.max_steps,
-        "calibration": calibration,
-        "held out": "; ".join(names) if names else "a quarter of every record",
-        "catalogue": ", ".join(laws),
-    }
-    return settings_of(
-        loop=arguments,
-        baseline=request.baseline.get_params(deep=False),
-        constants=all_numbers(),
-    )
-
-
-def all_numbers() -> dict[str, Any]:
-    """Every number by which the loop decides, by group and meaning."""
-    numbers = {}
-    for group, settings in ALL_SETTINGS.items():
-        for one in fields(settings):
-            name = one.name.replace("_", " ")
-            numbers[f"{group}: {name}"] = getattr(settings, one.name)
-    return numbers

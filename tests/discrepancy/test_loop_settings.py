@@ -6,7 +6,8 @@ from importlib import import_module
 from pkgutil import walk_packages
 
 from pysindy_nrf import discrepancy
-from pysindy_nrf.discrepancy.judgement import ALL_SETTINGS, all_numbers
+from pysindy_nrf.common.audit import constants_of
+from pysindy_nrf.discrepancy.audit import ALL_SETTINGS
 
 
 def modules():
@@ -27,4 +28,4 @@ def test_all_settings_of_the_loop_are_listed():
 
 def test_every_number_has_a_name_of_its_own():
     count = sum(len(fields(settings)) for settings in ALL_SETTINGS.values())
-    assert len(all_numbers()) == count > 60
+    assert len(constants_of(ALL_SETTINGS)) == count > 60

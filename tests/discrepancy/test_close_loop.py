@@ -148,9 +148,8 @@ FEW = [
 
 def first_step(effect, catalogue=FEW, **options):
     """The first step of a loop on such a chain."""
-    return close_loop(
-        record(effect, **options), catalogue=catalogue, max_steps=1
-    ).steps[0]
+    report = close_loop(record(effect, **options), catalogue=catalogue, max_steps=1)
+    return report.steps[0]
 
 
 # -- what is found -------------------------------------------------------------

@@ -2,7 +2,6 @@
 whatever the files hold.
 """
 
-import copy
 import json
 import re
 import sys
@@ -445,19 +444,18 @@ def test_doubts_about_a_step_are_said():
     report = loop_report()
     step = report.steps[0]
     assert not any("worse than before" in said for said in cautions(report))
-    doubtful = copy.copy(report)
-    doubtful.steps = [replace(step, free_run_before=10.0, free_run_after=30.0)]
+    worse = replace(step, free_run_before=10.0, free_run_after=30.0)
+    doubtful = replace(report, steps=[worse])
     said = " ".join(cautions(doubtful))
     assert (
         f"at {step.site} the held-out free run is worse than before (10 to 30 %)"
         in said
     )
-    doubtful.model = ChainModel([-1.0, 2.0, 3.0], report.model.laws, report.model.chain)
+    wrong = ChainModel([-1.0, 2.0, 3.0], report.model.laws, report.model.chain)
+    doubtful = replace(doubtful, model=wrong)
     assert doubtful.verdict.state == "red" and "m1 = -1 kg" in doubtful.verdict.sentence
-    doubtful.model, doubtful.steps = (
-        report.model,
-        [replace(step, free_run_before=np.nan, free_run_after=np.nan)],
-    )
+    without_run = replace(step, free_run_before=np.nan, free_run_after=np.nan)
+    doubtful = replace(report, steps=[without_run])
     names = [name for name, _ in of_loop(doubtful).chapters[0].facts]
     assert "Held-out data" in names and "Held-out free-run error" not in names
 
@@ -466,12 +464,12 @@ def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
     """Headline, tiles, chapter, table, figure, Markdown and notebook view say so; the
     errors are those of the model.
     """
-    report = copy.copy(loop_report())
+    report = loop_report()
     step = report.steps[0]
-    report.steps = [
-        replace(step, confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3)
-    ]
-    report.model = report.models[0]
+    refused = replace(
+        step, confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3
+    )
+    report = replace(report, steps=[refused], model=report.models[0])
     found = of_loop(report)
     before = report.table["held-out"].iloc[0]
     assert (
@@ -495,9 +493,12 @@ def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
         "NOT CONFIRMED" in report._repr_html_()
         and "| NOT CONFIRMED |" in report.to_markdown()
     )
-    both = copy.copy(report)
-    both.steps, both.model = [step, *report.steps], report.models[1]
-    both.table = report.table.iloc[[0, 1, 1]]
+    both = replace(
+        report,
+        steps=[step, *report.steps],
+        model=report.models[1],
+        table=report.table.iloc[[0, 1, 1]],
+    )
     assert (
         f"falls from {before:.3g} to {both.table['held-out'].iloc[1]:.3g} %. NOT"
         " CONFIRMED" in lead(both)
@@ -505,19 +506,17 @@ def test_an_effect_that_held_out_data_do_not_confirm_is_not_counted():
 
 
 def test_where_nothing_is_claimed_the_headline_gives_the_reason(nothing_found):
-    withdrawn = copy.copy(nothing_found)
-    withdrawn.stopped_because = (
-        "the best model leaves 85 % of the balance of DOF 2. Nothing is claimed"
-    )
+    why = "the best model leaves 85 % of the balance of DOF 2. Nothing is claimed"
+    withdrawn = replace(nothing_found, stopped_because=why, nothing_claimed=True)
     assert lead(withdrawn).endswith(
         "The best model leaves 85 % of the balance of DOF 2. Nothing is claimed."
     )
 
 
 def test_what_the_data_cannot_tell_apart_is_said_once():
-    report = copy.copy(loop_report())
+    report = loop_report()
     step = report.steps[0]
-    report.steps = [
+    steps = [
         replace(
             step,
             sure=False,
@@ -527,7 +526,7 @@ def test_what_the_data_cannot_tell_apart_is_said_once():
         ),
         replace(step, law="dahl", sure=False, company=[step.law]),
     ]
-    report.table = report.table.iloc[[0, 1, 1]]
+    report = replace(report, steps=steps, table=report.table.iloc[[0, 1, 1]])
     said = [text for text in cautions(report) if "together" in text]
     assert said == [
         "At storey 2 coulomb friction and dahl may together stand for one law that is"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...discrepancy.evidence import Evidence
+from ...discrepancy.residual import Evidence
 from .figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 
 _VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}

@@ -138,12 +138,10 @@ def test_only_typed_warnings_are_given():
     names = {c.__name__ for c in WARNINGS}
     wrong = []
     for where, tree in trees():
+        if where == "common/warn.py":  # passes on what it was given
+            continue
         for node in ast.walk(tree):
-            if (
-                isinstance(node, ast.Call)
-                and called(node) == "warn"
-                and isinstance(node.func, ast.Attribute)
-            ):
+            if isinstance(node, ast.Call) and called(node) == "warn":
                 given = {
                     called(a) for a in [*node.args, *(k.value for k in node.keywords)]
                 }

@@ -23,13 +23,14 @@ def sentence(what: str, cure: str = "") -> str:
 class _Said(Exception):
     """What is wrong, and what the user can do about it."""
 
-    def __init__(self, what: str, cure: str = "") -> None:
+    def __init__(self, what: str, cure: str = "", argument: str = "") -> None:
         self.what = what
         self.cure = cure
+        self.argument = argument
         super().__init__(sentence(what, cure))
 
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
-        return type(self), (self.what, self.cure)
+    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
+        return type(self), (self.what, self.cure, self.argument)
 
 
 class NRFError(_Said, ValueError):
@@ -41,6 +42,8 @@ class NRFError(_Said, ValueError):
         What is wrong, naming the channel, degree of freedom or parameter.
     cure : str
         What the user can do about it.
+    argument : str
+        The argument that the cure asks for, such as ``"known_masses"``.
 
     Examples
     --------

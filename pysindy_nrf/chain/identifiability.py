@@ -90,6 +90,7 @@ class SolveOrder:
                 "No force is measured and no mass is known, so nothing scales the"
                 " chain",
                 cure,
+                argument="known_masses",
             )
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ from .visited_region import VisitedRegion
 
 SCHEMA = "pysindy_nrf.ChainModel"
 VERSION = 1
+# Masses and laws that a notebook shows of a model.
+SHOWN_IN_NOTEBOOK = 30
 _MOST_BYTES = 200_000_000  # a model of a thousand floors is far below this size
 
 
@@ -430,22 +433,25 @@ class ChainModel:
         masses = ", ".join(f"m{j + 1} = {m:.5g} kg" for j, m in enumerate(self.masses))
         return "\n".join([f"{masses}  (R in N, s in m, v in m/s)", *self.equations()])
 
-    def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
-        """Write the model as one self-contained page; without jinja2 or plotly a
-        MissingExtraError names the extra.
-
-        Parameters
-        ----------
-        path : path-like
-        record : Record or sequence of Record, optional
-            Measured data to draw the model over.
-        band : (float, float), optional
-            Hz; the one the model was fitted in if None.
-        """
-        Hook.PAGE(path, self, record, band=band)
-
     def _repr_html_(self) -> str:
-        return str(Hook.MODEL_HTML(self))
+        from . import latex
+
+        masses = []
+        for j, mass in enumerate(self.masses[:SHOWN_IN_NOTEBOOK], 1):
+            masses.append(f"m{j} = {latex.as_text(mass)} kg")
+        lines = [escape(", ".join(masses))]
+
+        for force in list(self.restoring_forces.values())[:SHOWN_IN_NOTEBOOK]:
+            if force.laws:
+                shapes = [latex.mathml([text]) for text in latex.shape_values(force)]
+                line = latex.mathml(latex.law_equation(force))
+                lines.append(f"{line} with {', '.join(shapes)}" if shapes else line)
+
+        title = f"<b>Chain of {self.n_dof} DOF{'s' if self.n_dof > 1 else ''}</b>"
+        body = "".join(
+            f"<p style='margin:.2em 0'>{line}</p>" for line in [title, *lines]
+        )
+        return f"<div class='pysindy-nrf'>{body}</div>"
 
     def __repr__(self) -> str:
         return (

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..common import MOST_DOFS, number_of
-from ..common.lazy import Hook
 from ..exceptions import ChainError
 from .identifiability import Sensing, SolveOrder, plan_sensing, plan_solve_order
+from .planning import Plan, plan
 from .sites import Site, as_mapping, dofs_of
 
 _GROUNDS = ("base", "both", "free")
@@ -238,20 +238,20 @@ class Chain:
         """
         return plan_sensing(self, sensors, excited, known_masses, model)
 
-    def plan(self, **options: Any) -> Any:
+    def plan(self, **options: Any) -> Plan:
         """Recommend floors to excite or sensors to add.
 
         Parameters
         ----------
         **options
-            See :func:`pysindy_nrf.diagnosis.planning.plan`.
+            See :func:`pysindy_nrf.chain.planning.plan`.
 
         Returns
         -------
         Plan
             ``str()`` describes it.
         """
-        return Hook.PLAN(self, **options)
+        return plan(self, **options)
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""

@@ -50,20 +50,12 @@ def require(package: str, extra: str, purpose: str) -> ModuleType:
 class Hook(Enum):
     """Functions of upper layers that objects of lower layers offer as methods."""
 
-    PLAN = "pysindy_nrf.diagnosis.planning:plan"
     TO_FEATURES = "pysindy_nrf.records.fusion.kinematics:to_features"
     SIMULATE = "pysindy_nrf.simulation:simulate"
     TO_SINDY = "pysindy_nrf.sindy.feature_library:to_sindy"
     FROM_SINDY = "pysindy_nrf.sindy.feature_library:from_sindy"
-    ORDER_FIGURE = "pysindy_nrf.report.figures.motion:order_drawing"
-    MODEL_FIGURE = "pysindy_nrf.report.content:drawing"
-    PAGE = "pysindy_nrf.report:write_html"
-    RECORD_HTML = "pysindy_nrf.report.write:record_html"
+    RECORD_HTML = "pysindy_nrf.report.notebook:record_html"
     LATEX = "pysindy_nrf.chain.latex:latex"
-    MODEL_HTML = "pysindy_nrf.report.write:model_html"
-    LOOP_MARKDOWN = "pysindy_nrf.report.write:markdown"
-    LOOP_VERDICT = "pysindy_nrf.report.content:loop_verdict"
-    LOOP_HTML = "pysindy_nrf.report.write:loop_html"
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         """Call the function and return its result."""

@@ -18,6 +18,7 @@ from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import FreeRuns
 from ..equations.errors import free_run_by_either
 from ..equations.normal_equations import variance
@@ -49,7 +50,7 @@ from .constants import (
 from .evidence import look
 from .prepare import MOST, Workspace, measured_of
 from .report import LoopReport, Step, audit
-from .residual import floor_of, loops_of, searched, simulated
+from .residual import floor_of, searched, simulated
 from .ruler import ChannelRuler, ChannelWork, Gain, Laws, Powers, Ruler, Slot, Trial
 from .search import Forward, Search
 from .sensors import SUSPECTS
@@ -201,6 +202,7 @@ def concluded(
     report.settings = audit(settings, [ready.records[i] for i in ready.heldout or ()])
     report.lack_of_fit, report.beyond_noise = general.drop(columns="there"), beyond
     report.bounds = _bounds(confirmed.trial)
+    report.claims_nothing = bool(no_claim)
     return report
 
 
@@ -822,11 +824,12 @@ def by_channels(
     ended = len(steps) >= settings["max_steps"] or (steps and not steps[-1].confirmed)
     refused = "the last effect is not confirmed, or no more were asked for"
     stopped = refused if ended else words.best_refused(last[0] if last else None)
+    claims_nothing = False
     try:
         last_fit = course.fitted(stand.trial.model(), state, 0)[:2]
         notes += told(*last_fit) + negative(*last_fit)
     except NRFError as error:
-        stopped = f"{error.what}. Nothing is claimed"
+        stopped, claims_nothing = f"{error.what}. Nothing is claimed", True
         steps, stands, stand = [], stands[:1], stands[0]
     stopped = ". ".join([stopped, *(note.rstrip(".") for note in notes)])
     report = _report(
@@ -844,4 +847,5 @@ def by_channels(
     )
     taken = {"catalogue": tried, "calibration": "none: channels are taken as they are"}
     report.settings = audit(settings | taken, kept)
+    report.claims_nothing = claims_nothing
     return report

@@ -33,6 +33,7 @@ from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.structure import Chain
+from ..diagnosis.residual import Residual
 from ..equations.balances import blocks_of_segment
 from ..equations.normal_equations import Regression, in_blocks, share_of
 from ..exceptions import ChannelError, NRFError
@@ -46,7 +47,7 @@ from .characterisation import (
 )
 from .constants import AT_FLOOR, FAR, FLOOR, NEARLY
 from .prepare import Workspace
-from .residual import NoiseFloor, Residual, searched_residual
+from .residual import NoiseFloor, searched_residual
 from .words import Location, Obstacle, ResidualKind
 
 # -- is it noise ---------------------------------------------------------------

@@ -25,6 +25,7 @@ from ..laws.elastic import LinearElastic
 from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
 from ..records.dataset import Dataset
+from ..records.quality import QualityNote
 from ..records.zero_phase_filter import filters_of
 from .catalogue import as_laws, candidates, flexible
 from .conclude import RUN, by_channels, concluded
@@ -218,6 +219,7 @@ def close_loop(
         ]
         report.free_runs = free_runs(report.model, Dataset(begun, ready.data.n_samples))
         report.faults = suspect_channels((*mine, *kept))
+        report.quality = tuple(QualityNote("other", text) for text in ready.data.doubts)
         if (
             report.faults
             or (report.beyond_noise > DOUBTFUL).any()
@@ -246,6 +248,7 @@ def _ruler(
         raise ExcitationError(
             "No force is measured and no mass is known, so nothing scales the chain",
             cure,
+            argument="known_masses",
         )
     seen, work = excerpts(ready, whole, most)
     laws = _baseline_laws(problem, work)

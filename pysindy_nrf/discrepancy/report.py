@@ -10,13 +10,17 @@ import pandas as pd
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common.audit import constants_of, settings_of
-from ..common.lazy import Hook
-from ..diagnosis.verdict import FreeRuns, Verdict
+from ..diagnosis.site_loops import SiteLoop
+from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
 from ..records.checks.channel_checks import Measured
+from ..records.quality import QualityNote
 from ..records.record import Record
+from ..report import write_html
+from ..report.markdown import markdown
+from ..report.notebook import loop_html
+from ..report.words import BAND_FOUND
 from . import constants, words
 from .evidence import Evidence
-from .residual import SiteLoop
 
 
 @dataclass
@@ -207,6 +211,10 @@ class LoopReport:
         The mapping of channels with which the balances close, where they do not;
         channels that seem to be reversed or in the wrong column, and whether that is
         sure.
+    quality : tuple of QualityNote
+        What is known of the channels, clocks and units of the records.
+    claims_nothing : bool
+        Whether a model this poor claims nothing; ``stopped_because`` says why.
 
     Examples
     --------
@@ -258,6 +266,8 @@ class LoopReport:
     beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
+    quality: tuple[QualityNote, ...] = ()
+    claims_nothing: bool = False
 
     def __post_init__(self) -> None:
         self.table = Whole(self.table)
@@ -280,7 +290,7 @@ class LoopReport:
         """Whether the model may be used, what was found, and why not; see
         :mod:`pysindy_nrf.diagnosis.verdict`.
         """
-        return Hook.LOOP_VERDICT(self)
+        return loop_verdict(self)
 
     def __str__(self) -> str:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or [
@@ -295,7 +305,7 @@ class LoopReport:
         -------
         str
         """
-        return str(Hook.LOOP_MARKDOWN(self))
+        return markdown(self)
 
     def to_html(self, path: Any) -> None:
         """Write the report as one self-contained page that works offline.
@@ -314,10 +324,10 @@ class LoopReport:
         MissingExtraError
             Without jinja2 or plotly, which the extra ``report`` brings.
         """
-        Hook.PAGE(path, self)
+        write_html(path, self)
 
     def _repr_html_(self) -> str:
-        return str(Hook.LOOP_HTML(self))
+        return loop_html(self)
 
 
 def audit(
@@ -329,7 +339,7 @@ def audit(
     band, names = settings["band"], [record.name for record in heldout]
     return settings_of(
         loop={
-            "band": "found from the data" if band is None else f"{band} Hz",
+            "band": BAND_FOUND if band is None else f"{band} Hz",
             "random_state": settings["random_state"],
             "max_steps": settings["max_steps"],
             "calibration": settings["calibration"],

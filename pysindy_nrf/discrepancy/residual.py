@@ -1,131 +1,29 @@
-"""What a model leaves of the measured forces, what noise alone would leave, and the
-force of every site for drawing.
-
-The residual of balance j is the force the model lacks there,
-
-    e_j = F_j - (m_j a_j + sum over sites of incidence * R)
-
-so a law f that is missing at a site with incidence b leaves ``e = b f``: + in the
-balance of the upper end, - in that of the lower one. Summed from the top, ``rho_i =
-sum_{j >= i} e_j`` is the force missing across the cut below DOF i: of storey i alone on
-a plain chain, and in general of storey i, of every link and ground link that crosses
-the cut, and of the DOF sites above it.
-"""
+"""What a model leaves of the forces on the search data, and what noise alone leaves."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from ..chain.model import ChainModel
-from ..chain.sites import Site
+from ..diagnosis.residual import Residual, from_top, residual_of, rms
 from ..equations.errors import free_run_of
-from ..exceptions import ChannelError, NRFError
+from ..exceptions import NRFError
 from ..records.dataset import BlockRows, Dataset, Segment
 from ..records.fusion.kinematics import base_acceleration_if_any
 from ..records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
 from ..records.record import Record
 from .prepare import Prepared, Workspace, prepare
 from .ruler import Ruler, Trial
-from .windows import Windows, period_of
+from .windows import Windows
 
 # Samples looked at: enough to see any effect, and little beside the search.
 ENOUGH = 10_000
-# Points of a drawn loop: a file that opens at once, and no cycle loses its shape.
-_CYCLES, _PER_CYCLE = 6, 40  # of a loop that is drawn: more hide each other
 _MOTIONS = ("acceleration", "velocity", "displacement")
-
-
-@dataclass
-class Residual:
-    """One-step residual of a model, record by record."""
-
-    model: ChainModel
-    data: Dataset
-    filters: list[Any]  # one for each record; the residual has passed it
-    balance: list[
-        np.ndarray
-        # e_j, N, shape (n_valid_samples, n_dof); a column of NaN where the force is
-        # unknown
-    ]
-    # Rows "dof j" and "storey i"; columns "reference" (rms, N) and "of": a balance is
-    # measured by F, or by m a where no force acts; a storey by the force across its
-    # cut, sum_{j >= i} (F_j - m_j a_j).
-    reference: pd.DataFrame
-    # rms of the model's force in storey j (of the reference of balance j if that is
-    # zero), N
-    scale: np.ndarray
-    columns: dict[Any, Any] = field(
-        default_factory=dict
-    )  # of the motion, for every model
-
-    @property
-    def n_dof(self) -> int:
-        """Number of balances."""
-        return self.model.n_dof
-
-    @cached_property
-    def storey(self) -> list[np.ndarray]:
-        """rho_i of each record, N, shape (n_valid_samples, n_dof); NaN if a balance
-        above is not known.
-        """
-        return [from_top(e) for e in self.balance]
-
-    @property
-    def known(self) -> np.ndarray:
-        """Balances whose force is known, shape (n_records, n_dof)."""
-        return np.array([~np.isnan(e[0]) for e in self.balance])
-
-    @cached_property
-    def sizes(self) -> pd.DataFrame:
-        """The references with ``rms`` (N) and ``percent`` of every balance and
-        storey.
-        """
-        left = np.concatenate([rms(self.balance), rms(self.storey)])
-        size = self.reference["reference"].to_numpy()
-        percent = 100 * np.divide(
-            left, size, out=np.full(len(left), np.nan), where=size > 0
-        )
-        return self.reference.assign(rms=left, percent=percent)[
-            ["rms", "percent", "reference", "of"]
-        ]
-
-    def at(self, name: str) -> list[np.ndarray]:
-        """Residual of one balance (``"dof 2"``) or storey (``"storey 2"``), one array
-        for each record, N.
-        """
-        kind, _, number = name.partition(" ")
-        return [
-            part[:, int(number) - 1]
-            for part in (self.balance if kind == "dof" else self.storey)
-        ]
-
-
-def from_top(columns: np.ndarray) -> np.ndarray:
-    """Sums over the DOFs from the top down to each, shape kept: column i holds ``sum_{j
-    >= i}``.
-    """
-    return np.cumsum(columns[:, ::-1], axis=1)[:, ::-1]
-
-
-def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Rms of every column over records that may hold columns of NaN; NaN if unknown in
-    all.
-    """
-    squares = sum(np.nansum(p**2, axis=0) for p in parts)
-    count = sum(np.isfinite(p).sum(axis=0) for p in parts)
-    return np.sqrt(
-        np.divide(
-            squares, count, out=np.full(np.shape(squares), np.nan), where=count > 0
-        )
-    )
 
 
 def searched(work: Workspace, most: int = ENOUGH) -> tuple[Dataset, list[Any]]:
@@ -147,61 +45,6 @@ def searched(work: Workspace, most: int = ENOUGH) -> tuple[Dataset, list[Any]]:
         for _, piece in kept
     ]
     return Dataset(pieces, work.data.n_samples), [work.filters[i] for i, _ in kept]
-
-
-def residual_of(
-    model: ChainModel,
-    data: Any,
-    filters: Sequence[Any] | None = None,
-    forces: Sequence[np.ndarray] | None = None,
-) -> Residual:
-    """One-step residual of a model through filters; forces of its sites are its own
-    unless they are given.
-    """
-    data = model.segments(data)
-    filters = [None] * len(data.segments) if filters is None else list(filters)
-    forces = model.site_forces(data) if forces is None else forces
-    found: tuple[list[np.ndarray], ...] = ([], [], [], [])
-    own = {site: k for k, site in enumerate(model.laws)}
-    pick = [own.get(model.chain.site(j)) for j in range(1, model.n_dof + 1)]
-    incidence = model.chain.incidence(model.laws)
-    for seg, filter, R in zip(data.segments, filters, forces, strict=True):
-        inertia, force = (
-            seg.a[seg.valid].astype(float) * model.masses,
-            seg.F[seg.valid].astype(float),
-        )
-        storey = np.column_stack(
-            [np.zeros(len(R)) if k is None else R[:, k] for k in pick]
-        )
-        for out, part in zip(
-            found, (force - inertia - R @ incidence.T, inertia, force, storey)
-        ):
-            out.append(part if filter is None else filter.apply(part))
-    balance, inertias, applied, storeys = found
-    if not any(np.isfinite(e[0]).any() for e in balance):
-        cure = "Give F, with zeros on DOFs known to be unforced."
-        raise ChannelError(
-            "The force is unknown on every DOF, so no balance has a residual", cure
-        )
-    size = rms(applied)
-    inertia = rms([np.where(np.isnan(f), np.nan, i) for i, f in zip(inertias, applied)])
-    cut = rms([from_top(f - i) for f, i in zip(applied, inertias)])
-    reference = pd.DataFrame(
-        {
-            "reference": np.concatenate([np.where(size > 0, size, inertia), cut]),
-            "of": np.concatenate(
-                [np.where(size > 0, "F", "m a"), np.repeat("storey force", model.n_dof)]
-            ),
-        },
-        index=[
-            f"{kind} {j}"
-            for kind in ("dof", "storey")
-            for j in range(1, model.n_dof + 1)
-        ],
-    )
-    scale, other = rms(storeys), reference["reference"].to_numpy()[: model.n_dof]
-    scale = np.where(scale > 0, scale, np.where(other > 0, other, 1.0))
-    return Residual(model, data, filters, balance, reference, scale)
 
 
 def searched_residual(work: Workspace, model: ChainModel) -> Residual:
@@ -422,72 +265,3 @@ def _measured_rows(record: Record) -> slice:
             known &= np.isfinite(measured[:, used]).all(axis=1)
     inside = np.flatnonzero(known)
     return slice(int(inside[0]), int(inside[-1]) + 1)
-
-
-@dataclass
-class SiteLoop:
-    """Force of one site along a stretch of data, thinned for drawing."""
-
-    site: str
-    record: str
-    t: np.ndarray
-    s: np.ndarray
-    v: np.ndarray
-    identified: np.ndarray
-    measured: np.ndarray | None = None
-
-
-def loops_of(
-    model: ChainModel, data: Dataset, filters: Sequence[Any] | None = None
-) -> list[SiteLoop]:
-    """Forces of all sites that hold a law, along the strongest stretch of the data; all
-    lines pass the filters.
-    """
-    filters = [None] * len(data.segments) if filters is None else list(filters)
-    try:
-        storeys = residual_of(model, data, filters).storey
-    except NRFError:
-        storeys = [np.full((seg.n_valid, model.n_dof), np.nan) for seg in data.segments]
-    out = []
-    for site, force in model.restoring_forces.items():
-        with suppress(
-            NRFError
-        ):  # a law that needs what this record does not hold is not drawn
-            out += [_loop(site, force, data, filters, storeys)] if force.laws else []
-    return out
-
-
-def _loop(
-    site: Site,
-    force: Any,
-    data: Dataset,
-    filters: list[Any],
-    storeys: list[np.ndarray],
-) -> SiteLoop:
-    motions = [seg.motion(site, seg.valid) for seg in data.segments]
-    which = int(np.argmax([np.abs(m.s).max() for m in motions]))
-    m, filter, seg = motions[which], filters[which], data.segments[which]
-    # a law that remembers starts fresh with the stretch, and needs a cycle or two to
-    # forget that
-    first = len(m.s) // 10 if force.has_memory else 0
-    period = period_of([m.s])
-    step, width = (
-        int(max(1, period // _PER_CYCLE)),
-        min(len(m.s) - first, int(_CYCLES * period) + 1),
-    )
-    start = int(
-        np.clip(int(np.abs(m.s).argmax()) - width // 2, first, len(m.s) - width)
-    )
-    rows = slice(start, start + width, step)
-
-    def drawn(line: np.ndarray) -> np.ndarray:
-        return (line if filter is None else filter.apply(line))[rows]
-
-    R = force.along(m)
-    t = np.arange(len(R), dtype=float) if m.t is None else m.t
-    identified, measured = drawn(R), None
-    if site.is_storey and np.isfinite(storeys[which][:, site.p - 1]).all():
-        measured = identified + storeys[which][rows, site.p - 1]
-    return SiteLoop(
-        str(site), seg.name, t[rows], drawn(m.s), drawn(m.v), identified, measured
-    )

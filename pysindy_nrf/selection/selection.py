@@ -11,13 +11,15 @@ import pandas as pd
 from sklearn.base import clone
 
 from ..chain.sites import Site
-from ..common.lazy import Hook
 from ..equations.chain_solve import require_moving
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..identification.problem import LEAST_SQUARES, law_list
 from ..identification.regressor import NRFRegressor
 from ..laws.power_series import exponents_of
 from ..records.input_arrays import from_arrays
+from ..report.figures.figure import Figure
+from ..report.figures.matplotlib_renderer import Drawing
+from ..report.figures.motion import order_figure
 from . import one_se_rule as rules
 from .fold_moments import FoldMoments, Order
 from .splitters import BlockedTimeSplit
@@ -111,7 +113,13 @@ class OrderSelection:
         """Draw held-out error over the order (matplotlib); ``ax`` is where, new axes if
         None.
         """
-        return Hook.ORDER_FIGURE(self).plot(ax)
+        return Drawing([self.figure()]).plot(ax)
+
+    def figure(self) -> Figure:
+        """Held-out error over the order, apart from how it is drawn."""
+        errors = rules.errors_of(self._scores)
+        orders = [str(label) for label in self._labels]
+        return order_figure(self.table, errors, orders, self.scoring)
 
     def __repr__(self) -> str:
         orders, folds = self._scores.shape

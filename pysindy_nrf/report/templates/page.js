@@ -4,7 +4,7 @@
   const status = document.getElementById("status");
   const drawn = new Map();
   const scenes = [];
-  const MOST_SCENES = 8; // a browser keeps so many drawings in space alive
+  const MAX_SCENES = 8; // a browser keeps so many drawings in space alive
   const CONFIG = {
     displaylogo: false, displayModeBar: false, responsive: true, scrollZoom: false,
   };
@@ -121,7 +121,7 @@
     Plotly.newPlot(place, figure.data, figure.layout, CONFIG);
     if (space && hasWebGL) {
       scenes.push(name);
-      while (scenes.length > MOST_SCENES) { undraw(scenes[0]); }
+      while (scenes.length > MAX_SCENES) { undraw(scenes[0]); }
     }
   }
   function undraw(name) {
@@ -161,7 +161,7 @@
   if (scheme.addEventListener) { scheme.addEventListener("change", redraw); }
   window.addEventListener("beforeprint", () => {
     Object.assign(document.documentElement.dataset, { theme: "light", paper: "" }); // as wide as paper, to be measured
-    places.forEach((place) => { if (!figures[place.id] || !figures[place.id].layout.scene || scenes.length < MOST_SCENES) { draw(place.id); } });
+    places.forEach((place) => { if (!figures[place.id] || !figures[place.id].layout.scene || scenes.length < MAX_SCENES) { draw(place.id); } });
     redraw();
   });
   window.addEventListener("afterprint", () => {
@@ -171,7 +171,7 @@
 
   // -- numbers in sentences as printed ones: 1.5e+09 is 1.5×10⁹
 
-  for (const place of document.querySelectorAll(".said, .lead, .about, .frame p, .care li, .facts dd")) {
+  for (const place of document.querySelectorAll(".sentence, .lead, .about, .frame p, .care li, .facts dd")) {
     if (place.children.length) { continue; }
     const power = (_, digit, sign, size) => digit + "×10<sup>" + (sign === "-" ? "−" : "") + size + "</sup>";
     place.innerHTML = place.innerHTML.replace(/(\d)e([+-])0?(\d+)/g, power);
@@ -250,11 +250,11 @@
     const lines = Array.from(table.rows).map((row) => Array.from(row.cells).map((cell) =>
       cell.dataset.v || cell.textContent.trim()).join("\t"));
     const text = lines.join("\n");
-    const done = () => { status.textContent = "Table copied."; said(button, "Copied"); };
-    const failed = () => { if (old(text)) { done(); } else { status.textContent = "Copying is not allowed here."; said(button, "Not allowed"); } };
+    const done = () => { status.textContent = "Table copied."; relabel(button, "Copied"); };
+    const failed = () => { if (old(text)) { done(); } else { status.textContent = "Copying is not allowed here."; relabel(button, "Not allowed"); } };
     if (navigator.clipboard && navigator.clipboard.writeText) { navigator.clipboard.writeText(text).then(done, failed); } else { failed(); }
   }
-  function said(button, word) {
+  function relabel(button, word) {
     const first = button.firstChild;
     const before = first.data;
     first.data = word;

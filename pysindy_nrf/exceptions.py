@@ -23,14 +23,13 @@ def sentence(what: str, cure: str = "") -> str:
 class _Said(Exception):
     """What is wrong, and what the user can do about it."""
 
-    def __init__(self, what: str, cure: str = "", argument: str = "") -> None:
+    def __init__(self, what: str, cure: str = "") -> None:
         self.what = what
         self.cure = cure
-        self.argument = argument
         super().__init__(sentence(what, cure))
 
-    def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
-        return type(self), (self.what, self.cure, self.argument)
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
+        return type(self), (self.what, self.cure)
 
 
 class NRFError(_Said, ValueError):
@@ -56,6 +55,13 @@ class NRFError(_Said, ValueError):
     'link 7-3' is not a link of a chain with 3 DOFs | Links are 'link p-q' with 0 <= q <
     p <= 3.
     """
+
+    def __init__(self, what: str, cure: str = "", argument: str = "") -> None:
+        super().__init__(what, cure)
+        self.argument = argument
+
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
+        return type(self), (self.what, self.cure, self.argument)
 
 
 class ChannelError(NRFError):

@@ -48,7 +48,7 @@ HELPERS = {
     "records/files/arrays.py",
     "records/files/uff.py",
     "common/files.py",
-    "cli/options.py",
+    "cli/parameters.py",
 }
 # The sentences of a solve order say themselves what would help.
 CURE_INSIDE = {"chain/identifiability.py": "its reasons say what would help"}

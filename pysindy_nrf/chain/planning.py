@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .model import ChainModel
     from .structure import Chain
 
+__all__ = ["plan"]
+
 # How tests are ranked: by the share of masses and laws that they identify, then by few
 # floors to hit, a strong response of the weakest mode, and a short solve order.
 _RANKING = {"identifies": False, "n_hit": True, "response": False, "depth": True}

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from ..diagnosis.verdict import Verdict
+if TYPE_CHECKING:
+    from ..diagnosis.verdict import Verdict
 
 # Columns of a line that a terminal shows whole.
 WIDTH = 110

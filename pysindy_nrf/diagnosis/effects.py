@@ -147,10 +147,11 @@ def effect_words(
         if value is None or key not in units:
             continue
         unit = units[key].replace("^2", "²").replace("^3", "³")
-        low, high = intervals.get(key) or (np.nan, np.nan)
-        text = f"{name} of {digits(low, high, float(value))} {unit}"
+        unit = f" {unit}" if unit else ""
+        low, high = intervals.get(key, (np.nan, np.nan))
+        text = f"{name} of {digits(low, high, float(value))}{unit}"
         if np.isfinite(high - low):
-            text += f" ({digits(low, high)} {unit})"
+            text += f" ({digits(low, high)}{unit})"
         return f"{text} {place}"
     return f"{name} {place}"
 

@@ -13,34 +13,18 @@ from typing import Literal
 import numpy as np
 
 from ..chain.model import ChainModel
-from .effects import (
-    Bounds,
-    Effect,
-    effect_words,
-    law_at_site,
-    nonlinear_parts,
-    plain_name,
-    shares_of,
-)
+from .effects import Bounds as Bounds
+from .effects import Effect, law_at_site, plain_name
+from .effects import nonlinear_parts as nonlinear_parts
+from .effects import shares_of as shares_of
 from .facts import Facts, FreeRunFacts, Loop, facts_of_loop, facts_of_model
-from .free_run import FreeRuns, free_runs
-from .wiring import LARGE, OPEN, mapping_that_closes, suspect_channels
+from .free_run import FreeRuns as FreeRuns
+from .free_run import free_runs as free_runs
+from .wiring import LARGE, OPEN
+from .wiring import mapping_that_closes as mapping_that_closes
+from .wiring import suspect_channels as suspect_channels
 
-__all__ = [
-    "Bounds",
-    "FreeRuns",
-    "Reason",
-    "Verdict",
-    "effect_words",
-    "free_runs",
-    "loop_verdict",
-    "mapping_that_closes",
-    "nonlinear_parts",
-    "shares_of",
-    "suspect_channels",
-    "verdict_from",
-    "verdict_on",
-]
+__all__ = ["Verdict", "verdict_from"]
 
 # Percent of a balance unexplained, above which other mappings of channels are tried.
 DOUBTFUL = 25.0
@@ -402,6 +386,14 @@ _OF_THE_MOTION = ("damping", "free run")
 
 def verdict_from(facts: Facts) -> Verdict:
     """The verdict that follows from facts, and from nothing else.
+
+    Parameters
+    ----------
+    facts : Facts
+
+    Returns
+    -------
+    Verdict
 
     Examples
     --------

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from ...diagnosis.effects import plain_name
 from ..results import Characterisation, Detection, Evidence, Loop, NoiseFloor
 from .figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 
@@ -359,7 +360,7 @@ def before_after_figure(report: Loop) -> Figure:
         groups.append(dof_words(name.removeprefix("held-out ")))
 
     errors = held_out.to_numpy(dtype=float)
-    models = [dof_words(name) for name in held_out.index]
+    models = [plain_name(name) for name in held_out.index]
     models[1:] = [f"+ {name}" for name in models[1:]]
     marks = [Bars(errors[0], models[0], "muted")]
     colors = itertools.cycle((*CYCLE, "muted"))

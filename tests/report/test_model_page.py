@@ -91,7 +91,7 @@ def test_a_page_over_the_records_of_the_fit_is_that_over_its_data():
 
 @pytest.fixture(scope="module")
 def missing_terms(tmp_path_factory):
-    """The table of what terms beyond the laws would explain, where storey 1 is cubic."""
+    """The table of missing terms on the page of a linear fit to a cubic storey."""
     path = tmp_path_factory.mktemp("page") / "report.html"
     with warnings.catch_warnings(action="ignore"):
         linear = NRFRegressor(degree=1).fit(datasets.load_demo())

@@ -37,7 +37,8 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
 )
 DESK, PHONE = (1280, 900), (375, 740)
-TAB, ENTER, LEFT = "\ue004", "\ue007", "\ue012"
+TAB, ENTER = "\ue004", "\ue007"
+LEFT = "\ue012"
 
 ALL_DRAWN = "return document.documentElement.dataset.drawn === 'all'"
 DRAWN = (

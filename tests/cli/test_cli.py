@@ -343,7 +343,7 @@ group.main(["swallow"])
 
 
 def test_ctrl_c_that_a_callback_swallows_is_heard_all_the_same(here):
-    """Python drops what is raised in a callback of compiled code; it must come again."""
+    """Python drops what is raised in a callback of compiled code: it comes again."""
     done = subprocess.run(
         [sys.executable, "-c", SWALLOW], capture_output=True, text=True, timeout=60
     )

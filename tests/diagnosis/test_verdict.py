@@ -324,8 +324,8 @@ def test_intervals_of_a_loop_hold_their_estimates():
 
 
 def test_an_effect_is_named_with_its_size_and_place():
-    force, interval, unit = {"Fc": 61.7}, {"Fc": (61.2, 62.2)}, {"Fc": "N"}
-    words = effect_words("coulomb_friction", "ground 2", force, interval, unit)
+    force, interval = {"Fc": 61.7}, {"Fc": (61.2, 62.2)}
+    words = effect_words("coulomb_friction", "ground 2", force, interval, {"Fc": "N"})
     expected = "dry friction of 61.7 N (61.2 to 62.2 N) between floor 2 and the ground"
     assert words == expected
 

@@ -94,6 +94,7 @@ class BalanceLoop:
                 "No force is measured and no mass is known, so nothing scales the"
                 " chain",
                 "Give the baseline known_masses={dof: kg}.",
+                argument="known_masses",
             )
         return SplitRecords(records, data)
 

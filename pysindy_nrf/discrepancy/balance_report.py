@@ -8,6 +8,8 @@ from dataclasses import replace
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..diagnosis.residual import residual_of
+from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..identification.fitted import wiring_of
 from ..records.dataset import Dataset
@@ -28,7 +30,7 @@ from .judgement import (
 from .prepare import PreparedRecords
 from .report import LoopReport
 from .request import LoopRequest
-from .residual import Evidence, NoiseFloor, look, loops_of, residual_of
+from .residual import Evidence, NoiseFloor, look
 
 
 def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopReport:

@@ -11,12 +11,15 @@ import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..common.lazy import Hook
-from ..diagnosis.verdict import FreeRuns, Verdict
+from ..diagnosis.site_loops import SiteLoop
+from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
 from ..records.checks.channel_checks import Measured
 from ..records.quality import QualityNote
+from ..report import write_html
+from ..report.markdown import markdown
+from ..report.notebook import loop_html
 from . import wording
-from .residual import Evidence, SiteLoop
+from .residual import Evidence
 
 
 @dataclass(frozen=True)
@@ -263,7 +266,7 @@ class LoopReport:
 
         See :mod:`pysindy_nrf.diagnosis.verdict`.
         """
-        return Hook.LOOP_VERDICT(self)
+        return loop_verdict(self)
 
     def __str__(self) -> str:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)]
@@ -277,7 +280,7 @@ class LoopReport:
         -------
         str
         """
-        return str(Hook.LOOP_MARKDOWN(self))
+        return markdown(self)
 
     def to_html(self, path: str | PathLike[str]) -> None:
         """Write the report as one self-contained page that works offline.
@@ -296,7 +299,7 @@ class LoopReport:
         MissingExtraError
             Without jinja2 or plotly, which the extra ``report`` brings.
         """
-        Hook.PAGE(path, self)
+        write_html(path, self)
 
     def _repr_html_(self) -> str:
-        return str(Hook.LOOP_HTML(self))
+        return loop_html(self)

@@ -13,10 +13,10 @@ from sklearn.utils.validation import check_is_fitted
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
 from ..chain.structure import Chain
-from ..common.lazy import Hook
 from ..diagnosis import verdict as verdicts
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.planning import Diagnosis, diagnose
+from ..diagnosis.site_loops import loops_of
 from ..equations.errors import explained_accelerations, judge
 from ..exceptions import (
     BiasWarning,
@@ -29,6 +29,9 @@ from ..records.channels import require_two_dimensions, sample_weights
 from ..records.dataset import Dataset, feature_names
 from ..records.input_arrays import from_arrays, holds_records
 from ..records.record import Record
+from ..report.figures.forces import loop_figures
+from ..report.figures.matplotlib_renderer import Drawing
+from ..report.figures.motion import free_run_figure
 from ..simulation.api import simulate
 from . import intervals
 from .problem import Estimate, Problem, blocks_of, flexible_laws
@@ -49,6 +52,8 @@ class FittedChain:
     masses_: np.ndarray
     errors_: pd.DataFrame
     missing_terms_: pd.DataFrame
+    jump_bias_: pd.DataFrame
+    condition_: dict[str, float]
     data_warnings_: dict[str, list[str]]
     n_samples_: int
     band: tuple[float | None, float | None] | None
@@ -397,7 +402,10 @@ class FittedChain:
             With ``ax_`` and ``figure_``.
         """
         check_is_fitted(self)
-        return Hook.MODEL_FIGURE(self).plot(ax)
+        data = self.fit_data("Fit again to draw the model over its data.")
+        loops = loops_of(self.model_, data, self.problem_.filters(data))
+        figures = loop_figures(self.model_, loops) + free_run_figure(self.free_runs())
+        return Drawing(figures).plot(ax)
 
     def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
         """95 % intervals by parameter, and why there are none."""

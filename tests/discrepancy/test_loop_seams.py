@@ -25,8 +25,8 @@ from pysindy_nrf.discrepancy.excerpts import EXCERPTS
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import Location
 from pysindy_nrf.equations.errors import nrmse
-from pysindy_nrf.report.content import cautions, chapters, lead
 from pysindy_nrf.report.figures.evidence import evidence_figures
+from pysindy_nrf.report.loop_content import chapters, lead
 from pysindy_nrf.simulation.noise import add_noise
 
 
@@ -175,11 +175,11 @@ def test_where_there_is_nothing_to_locate_no_site_is_named(report):
     assert "Localisation" not in " ".join(titles)
 
 
-def test_what_needs_no_answer_is_no_caution(report):
+def test_what_needs_no_answer_is_no_reason(report):
     last = report.evidence[-1]
     assert last.characterisation is None
     assert last.not_possible["characterisation"].expected
-    assert "not possible" not in " ".join(cautions(report))
+    assert "evidence" not in {ground.kind for ground in report.verdict.grounds}
 
 
 # -- verdicts to words ---------------------------------------------------------

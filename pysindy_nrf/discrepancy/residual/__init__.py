@@ -7,8 +7,6 @@ from .evidence import Evidence, look
 from .kinds import Dependence, Feature, Location, Obstacle, ResidualKind
 from .localisation import Localisation
 from .noise_floor import NoiseFloor
-from .residual import Residual, residual_of
-from .site_loops import SiteLoop, loops_of
 
 __all__ = [
     "Characterisation",
@@ -21,12 +19,8 @@ __all__ = [
     "Location",
     "NoiseFloor",
     "Obstacle",
-    "Residual",
     "ResidualKind",
-    "SiteLoop",
     "characterise",
     "detect",
     "look",
-    "loops_of",
-    "residual_of",
 ]

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
 
+from ...diagnosis.residual import filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import ChannelError
 from ...laws.shape import Motion
@@ -22,7 +23,6 @@ from . import wording
 from .basis import GAPS, ROWS, Basis
 from .kinds import Dependence, Feature
 from .motion_columns import thinning
-from .residual import filtered
 from .settings import RESIDUAL
 from .spectral_line import spectral_line
 

@@ -11,13 +11,13 @@ import pandas as pd
 
 from ...chain.sites import Site
 from ...chain.structure import Chain
+from ...diagnosis.residual import Residual, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import NRFError
 from ...records.dataset import Segment
 from .kinds import ResidualKind
 from .motion_columns import own_columns, thinning
 from .noise_floor import NoiseFloor
-from .residual import Residual, filtered
 from .settings import RESIDUAL
 
 _COLUMNS = ["verdict", "percent", "floor ratio", "linear share", "nonlinear share"]

@@ -25,7 +25,7 @@ from .diagnosed_data import DiagnosedData
 from .kinds import Obstacle
 from .localisation import Localisation, Localiser
 from .noise_floor import NoiseFloor
-from .residual import residual_in
+from .searched_residual import residual_in
 
 Answer = TypeVar("Answer")
 QUESTIONS = ("detection", "localisation", "characterisation")

@@ -26,13 +26,13 @@ from scipy.sparse.csgraph import connected_components
 from ...chain.layout import LawLayout
 from ...chain.sites import Site
 from ...chain.structure import Chain
+from ...diagnosis.residual import Residual, filtered
 from ...equations.balances import blocks_of_segment
 from ...equations.normal_equations import Regression, in_blocks, share_of
 from ...exceptions import ChannelError
 from .kinds import Location
 from .motion_columns import own_columns, thinning
 from .noise_floor import NoiseFloor
-from .residual import Residual, filtered
 from .settings import RESIDUAL
 
 # Weight of the correlations between the balances' noise, which a few draws give poorly.

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ...diagnosis.residual import filtered
 from ...laws import Jenkins
 from ...laws.shape import Motion
 from ..period import mean_period
-from .residual import filtered
 
 # Every k-th sample is enough for the regressions, as long as so many are left in all
 # and in a period.

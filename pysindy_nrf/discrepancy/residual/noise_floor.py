@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .residual import Residual, from_top, rms
+from ...diagnosis.residual import Residual, from_top, rms
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,8 @@ from battery.generators import make_case  # noqa: E402
 from battery.scorer import baseline  # noqa: E402
 
 from pysindy_nrf import Record, close_loop  # noqa: E402
-from pysindy_nrf.discrepancy import loop  # noqa: E402
-from pysindy_nrf.discrepancy.prepare import Workspace  # noqa: E402
+from pysindy_nrf.discrepancy import balance_loop as loop  # noqa: E402
+from pysindy_nrf.discrepancy.search_data import SearchData  # noqa: E402
 from pysindy_nrf.records.dataset import Dataset  # noqa: E402
 
 # What the search alone decides.
@@ -90,7 +90,7 @@ def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
     """Let the loop hold out the rows it would, with noise in their place after the
     channels were fused.
     """
-    prepare, split, fixed, known = loop.prepare, loop.split, Workspace.fixed, {}
+    prepare, split, fixed, known = loop.prepare, loop.split, SearchData.fixed, {}
 
     def spoilt(*args: Any, **options: Any) -> Any:
         ready = prepare(*args, **options)
@@ -112,14 +112,14 @@ def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
 
     def balanced(work: Any, segment: int) -> np.ndarray:
         out = fixed(work, segment)
-        for rows in (b.rows for b in work.held if b.segment == segment):
+        for rows in (b.rows for b in work.heldout if b.segment == segment):
             out[:, rows] = noise_like(out[:, rows].T, np.random.default_rng(seed)).T
         return out
 
     with (
         mock.patch.object(loop, "prepare", spoilt),
         mock.patch.object(loop, "split", lambda *_: known["split"]),
-        mock.patch.object(Workspace, "fixed", balanced),
+        mock.patch.object(SearchData, "fixed", balanced),
     ):
         yield
 

@@ -53,9 +53,12 @@ from sklearn.base import clone  # noqa: E402
 from tqdm import tqdm  # noqa: E402
 
 from pysindy_nrf import NRFRegressor, Record  # noqa: E402
-from pysindy_nrf.discrepancy.evidence import detect  # noqa: E402
-from pysindy_nrf.discrepancy.residual import NoiseFloor, residual_of  # noqa: E402
-from pysindy_nrf.discrepancy.words import ResidualKind  # noqa: E402
+from pysindy_nrf.discrepancy.residual import (  # noqa: E402
+    NoiseFloor,
+    ResidualKind,
+    detect,
+    residual_of,
+)
 from pysindy_nrf.exceptions import NRFError  # noqa: E402
 from pysindy_nrf.records.fusion.kinematic_smoother import KinematicSmoother  # noqa: E402
 from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive  # noqa: E402

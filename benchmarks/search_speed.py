@@ -31,12 +31,24 @@ from pysindy_nrf import (  # noqa: E402
     laws,
     simulate,
 )
-from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue  # noqa: E402
-from pysindy_nrf.discrepancy.prepare import Workspace, prepare  # noqa: E402
-from pysindy_nrf.discrepancy.ruler import Ruler, Trial  # noqa: E402
-from pysindy_nrf.discrepancy.search import Search, lines_at, proposals_of  # noqa: E402
-from pysindy_nrf.discrepancy.state import Axes, Proposal, State  # noqa: E402
-from pysindy_nrf.discrepancy.windows import Windows, split, window_length  # noqa: E402
+from pysindy_nrf.discrepancy.band_search import find_bands  # noqa: E402
+from pysindy_nrf.discrepancy.candidate_search import scan, scan_points  # noqa: E402
+from pysindy_nrf.discrepancy.catalogue import (  # noqa: E402
+    Experiment,
+    candidates,
+    default_catalogue,
+)
+from pysindy_nrf.discrepancy.effects import (  # noqa: E402
+    Candidate,
+    Finding,
+    SearchState,
+)
+from pysindy_nrf.discrepancy.fitted_model import fit_model  # noqa: E402
+from pysindy_nrf.discrepancy.folds import split, window_length  # noqa: E402
+from pysindy_nrf.discrepancy.prepare import prepare  # noqa: E402
+from pysindy_nrf.discrepancy.search_data import SearchData  # noqa: E402
+from pysindy_nrf.discrepancy.spectra import BalanceSpectra  # noqa: E402
+from pysindy_nrf.discrepancy.windows import Windows  # noqa: E402
 
 TARGET = 20.0
 
@@ -63,36 +75,41 @@ def record(n: int, samples: int, seed: int = 0) -> Record:
     return simulate(ChainModel(masses, parts), F, 1e-3)
 
 
-def state_of(rec: Record) -> State:
+def state_of(rec: Record) -> SearchState:
     """The linear chain on all of a record but what is held out."""
-    ready = prepare(rec)
-    data, problem = ready.data, NRFRegressor(degree=1).problem(ready.data.n_dof)
-    length = window_length(data.segments)
-    work = Workspace(data, *split(data.segments, length), {})
-    ruler = Ruler(work, Windows(data, work.search, length)).find_bands(
-        [(problem.chain, problem.laws)]
-    )
-    return State(Trial(ruler, problem.chain, problem.laws), ready=ready)
+    records = prepare(rec)
+    dataset, problem = records.data, NRFRegressor(degree=1).problem(rec.n_dof)
+    length = window_length(dataset.segments)
+    data = SearchData(dataset, *split(dataset.segments, length), {})
+    windows = Windows(dataset, data.search, length)
+    spectra = BalanceSpectra(data, windows)
+    bands = find_bands(spectra, problem.chain, [problem.laws])
+    windows = windows.up_to(bands.n_bands - 1)
+    spectra = BalanceSpectra(data, windows, bands)
+    return SearchState(fit_model(spectra, problem.chain, problem.laws), (), records)
 
 
-def searched(state: State, rows_of) -> np.ndarray:
+def searched(state: SearchState, rows_of) -> np.ndarray:
     """Rows of arrays along the record that the search may see."""
-    work = state.trial.ruler.work
-    return np.hstack([np.asarray(rows_of([b.segment]))[:, b.rows] for b in work.search])
+    folds = state.model.spectra.data.search
+    return np.hstack([np.asarray(rows_of([b.segment]))[:, b.rows] for b in folds])
 
 
-def design(state: State, site: Site, columns: np.ndarray) -> np.ndarray:
+def columns_of(state: SearchState, site: Site, held) -> np.ndarray:
+    """Columns of laws at a site in the rows of the search."""
+    data = state.model.spectra.data
+    return searched(state, lambda records: data.columns(site, held, records))
+
+
+def design(state: SearchState, site: Site, columns: np.ndarray) -> np.ndarray:
     """The stacked matrix of all balances with the columns of a candidate, shape (n_dof
     n, n_dof + terms).
     """
-    work, trial = state.trial.ruler.work, state.trial
-    n, size = work.n_dof, columns.shape[1]
-    fixed = searched(state, work.fixed)
-    own = {
-        s: searched(state, lambda i, s=s: work.columns(s, trial.laws[s], i))
-        for s in trial.layout.acting
-    }
-    out = np.zeros((n * size, n + trial.layout.n_terms + len(columns)))
+    model, data = state.model, state.model.spectra.data
+    n, size = data.n_dof, columns.shape[1]
+    fixed = searched(state, data.fixed)
+    own = {s: columns_of(state, s, model.laws[s]) for s in model.layout.acting}
+    out = np.zeros((n * size, n + model.layout.n_terms + len(columns)))
     for j in range(1, n + 1):
         rows, at = slice((j - 1) * size, j * size), n
         out[rows, j - 1] = fixed[j - 1]
@@ -105,39 +122,30 @@ def design(state: State, site: Site, columns: np.ndarray) -> np.ndarray:
     return out
 
 
-def refit(state: State, tried: list) -> tuple[float, tuple[str, str]]:
+def refit(state: SearchState, tried: list) -> tuple[float, tuple[str, str]]:
     """Seconds, and the best law and site, of one lstsq for every trial."""
-    work = state.trial.ruler.work
-    target = searched(state, work.fixed)[work.n_dof :].ravel()
+    data = state.model.spectra.data
+    target = searched(state, data.fixed)[data.n_dof :].ravel()
     best, winner = np.inf, ("", "")
     start = time.perf_counter()
     for site, law in tried:
-        matrix = design(
-            state, site, searched(state, lambda i: work.columns(site, [law], i))
-        )  # noqa: B023
+        matrix = design(state, site, columns_of(state, site, [law]))
         scale = np.sqrt(np.mean(matrix**2, axis=0))
         scale[scale == 0] = 1.0
-        left = (
-            target
-            - matrix / scale @ np.linalg.lstsq(matrix / scale, target, rcond=None)[0]
-        )
-        error = float(np.sqrt(np.mean(left**2)))
+        scaled = matrix / scale
+        values = np.linalg.lstsq(scaled, target, rcond=None)[0]
+        error = float(np.sqrt(np.mean((target - scaled @ values) ** 2)))
         if error < best:
             best, winner = error, (law.family, str(site))
     return time.perf_counter() - start, winner
 
 
-def trials(state: State, proposals: list[Proposal]) -> list[tuple[Site, laws.ForceLaw]]:
-    """Every law with every point of its scan."""
+def trials(state: SearchState, tried: list[Candidate]) -> list:
+    """Every law with every point of its scan, and its site."""
     out = []
-    for p in proposals:
-        axes = Axes(p.law, state.trial.ruler.work, p.sites)
-        lines = (
-            lines_at(state.trial, p)
-            if any(shape.is_frequency for shape in axes.shapes)
-            else ()
-        )
-        out += [(p.sites[0], axes.at(u)[0]) for u in axes.grid(lines)]
+    for candidate in tried:
+        points = scan_points(state.model, candidate)
+        out += [(candidate.sites[0], law) for (law,) in points]
     return out
 
 
@@ -149,25 +157,21 @@ def main(arguments: list[str] | None = None) -> dict:
     o = parser.parse_args(arguments)
     n, samples = (3, 2048) if o.quick else (4, 16384)
     rec = record(n, samples)
-    chain = state_of(rec).trial.chain
-    every = list(candidates(default_catalogue(), chain, {}, (), range(1, n + 1)))
-    proposals = [
-        p for p in proposals_of(every, chain.sites) if len(p.sites) == 1
-    ]  # one law at one site
-    scan(state_of(rec), proposals)  # compiled once
+    chain = state_of(rec).model.chain
+    experiment = Experiment(default_catalogue(), chain, (), tuple(range(1, n + 1)))
+    every = list(candidates(experiment))
+    scan_all(state_of(rec), every)  # compiled once
     state = state_of(rec)
     start = time.perf_counter()
-    found = scan(state, proposals)
+    found = scan_all(state, every)
     fast = time.perf_counter() - start
-    scanned = {f.proposal for f in found}
-    tried = trials(state, [p for p in proposals if p in scanned])
+    tried = trials(state, [finding.candidate for finding in found])
     slow, winner = refit(state, tried)
     ratio = slow / fast
-    names, size = (
-        len({law.name for law, _ in every}),
-        sum(b.rows.stop - b.rows.start for b in state.trial.ruler.work.search),
-    )
-    best = found[0].proposal
+    folds = state.model.spectra.data.search
+    size = sum(b.rows.stop - b.rows.start for b in folds)
+    names = len({candidate.law.name for candidate in every})
+    best = found[0].candidate
     print(
         f"{n} DOFs, {samples} samples ({size} searched): {names} laws, {len(every)}"
         f" candidates, {len(tried)} trials\nsearch, the chain solved again on Gram"
@@ -176,24 +180,22 @@ def main(arguments: list[str] | None = None) -> dict:
         f" {ratio:.0f} (target at least {TARGET:g}):"
         f" {'PASS' if ratio >= TARGET else 'FAIL'}"
     )
-    site = str(best.sites[0])
     return {
         "fast": fast,
         "slow": slow,
         "ratio": ratio,
         "trials": len(tried),
-        "site": site,
+        "site": str(best.sites[0]),
         "winner": winner,
     }
 
 
-def scan(state: State, proposals: list[Proposal]) -> list:
+def scan_all(state: SearchState, tried: list[Candidate]) -> list[Finding]:
     """Every candidate at the best point of its scan, the best first, without
     refinement.
     """
-    search = Search(proposals)
-    found = [search._scanned(state, p, state) for p in proposals]
-    return sorted((f for f in found if f is not None), key=lambda f: -f.screen)
+    found = [scan(state, candidate, state) for candidate in tried]
+    return sorted((f for f in found if f is not None), key=lambda f: -f.screened)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ coefficients, tracks.
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Self
 
 import matplotlib.pyplot as plt
@@ -15,7 +16,7 @@ from scipy.signal import welch
 from pysindy_nrf import Record, simulate
 from pysindy_nrf.chain.model import as_model, as_segments
 from pysindy_nrf.chain.sites import index_of
-from pysindy_nrf.discrepancy.residual import SiteLoop
+from pysindy_nrf.diagnosis.site_loops import SiteLoop
 from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.identification import damper_force, dissipated_energy
@@ -849,7 +850,8 @@ class FreeRunDisplay(Display):
                 ),
             ]
             x, y = below(j, "time", "s"), Axis(f"x_{{{j}}}", "m")
-            x.limits = None if self.begin is None else (self.begin, self.time[-1])
+            if self.begin is not None:
+                x = replace(x, limits=(self.begin, self.time[-1]))
             out.append(
                 Figure(
                     f"Free run of DOF {j}", marks, x, y, legend="above", size=(6.5, 1.4)

@@ -28,7 +28,7 @@ class _Said(Exception):
         self.cure = cure
         super().__init__(sentence(what, cure))
 
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
         return type(self), (self.what, self.cure)
 
 
@@ -41,6 +41,8 @@ class NRFError(_Said, ValueError):
         What is wrong, naming the channel, degree of freedom or parameter.
     cure : str
         What the user can do about it.
+    argument : str
+        The argument that the cure asks for, such as ``"known_masses"``.
 
     Examples
     --------
@@ -53,6 +55,13 @@ class NRFError(_Said, ValueError):
     'link 7-3' is not a link of a chain with 3 DOFs | Links are 'link p-q' with 0 <= q <
     p <= 3.
     """
+
+    def __init__(self, what: str, cure: str = "", argument: str = "") -> None:
+        super().__init__(what, cure)
+        self.argument = argument
+
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
+        return type(self), (self.what, self.cure, self.argument)
 
 
 class ChannelError(NRFError):

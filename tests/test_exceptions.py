@@ -52,7 +52,7 @@ HELPERS = {
     "records/files/formats/numpy_files.py",
     "records/files/formats/uff.py",
     "common/files.py",
-    "cli/options.py",
+    "cli/parameters.py",
 }
 # The sentences of a solve order say themselves what would help.
 CURE_INSIDE = {"chain/identifiability.py": "its reasons say what would help"}

@@ -108,7 +108,7 @@ class SolveOrder:
                 "Measure a force on one DOF, or give a mass: known_masses={dof: kg};"
                 " ratios to it then come out."
             )
-            raise ExcitationError(what, cure)
+            raise ExcitationError(what, cure, argument="known_masses")
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
         return self

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..common import MOST_DOFS, number_of
-from ..common.lazy import Hook
 from ..exceptions import ChainError
 from .identifiability import Dofs, SolveOrder, plan_solve_order
+from .planning import Plan, plan
 from .sensing import Sensing, plan_sensing
 from .sites import Site, as_mapping, dofs_of
 
@@ -213,20 +213,20 @@ class Chain:
         """
         return plan_sensing(self, sensors, excited, known_masses, model)
 
-    def plan(self, **options: Any) -> Any:
+    def plan(self, **options: Any) -> Plan:
         """Recommend floors to excite or sensors to add.
 
         Parameters
         ----------
         **options
-            See :func:`pysindy_nrf.diagnosis.planning.plan`.
+            See :func:`pysindy_nrf.chain.planning.plan`.
 
         Returns
         -------
         Plan
             ``str()`` describes it.
         """
-        return Hook.PLAN(self, **options)
+        return plan(self, **options)
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""

@@ -3,6 +3,7 @@
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import fields
 from importlib import metadata
 from typing import Any
 
@@ -37,17 +38,14 @@ def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     }
 
 
-def constants_of(*modules: Any) -> dict[str, Any]:
-    """Constants of modules (names in capitals): what no argument changes."""
-    return {
-        k.lower().replace("_", " "): v
-        for module in modules
-        for k, v in vars(module).items()
-        if k.isupper()
-        and not k.startswith("_")
-        and isinstance(v, (int, float, tuple, dict))
-        and not isinstance(v, bool)
-    }
+def constants_of(groups: Mapping[str, Any]) -> dict[str, Any]:
+    """Numbers that no argument changes: fields of dataclasses of settings, by group."""
+    numbers = {}
+    for group, settings in groups.items():
+        for one in fields(settings):
+            name = one.name.replace("_", " ")
+            numbers[f"{group}: {name}"] = getattr(settings, one.name)
+    return numbers
 
 
 def _text(value: Any) -> str:

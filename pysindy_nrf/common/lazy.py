@@ -1,12 +1,8 @@
-"""Late imports: public names of a package (PEP 562), optional packages, methods carried
-out by upper layers.
-"""
+"""Late imports: public names of a package (PEP 562) and optional packages."""
 
 import sys
 from collections.abc import Callable, Mapping
-from enum import Enum
 from importlib import import_module
-from pkgutil import resolve_name
 from types import ModuleType
 from typing import Any
 
@@ -45,19 +41,3 @@ def require(package: str, extra: str, purpose: str) -> ModuleType:
         return import_module(package)
     except ImportError as error:
         raise MissingExtraError(package.split(".")[0], extra, purpose) from error
-
-
-class Hook(Enum):
-    """Functions of upper layers that objects of lower layers offer as methods."""
-
-    PLAN = "pysindy_nrf.diagnosis.planning:plan"
-    ORDER_FIGURE = "pysindy_nrf.report.figures.motion:order_drawing"
-    MODEL_FIGURE = "pysindy_nrf.report.content:drawing"
-    PAGE = "pysindy_nrf.report:write_html"
-    LOOP_MARKDOWN = "pysindy_nrf.report.write:markdown"
-    LOOP_VERDICT = "pysindy_nrf.report.content:loop_verdict"
-    LOOP_HTML = "pysindy_nrf.report.write:loop_html"
-
-    def __call__(self, *args: Any, **options: Any) -> Any:
-        """Call the function and return its result."""
-        return resolve_name(self.value)(*args, **options)

@@ -17,6 +17,7 @@ from ..equations.errors import balance_errors
 from ..exceptions import NRFError, NRFWarning
 from ..laws.forcing import lost_masses
 from ..records.dataset import Dataset
+from ..records.quality import QualityNote
 from .intervals import Resolver
 from .problem import Estimate, Problem, least_squares
 
@@ -52,16 +53,29 @@ class Examination:
         Share of each residual that further terms would explain, step by step.
     jump_bias : DataFrame
         Coefficients of forces that jump, with and without the samples near the jumps.
-    channels, forces, records, masses : list of str
+    quality : tuple of QualityNote
+        What is known of channels, clocks and units.
+    n_records : int
+    forces, records, masses : list of str
         Sentences on what is doubtful.
     """
 
     missing_terms: pd.DataFrame = field(default_factory=_no_missing_terms)
     jump_bias: pd.DataFrame = field(default_factory=_no_jumps)
-    channels: list[str] = field(default_factory=list)
+    quality: tuple[QualityNote, ...] = ()
+    n_records: int = 1
     forces: list[str] = field(default_factory=list)
     records: list[str] = field(default_factory=list)
     masses: list[str] = field(default_factory=list)
+
+    @property
+    def channels(self) -> list[str]:
+        """What is known of the channels, in sentences."""
+        sentences = []
+        for note in self.quality:
+            where = f"Record {note.record!r}: " if self.n_records > 1 else ""
+            sentences.append(where + note.message)
+        return list(dict.fromkeys(sentences))
 
     def warn_of_bias(self) -> None:
         """Give one BiasWarning if there is a doubt that is not of the channels."""
@@ -146,21 +160,12 @@ def examined(found: Finding, estimate: Estimate, error: float) -> Examination:
     return Examination(
         missing_terms=missing.table(),
         jump_bias=jumps.table(),
-        channels=sentences_on_channels(data),
+        quality=data.quality,
+        n_records=len(data.segments),
         forces=forces,
         records=copies_of(data) if found.in_memory else [],
         masses=masses,
     )
-
-
-def sentences_on_channels(data: Dataset) -> list[str]:
-    """What is known of the quality of the channels, in sentences."""
-    several = len(data.segments) > 1
-    sentences = []
-    for note in data.quality:
-        where = f"Record {note.record!r}: " if several else ""
-        sentences.append(where + note.message)
-    return list(dict.fromkeys(sentences))
 
 
 def _wrong_masses(problem: Problem, data: Dataset, error: float) -> list[str]:

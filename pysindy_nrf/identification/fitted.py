@@ -11,9 +11,10 @@ import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
 from ..chain.model import ChainModel
-from ..common.lazy import Hook
+from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.planning import Diagnosis, diagnose
-from ..diagnosis.verdict import FreeRuns, Verdict
+from ..diagnosis.site_loops import loops_of
+from ..diagnosis.verdict import Verdict
 from ..equations.errors import explained_accelerations, judge
 from ..exceptions import ChannelError
 from ..records.channels import require_two_dimensions, sample_weights
@@ -21,12 +22,12 @@ from ..records.dataset import Dataset, feature_names
 from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
 from ..records.named_columns import forces_by_name
 from ..records.record import Record
+from ..report.figures.forces import loop_figures
+from ..report.figures.matplotlib_renderer import Drawing
+from ..report.figures.motion import free_run_figure
 from ..simulation.api import simulate
-from .problem import blocks_of
+from .problem import Problem, blocks_of
 from .result import IdentificationResult
-from .wiring import wiring_of
-
-__all__ = ["FittedChain", "wiring_of"]
 
 
 class FittedChain:
@@ -34,6 +35,12 @@ class FittedChain:
 
     result_: IdentificationResult
     model_: ChainModel
+    problem_: Problem
+    errors_: pd.DataFrame
+    missing_terms_: pd.DataFrame
+    jump_bias_: pd.DataFrame
+    condition_: pd.Series
+    data_warnings_: dict[str, list[str]]
     coordinates: str
     dt: float | None
     _one_force: bool = False
@@ -355,7 +362,10 @@ class FittedChain:
             With ``ax_`` and ``figure_``.
         """
         check_is_fitted(self)
-        return Hook.MODEL_FIGURE(self).plot(ax)
+        data = self.fit_data("Fit again to draw the model over its data.")
+        loops = loops_of(self.model_, data, self.problem_.filters(data))
+        figures = loop_figures(self.model_, loops) + free_run_figure(self.free_runs())
+        return Drawing(figures).plot(ax)
 
     def simulate(
         self,

@@ -29,6 +29,7 @@ from ..records.dataset import Dataset
 from ..records.files import frf_to_features
 from ..records.files.frequency_response import FrequencyResponse, in_band
 from ..records.input_arrays import Input, InputSettings, from_arrays
+from ..records.quality import QualityNote
 from .examination import Examination, Finding
 from .intervals import Resolver
 from .methods import RESPONSES, IdentificationMethod, finite_band, result_of
@@ -101,6 +102,7 @@ class FrequencyResponseFit(IdentificationMethod):
         resolver = Resolver(pieces, order, known_masses, problem.optimizer)
         estimate = start._replace(model=model_of(layout, solution))
         result = result_of(Finding(estimate, measured, facts, resolver))
+        notes = tuple(QualityNote("other", doubt, record=data.name) for doubt in doubts)
         if doubts:
             warn(f"{data.name}: {' '.join(doubts)}", DataQualityWarning)
         return replace(
@@ -113,7 +115,7 @@ class FrequencyResponseFit(IdentificationMethod):
                 lambda: blocks_of(measured, [None] * data.n_dof, layout),
             ),
             unknown_forces=pd.DataFrame(),
-            examination=Examination(channels=doubts),
+            examination=Examination(quality=notes),
         )
 
 

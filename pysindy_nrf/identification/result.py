@@ -14,8 +14,12 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
-from ..diagnosis import verdict as verdicts
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
+from ..diagnosis.effects import nonlinear_parts, shares_of
+from ..diagnosis.facts import Facts, facts_of_model
+from ..diagnosis.free_run import FreeRuns, free_runs
+from ..diagnosis.verdict import Verdict, verdict_after_search
+from ..diagnosis.wiring import suspect_channels
 from ..equations.normal_equations import NormalEquations
 from ..exceptions import (
     ChannelError,
@@ -111,7 +115,7 @@ class IdentificationResult:
     biased_by_noise: bool = False
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    channel_runs: verdicts.FreeRuns | None = None
+    channel_runs: FreeRuns | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         # the data, and the free runs, which hold them, are no part of a saved result
@@ -282,44 +286,47 @@ class IdentificationResult:
     # -- free runs and the verdict ---------------------------------------------------
 
     @cached_property
-    def free_runs(self) -> verdicts.FreeRuns:
+    def free_runs(self) -> FreeRuns:
         """Free runs over the data of the fit, in the band of the fit."""
         if self.channel_runs is not None:
             return self.channel_runs
         data = self.require_data("Fit again to run the model over its data.")
-        return verdicts.free_runs(self.model, data, self.problem.filters(data))
+        return free_runs(self.model, data, self.problem.filters(data))
 
     @cached_property
-    def verdict(self) -> verdicts.Verdict:
-        """Whether the model may be used, what it holds, and why not."""
+    def facts(self) -> Facts:
+        """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
-        doubts = [text for texts in self.data_warnings.values() for text in texts]
-        doubts += no_bounds
-        missing = self.examination.missing_terms
+        found = self.examination
+        doubts = [*found.forces, *found.records, *found.masses, *no_bounds]
+        missing = found.missing_terms
         for name in missing.index[missing["biased"].astype(bool)]:
             sentence = f"{name[0].upper()}{name[1:]}"
             doubts.append(f"{sentence}: a law is missing, or the motion is noisy.")
 
-        free, shares, wiring = None, {}, None
-        faults: dict[str, bool] = {}
+        runs, shares, faults = None, {}, dict[str, bool]()
         if self.data is not None:
-            free = self.free_runs
-            shares = verdicts.shares_of(self.model, self.data)
-            faults = verdicts.suspect_channels(self.data.records)
-            wiring = partial(
-                wiring_error, self.problem, self.model, records_of(self.data)
-            )
+            runs = self.free_runs
+            shares = shares_of(self.model, self.data)
+            faults = suspect_channels(self.data.records)
 
         balances = self.errors["error"].drop("pooled")
-        found = verdicts.nonlinear_parts(self.model, shares, bounds)
-        return verdicts.verdict_on(
-            self.model,
-            {int(name[4:]): float(error) for name, error in balances.items()},
-            list(found.values()),
-            free,
-            bounds,
-            known_masses=self.problem.known_masses,
-            doubts=doubts,
-            faults=faults,
-            wiring=wiring,
+        known = self.problem.known_masses
+        return replace(
+            facts_of_model(self.model, bounds, runs, known),
+            unexplained={int(name[4:]): float(e) for name, e in balances.items()},
+            holds=tuple(nonlinear_parts(self.model, shares, bounds).values()),
+            channel_faults=faults,
+            quality=found.quality,
+            n_records=found.n_records,
+            doubts=tuple(doubts),
         )
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the model may be used, what it holds, and why not."""
+        if self.data is None:
+            return verdict_after_search(self.facts, None)
+        records = records_of(self.data)
+        search = partial(wiring_error, self.problem, self.model, records)
+        return verdict_after_search(self.facts, search)

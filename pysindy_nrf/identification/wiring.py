@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ..chain.model import ChainModel
-from ..diagnosis.verdict import mapping_that_closes
+from ..diagnosis.wiring import mapping_that_closes
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
@@ -62,13 +61,6 @@ def wiring_error(problem: Problem, model: ChainModel, records: Sequence[Record])
     # a mass that is known to be zero is none that a structure has
     weighed = [j for j, mass in problem.known_masses.items() if mass > 0]
     return mapping_that_closes(list(records), from_fused, from_channels, weighed)
-
-
-def wiring_of(
-    estimator: Any, problem: Problem, model: ChainModel, records: list[Record]
-) -> str:
-    """The same for a regressor, whose settings the problem has."""
-    return wiring_error(problem, model, records)
 
 
 def _with_rates(record: Record) -> Record:

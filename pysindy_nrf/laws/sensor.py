@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from .base import ForceLaw, Term
+from .shape import Motion
 
 
 class SensorFault(ForceLaw):
@@ -49,6 +50,52 @@ class SensorFault(ForceLaw):
         :meth:`reading`.
         """
         raise NotImplementedError
+
+    @property
+    def order(self) -> int | None:
+        """Order of the derivative that the fault adds to its channel.
+
+        0 for a gain, 1 for a delay, None where it adds none alone.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> faults = laws.GainError(), laws.ChannelDelay(), laws.SensorOffset()
+        >>> [fault.order for fault in faults]
+        [0, 1, None]
+        """
+        added = self._added()
+        orders = np.flatnonzero(added[1:])
+        return None if added[0] or len(orders) != 1 else int(orders[0])
+
+    @property
+    def share(self) -> float:
+        """What the fault adds, as a share of that derivative."""
+        return float(self.values[0] * self._added()[1 + (self.order or 0)])
+
+    def with_share(self, share: float) -> Self:
+        """The fault that adds a share of its derivative to the channel.
+
+        Parameters
+        ----------
+        share : float
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.ChannelDelay().with_share(-0.002)  # s
+        ChannelDelay(tau=0.002)
+        """
+        return self.with_values([share / float(self._added()[1 + (self.order or 0)])])
+
+    def _added(self) -> np.ndarray:
+        """What a unit of the fault adds at rest, and beyond it to a channel of one and
+        to first and second derivatives of one.
+        """
+        if self.free_shape:
+            return np.zeros(4)
+        column = self.features(Motion(*np.eye(4)[1:]))[:, 0]
+        return np.append(column[0], column[1:] - column[0])
 
     def followed_by(self, other: SensorFault) -> Self:
         """A single fault equivalent to correcting this one and then another of its

@@ -320,6 +320,9 @@ class Record:
     def to_features(self, smooth: bool = True) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Regressor input: accelerations, inter-storey velocities and drifts.
 
+        They are plain tables. A regressor that gets the record itself knows its noise
+        and band, too.
+
         Parameters
         ----------
         smooth : bool

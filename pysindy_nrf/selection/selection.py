@@ -9,7 +9,6 @@ import pandas as pd
 from sklearn.base import clone
 
 from ..chain.sites import Site
-from ..common.lazy import Hook
 from ..equations.measured_motion import require_moving
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..identification.problem import LEAST_SQUARES, law_list
@@ -17,6 +16,9 @@ from ..identification.regressor import NRFRegressor
 from ..laws.power_series import exponents_of
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
+from ..report.figures.figure import Figure
+from ..report.figures.matplotlib_renderer import Drawing
+from ..report.figures.motion import order_figure
 from .held_out import SCORES, errors_on_folds, scores_on_folds
 from .one_se_rule import choose, complexity_of, errors_of, standard_error
 from .order_sums import OrderSums
@@ -128,7 +130,12 @@ class OrderSelection:
         ax : matplotlib axes, optional
             New ones if None.
         """
-        return Hook.ORDER_FIGURE(self).plot(ax)
+        return Drawing([self.figure()]).plot(ax)
+
+    def figure(self) -> Figure:
+        """Held-out error over the order, apart from how it is drawn."""
+        orders = [str(label) for label in self._labels]
+        return order_figure(self.table, errors_of(self._scores), orders, self.scoring)
 
     def __repr__(self) -> str:
         n_orders, n_folds = self._scores.shape

@@ -216,7 +216,7 @@ def test_a_time_that_must_be_in_ms_is_refused_with_the_cure(
     )
     assert run(["run", "ms.csv"]) == 3
     said = capsys.readouterr().err
-    assert "the time is in ms" in said and "Declare its unit: --unit t=ms" in said
+    assert "the time is in ms" in said and "--unit t=ms" in said
     assert run(["run", "ms.csv", "--map", "a2=A2"]) == 3
     assert "did you mean 'a2'?" in capsys.readouterr().err
 

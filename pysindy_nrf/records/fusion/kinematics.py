@@ -188,8 +188,7 @@ def to_features(
     Returns
     -------
     X, F : DataFrame
-        Columns ``a1.., v1.., s1..`` and ``F1..``, indexed by time. ``X.attrs`` has
-        ``band``, ``noise``, ``resolved``, ``joint_fusion`` and ``doubts``.
+        Columns ``a1.., v1.., s1..`` and ``F1..``, indexed by time.
     """
     fused = fuse_record(record, smooth, check)
     index = pd.Index(fused.time, name="t")
@@ -197,17 +196,6 @@ def to_features(
     names = [f"{kind}{j}" for kind in "avs" for j in dofs]
     X = pd.DataFrame(fused.motion, index=index, columns=names, copy=False)
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in dofs])
-
-    if fused.resolved is not None:
-        X.attrs["resolved"] = fused.resolved
-    if any(spacing > 1.0 for spacing in fused.spacing.values()):
-        X.attrs["joint_fusion"] = fused.joint
-    if fused.spacing:
-        X.attrs["noise"] = dict(fused.noise)
-    if fused.band is not None:
-        X.attrs["band"] = fused.band
-    if fused.notes:
-        X.attrs["doubts"] = messages(fused.notes)
     return X, F
 
 

@@ -51,7 +51,6 @@ def test_tables_hold_what_the_typed_result_does(noisy):
     assert X.index.name == "t"
     np.testing.assert_array_equal(X, np.hstack([fused.a, fused.v, fused.s]))
     np.testing.assert_array_equal(F, fused.force)
-    assert X.attrs["noise"] == fused.noise
     assert set(fused.noise) == {f"{kind}{j}" for kind in "avx" for j in (1, 2, 3, 4)}
 
 

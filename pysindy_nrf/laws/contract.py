@@ -118,7 +118,7 @@ def check_large_arguments(law: ForceLaw, rng: np.random.Generator) -> None:
 
 def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
     """The kernel gives the same numbers on arrays, on floats, and compiled."""
-    from ..common.compiled import on_a_sample
+    from .callbacks import compiled_kernel
     from .memory import state_path
 
     motion = random_motion(law, rng, n_periods=1)
@@ -133,7 +133,7 @@ def check_single_samples(law: ForceLaw, rng: np.random.Generator) -> None:
         else np.zeros((0, motion.n_samples))
     )
     for how in ("on floats", "compiled"):
-        kernel = on_a_sample(law) if how == "compiled" else type(law).kernel
+        kernel = compiled_kernel(law) if how == "compiled" else type(law).kernel
         for i in range(0, motion.n_samples, 29):
             sample = np.full(columns.shape[1], np.nan)
             s, v, a, t = (float(x[i]) for x in (motion.s, motion.v, motion.a, motion.t))

@@ -7,15 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..common.compiled import (
-    address_of,
-    call_advance,
-    call_kernel,
-    inline,
-    part,
-    pointers,
-)
+from ..common.compiled import address_of, inline, part
 from ..exceptions import LawError, SimulationError
+from ..laws.callbacks import call_advance, call_kernel, callbacks_of
 from ..laws.forcing import lost_masses
 from ..laws.friction import jump_at_reversal
 
@@ -113,7 +107,7 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     for site, group in groups.items():
         first = len(rows)
         for number, law in enumerate(group):
-            kernel, advance = pointers(law)
+            kernel, advance = callbacks_of(law)
             keep += [kernel, advance]
             values = law.theta
             rows.append(

@@ -1,6 +1,6 @@
 """Functions compiled by numba, cached on disk, and pointers for use inside them.
 
-:func:`jit` compiles what Python calls. :func:`inline` and :func:`part` are for what only
+:func:`jit` compiles what Python calls, :func:`inline` and :func:`part` what only
 compiled code calls.
 """
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numba import types  # type: ignore[attr-defined]  # public, but not in __all__
+from numba import types
 from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -51,6 +51,8 @@ class _PartCompiler(Compiler):
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
 
 
+# Without numba's runtime, which counts references to arrays.
+_JIT_OPTIONS: Any = {**_OPTIONS, "_nrt": False}
 _PART_OPTIONS: Any = {
     **_OPTIONS,
     "no_cpython_wrapper": True,
@@ -60,7 +62,7 @@ _PART_OPTIONS: Any = {
 
 def jit(function: Callable) -> Dispatcher:
     """Compile a function on its first call; it must not make arrays of its own."""
-    compiled = numba.njit(**_OPTIONS, _nrt=False)(with_unique_name(function))
+    compiled = numba.njit(**_JIT_OPTIONS)(with_unique_name(function))
     attach_cache(compiled, function)
     return compiled
 

@@ -6,7 +6,8 @@ are here under their names too, e.g. ``laws.TwoSidedGap``; :func:`registry` list
 and a search tries them.
 """
 
-from .base import ForceLaw, Term, asymmetric, from_dict, registry
+from .asymmetric import asymmetric
+from .base import ForceLaw, Term, from_dict, registry
 from .contact import Bilinear as Bilinear
 from .contact import DeadZone as DeadZone
 from .contact import OneSidedGap

@@ -40,7 +40,7 @@ _WALK_SIGNATURE = types.void(*[_POINTER] * 4, types.int64, *_ROWS, *_ARRAY, *_RO
 
 
 def _caller(callback: Any) -> Any:
-    """Function for compiled code that calls a callback: ``call(address, arguments)``."""
+    """How compiled code calls a callback: ``call(address, arguments)``."""
 
     def call(typing_context, address, arguments):
         def codegen(context, builder, signature, values):
@@ -94,9 +94,11 @@ _on_stack: Any = intrinsic(prefer_literal=True)(_stack_array)
 
 
 def _functions_used(function: Any) -> Iterator[FunctionType]:
-    """Plain functions that a function refers to by a global name."""
+    """Plain functions that a function refers to, by a global name or a closure."""
+    values = [cell.cell_contents for cell in function.__closure__ or ()]
     for name in function.__code__.co_names:
-        value = function.__globals__.get(name)
+        values.append(function.__globals__.get(name))
+    for value in values:
         if isinstance(value, FunctionType):
             yield value
 

@@ -26,6 +26,8 @@ REVERSALS_PER_INTERVAL = 2
 ROOT_TOLERANCE = 1e-10
 MAX_ROOT_STEPS = 60
 
+_NONE = np.empty(0)  # a channel that is missing
+
 # One record: address of the law's walk, the motion, covariates, shape parameters, the
 # state, which is moved, and its path.
 _Record = namedtuple("_Record", "walk s v a t u theta state z n_samples n_theta")
@@ -189,7 +191,8 @@ def _mark_sign_changes_and_dips(v0, v1, a0, a1, n, suspect):
 @part
 def _find_reversals(record, block, first, last, has_a):
     """Write the reversals between two samples into the block; returns their number."""
-    s, v, a, t = record.s, record.v, record.a, record.t
+    s, v = record.s, record.v
+    a, t = record.a, record.t
     count = 0
     a0 = 0.0
     a1 = 0.0
@@ -297,8 +300,8 @@ def _block_in(scratch, marks):
 def memory_path(walk, s, v, a, t, u, theta, state, z, scratch, marks):
     """Path of the state of any law through one record.
 
-    Arrays come one by one, not as named tuples: a call of a short record would take
-    twice as long.
+    Arrays come one by one: named tuples of them would take 2 microseconds a call, the
+    time of 200 samples.
     """
     n_states = state.size
     n_samples = s.size
@@ -365,50 +368,54 @@ def state_path(
     LawError
         If the law cannot be compiled, or its state is not finite at the end.
     """
-    nothing = np.empty(0)
-    s = read_only(motion.s)
-    v = read_only(motion.v)
-    a = read_only(nothing if motion.a is None else motion.a)
-    t = read_only(nothing if motion.t is None else motion.t)
-    if not np.isfinite(s.sum() + v.sum()):
+    ends = [*motion.starts, motion.n_samples]
+    if motion.n_samples == 0:
+        return np.empty((law.n_states, 0))
+    if not np.isfinite(np.sum(motion.s) + np.sum(motion.v)):
         raise ChannelError(
             "The motion of a law with memory is not finite",
             "Remove NaN rows at both ends first.",
         )
-    if len(s) == 0:
-        return np.empty((law.n_states, 0))
 
-    theta = read_only(theta)
-    scratch = np.empty(_SCRATCH_SIZE)
-    marks = np.empty(_MARKS_SIZE, np.int64)
     paths = []
-    try:
-        walk = walk_callback(type(law).advance, law.n_states, len(u))
-        for first, end in zip([0, *motion.starts], [*motion.starts, len(s)]):
-            if first > 0 or state is None:
-                state = np.zeros(law.n_states)
-            path = np.empty((law.n_states, end - first))
-            rows = slice(first, end)
-            memory_path(
-                walk.address,
-                s[rows],
-                v[rows],
-                a[rows],
-                t[rows],
-                read_only(u[:, rows]),
-                theta,
-                state,
-                path,
-                scratch,
-                marks,
-            )
-            paths.append(path)
-    except NumbaError as error:
-        raise cannot_compile(law, error) from error
-
-    if not all(np.isfinite(path[:, -1:]).all() for path in paths):
-        raise _divergence(law, motion)
+    for first, end in zip([0, *motion.starts], ends):
+        if first > 0 or state is None:
+            state = np.zeros(law.n_states)
+        try:
+            path = _path_of_record(law, motion, slice(first, end), u, theta, state)
+        except NumbaError as error:
+            raise cannot_compile(law, error) from error
+        if not np.isfinite(path[:, -1:]).all():
+            raise _divergence(law, motion)
+        paths.append(path)
     return np.hstack(paths) if len(paths) > 1 else paths[0]
+
+
+def _path_of_record(
+    law: Any,
+    motion: Motion,
+    rows: slice,
+    u: np.ndarray,
+    theta: np.ndarray,
+    state: np.ndarray,
+) -> np.ndarray:
+    """Path of the state through the rows of one record; moves the state."""
+    walk = walk_callback(type(law).advance, law.n_states, len(u))
+    path = np.empty((law.n_states, rows.stop - rows.start))
+    memory_path(
+        walk.address,
+        read_only(motion.s[rows]),
+        read_only(motion.v[rows]),
+        read_only(_NONE if motion.a is None else motion.a[rows]),
+        read_only(_NONE if motion.t is None else motion.t[rows]),
+        read_only(u[:, rows]),
+        read_only(theta),
+        state,
+        path,
+        np.empty(_SCRATCH_SIZE),
+        np.empty(_MARKS_SIZE, np.int64),
+    )
+    return path
 
 
 def _divergence(law: Any, motion: Motion) -> LawError:

@@ -159,10 +159,6 @@ BREAKS = {
         (laws.Inerter, {"kernel": plain(lambda s, v: s)}, "does not follow 'a'"),
         (laws.Dahl, {"variable": "z"}, "variable is 'z'"),
     ],
-    "jumps": [
-        (laws.QuadraticDamping, {"jumps": True}, "jumps is True, found False"),
-        (laws.StribeckFriction, {"jumps": False}, "jumps is False, found True"),
-    ],
     "saturation": [
         (laws.BoucWen, {"saturates_at": "n"}, "does not saturate"),
         (laws.Dahl, {"saturates_at": "uy"}, "is no shape parameter"),

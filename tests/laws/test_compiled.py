@@ -18,7 +18,7 @@ START = """
 import numpy as np
 from pysindy_nrf import ChainModel, laws, simulate
 from pysindy_nrf.equations.compiled_sums import _kernel
-from pysindy_nrf.simulation.integrators import runge_kutta
+from pysindy_nrf.simulation.runge_kutta import runge_kutta
 simulate(ChainModel([1.0], {1: [laws.Dahl(sigma=1e4, Fd=1.0)]}), np.ones((5, 1)), 1e-3)
 for compiled in (runge_kutta, _kernel()):
     print(sum(compiled.stats.cache_hits.values()), sum(compiled.stats.cache_misses.values()))

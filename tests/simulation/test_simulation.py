@@ -248,7 +248,7 @@ def test_coulomb_friction_decays_by_four_friction_drifts_a_cycle_and_then_sticks
         np.abs(run.record.displacement[-1, 0]) < Fc / k
         and (run.record.velocity[-200:] == 0).all()
     )
-    assert run.quality["forced"] == 0 and run.energy_gap < 1e-9
+    assert run.quality.forced == 0 and run.energy_gap < 1e-9
 
 
 def test_dry_friction_holds_below_its_level_and_slips_above():

@@ -180,7 +180,8 @@ def solve(matrix, vector, n):
 @part
 def record_sample(system, out, sample, now, base, energy):
     """Write the motion and states at a sample, and the work up to it."""
-    n, n_states, n_works = system.n_dof, system.n_states, system.n_sites + 1
+    n, n_states = system.n_dof, system.n_states
+    n_works = system.n_sites + 1
     copy_to(address_of(out.x, sample * n), now.x, n)
     copy_to(address_of(out.v, sample * n), now.v, n)
     for j in range(n):

@@ -171,7 +171,8 @@ def newmark(system, drive, start, end, trial, w, out):
     system, drive, start, end, trial, w, out = addresses(
         (system, drive, start, end, trial, w, out)
     )
-    n, dt, middle = system.n_dof, drive.dt, trial.middle
+    n, dt = system.n_dof, drive.dt
+    middle = trial.middle
     iterations = 0
     forced = 0
     largest_acceleration = 1e-12

@@ -5,7 +5,9 @@ from typing import NamedTuple
 from ..exceptions import SimulationError
 
 # Why a run ended.
-DONE, DIVERGED, CRAWLS = 0, 1, 2
+DONE = 0
+DIVERGED = 1
+CRAWLS = 2
 # Steps a sample, on average over the samples so far, beyond which a run is given up.
 PATIENCE = 250
 

@@ -3,6 +3,9 @@
 A step ends where the rate of a watched site is zero: there a law with memory changes
 its branch, and a site with dry friction sticks or slips the other way. Between such
 events the motion is smooth, and the rule keeps its order.
+
+The compiled functions take their arrays in small named tuples, and are longer than
+others: one tuple of all arrays would take five times as long to compile.
 """
 
 from collections import namedtuple
@@ -31,7 +34,7 @@ from .balance import (
 from .outcome import CRAWLS, DIVERGED, DONE, PATIENCE, Outcome, StepCounts
 from .system import INERTIA, LOWER, MEMORY, UPPER, System
 
-# Samples whose steps a run may exceed its patience by.
+# A run may use up the patience of this many samples in advance.
 FIRST_SAMPLES = 100
 # Events that are located within one sample; later ones are passed over.
 MAX_EVENTS_PER_SAMPLE = 100
@@ -59,7 +62,12 @@ Path = namedtuple("Path", "start half end")
 # force jumps where the rate changes sign, and sites whose reversals are located; length
 # below which no step is shortened; numbers of steps and events.
 Progress = namedtuple("Progress", "top z_top energy jumps watched shortest counts")
-STEPS, REJECTED, FORCED, EVENTS, CRAWLING = 0, 1, 2, 3, 4  # in Progress.counts
+# Places in Progress.counts.
+STEPS = 0
+REJECTED = 1
+FORCED = 2
+EVENTS = 3
+CRAWLING = 4
 
 
 def integrate(
@@ -199,7 +207,7 @@ def _error_of_states(system, drive, path, middle, z_top, u, interval, done, h, z
     It is zero for laws that do not depend on how fast the path is run. The states at
     the end are those of two steps.
     """
-    start, half, end = path.start, path.half, path.end
+    start, half, end = path
     for j in range(system.n_dof):
         x0, v0 = start.x[j], start.v[j]
         x1, v1 = end.x[j], end.v[j]
@@ -235,9 +243,9 @@ def _try_step(
 ):
     """Try a step of length h; returns its error over the tolerance."""
     start, end = path.start, path.end
-    n, n_sites, n_stages = system.n_dof, system.n_sites, rule.stages
-    dt = drive.dt
-    row = stages.row
+    n, n_sites = system.n_dof, system.n_sites
+    n_stages = rule.stages
+    dt, row = drive.dt, stages.row
 
     for stage in range(n_stages):
         rate = address_of(stages.v, stage * n)
@@ -302,7 +310,9 @@ def _try_step(
 
 # -- reversals -----------------------------------------------------------------
 
-NOTHING, REVERSES, TURNS_TWICE = 0, 1, 2
+NOTHING = 0
+REVERSES = 1
+TURNS_TWICE = 2
 
 
 @part
@@ -394,7 +404,7 @@ def _overload_inside(system, drive, path, middle, jumps, w, interval, done, h):
 
     A force that bends may exceed what friction holds between both ends.
     """
-    start, half, end = path.start, path.half, path.end
+    start, half, end = path
     most = 0.0
     any_sticks = False
     for i in range(system.n_sites):
@@ -584,7 +594,8 @@ def _balance_at_end(
     system, drive, path, stages, progress, w, interval, done, h, arrived, v_tol
 ):
     """Balance at the end of a step; False if a site starts to slip inside it."""
-    row, jumps, end = stages.row, progress.jumps, path.end
+    row, jumps = stages.row, progress.jumps
+    end = path.end
     t = interval * drive.dt + done + h
     _stop_sticking_sites(system, path, jumps, w.regime, arrived)
     if arrived >= 0:
@@ -610,7 +621,8 @@ def _balance_at_end(
 @inline
 def _accept(system, rule, stages, path, progress, h):
     """Add the work of a step, and go to its end."""
-    start, end, top = path.start, path.end, progress.top
+    start, end = path.start, path.end
+    top = progress.top
     n_works = system.n_sites + 1
     for m in range(n_works):
         mean_power = 0.0

@@ -68,6 +68,7 @@ class _Tables:
     channels: list[int] = field(default_factory=list)
     states: dict[tuple[Site, int], slice] = field(default_factory=dict)
     n_states: int = 0
+    link_inertia: bool = False
 
     def add_site(self, site: Site, laws: Sequence[ForceLaw]) -> None:
         first = len(self.laws)
@@ -76,8 +77,10 @@ class _Tables:
                 end = self.n_states + law.n_states
                 self.states[site, number] = slice(self.n_states, end)
             self.add_law(law)
-        lower = site.q - 1 if site.kind == "link" else -1
         on_dof = site.kind == "dof"
+        if not on_dof and any(law.uses_acceleration for law in laws):
+            self.link_inertia = True
+        lower = site.q - 1 if site.kind == "link" else -1
         has_memory = any(law.has_memory for law in laws)
         self.sites.append(
             (site.p - 1, lower, first, len(self.laws), on_dof, has_memory)
@@ -136,12 +139,6 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
     for site, laws_there in laws.items():
         tables.add_site(site, laws_there)
 
-    link_inertia = any(
-        law.uses_acceleration
-        for site, laws_there in laws.items()
-        for law in laws_there
-        if site.kind != "dof"
-    )
     system = System(
         masses=masses,
         sites=np.array(tables.sites, dtype=np.int64).reshape(-1, SITE_COLUMNS),
@@ -149,7 +146,7 @@ def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
         coefficients=np.array(tables.coefficients, dtype=float),
         theta=np.array(tables.theta, dtype=float),
         channels=np.array(tables.channels, dtype=np.int64),
-        link_inertia=link_inertia,
+        link_inertia=tables.link_inertia,
         t0=float(t0),
         n_dof=len(masses),
         n_sites=len(laws),

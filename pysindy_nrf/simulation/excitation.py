@@ -168,7 +168,7 @@ def band_limited_random(
             size = np.sqrt(np.mean(noise**2))
             if size == 0:
                 raise ChannelError(
-                    f"The band {band} Hz holds no frequency of a record of"
+                    f"The band {band} Hz contains no frequency of a record of"
                     f" {len(rows) / fs:g} s",
                     "Widen it or take a longer record.",
                 )

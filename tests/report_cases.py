@@ -1,6 +1,4 @@
-"""Records and reports for the tests of the page and of its evidence; reports come from
-the whole loop on few laws.
-"""
+"""Records for the tests of the page, and reports of the loop with few laws."""
 
 from functools import cache
 
@@ -25,12 +23,11 @@ CATALOGUE = (
     laws.QuadraticDamping(),
     laws.Dahl(),
 )
-M, C, K = (
-    np.array([12.0, 10.0, 8.0]),
-    np.array([40.0, 30.0, 25.0]),
-    np.array([4.0e4, 3.5e4, 3.0e4]),
-)
-K3, FC = 1.2e9, 9.0
+M = np.array([12.0, 10.0, 8.0])
+C = np.array([40.0, 30.0, 25.0])
+K = np.array([4.0e4, 3.5e4, 3.0e4])
+K3 = 1.2e9
+FC = 9.0
 DT = 1e-3
 TWO_STOREYS = ChainModel(
     [8.0, 6.0],
@@ -39,6 +36,8 @@ TWO_STOREYS = ChainModel(
 
 
 def _on_storey_2(force):
+    """Forces on three floors from that of storey 2."""
+
     def extra(x, v):
         R = force(x[1] - x[0], v[1] - v[0])
         return np.array([R, -R, 0.0])
@@ -46,23 +45,34 @@ def _on_storey_2(force):
     return extra
 
 
-friction = _on_storey_2(lambda s, v: FC * np.tanh(v / 1e-3))
-cubic = _on_storey_2(lambda s, v: K3 * s**3)
+@_on_storey_2
+def friction(s, v):
+    return FC * np.tanh(v / 1e-3)
+
+
+@_on_storey_2
+def cubic(s, v):
+    return K3 * s**3
 
 
 @cache
 def record(effect=None, seed=1, n_samples=5000, noise=0.0, name="test"):
     """A three-storey chain, forced on every floor, with an effect on storey 2."""
     rng = np.random.default_rng(seed)
-    F = np.column_stack(
-        [band_limited(n_samples, DT, rng, 60.0, (0.5, 25.0)) for _ in M]
-    )
+    forces = [band_limited(n_samples, DT, rng, 60.0, (0.5, 25.0)) for _ in M]
+    F = np.column_stack(forces)
     a, v, s = integrate(M, C, K, 0.0 * K, F, DT, extra=effect)
-    x, xdot = np.cumsum(s, axis=1), np.cumsum(v, axis=1)
     rec = Record(
-        force=F, acceleration=a, velocity=xdot, displacement=x, fs=1 / DT, name=name
+        force=F,
+        acceleration=a,
+        velocity=np.cumsum(v, axis=1),
+        displacement=np.cumsum(s, axis=1),
+        fs=1 / DT,
+        name=name,
     )
-    return add_noise(rec, noise, random_state=seed + 1) if noise else rec
+    if noise == 0:
+        return rec
+    return add_noise(rec, noise, random_state=seed + 1)
 
 
 @cache
@@ -76,9 +86,8 @@ def loop_report(effect=friction, noise=0.01):
 def nasty_report():
     """A closed loop on a record whose name and covariate are markup."""
     rec = record(cubic)
-    rec = rec.replace(
-        name=NASTY, covariates={NASTY: np.sin(np.arange(rec.n_samples) / 50)}
-    )
+    covariate = np.sin(np.arange(rec.n_samples) / 50)
+    rec = rec.replace(name=NASTY, covariates={NASTY: covariate})
     return close_loop(rec, catalogue=list(CATALOGUE[:2]), max_steps=1)
 
 
@@ -90,16 +99,10 @@ def regressor():
 
 
 def two_storeys(seed=0, n=4000, fs=500.0, ag=None, name="r"):
-    """Free run of a linear frame of 8 and 6 kg, forced on both floors or shaken at its
-    base.
-    """
+    """Free run of a linear frame of 8 and 6 kg, forced on both floors or shaken."""
     force = excitation.band_limited_random(
         2, n / fs, fs, excited=[1, 2], rms=60.0, band=(1, 40), random_state=seed
     )
-    return simulate(
-        TWO_STOREYS,
-        force if ag is None else 0.0 * force,
-        1 / fs,
-        base_acceleration=ag,
-        name=name,
-    )
+    if ag is not None:
+        force = 0.0 * force
+    return simulate(TWO_STOREYS, force, 1 / fs, base_acceleration=ag, name=name)

@@ -1,5 +1,6 @@
 """Exact motion of a linear structure under sampled forces."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -63,9 +64,8 @@ def linear_run(
     courses = courses_between(np.column_stack([F, base_acceleration]), hold)
 
     # what an interval of each power of time leaves in every mode at its end
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
-    nodes = 0.5 + 0.5 * nodes
-    remaining = np.exp(np.outer(values, (1 - nodes) * dt)) * (0.5 * weights * dt)
+    nodes, weights = _gauss_rule()
+    remaining = np.exp(np.outer(values, (1 - nodes) * dt)) * (weights * dt)
     drive = sum(
         inputs * (remaining @ nodes**power)[:, None] @ course.T
         for power, course in enumerate(courses)
@@ -76,6 +76,13 @@ def linear_run(
     modal = [lfilter([1.0], [1.0, -q], line) for q, line in zip(factors, drive)]
     x, v = np.split((vectors @ np.array(modal)).real, 2)
     return x.T, v.T, np.linalg.solve(M, F.T - C @ v - K @ x).T
+
+
+@cache
+def _gauss_rule() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of the quadrature on an interval from 0 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    return 0.5 + 0.5 * nodes, 0.5 * weights
 
 
 def _modes(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> Motion | None:

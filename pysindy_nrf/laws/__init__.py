@@ -1,5 +1,6 @@
-"""Force laws: one class each, used by features, identification, simulation, search and
-text.
+"""Force laws, one class each.
+
+Features, identification, simulation, search and text use the same class.
 
 ``__all__`` names the contract and the laws that are written down most often. All others
 are here under their names too, e.g. ``laws.TwoSidedGap``; :func:`registry` lists them,

@@ -48,8 +48,9 @@ class HarmonicForce(_ExternalForce):
 
 
 class ConstantForce(_ExternalForce):
-    """Constant force, ``R = f0``: a dead load, an offset of a force or acceleration
-    sensor.
+    """Constant force, ``R = f0``.
+
+    It is a dead load, or the offset of a force or acceleration sensor.
 
     Parameters
     ----------
@@ -152,13 +153,12 @@ class LinkSpringDashpot(ForceLaw):
 
 
 class BendingCoupling(ForceLaw):
-    """Coupling of two neighbouring storeys by bending, ``R = -kb s`` between floors two
-    apart.
+    """Coupling of two neighbouring storeys by bending, ``R = -kb s``.
 
-    The stiffness matrix of a frame that bends has positive terms two off its diagonal:
-    floors two apart push each other away, where a brace (:class:`LinkSpringDashpot`)
-    holds them together. Its share in the storeys' own stiffness is part of their linear
-    springs.
+    It acts between floors two apart. The stiffness matrix of a frame that bends has
+    positive terms two off its diagonal: floors two apart push each other away, where a
+    brace (:class:`LinkSpringDashpot`) holds them together. Its share in the stiffness
+    of the two storeys is part of their linear springs.
     """
 
     name = "bending_coupling"

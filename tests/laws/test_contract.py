@@ -102,9 +102,21 @@ def refuses(check, parent, message, **changes):
     )
 
 
-both_twice = features_by(lambda motion, columns: np.hstack([columns, columns]))
-single = features_by(lambda motion, columns: columns.astype(np.float32))
-with_nan = features_by(lambda motion, columns: np.where(columns > 0, np.nan, columns))
+@features_by
+def both_twice(motion, columns):
+    return np.hstack([columns, columns])
+
+
+@features_by
+def single(motion, columns):
+    return columns.astype(np.float32)
+
+
+@features_by
+def with_nan(motion, columns):
+    return np.where(columns > 0, np.nan, columns)
+
+
 refuses("features", laws.LinearViscous, "have shape", features=both_twice)
 refuses("features", laws.LinearViscous, "are float32", features=single)
 refuses("features", laws.LinearViscous, "not finite", features=with_nan)
@@ -112,37 +124,83 @@ for channel in "svatu":
     spoiled = features_that_spoil(channel)
     refuses("features", laws.CovariateFriction, "changes the motion", features=spoiled)
 
-power = kernel_of(lambda s, v: s**21)
-root = kernel_of(lambda s, v: np.sqrt(v))
-infinite = kernel_of(lambda s, v: np.where(v > 1e20, np.inf, v))
+
+@kernel_of
+def power(s, v):
+    return s**21
+
+
+@kernel_of
+def root(s, v):
+    return np.sqrt(v)
+
+
+@kernel_of
+def infinite(s, v):
+    return np.where(v > 1e20, np.inf, v)
+
+
 refuses("large_arguments", laws.LinearViscous, "overflow", kernel=power)
 refuses("large_arguments", laws.LinearViscous, "invalid", kernel=root)
 refuses("large_arguments", laws.LinearViscous, "not finite", kernel=infinite)
 
-by_dimension = kernel_of(lambda s, v: v if np.ndim(v) else 1.001 * v)
+
+@kernel_of
+def by_dimension(s, v):
+    return v if np.ndim(v) else 1.001 * v
+
+
 refuses("single_samples", laws.LinearViscous, "on floats differs", kernel=by_dimension)
 
 refuses("standstill", laws.ConstantForce, "is not 0.5", at_rest=0.5)
 refuses("standstill", laws.LinearElastic, "the force vanishes", at_rest=None)
 
-nearly_odd = kernel_of(lambda s, v: v + 1e-6 * v * v)
+
+@kernel_of
+def nearly_odd(s, v):
+    return v + 1e-6 * v * v
+
+
 refuses("symmetry", laws.LinearViscous, "'even', found 'odd'", symmetry="even")
 refuses("symmetry", laws.LinearViscous, "'odd', found 'none'", kernel=nearly_odd)
 
-by_length = features_by(lambda motion, columns: columns + 1e-6 * motion.n_samples)
-doubled = features_by(lambda motion, columns: 2.0 * columns)
+
+@features_by
+def by_length(motion, columns):
+    return columns + 1e-6 * motion.n_samples
+
+
+@features_by
+def doubled(motion, columns):
+    return 2.0 * columns
+
+
 refuses("records", laws.LinearViscous, "the first block differs", features=by_length)
 refuses(
     "records", laws.Jenkins, "the last block differs", features=features_without_state
 )
 refuses("records", laws.LinearViscous, "start from a fresh state", features=doubled)
 
-slightly_damped = kernel_of(lambda s, v: s + 1e-4 * v)
-slightly_driven = kernel_of(lambda s, v: s - 1e-4 * v)
+
+@kernel_of
+def slightly_damped(s, v):
+    return s + 1e-4 * v
+
+
+@kernel_of
+def slightly_driven(s, v):
+    return s - 1e-4 * v
+
+
 refuses("energy", laws.LinearElastic, "takes or gives energy", kernel=slightly_damped)
 refuses("energy", laws.LinearViscous, "passive, but gives", kernel=slightly_driven)
 
-of_drift = kernel_of(lambda s, v: s)
+
+@kernel_of
+def of_drift(s, v):
+    return s
+
+
 refuses("variable", laws.CoulombFriction, "does not follow 's'", variable="s")
 refuses("variable", laws.DisplacementDependentDamping, "more than 's'", variable="s")
 refuses("variable", laws.Inerter, "does not follow 'a'", kernel=of_drift)
@@ -188,8 +246,15 @@ def test_a_law_that_breaks_the_contract_is_refused(check, parent, message, chang
 
 def test_rounding_breaks_no_contract():
     rng = np.random.default_rng(3)
-    almost_odd = kernel_of(lambda s, v: v + 1e-13 * v * v)
-    almost_elastic = kernel_of(lambda s, v: s + 1e-8 * v)
+
+    @kernel_of
+    def almost_odd(s, v):
+        return v + 1e-13 * v * v
+
+    @kernel_of
+    def almost_elastic(s, v):
+        return s + 1e-8 * v
+
     contract.check_symmetry(broken(laws.LinearViscous, kernel=almost_odd), rng)
     contract.check_energy(broken(laws.LinearElastic, kernel=almost_elastic), rng)
     contract.check_standstill(broken(laws.ConstantForce, at_rest=1.0), rng)

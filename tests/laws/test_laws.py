@@ -354,7 +354,7 @@ def with_forces_of_five_newtons(law, covariates):
 
 @pytest.mark.parametrize("law", REGISTERED, ids=repr)
 def test_features_match_the_simulation(law):
-    """m a + k s + c v + R = F closes on a simulated record, R from the law's columns."""
+    """m a + k s + c v + R = F closes on a simulated record; the columns give R."""
     covariates = covariates_of(law)
     law = with_forces_of_five_newtons(law, covariates)
     by_site = {1: [STOREY, law]}

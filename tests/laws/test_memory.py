@@ -35,15 +35,21 @@ def test_blocks_that_share_a_sample_are_the_whole_to_the_last_bit():
 # -- the path between two samples ----------------------------------------------
 
 
-class Part(NamedTuple):
-    """What a law reads of one part of the path."""
+class Path(NamedTuple):
+    """What a law reads along the parts of a path, one value a part."""
 
-    s0: float
-    v0: float
-    s1: float
-    v1: float
-    dt: float
-    level: float
+    s0: np.ndarray
+    v0: np.ndarray
+    s1: np.ndarray
+    v1: np.ndarray
+    dt: np.ndarray
+    level: np.ndarray
+
+    @property
+    def drifts(self):
+        """Drifts at the ends of all parts."""
+        np.testing.assert_array_equal(self.s0[1:], self.s1[:-1])
+        return np.append(self.s0[:1], self.s1)
 
 
 N_PARTS = 8
@@ -79,13 +85,14 @@ class Diary(ForceLaw):
 DIARY = Diary(pace=1.5)
 
 
-def parts_of(motion):
-    """The parts of the path that a law is moved along."""
+def path_of(motion):
+    """The path that a law is moved along."""
     state = np.zeros(Diary.n_states)
     columns = DIARY.features(motion, state)
     count = int(state[0])
     assert columns[-1, 0] == count
-    return [Part(*row) for row in state[1:].reshape(N_PARTS, 6)[:count]]
+    rows = state[1:].reshape(N_PARTS, 6)[:count]
+    return Path(*rows.T)
 
 
 def sampled(drift, times, with_a=True, with_t=True):
@@ -105,77 +112,82 @@ SIZE = 1e-3  # m
 
 
 class Turns(NamedTuple):
-    """A drift by time within a step, and where it turns, in shares of the step."""
+    """A drift by time within a step, and the shares of the step where it turns."""
 
     drift: Polynomial
     shares: list[float]
-    with_a: bool
+
+    @property
+    def edges(self):
+        """Times at which the parts of the path begin and end."""
+        return STEP * np.array([0.0] + self.shares + [1.0])
 
 
-def drift_that_turns(*shares, factor=(1.0,)):
-    """Drift whose rate is zero at shares of the step, times a polynomial of the share."""
+def turns(shares, factor=(1.0,), other_roots=()):
+    """A drift that turns at shares of the step; its rate has a further factor."""
     rate = Polynomial(factor)
-    for share in shares:
-        rate = rate * Polynomial([-share, 1.0])
+    for root in shares + list(other_roots):
+        rate = rate * Polynomial([-root, 1.0])
     by_share = rate.integ()
     powers = STEP ** np.arange(len(by_share.coef))
-    return Polynomial(SIZE * by_share.coef / powers)
+    return Turns(Polynomial(SIZE * by_share.coef / powers), shares)
 
 
-TURNS = {
-    "none": Turns(drift_that_turns(factor=(1.0, 0.5)), [], True),
-    "parabola": Turns(drift_that_turns(0.3), [0.3], False),
-    "parabola, late": Turns(drift_that_turns(0.9), [0.9], True),
-    "cubic": Turns(drift_that_turns(0.3, -1.0), [0.3], False),
-    "cubic, late": Turns(drift_that_turns(0.8, factor=(-1.0, 0.2)), [0.8], False),
-    "quintic": Turns(drift_that_turns(0.4, factor=(1.0, 0.3, -0.2, 0.8)), [0.4], True),
-    "quintic, early": Turns(
-        drift_that_turns(0.15, factor=(-1.0, 0.5, 0.3, -0.4)), [0.15], True
-    ),
-    "twice": Turns(
-        drift_that_turns(0.2, 0.7, factor=(1.0, 0.0, 1.0)), [0.2, 0.7], True
-    ),
-    "twice, late": Turns(
-        drift_that_turns(0.45, 0.85, factor=(-1.0, 0.1, -0.3)), [0.45, 0.85], True
-    ),
-    "twice, and once later": Turns(
-        drift_that_turns(0.2, 0.7, factor=(1.6, -1.0)), [0.2, 0.7], True
-    ),
-    "dips only": Turns(drift_that_turns(factor=(0.35, -1.0, 1.0)), [], True),
-    "twice, not seen": Turns(drift_that_turns(0.2, 0.7), [], False),
+# without accelerations the path is a cubic, with them a quintic
+CUBICS = {
+    "parabola": turns([0.3]),
+    "cubic": turns([0.3], other_roots=[-1.0]),
+    "cubic, late": turns([0.8], (-1.0, 0.2)),
 }
+QUINTICS = {
+    "none": turns([], (1.0, 0.5)),
+    "parabola, late": turns([0.9]),
+    "quintic": turns([0.4], (1.0, 0.3, -0.2, 0.8)),
+    "quintic, early": turns([0.15], (-1.0, 0.5, 0.3, -0.4)),
+    "dips only": turns([], (0.35, -1.0, 1.0)),
+}
+TWICE = {
+    "twice": turns([0.2, 0.7], (1.0, 0.0, 1.0)),
+    "twice, late": turns([0.45, 0.85], (-1.0, 0.1, -0.3)),
+    "twice, and once later": turns([0.2, 0.7], (1.6, -1.0)),
+}
+TURNS = CUBICS | QUINTICS | TWICE
+
+
+def path_along(case, sign):
+    """The drift of a case, the times where it turns, and the path that is found."""
+    drift = sign * TURNS[case].drift
+    motion = sampled(drift, [0.0, STEP], with_a=case not in CUBICS)
+    return drift, TURNS[case].edges, path_of(motion)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("case", TURNS)
 def test_the_path_is_cut_where_the_motion_turns(case, sign):
-    drift = sign * TURNS[case].drift
-    turns = [STEP * share for share in TURNS[case].shares]
-    edges = np.array([0.0, *turns, STEP])
-    parts = parts_of(sampled(drift, [0.0, STEP], TURNS[case].with_a))
-
-    assert len(parts) == len(turns) + 1
-    rates = [0.0] * len(turns)
-    expected_rates = np.array([drift.deriv()(0.0), *rates, drift.deriv()(STEP)])
+    drift, edges, path = path_along(case, sign)
+    assert len(path.dt) == len(edges) - 1
+    np.testing.assert_allclose(path.dt, np.diff(edges), atol=1e-9 * STEP)
+    rates = drift.deriv()(edges)
     tolerance = 1e-12 * SIZE / STEP
-    rates0 = [part.v0 for part in parts]
-    rates1 = [part.v1 for part in parts]
-    np.testing.assert_allclose(rates0, expected_rates[:-1], atol=tolerance)
-    np.testing.assert_allclose(rates1, expected_rates[1:], atol=tolerance)
-    durations = [part.dt for part in parts]
-    np.testing.assert_allclose(durations, np.diff(edges), atol=1e-9 * STEP)
-    assert {part.level for part in parts} == {1.5}  # the mean of both samples
+    np.testing.assert_allclose(path.v0, rates[:-1], atol=tolerance)
+    np.testing.assert_allclose(path.v1, rates[1:], atol=tolerance)
+    assert (path.level == 1.5).all()  # the mean of both samples
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("case", [name for name in TURNS if "twice" not in name])
+@pytest.mark.parametrize("case", CUBICS | QUINTICS)
 def test_the_path_passes_the_drift_where_the_motion_turns(case, sign):
-    drift = sign * TURNS[case].drift
-    edges = [0.0, *(STEP * share for share in TURNS[case].shares), STEP]
-    parts = parts_of(sampled(drift, [0.0, STEP], TURNS[case].with_a))
-    drifts = [parts[0].s0, *(part.s1 for part in parts)]
-    np.testing.assert_allclose(drifts, drift(np.array(edges)), atol=1e-12 * SIZE)
-    assert [part.s0 for part in parts[1:]] == [part.s1 for part in parts[:-1]]
+    drift, edges, path = path_along(case, sign)
+    np.testing.assert_allclose(path.drifts, drift(edges), atol=1e-12 * SIZE)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_turns_in_a_step_are_not_seen_without_accelerations(sign):
+    drift = sign * turns([0.2, 0.7]).drift
+    path = path_of(sampled(drift, [0.0, STEP], with_a=False))
+    assert path.dt == pytest.approx([STEP])
+    assert path.v0 == pytest.approx([drift.deriv()(0.0)])
+    assert path.v1 == pytest.approx([drift.deriv()(STEP)])
 
 
 @pytest.mark.parametrize("with_a", [True, False])
@@ -213,9 +225,7 @@ def test_noise_does_not_bend_the_path(s, v, a, drifts):
         t=np.array([0.0, 1.0]),
         covariates={"level": np.ones(2)},
     )
-    parts = parts_of(motion)
-    found = [parts[0].s0, *(part.s1 for part in parts)]
-    assert found == pytest.approx(drifts, abs=1e-9)
+    assert path_of(motion).drifts == pytest.approx(drifts, abs=1e-9)
 
 
 # -- short records and errors --------------------------------------------------

@@ -24,8 +24,8 @@ def test_a_slip_that_ends_within_one_step():
     assert run.energy_gap < 1e-9
 
 
-# 9.8 N in two samples are 11.8 N between them by a spline: 10 N of friction hold them at
-# the samples, not between.
+# 9.8 N in two samples are 11.8 N between them by a spline: 10 N of friction hold them
+# at the samples, not between.
 SPRING = [laws.LinearElastic(1e3), RUBBING]
 
 

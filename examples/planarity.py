@@ -138,7 +138,7 @@ def locate_nonlinearity(
         found.append(worst)
         own = model.laws[model.chain.site(worst)] or (PowerSeries(1),)
         laws[worst] = (
-            *(law for law in own if not (law.has_memory or law.jumps)),
+            *(law for law in own if not (law.has_memory or law.family == "friction")),
             Dahl(),
         )
         named = {model.chain.site(s) for s in laws}

@@ -1,6 +1,4 @@
-"""Masses and nonlinear restoring forces of chain-like structures from measured forces
-and motions.
-"""
+"""Masses and nonlinear restoring forces of chain-like structures from measurements."""
 
 from . import exceptions, laws
 from .chain.sites import Site

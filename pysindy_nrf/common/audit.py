@@ -7,8 +7,10 @@ from dataclasses import fields
 from importlib import metadata
 from typing import Any
 
-_MOST = 2000
-_PACKAGES = (
+import numpy as np
+
+MAX_TEXT_LENGTH = 2000  # of one setting
+PACKAGES = (
     "pysindy_nrf",
     "pysindy",
     "numpy",
@@ -23,19 +25,20 @@ _PACKAGES = (
 
 def versions() -> dict[str, str]:
     """Versions of this package, of Python and of the packages it depends on."""
-    out = {"Python": platform.python_version()}
-    for name in _PACKAGES:
+    found = {"Python": platform.python_version()}
+    for name in PACKAGES:
         with suppress(metadata.PackageNotFoundError):
-            out[name] = metadata.version(name)
-    return out
+            found[name] = metadata.version(name)
+    return found
 
 
 def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Settings as text, by group; the values themselves are not kept."""
-    return {
-        name.replace("_", " "): {str(k): _text(v) for k, v in values.items()}
-        for name, values in groups.items()
-    }
+    texts = {}
+    for name, values in groups.items():
+        group = {str(key): _text(value) for key, value in values.items()}
+        texts[name.replace("_", " ")] = group
+    return texts
 
 
 def constants_of(groups: Mapping[str, Any]) -> dict[str, Any]:
@@ -49,11 +52,12 @@ def constants_of(groups: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
-    import numpy as np
-
     if isinstance(value, np.random.Generator):
         return f"a {type(value.bit_generator).__name__} generator given by the caller"
     if callable(value) and hasattr(value, "__name__"):
         return str(value.__name__)
-    text = " ".join(repr(value).split()) if not isinstance(value, str) else value
-    return text if len(text) <= _MOST else f"{text[: _MOST - 3]}..."
+
+    text = value if isinstance(value, str) else " ".join(repr(value).split())
+    if len(text) > MAX_TEXT_LENGTH:
+        text = f"{text[: MAX_TEXT_LENGTH - 3]}..."
+    return text

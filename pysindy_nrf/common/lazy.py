@@ -12,30 +12,42 @@ from ..exceptions import MissingExtraError
 def public_names(
     package: str, names: Mapping[str, str], modules: Mapping[str, str] | None = None
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """``__getattr__`` and ``__dir__`` of a package: public name to the module that
-    defines it, and whole modules.
-    """
-    whole = dict(modules or {})
+    """``__getattr__`` and ``__dir__`` of a package that imports its names on first use.
 
-    def get(name: str) -> Any:
+    Parameters
+    ----------
+    package : str
+        Its ``__name__``.
+    names : mapping of str to str
+        Public name to the module below the package that defines it.
+    modules : mapping of str to str, optional
+        Public name to a module below the package.
+    """
+    modules = modules or {}
+
+    def getattr_of_package(name: str) -> Any:
         if name in names:
             value = getattr(import_module(f".{names[name]}", package), name)
-        elif name in whole:
-            value = import_module(f".{whole[name]}", package)
+        elif name in modules:
+            value = import_module(f".{modules[name]}", package)
         else:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         setattr(sys.modules[package], name, value)
         return value
 
-    def listed() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *names, *whole})
+    def dir_of_package() -> list[str]:
+        return sorted({*vars(sys.modules[package]), *names, *modules})
 
-    return get, listed
+    return getattr_of_package, dir_of_package
 
 
 def require(package: str, extra: str, purpose: str) -> ModuleType:
-    """The optional package; raises MissingExtraError, which names the extra to
-    install.
+    """An optional package.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed; the message names the extra that brings it.
     """
     try:
         return import_module(package)

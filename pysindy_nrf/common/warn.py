@@ -9,7 +9,7 @@ from pathlib import Path
 _PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
 
-def warn(message: str | Warning, category: type[Warning] | None = None) -> None:
+def warn_user(message: str | Warning, category: type[Warning] | None = None) -> None:
     """Warn at the first line outside the package, however deep the caller lies.
 
     Parameters
@@ -25,7 +25,7 @@ def warn(message: str | Warning, category: type[Warning] | None = None) -> None:
 
 
 def _level_of_the_user() -> int:
-    """Stack level of the first frame outside the package, counted from ``warn``."""
+    """Stack level of the first frame outside the package, counted from it."""
     frame = inspect.currentframe()
     level = 0
 

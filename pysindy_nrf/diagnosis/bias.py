@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..exceptions import BiasWarning
 from .contradictions import contradictions_of
 from .jump_bias import JumpBias, sentences_of
@@ -40,4 +40,4 @@ def warn_of_bias(table: pd.DataFrame, masses: Sequence[str] = ()) -> None:
     laws = [] if zeros else missing_laws(table)
     sentences = [*zeros, *masses, *laws]
     if sentences:
-        warn(" ".join(sentences), BiasWarning)
+        warn_user(" ".join(sentences), BiasWarning)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from ..common.warn import warn_user
 from ..exceptions import BiasWarning
 from ..identification.regressor import NRFRegressor
 from .balance_loop import BalanceLoop
@@ -140,13 +140,12 @@ def close_loop(
     limits = SearchLimits(max_steps, calibration, random_state, progress)
     request = read_request(records, heldout, baseline, catalogue, band, limits)
     if request.unused_settings:
-        warnings.warn(
+        warn_user(
             "close_loop fits each balance by plain least squares and does not use"
             f" {', '.join(request.unused_settings)} of the baseline. Fit"
             " NRFRegressor(laws=report.model.laws, ...) with it to the records"
             " afterwards.",
             BiasWarning,
-            stacklevel=2,
         )
 
     # the matrices are small: threads only get in each other's way
@@ -158,24 +157,12 @@ def close_loop(
 
 def _follow(course: Course[Records, Folds, Start, Found, Concluded]) -> LoopReport:
     """All steps of a loop, one after the other."""
-    records = _warn_user(course.prepare)
+    records = course.prepare()
     folds = course.split(records)
     start = course.find_bands(folds)
     found = course.search(start)
     judgement = course.judge(found)
     return course.report(judgement)
-
-
-def _warn_user(step: Callable[[], Records]) -> Records:
-    """The result of a step; its warnings point at the line that called the loop."""
-    caught: list[warnings.WarningMessage] = []
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            return step()
-    finally:
-        # above this function are _follow, close_loop, and the user
-        for warning in caught:
-            warnings.warn(warning.message, stacklevel=4)
 
 
 __all__ = ["close_loop"]

@@ -7,7 +7,6 @@ PySINDy on every equation. What a search ranks by the thousand is solved by
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from ..chain.identifiability import SolveOrder, Step
 from ..chain.layout import Block, Layout
 from ..chain.sites import Site
+from ..common.warn import warn_user
 from ..exceptions import IdentifiabilityError, RankWarning
 from .accumulation import total_gram
 from .least_squares import NotTogether, SubProblem, back_substituted
@@ -127,7 +127,7 @@ def solve(
     """
     solution = _solved(grams, solve_order, dict(known_masses or {}), inner)
     for text in solution.dependent:
-        warnings.warn(text, RankWarning, stacklevel=2)
+        warn_user(text, RankWarning)
     return solution
 
 

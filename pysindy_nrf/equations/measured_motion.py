@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +12,7 @@ from ..chain.layout import LawLayout, Layout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..common.warn import warn_user
 from ..exceptions import ChannelError, DataQualityWarning
 from ..laws.shape import Motion, Scales
 from ..records.dataset import Dataset
@@ -63,12 +63,11 @@ def require_clock(data: Dataset, layout: LawLayout) -> None:
     """Warn where laws that remember the path have to guess where the motion turns."""
     clockless = any(segment.t is None for segment in data.segments)
     if layout.has_memory and clockless:
-        warnings.warn(
+        warn_user(
             "A law remembers the path and the time of the samples is unknown: where the"
             " motion turns between two samples is guessed, which costs accuracy. Pass"
             " dt= (s) to the estimator or time= to fit.",
             DataQualityWarning,
-            stacklevel=5,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,6 +13,7 @@ from ..chain.identifiability import SolveOrder, Step
 from ..chain.layout import LawLayout, with_coefficients
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..common.warn import warn_user
 from .normal_equations import NormalEquations
 
 # Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
@@ -140,7 +140,7 @@ class Solution:
         strategy = "complete" if gave_way else solve_order.strategy
         return replace(solve_order, strategy=strategy, yields=False)
 
-    def pass_on(self, stacklevel: int) -> None:
+    def pass_on(self) -> None:
         """Warn once of what optimizers warned of, and on which equations."""
         places: dict[tuple[type[Warning], str], list[str]] = {}
         for fit in self.fits:
@@ -149,7 +149,7 @@ class Solution:
         for (kind, text), steps in places.items():
             where = "; ".join(steps)
             message = f"{text.rstrip('.')} ({where})."
-            warnings.warn(message, kind, stacklevel=stacklevel + 1)
+            warn_user(message, kind)
 
     def of(self, number: int) -> Solution:
         """Masses and coefficients of one of several blocks."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..diagnosis.verdict import FreeRuns
 from ..exceptions import BiasWarning, NRFWarning
 from ..records.dataset import Dataset
@@ -46,7 +46,7 @@ class ChannelFit(IdentificationMethod):
             along_runs = Finding(found.estimate, found.runs, facts, found.resolver)
             result = result_of(along_runs)
         if found.notes:
-            warn(" ".join(found.notes), BiasWarning)
+            warn_user(" ".join(found.notes), BiasWarning)
         return replace(
             result,
             errors=found.errors,

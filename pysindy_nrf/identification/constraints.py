@@ -17,7 +17,7 @@ from scipy import linalg, optimize, stats
 
 from ..chain.layout import with_coefficients
 from ..chain.model import ChainModel
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..exceptions import BiasWarning, ChainError
 from .intervals import Resolver, parameters_of
 from .parameters import Known, LinearEquations, bounds_of, in_words, linear_equations
@@ -190,7 +190,7 @@ def _warn_of_contradiction(
         for name, factor in zip(theta.index, factors[worst])
         if factor
     ]
-    warn(
+    warn_user(
         f"The data contradict the constraints {in_words(known)}: without them"
         f" {', '.join(involved)}, {abs(scaled[worst]):.0f} standard errors away. The"
         " constrained estimate satisfies the constraints, not the data.",

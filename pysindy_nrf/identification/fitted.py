@@ -181,10 +181,19 @@ class FittedChain:
 
         Parameters
         ----------
+        X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of them
+            Motions, or records, as in :meth:`fit`.
+        y : array-like of shape (n_samples, n_dof), optional
+            Forces, N.
         every_row : bool
             Keep the short pieces between gaps of the clock that a fit leaves out.
         **given
             Record, time, base_acceleration and covariates, as in :meth:`fit`.
+
+        Returns
+        -------
+        Dataset
+            One motion for each record.
         """
         check_is_fitted(self)
         if not hasattr(X, "columns") and records_in(X) is None:

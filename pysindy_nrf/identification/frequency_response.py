@@ -20,7 +20,7 @@ from scipy import linalg
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, solve
 from ..equations.errors import judge
@@ -104,7 +104,7 @@ class FrequencyResponseFit(IdentificationMethod):
         result = result_of(Finding(estimate, measured, facts, resolver))
         notes = tuple(QualityNote("other", doubt, record=data.name) for doubt in doubts)
         if doubts:
-            warn(f"{data.name}: {' '.join(doubts)}", DataQualityWarning)
+            warn_user(f"{data.name}: {' '.join(doubts)}", DataQualityWarning)
         return replace(
             result,
             model=_without_motion(result.model, problem.band),

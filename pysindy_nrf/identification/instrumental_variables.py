@@ -16,7 +16,7 @@ import numpy as np
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import Solution, model_of, solve
 from ..equations.normal_equations import NormalEquations
@@ -148,7 +148,7 @@ def instrumental_variables(
         _warn_of_fall_back(failure.what, failure.cure)
         return None
 
-    warn(
+    warn_user(
         f"estimation='iv' stopped after round {rounds.number}: {failure.what}. The"
         f" estimate of round {best.result.rounds} is kept; its free run has the highest"
         f" correlation with the measured motion ({best.correlation:.2f}).",
@@ -310,7 +310,7 @@ def _is_better(latest: _Judged, best: _Judged) -> bool:
 
 
 def _warn_of_fall_back(reason: str, cure: str) -> None:
-    warn(
+    warn_user(
         f"estimation='iv' fell back on least squares: {reason}. Noise in the motion"
         f" then biases masses and stiffnesses low. {cure}",
         BiasWarning,

@@ -16,7 +16,7 @@ from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..common import number_of
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import Solution, groups_of, model_of, solve
 from ..equations.normal_equations import NormalEquations
@@ -391,7 +391,7 @@ class IntervalMaker:
         nearest = region.nearest(rate[~visited], drift[~visited])
         at_the_edge = self.model.restoring_forces[site](*nearest)
         reach[~visited] = np.abs(force[~visited] - at_the_edge)
-        warn(
+        warn_user(
             f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie"
             f" outside the region the data visited (v {region.low[0]:.3g} to"
             f" {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to {region.high[1]:.3g}"
@@ -406,7 +406,7 @@ class IntervalMaker:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Ends of the intervals of statistics."""
         if self.withheld:
-            warn(f"Intervals are withheld: {self.withheld}", BiasWarning)
+            warn_user(f"Intervals are withheld: {self.withheld}", BiasWarning)
             unknown = np.full(len(estimate), np.nan)
             return unknown, unknown.copy()
 

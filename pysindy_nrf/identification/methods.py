@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..diagnosis import bias
 from ..equations.chain_solve import third_law_gap, unknown_forces, visited_regions
 from ..equations.errors import balance_errors
@@ -176,7 +176,7 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
             return examined_result(by_least_squares.finding(start, data, notes))
 
         for kind, text in zip((one.category for one in caught), notes):
-            warn(text, kind)
+            warn_user(text, kind)
         facts = found.facts | {"notes": list(notes)}
         # the channels are examined by least squares of what was measured
         return examined_result(

@@ -14,7 +14,7 @@ import pandas as pd
 
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..exceptions import (
     BiasWarning,
     IdentifiabilityError,
@@ -192,7 +192,7 @@ def clearly_better(
 
 def _start_kept(reason: str) -> OutputErrorResult:
     """No result, with a warning that gives the reason."""
-    warn(
+    warn_user(
         f"estimation='simulation' kept the instrumental-variable estimate: {reason}.",
         BiasWarning,
     )
@@ -294,7 +294,7 @@ def _convergence_notes(iv: IVResult, resolver: Resolver) -> list[str]:
         f" m{worst + 1} by {100 * change:.2g} %{error}. Give longer or cleaner records,"
         " or a simpler law."
     )
-    warn(note, BiasWarning)
+    warn_user(note, BiasWarning)
     return [note]
 
 

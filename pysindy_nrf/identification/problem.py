@@ -256,7 +256,7 @@ def least_squares(problem: Problem, data: Dataset) -> Estimate:
     filters = problem.filters(data)
     problem = _with_shapes(problem, order, data, filters)
     solution, sums = _solution(problem, problem.layout, order, data, filters)
-    solution.pass_on(stacklevel=4)
+    solution.pass_on()
     model = chain_solve.model_of(problem.layout, solution)
     return Estimate(problem, solution.followed(order), model, solution, sums)
 

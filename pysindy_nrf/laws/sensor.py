@@ -46,9 +46,7 @@ class SensorFault(ForceLaw):
         raise NotImplementedError
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The true channel from the reading of the sensor; the inverse of
-        :meth:`reading`.
-        """
+        """The true channel from the reading; the inverse of :meth:`reading`."""
         raise NotImplementedError
 
     @property
@@ -98,21 +96,16 @@ class SensorFault(ForceLaw):
         return np.append(column[0], column[1:] - column[0])
 
     def followed_by(self, other: SensorFault) -> Self:
-        """A single fault equivalent to correcting this one and then another of its
-        kind.
-        """
-        return self.with_values([float(self.values[0] + other.values[0])])
+        """One fault equal to correcting this one and then another of its kind."""
+        return self.with_values(self.values + other.values)
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """The same two corrections in the other order: this fault first, then the
-        earlier one.
-        """
+        """The same two corrections in the other order: this fault first."""
         return self, earlier
 
 
 class ChannelDelay(SensorFault):
-    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter,
-    a slow converter.
+    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter.
 
     To first order the reading lacks :math:`\tau \dot y`, which is the column of the
     law; readings and corrections are exact (spline of degree 7).
@@ -135,8 +128,9 @@ class ChannelDelay(SensorFault):
 
 
 class GainError(SensorFault):
-    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong
-    sign (e = -2).
+    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration.
+
+    A wrong sign is e = -2.
     """
 
     name = "gain_error"
@@ -158,9 +152,7 @@ class GainError(SensorFault):
 
     def followed_by(self, other: SensorFault) -> Self:
         """Gains multiply."""
-        return self.with_values(
-            [float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)]
-        )
+        return self.with_values((1.0 + self.values) * (1.0 + other.values) - 1.0)
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
         """An offset that is corrected after the gain is divided by the gain."""
@@ -199,16 +191,26 @@ class SensorOffset(SensorFault):
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """A channel delayed by a number of samples, which may be fractional; NaN outside
-    the record.
+    """A channel delayed by a number of samples, by a spline of degree 7.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,)
+    samples : float
+        May be a fraction, and negative.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        NaN outside the record.
     """
     from scipy.interpolate import make_interp_spline
 
-    good = np.flatnonzero(np.isfinite(values))
+    known = np.flatnonzero(np.isfinite(values))
+    wanted = np.arange(len(values)) - samples
+    inside = (wanted >= known[0]) & (wanted <= known[-1])
+    spline = make_interp_spline(known, values[known], k=min(7, len(known) - 1))
+
     out = np.full(len(values), np.nan)
-    at = np.arange(len(values)) - samples
-    inside = (at >= good[0]) & (at <= good[-1])
-    out[inside] = make_interp_spline(good, values[good], k=min(7, len(good) - 1))(
-        at[inside]
-    )
+    out[inside] = spline(wanted[inside])
     return out

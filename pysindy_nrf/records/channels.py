@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ..common.warn import warn_user
 from ..exceptions import ChannelError, ChannelTypeError, DataQualityWarning
 
 MAX_ROWS_SHOWN = 3  # of a message
@@ -155,7 +156,7 @@ def _check_kind(array: np.ndarray, name: str, what: str) -> None:
     if array.dtype == np.float16:
         lost = f"Channel {channel} is float16, which holds three digits"
         cure = "Save the channels as float32 or float64."
-        warnings.warn(DataQualityWarning(lost, cure), stacklevel=3)
+        warn_user(DataQualityWarning(lost, cure))
 
 
 def _numbers_of(column: np.ndarray, channel: str) -> np.ndarray:
@@ -222,7 +223,7 @@ def finite_span(
             f" {channel} is measured in {sizes[shortest]} of them"
         )
         cure = f"Cut the record to the rows that count, or leave {channel} out."
-        warnings.warn(DataQualityWarning(lost, cure), stacklevel=2)
+        warn_user(DataQualityWarning(lost, cure))
     return slice(first, max(first, last))
 
 

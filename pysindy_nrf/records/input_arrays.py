@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from ..common import number_of
-from ..common.warn import warn
+from ..common.warn import warn_user
 from ..exceptions import ChannelError, DataQualityWarning, LawError
 from .channels import (
     as_matrix,
@@ -518,7 +518,7 @@ def _long_parts(name: str, parts: list[slice]) -> list[slice]:
         else:
             named.append(f"rows {part.start} to {part.stop - 1}")
     more = " and more" if len(short) > 6 else ""
-    warn(
+    warn_user(
         f"{name[:1].upper()}{name[1:]}: {', '.join(named)}{more} stand alone between"
         f" gaps of the clock. Pieces of fewer than {_SHORTEST_PIECE} samples are left"
         " out; fill the gaps to keep them.",
@@ -648,7 +648,7 @@ def with_motion_checks(data: Dataset) -> Dataset:
     if not notes:
         return data
 
-    warn(f"X: {'; '.join(messages(notes))}.", DataQualityWarning)
+    warn_user(f"X: {'; '.join(messages(notes))}.", DataQualityWarning)
     named = [replace(note, record=segment.name) for note in notes]
     segments = list(data.segments)
     segments[longest] = replace(segment, quality=segment.quality + tuple(named))

@@ -1,7 +1,6 @@
 """Force laws as PySINDy feature libraries."""
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +16,7 @@ from ..chain.layout import LawLayout, declared_laws, power_series_laws
 from ..chain.sites import dofs_of
 from ..chain.structure import Chain, chain_of
 from ..common import MOST_DOFS
+from ..common.warn import warn_user
 from ..equations.balances import blocks_of_segment
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws.base import ForceLaw, subscript
@@ -349,12 +349,11 @@ def _is_free_vibration(width: int, n_dof: int | None) -> bool:
     if width % 3 == 0 or not width == pairs > 0:
         return False
     if n_dof is None:
-        warnings.warn(
+        warn_user(
             f"{width} columns are taken as x and xdot of {width // 2} DOFs in free"
             " vibration. Give excited=() if that is so, or excited=[...], the DOFs that"
             " the columns of u act on.",
             DataQualityWarning,
-            stacklevel=5,
         )
     return True
 

@@ -1,6 +1,5 @@
 """Chain-aware optimizers: the paper's solve around any PySINDy optimizer."""
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +14,7 @@ from ..chain.identifiability import plan_solve_order
 from ..chain.layout import Layout, blocks_of
 from ..chain.sites import Site
 from ..chain.structure import Chain, chain_of, masses_of
+from ..common.warn import warn_user
 from ..equations.chain_solve import doubtful_masses, solve_blocks
 from ..equations.errors import explained_accelerations
 from ..equations.inner_optimizer import balance_optimizer
@@ -157,10 +157,10 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             weights=weights,
         )
         solution, _ = solve_blocks(layout, order, blocks, known_masses, inner)
-        solution.pass_on(stacklevel=3)
+        solution.pass_on()
         doubts = doubtful_masses(solution)
         if doubts:
-            warnings.warn(" ".join(doubts), BiasWarning, stacklevel=3)
+            warn_user(" ".join(doubts), BiasWarning)
 
         self.solution_ = solution
         self.inner_ = solution.inner

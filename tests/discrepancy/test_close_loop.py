@@ -315,13 +315,14 @@ def without_floor_2(rec):
     return rec.replace(**channels)
 
 
-@pytest.mark.parametrize("every_floor_is_measured", [True, False])
-def test_an_unknown_error_of_the_channels_is_refused(every_floor_is_measured):
-    rec = record(n_samples=600)
-    if not every_floor_is_measured:
-        rec = without_floor_2(rec)
+def test_an_unknown_error_of_the_channels_is_refused():
     with pytest.raises(ChannelError, match="'nonsense'"):
-        close_loop(rec, calibration={"nonsense": 0.1})
+        close_loop(record(n_samples=600), calibration={"nonsense": 0.1})
+
+
+def test_errors_of_channels_have_no_part_in_a_search_with_fewer_sensors():
+    with pytest.raises(ChainError, match="calibration"):
+        close_loop(without_floor_2(record(n_samples=600)), calibration={"gain": 0.1})
 
 
 @pytest.mark.parametrize("every_floor_is_measured", [True, False])

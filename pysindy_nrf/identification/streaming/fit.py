@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from ...chain.identifiability import SolveOrder
 from ...common.files import file_behind
-from ...common.warn import warn
+from ...common.warn import warn_user
 from ...equations.chain_solve import (
     Solution,
     model_of,
@@ -142,7 +142,7 @@ def _result_of(
     sums: RunningSums, order: SolveOrder, total: NormalEquations, solution: Solution
 ) -> IdentificationResult:
     problem = sums.require_problem().problem
-    solution.pass_on(stacklevel=5)
+    solution.pass_on()
     order = solution.followed(order)
     model = model_of(problem.layout, solution)
     estimate = Estimate(problem, order, model, solution, total)
@@ -263,7 +263,7 @@ class _Passes:
             save(self.path, state, self.mark)
             self.is_own = True
         except OSError as error:
-            warn(
+            warn_user(
                 f"The state of the fit cannot be written to {self.path} ({error}); the"
                 " fit goes on, but cannot be resumed.",
                 DataQualityWarning,

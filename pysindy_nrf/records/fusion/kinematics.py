@@ -3,7 +3,6 @@
 The result has absolute accelerations, inter-storey velocities and drifts (paper eq. 8).
 """
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...common.warn import warn_user
 from ...exceptions import ChannelError, DataQualityWarning
 from ..checks.channel_checks import channel_notes
 from ..quality import QualityNote, messages
@@ -285,12 +285,11 @@ def _checked(record: Record) -> tuple[QualityNote, ...]:
     notes = channel_notes(record)
     if notes:
         faults = "; ".join(message.rstrip(".") for message in messages(notes))
-        warnings.warn(
+        warn_user(
             f"Record {record.name!r}: {faults}. See"
             " pysindy_nrf.records.checks.alignment and"
             " pysindy_nrf.records.checks.channel_checks.",
             DataQualityWarning,
-            stacklevel=4,
         )
     return notes
 

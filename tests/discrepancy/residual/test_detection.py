@@ -10,11 +10,11 @@ from chains import duffing, floor_of_noise, integrate, parameters
 from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
+from pysindy_nrf.diagnosis.residual import residual_of
 from pysindy_nrf.discrepancy.residual import (
     NoiseFloor,
     ResidualKind,
     detect,
-    residual_of,
 )
 from pysindy_nrf.records.input_arrays import from_arrays
 from pysindy_nrf.records.zero_phase_filter import filters_of

@@ -8,6 +8,7 @@ from loop_parts import search_data
 from report_cases import cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
+from pysindy_nrf.diagnosis.residual import residual_of
 from pysindy_nrf.discrepancy.contradictions import contradictions
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import (
@@ -18,7 +19,6 @@ from pysindy_nrf.discrepancy.residual import (
     ResidualKind,
     detect,
     look,
-    residual_of,
 )
 from pysindy_nrf.records.fusion.noise_levels import levels_of
 

@@ -8,7 +8,8 @@ import pytest
 from chains import band_limited, duffing, floor_of_noise, integrate, parameters
 
 from pysindy_nrf import NRFRegressor, Record, Site
-from pysindy_nrf.discrepancy.residual import Location, residual_of
+from pysindy_nrf.diagnosis.residual import residual_of
+from pysindy_nrf.discrepancy.residual import Location
 from pysindy_nrf.discrepancy.residual.localisation import localise
 from pysindy_nrf.records.input_arrays import from_arrays
 

@@ -23,6 +23,7 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.exceptions import (
+    ChainError,
     BiasWarning,
     ChannelError,
     DataQualityWarning,

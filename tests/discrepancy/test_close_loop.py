@@ -23,8 +23,8 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.exceptions import (
-    ChainError,
     BiasWarning,
+    ChainError,
     ChannelError,
     DataQualityWarning,
     LawError,

@@ -10,7 +10,7 @@ import warnings
 import numpy as np
 
 from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 STOREY = [laws.LinearElastic(1e5), laws.LinearViscous(80.0)]
 CATALOGUE = [laws.CoulombFriction(), laws.Dahl(), laws.CubicStiffness()]

@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.integrate import solve_ivp
 
 from pysindy_nrf import Record, excitation, simulate
-from pysindy_nrf.records.dataset import feature_names
+from pysindy_nrf.records import feature_names
 
 
 @dataclass
@@ -336,9 +336,9 @@ def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
     """
     from sklearn.base import clone
 
-    from pysindy_nrf.diagnosis.residual import residual_of
+    from pysindy_nrf.diagnosis import residual_of
     from pysindy_nrf.discrepancy.residual import NoiseFloor
-    from pysindy_nrf.records.input_arrays import from_arrays
+    from pysindy_nrf.records import from_arrays
 
     rng = np.random.default_rng(seed)
     ag = record.base_acceleration

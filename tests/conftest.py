@@ -10,7 +10,7 @@ from hypothesis import settings
 
 from pysindy_nrf import ChainModel, datasets, laws
 from pysindy_nrf.records.files import write_record
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")

@@ -4,7 +4,7 @@ import numpy as np
 from chains import driven
 
 from pysindy_nrf import ChainModel, Record, laws, simulate
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 FS = 250.0
 MASSES = [14.0, 11.0, 9.0, 12.0]

@@ -15,7 +15,7 @@ from pysindy_nrf.discrepancy.folds import split, window_length
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.request import SearchLimits, read_request
 from pysindy_nrf.discrepancy.search_data import SearchData
-from pysindy_nrf.records.dataset import Segment
+from pysindy_nrf.records import Segment
 
 
 def start_of(record, baseline=None):

@@ -19,7 +19,7 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.chain.layout import Layout
+from pysindy_nrf.chain import Layout
 from pysindy_nrf.records.channels import checked
 
 

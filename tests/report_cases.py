@@ -17,7 +17,7 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 NASTY = "</script><img src=x onerror=alert(1)>"
 CATALOGUE = (

@@ -6,7 +6,7 @@ That nothing of it runs is checked by the rules S of ruff.
 import pytest
 
 from pysindy_nrf import Record, datasets
-from pysindy_nrf.cli.group import run
+from pysindy_nrf.cli import run
 
 NAME = "..%2F..%2Fescaped.csv"
 

@@ -1,9 +1,8 @@
 """Chains of 10 kg floors on linear storeys, with further laws, and their records."""
 
 from pysindy_nrf import ChainModel, laws
-from pysindy_nrf.simulation import free_run
+from pysindy_nrf.simulation import add_noise, free_run
 from pysindy_nrf.simulation.excitation import band_limited_random
-from pysindy_nrf.simulation.noise import add_noise
 
 FS = 500.0
 STOREY = laws.PowerSeries(1, [60.0, 5e4])

@@ -6,3 +6,18 @@
 columns. ``chain_solve.solve`` is the general solve; ``many_solves.CompiledChainSolve``
 is the same, compiled, for the many candidates of a search.
 """
+
+from ..common.lazy import public_names
+
+_NAMES = {
+    "BalanceEquations": "balances",
+    "Equations": "protocol",
+    "NormalEquations": "normal_equations",
+    "groups_of": "chain_solve",
+    "nrmse": "errors",
+    "solve": "chain_solve",
+    "total_gram": "accumulation",
+}
+__all__ = [*_NAMES]
+
+__getattr__, __dir__ = public_names(__name__, _NAMES)

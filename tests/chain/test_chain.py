@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, Site
 from pysindy_nrf.exceptions import ChainError
-from pysindy_nrf.records.dataset import Segment
+from pysindy_nrf.records import Segment
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ import pandas as pd
 import pytest
 
 from pysindy_nrf import datasets, laws
-from pysindy_nrf.cli import group
-from pysindy_nrf.cli.group import cli, run
+from pysindy_nrf.cli import group, run
+from pysindy_nrf.cli.group import cli
 from pysindy_nrf.cli.options import laws_of
 from pysindy_nrf.cli.outcome import RED
 from pysindy_nrf.cli.session import working

@@ -12,7 +12,8 @@ import pytest
 from report_cases import two_storeys
 
 from pysindy_nrf import ChainModel, datasets, excitation, laws, simulate
-from pysindy_nrf.cli.group import DATA, USAGE, run
+from pysindy_nrf.cli import run
+from pysindy_nrf.cli.group import DATA, USAGE
 from pysindy_nrf.cli.outcome import RED
 from pysindy_nrf.records.files import read_table, write_record
 

@@ -8,7 +8,8 @@ import pytest
 from report_cases import TWO_STOREYS, two_storeys
 
 from pysindy_nrf import datasets, excitation, simulate
-from pysindy_nrf.cli.group import DATA, USAGE, run
+from pysindy_nrf.cli import run
+from pysindy_nrf.cli.group import DATA, USAGE
 from pysindy_nrf.records.files import read_record
 
 # Digits that a file may lose.

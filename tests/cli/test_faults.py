@@ -16,7 +16,8 @@ import pytest
 from sources import trees
 
 from pysindy_nrf import ChainModel, datasets, laws
-from pysindy_nrf.cli.group import OTHER, USAGE, run
+from pysindy_nrf.cli import run
+from pysindy_nrf.cli.group import OTHER, USAGE
 from pysindy_nrf.common.files import atomic_write
 
 MODEL = ChainModel(

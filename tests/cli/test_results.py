@@ -16,7 +16,8 @@ import pytest
 from report_cases import TWO_STOREYS, two_storeys
 
 from pysindy_nrf import ChainModel
-from pysindy_nrf.cli.group import DATA, run
+from pysindy_nrf.cli import run
+from pysindy_nrf.cli.group import DATA
 from pysindy_nrf.common.files import atomic_write
 from pysindy_nrf.exceptions import NRFError
 

@@ -9,8 +9,8 @@ from chains import driven
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
+from pysindy_nrf.simulation import add_noise
 from pysindy_nrf.simulation.excitation import band_limited_random
-from pysindy_nrf.simulation.noise import add_noise
 
 FS = 500.0
 MASSES = [5.0, 4.0, 3.0]

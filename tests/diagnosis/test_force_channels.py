@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.records.checks.channel_checks import check_channels
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.records import check_channels
+from pysindy_nrf.simulation import add_noise
 
 FS = 400.0
 N_SAMPLES = 6000

@@ -10,10 +10,10 @@ import pytest
 from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
-from pysindy_nrf.diagnosis.force_delays import force_delay
+from pysindy_nrf.diagnosis import force_delay
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.records.checks.alignment import shifted
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 

@@ -9,7 +9,7 @@ from chains import driven
 from pysindy_nrf import ChainModel, NRFRegressor, laws
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.laws.friction import jump_at_reversal
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.slow
 

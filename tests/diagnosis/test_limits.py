@@ -16,7 +16,7 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 STOREY = laws.PowerSeries(1, [25.0, 1.4e5])
 MASS = 12.4

@@ -7,9 +7,9 @@ import pytest
 from three_floors import chain, features, noisy, run
 
 from pysindy_nrf import NRFRegressor, laws
-from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.equations import nrmse
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 FRICTION = 25.0
 MISSING = {

@@ -8,7 +8,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 MASSES = [12.0, 10.0, 8.0]
 STOREY = laws.PowerSeries(1, [25.0, 5e4])

@@ -29,7 +29,7 @@ from pysindy_nrf.exceptions import (
     DataQualityWarning,
     LawError,
 )
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 M = np.array([12.0, 10.0, 8.0])
 K = np.array([4.0e4, 3.5e4, 3.0e4])

@@ -13,8 +13,8 @@ from pysindy_nrf.discrepancy.fitted_model import fit_model, quadratic_forms
 from pysindy_nrf.discrepancy.model_extension import ModelExtension
 from pysindy_nrf.discrepancy.spectra import BalanceSpectra
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.records.dataset import Dataset
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.records import Dataset
+from pysindy_nrf.simulation import add_noise
 
 SHORT = Plan(3, (1, 2, 3), noise=0.02, seed=75, n_samples=4000)
 STOREYS = [Site(f"storey {i}") for i in (1, 2, 3)]

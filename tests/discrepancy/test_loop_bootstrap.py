@@ -7,7 +7,7 @@ from simulated_cases import Plan
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.discrepancy.bootstrap import simulated
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 
 def fitted_to_a_draw(state):

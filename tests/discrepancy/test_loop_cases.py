@@ -20,7 +20,7 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = [
     pytest.mark.slow,

@@ -6,7 +6,7 @@ from loop_parts import plain_segment
 
 from pysindy_nrf.discrepancy.folds import split, window_length
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.dataset import BlockRows, Segment
+from pysindy_nrf.records import BlockRows, Segment
 
 T = np.arange(8000) * 0.01
 BLOW = np.exp(-0.5 * ((T - 20) / 4) ** 2) * np.cos(12 * T)

@@ -19,15 +19,15 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.cli.group import run
+from pysindy_nrf.cli import run
 from pysindy_nrf.discrepancy.catalogue import Experiment, candidates
 from pysindy_nrf.discrepancy.excerpts import EXCERPTS
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import Location
-from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.equations import nrmse
 from pysindy_nrf.report.figures.evidence import evidence_figures
 from pysindy_nrf.report.loop_content import chapters, lead
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 
 class CubicOfMine(laws.CubicStiffness):

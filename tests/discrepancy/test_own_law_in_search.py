@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 
 class PowerSpring(laws.ForceLaw):

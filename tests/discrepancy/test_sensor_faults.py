@@ -5,7 +5,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 FS = 500.0
 RIVALS = [

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import Chain
-from pysindy_nrf.chain.identifiability import plan_solve_order
-from pysindy_nrf.chain.layout import Layout, blocks_of
-from pysindy_nrf.equations.accumulation import total_gram
-from pysindy_nrf.equations.chain_solve import groups_of, solve
+from pysindy_nrf.chain import Layout, blocks_of, plan_solve_order
+from pysindy_nrf.equations import groups_of, solve, total_gram
 from pysindy_nrf.equations.many_solves import ChainFit
 
 BRACED = Layout(

@@ -6,7 +6,7 @@ from loop_parts import plain_segment
 
 from pysindy_nrf.discrepancy.windows import Windows
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.dataset import BlockRows, Dataset
+from pysindy_nrf.records import BlockRows, Dataset
 
 N, DT = 6000, 0.01
 EDGES = [(0, 3200), (3200, N)]

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import Chain, laws
-from pysindy_nrf.chain.layout import LawLayout
-from pysindy_nrf.equations.balances import BalanceEquations
-from pysindy_nrf.records.input_arrays import from_arrays
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
+from pysindy_nrf.chain import LawLayout
+from pysindy_nrf.equations import BalanceEquations
+from pysindy_nrf.records import ZeroPhaseFilter, from_arrays
 
 LAYOUT = LawLayout(
     Chain(3, ["link 3-1"]),

@@ -8,17 +8,10 @@ import pysindy as ps
 import pytest
 
 from pysindy_nrf import Chain, NRFRegressor
-from pysindy_nrf.chain.identifiability import plan_solve_order
-from pysindy_nrf.chain.layout import Layout, blocks_of
-from pysindy_nrf.equations.accumulation import total_gram
-from pysindy_nrf.equations.chain_solve import (
-    NotTogether,
-    groups_of,
-    solve,
-    solve_blocks,
-)
+from pysindy_nrf.chain import Layout, blocks_of, plan_solve_order
+from pysindy_nrf.equations import NormalEquations, groups_of, solve, total_gram
+from pysindy_nrf.equations.chain_solve import NotTogether, solve_blocks
 from pysindy_nrf.equations.errors import balance_sizes
-from pysindy_nrf.equations.normal_equations import NormalEquations
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 
 # Three storeys with a brace from floor 1 to floor 3, and the terms of its laws.

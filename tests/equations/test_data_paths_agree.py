@@ -9,7 +9,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, io, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, LawError
-from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.records import from_arrays
 
 FS = 500.0
 MASSES = [10.0, 12.0]

@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ForceLawLibrary, laws
-from pysindy_nrf.chain.layout import LawLayout, Layout, blocks_of
-from pysindy_nrf.equations.accumulation import ProductSums, pieces_of, total_gram
+from pysindy_nrf.chain import LawLayout, Layout, blocks_of
+from pysindy_nrf.equations import NormalEquations, total_gram
+from pysindy_nrf.equations.accumulation import ProductSums, pieces_of
 from pysindy_nrf.equations.balances import blocks_of_segment
-from pysindy_nrf.equations.normal_equations import NormalEquations
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.records import from_arrays
 
 BRACED = Chain(3, ["link 3-1"])
 TERMS = {"storey 1": 2, "storey 2": 3, "storey 3": 1, "link 3-1": 2}

@@ -16,7 +16,7 @@ from chains import same, table
 
 from pysindy_nrf import NRFRegressor, laws
 from pysindy_nrf.exceptions import ChannelError, LawError, MissingExtraError
-from pysindy_nrf.records.dataset import feature_names
+from pysindy_nrf.records import feature_names
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")

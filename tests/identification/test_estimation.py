@@ -26,7 +26,7 @@ from pysindy_nrf.exceptions import (
     IdentifiabilityError,
 )
 from pysindy_nrf.records.files.frequency_response import frequency_response
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 MASS, STIFFNESS, DAMPING, FS = 12.4, 1.4e5, 25.0, 1000.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, Site, excitation, laws, simulate
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 FS = 200.0
 # modes of two floors at 4.0 and 10.5 Hz

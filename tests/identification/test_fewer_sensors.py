@@ -23,7 +23,7 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.equations import nrmse
 from pysindy_nrf.exceptions import (
     BiasWarning,
     ChannelError,
@@ -32,7 +32,7 @@ from pysindy_nrf.exceptions import (
 )
 from pysindy_nrf.identification.fewer_sensors import shot_of
 from pysindy_nrf.identification.output_error import FreeRunFit, free_parameters
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 TRUTH = frame()
 

@@ -20,7 +20,7 @@ from pysindy_nrf.exceptions import (
 )
 from pysindy_nrf.identification import dissipated_energy
 from pysindy_nrf.identification.intervals import newey_west
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 FS = 500.0
 

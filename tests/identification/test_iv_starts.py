@@ -10,7 +10,7 @@ from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.identification.free_runs import fits_one_step, simulated
 from pysindy_nrf.identification.instruments import with_decaying_modes
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.DataQualityWarning"),

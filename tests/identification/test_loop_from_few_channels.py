@@ -5,7 +5,7 @@ from chains import driven
 from few_channels import shaken, with_sensors
 
 from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 CATALOGUE = [laws.CoulombFriction(), laws.CubicStiffness(), laws.QuadraticDamping()]
 

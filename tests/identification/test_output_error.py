@@ -7,11 +7,11 @@ import pytest
 from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.equations import nrmse
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.identification.free_run_fit import FreeRunError
 from pysindy_nrf.identification.output_error import clearly_better
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.slow
 

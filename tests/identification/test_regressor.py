@@ -16,7 +16,7 @@ from pysindy_nrf.exceptions import (
     ChannelError,
     DataQualityWarning,
 )
-from pysindy_nrf.records.dataset import feature_names
+from pysindy_nrf.records import feature_names
 
 COLUMNS = feature_names(4)
 FORCES = ["F1", "F2", "F3", "F4"]

@@ -14,8 +14,7 @@ from sklearn.utils.estimator_checks import check_estimator, parametrize_with_che
 import pysindy_nrf
 from pysindy_nrf import InterstoryPolynomialLibrary, KinematicSmoother, NRFRegressor
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records import fusion
-from pysindy_nrf.records.dataset import feature_names
+from pysindy_nrf.records import feature_names, fusion
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 CASES = padded.cases()

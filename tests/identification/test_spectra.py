@@ -14,7 +14,7 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.chain.layout import LawLayout
+from pysindy_nrf.chain import LawLayout
 from pysindy_nrf.identification.free_runs import simulated
 from pysindy_nrf.identification.linear_response import (
     equivalent_matrices,
@@ -22,9 +22,8 @@ from pysindy_nrf.identification.linear_response import (
     unbalanced,
 )
 from pysindy_nrf.identification.noise_spectra import NoiseModel, corrected, noise_model
-from pysindy_nrf.records.dataset import Segment
-from pysindy_nrf.records.input_arrays import from_arrays
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.records import Segment, from_arrays
+from pysindy_nrf.simulation import add_noise
 
 FS = 1000.0
 LEVEL = 0.05

@@ -12,8 +12,7 @@ from chains import same, table
 from pysindy_nrf import ChainModel, NRFRegressor, Parameter, laws, simulate
 from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError
 from pysindy_nrf.identification.streaming import Chunk
-from pysindy_nrf.records.dataset import feature_names
-from pysindy_nrf.records.input_arrays import Input
+from pysindy_nrf.records import Input, feature_names
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning"),

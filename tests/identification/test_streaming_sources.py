@@ -15,7 +15,7 @@ from pysindy_nrf.exceptions import (
 )
 from pysindy_nrf.identification.streaming import open_source, sources
 from pysindy_nrf.identification.streaming.chunks import ColumnReader
-from pysindy_nrf.records.input_arrays import Input
+from pysindy_nrf.records import Input
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 

@@ -8,7 +8,7 @@ from three_floors import FS, chain, features, noisy, run
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChainError, ChannelError
 from pysindy_nrf.monitoring import compare_tests, track
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 MASS, STIFFNESS = 10.0, 5e4  # of every floor and storey of the chain of three
 DRIFT = -250.0  # of a stiffness, N/m/s

@@ -24,7 +24,7 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError, RankWarning
 from pysindy_nrf.selection.one_se_rule import fold_scores
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 

@@ -8,7 +8,7 @@ import pytest
 
 from pysindy_nrf import laws, select_sparsity
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 TRUE = ["v", "s", "s^3"]
 

@@ -7,8 +7,8 @@ import pytest
 
 from pysindy_nrf import Record, datasets
 from pysindy_nrf.exceptions import ChainError, ChannelError, LawError
+from pysindy_nrf.simulation import add_noise
 from pysindy_nrf.simulation.excitation import band_limited_random, impact_hammer
-from pysindy_nrf.simulation.noise import add_noise
 
 FS = 1000.0  # Hz
 

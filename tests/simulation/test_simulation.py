@@ -9,8 +9,7 @@ from scipy.linalg import expm
 
 from pysindy_nrf import Chain, ChainModel, Site, laws
 from pysindy_nrf.exceptions import ChainError, ChannelError, SimulationError
-from pysindy_nrf.simulation import free_run, simulate
-from pysindy_nrf.simulation.api import classical_run
+from pysindy_nrf.simulation import classical_run, free_run, simulate
 
 DT = 1e-3  # s
 LINEAR = laws.PowerSeries(1, [100.0, 1e5])

@@ -16,8 +16,7 @@ from pysindy_nrf import (
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.chain.identifiability import plan_solve_order
-from pysindy_nrf.chain.layout import Layout, blocks_of
+from pysindy_nrf.chain import Layout, blocks_of, plan_solve_order
 from pysindy_nrf.equations.chain_solve import solve_blocks
 from pysindy_nrf.exceptions import (
     ChannelError,

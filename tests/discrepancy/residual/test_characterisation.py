@@ -10,7 +10,7 @@ from pysindy_nrf.discrepancy.residual.characterisation import conditional_mean
 from pysindy_nrf.discrepancy.residual.spectral_line import spectral_line
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
+from pysindy_nrf.records import ZeroPhaseFilter
 
 pytestmark = pytest.mark.slow
 

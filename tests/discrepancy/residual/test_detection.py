@@ -10,14 +10,13 @@ from chains import duffing, floor_of_noise, integrate, parameters
 from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
-from pysindy_nrf.diagnosis.residual import residual_of
+from pysindy_nrf.diagnosis import residual_of
 from pysindy_nrf.discrepancy.residual import (
     NoiseFloor,
     ResidualKind,
     detect,
 )
-from pysindy_nrf.records.input_arrays import from_arrays
-from pysindy_nrf.records.zero_phase_filter import filters_of
+from pysindy_nrf.records import filters_of, from_arrays
 
 pytestmark = pytest.mark.slow
 

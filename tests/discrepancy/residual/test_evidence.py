@@ -8,7 +8,7 @@ from loop_parts import search_data
 from report_cases import cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
-from pysindy_nrf.diagnosis.residual import residual_of
+from pysindy_nrf.diagnosis import residual_of
 from pysindy_nrf.discrepancy.contradictions import contradictions
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.residual import (

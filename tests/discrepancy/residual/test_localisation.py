@@ -8,10 +8,10 @@ import pytest
 from chains import band_limited, duffing, floor_of_noise, integrate, parameters
 
 from pysindy_nrf import NRFRegressor, Record, Site
-from pysindy_nrf.diagnosis.residual import residual_of
+from pysindy_nrf.diagnosis import residual_of
 from pysindy_nrf.discrepancy.residual import Location
 from pysindy_nrf.discrepancy.residual.localisation import localise
-from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.records import from_arrays
 
 pytestmark = pytest.mark.slow
 

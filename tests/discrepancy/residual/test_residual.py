@@ -5,10 +5,9 @@ import pytest
 from chains import duffing, parameters
 
 from pysindy_nrf import ChainModel, laws
-from pysindy_nrf.diagnosis.residual import residual_of
+from pysindy_nrf.diagnosis import residual_of
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.input_arrays import from_arrays
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
+from pysindy_nrf.records import ZeroPhaseFilter, from_arrays
 
 pytestmark = pytest.mark.slow
 

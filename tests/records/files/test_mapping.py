@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from text_tables import rows_of
 
-from pysindy_nrf.cli.group import run
+from pysindy_nrf.cli import run
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 from pysindy_nrf.records.files import read_record
 from pysindy_nrf.records.files.mapping import read_mapping

@@ -9,12 +9,8 @@ from smooth_motions import FS, MASS, chain_masses, chain_test, two_floors
 
 from pysindy_nrf import KinematicSmoother, Record
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.records.fusion.kinematics import (
-    TwoWayFusion,
-    fuse_record,
-    to_features,
-)
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
+from pysindy_nrf.records import ZeroPhaseFilter, fuse_record, to_features
+from pysindy_nrf.records.fusion.kinematics import TwoWayFusion
 
 
 @pytest.fixture(scope="module")

@@ -165,24 +165,60 @@ def spectra_of_record(
     y = detrended(first[known][:MAX_SAMPLES])
     z = detrended(second[known][:MAX_SAMPLES])
     n_samples = len(y)
-    y = hann(n_samples) * y
-    z = hann(n_samples) * z
     f = np.fft.rfftfreq(n_samples, 1 / fs)
-    lines_y, lines_z = np.fft.rfft(y), np.fft.rfft(z)
-    derived = lines_y * (2j * np.pi * np.maximum(f, f[1])) ** order
+    rate = 2j * np.pi * np.maximum(f, f[1])
+    lines_y = derivative_lines(y, max(order, 0), fs)
+    lines_z = derivative_lines(z, max(-order, 0), fs)
+    if order < 0:
+        # both are brought back to the kind of the second
+        lines_y = lines_y * rate**order
+        lines_z = lines_z * rate**order
 
-    # the window is differentiated too: lines with few cycles within it, or within the
-    # decay of the motion, are unreliable
-    lasting = min(_lasting_samples(y), _lasting_samples(z)) / fs
+    # lines with few cycles within the window, or within the decay of the motion, say
+    # little
+    window = hann(n_samples)
+    lasting = min(_lasting_samples(window * y), _lasting_samples(window * z)) / fs
     return PairSpectra(
         f,
-        _average(np.conj(derived) * lines_z),
-        _average(np.abs(derived) ** 2),
-        _average(np.abs(lines_z) ** 2),
+        _average(np.conj(lines_y) * lines_z),
         _average(np.abs(lines_y) ** 2),
+        _average(np.abs(lines_z) ** 2),
+        _average(np.abs(np.fft.rfft(window * y)) ** 2),
         MIN_CYCLES / lasting if lasting else np.inf,
         n_samples,
     )
+
+
+def derivative_lines(x: np.ndarray, order: int, fs: float) -> np.ndarray:
+    r"""Spectrum of a derivative of a signal under the Hann window.
+
+    The window takes the derivatives by parts, ``w x' = (w x)' - w' x``, so the motion
+    may begin or end anywhere under it:
+
+    .. math:: F[w x''] = F[w'' x] - 2 i \omega F[w' x] - \omega^2 F[w x] .
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples,)
+    order : {0, 1, 2}
+        Order of the derivative.
+    fs : float
+        Hz.
+    """
+    n_samples = len(x)
+    window = hann(n_samples)
+    lines = np.fft.rfft(window * x)
+    if order == 0:
+        return lines
+
+    rate = 2j * np.pi * np.fft.rfftfreq(n_samples, 1 / fs)
+    turn = 2 * np.pi * fs / n_samples
+    angle = 2 * np.pi * (np.arange(n_samples) + 0.5) / n_samples
+    of_slope = np.fft.rfft(turn * np.sin(angle) * x)
+    if order == 1:
+        return rate * lines - of_slope
+    of_bend = np.fft.rfft(turn**2 * np.cos(angle) * x)
+    return rate**2 * lines - 2 * rate * of_slope + of_bend
 
 
 def spectra_of_runs(

@@ -63,6 +63,35 @@ class GrowingMode:
 
 
 @dataclass(frozen=True)
+class Alternative:
+    """Something that the data allow beside a model.
+
+    Parameters
+    ----------
+    description : str
+        What it is, such as ``"a spring and a dashpot from DOF 2 to the ground"``.
+    place : str
+        Site or DOF.
+    parameter : str
+        The mass or stiffness that it moves most, ``"m2"`` or ``"storey 2: s"``.
+    change : float
+        By how much it moves that parameter, as a share of it.
+    half_width : float
+        Half-width of the 95 % interval of that parameter beside it, as a share.
+    improvement : float
+        How surely it is there: Wald's statistic over its number of coefficients, 1 if
+        it is not.
+    """
+
+    description: str
+    place: str
+    parameter: str
+    change: float
+    half_width: float
+    improvement: float
+
+
+@dataclass(frozen=True)
 class Facts:
     """What is known of a model, of its data and of the search behind it.
 
@@ -93,6 +122,8 @@ class Facts:
         What a search added, confirmed or not.
     unanswered : mapping of str to str
         Questions to the residual that have no answer, and why.
+    alternatives : tuple of Alternative
+        What the data allow beside the model, the one that explains most first.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
     nothing_claimed : str
@@ -115,6 +146,7 @@ class Facts:
     n_records: int = 1
     effects: tuple[Effect, ...] = ()
     unanswered: Mapping[str, str] = field(default_factory=dict)
+    alternatives: tuple[Alternative, ...] = ()
     noise_is_known: bool = True
     nothing_claimed: str = ""
     wiring: str = ""

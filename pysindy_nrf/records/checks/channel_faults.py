@@ -1,7 +1,7 @@
 """Faults of single channels: of the sensor, of its range, and of the line to it."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -68,6 +68,8 @@ class Channel:
         Hz.
     velocity : ndarray of shape (n_samples,) or None
         Of the same floor, if this is an acceleration.
+    blows : ndarray of shape (n_samples,)
+        Whether a force jumps at a sample or beside it.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Channel:
     values: np.ndarray
     fs: float
     velocity: np.ndarray | None
+    blows: np.ndarray
 
     @cached_property
     def y(self) -> np.ndarray:
@@ -132,16 +135,32 @@ def fault_notes(record: Record) -> tuple[QualityNote, ...]:
     notes: list[QualityNote] = []
     earlier: list[Channel] = []
     columns = record.channels()
+    blows = _blows(columns, record.n_samples)
     for name, values in columns.items():
         velocity = columns.get(name.replace("a", "v")) if name[:1] == "a" else None
         values = np.asarray(values, dtype=float)
-        channel = Channel(name, record.name, values, record.fs, velocity)
+        channel = Channel(name, record.name, values, record.fs, velocity, blows)
         unforced = channel.is_force and not channel.y.any()
         if unforced or not channel.y.size:
             continue
         notes += _notes_on(channel, earlier)
         earlier.append(channel)
     return tuple(notes)
+
+
+def _blows(columns: Mapping[str, np.ndarray], n_samples: int) -> np.ndarray:
+    """Samples at which a force jumps, and those beside them."""
+    blows = np.zeros(n_samples, dtype=bool)
+    for name, values in columns.items():
+        if name[:1] == "F" and n_samples > 2:
+            size = np.abs(_bend(np.nan_to_num(values)))
+            blows[1:-1] |= size > SPIKE * np.median(size) / 0.6745 + 1e-300
+    return np.convolve(blows, np.ones(3), "same") > 0
+
+
+def _bend(y: np.ndarray) -> np.ndarray:
+    """How far inner samples lie from the mean of their neighbours."""
+    return np.asarray(y[1:-1] - 0.5 * (y[2:] + y[:-2]))
 
 
 def _notes_on(channel: Channel, earlier: list[Channel]) -> list[QualityNote]:
@@ -252,11 +271,11 @@ def _quantised(channel: Channel) -> QualityNote | None:
 
 
 def _spiky(channel: Channel) -> QualityNote | None:
-    """Single samples far off their neighbours."""
+    """Single samples far off their neighbours, where no blow explains them."""
     y = channel.y
     if channel.is_force or len(y) < 32:
         return None
-    bend = y[1:-1] - 0.5 * (y[2:] + y[:-2])
+    bend = _bend(y)
     size = np.abs(bend)
     hits = np.flatnonzero(size > SPIKE * np.median(size) / 0.6745 + 1e-300)
     hits = hits[:MAX_SPIKES]
@@ -275,6 +294,9 @@ def _spiky(channel: Channel) -> QualityNote | None:
     neighbours = np.stack([bend[hits - 1], bend[hits + 1]])
     ratios = neighbours / np.where(bend[hits] == 0, 1.0, bend[hits])
     single = hits[(np.abs(ratios + 0.5) < SPIKE_TOLERANCE).all(axis=0)]
+    # a blow of a few samples makes the acceleration jump
+    rows = np.flatnonzero(np.isfinite(channel.values))[single + 1]
+    single = single[~channel.blows[rows]]
     if not len(single):
         return None
     return channel.note(

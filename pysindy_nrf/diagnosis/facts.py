@@ -78,9 +78,8 @@ class Alternative:
         By how much it moves that parameter, as a share of it.
     half_width : float
         Half-width of the 95 % interval of that parameter beside it, as a share.
-    improvement : float
-        How surely it is there: Wald's statistic over its number of coefficients, 1 if
-        it is not.
+    left : float
+        Residual beside it, as a share of that of the model.
     """
 
     description: str
@@ -88,7 +87,7 @@ class Alternative:
     parameter: str
     change: float
     half_width: float
-    improvement: float
+    left: float
 
 
 @dataclass(frozen=True)
@@ -123,7 +122,7 @@ class Facts:
     unanswered : mapping of str to str
         Questions to the residual that have no answer, and why.
     alternatives : tuple of Alternative
-        What the data allow beside the model, the one that explains most first.
+        What the data allow beside the model, the one that leaves least first.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
     nothing_claimed : str

@@ -1,0 +1,366 @@
+"""Alternatives that the data allow beside a model: could the test have failed?
+
+Where fewer modes are excited than there are unknown floors, the equations of motion
+close whatever the structure is. What a test engineer would think of is therefore fitted
+beside the model, one at a time: a spring and a dashpot from a floor to the ground or to
+the next floor but one, dashpots from all floors to the ground, and another gain of all
+sensors of a floor. An alternative that moves a mass or a stiffness by more than its
+interval says is a limit of the test, or an effect that the model lacks.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from ..chain.model import ChainModel
+from ..diagnosis.facts import Alternative
+from ..diagnosis.residual import residual_of
+from ..exceptions import NRFError, NRFWarning
+from ..laws.base import ForceLaw
+from ..laws.elastic import LinearElastic, LinearViscous
+from ..records.dataset import Dataset, Segment
+from .intervals import Resolver, least_squares_resolver, newey_west, parameters_of
+from .problem import Problem, least_squares
+
+# Step of a change of the data for derivatives, as a share of the channel that changes;
+# estimates are linear in it.
+_STEP = 0.02
+# Pieces of the data whose scatter gives standard errors here, a quarter of those of an
+# interval: the standard error then has a scatter of 18 %, which decides nothing.
+_N_PIECES = 16
+# Samples of all records together. Ten storeys are compared in seconds, and an
+# alternative that so many samples do not exclude is not excluded by the modes either.
+MAX_SAMPLES = 20_000
+_QUANTILE = float(norm.ppf(0.975))
+
+Laws = Mapping[str, tuple[ForceLaw, ...]]
+Values = Callable[[ChainModel], pd.Series]
+
+
+def alternatives_of(problem: Problem, data: Dataset) -> tuple[Alternative, ...]:
+    """What else the data allow beside a model, by least squares.
+
+    Parameters
+    ----------
+    problem : Problem
+        All shape parameters have values.
+    data : Dataset
+
+    Returns
+    -------
+    tuple of Alternative
+        The one that leaves least first. Empty for one DOF, where a gain of its sensors
+        cannot be told from masses and forces.
+    """
+    if problem.chain.n_dof == 1:
+        return ()
+    with warnings.catch_warnings(action="ignore", category=NRFWarning):
+        comparison = _Comparison(problem, _strongest_stretches(data))
+        found = [
+            *_other_structures(comparison),
+            *_dashpots_to_the_ground(comparison),
+            *_other_channels(comparison),
+        ]
+    return tuple(sorted(found, key=lambda alternative: alternative.left))
+
+
+def _strongest_stretches(data: Dataset) -> Dataset:
+    """The records, each cut to its share of ``MAX_SAMPLES``."""
+    share = MAX_SAMPLES / sum(segment.n_valid for segment in data.segments)
+    if share >= 1:
+        return data
+    segments = []
+    for segment in data.segments:
+        size = max(1, int(share * segment.n_valid))
+        first = segment.valid.start + segment.strongest(slice(0, segment.n_valid), size)
+        segments.append(segment.part(slice(first, first + size), 0))
+    return replace(data, segments=segments)
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """What alternatives are compared with."""
+
+    problem: Problem
+    data: Dataset
+
+    @cached_property
+    def model(self) -> ChainModel:
+        """The model without an alternative."""
+        return least_squares(self.problem, self.data).model
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """Squared residuals of the model by piece and equation, N^2."""
+        return self.squares_of(self.model, self.problem, self.data)
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Weight of each equation of motion: one over its mean squared residual."""
+        return 1.0 / np.maximum(self.squares.sum(axis=0), np.finfo(float).tiny)
+
+    def squares_of(
+        self, model: ChainModel, problem: Problem, data: Dataset
+    ) -> np.ndarray:
+        """Squared residuals by piece and equation, N^2."""
+        residual = residual_of(model, data, problem.filters(data))
+        length = max(1, sum(map(len, residual.balance)) // _N_PIECES)
+        squares = []
+        for lines in residual.balance:
+            n_pieces = max(1, round(len(lines) / length))
+            pieces = np.array_split(lines, n_pieces)
+            squares += [np.nansum(piece**2, axis=0) for piece in pieces]
+        return np.array(squares)
+
+    def masses_and_stiffnesses(self, model: ChainModel) -> pd.Series:
+        """Those that are identified, by name."""
+        values = parameters_of(model, self.problem.known_masses)
+        is_mass = ~values.index.str.contains(":")
+        is_stiffness = values.index.str.match(r"storey \d+: s$")
+        return values[is_mass | is_stiffness]
+
+    def with_laws(self, description: str, more: Laws, values: Values) -> Alternative:
+        """The alternative that has some more laws.
+
+        It is compared by the values of both models.
+        """
+        problem = self.problem.with_laws(more)
+        estimate = least_squares(problem, self.data)
+        resolver = _of_few_pieces(
+            least_squares_resolver(problem, estimate.order, self.data)
+        )
+        spread = np.sqrt(np.diag(resolver.covariance(values)))
+        squares = self.squares_of(estimate.model, problem, self.data)
+        return self.alternative(
+            description,
+            ", ".join(more),
+            values(self.model),
+            values(estimate.model) - values(self.model),
+            _QUANTILE * spread,
+            float(squares.sum(axis=0) @ self.weights),
+        )
+
+    def alternative(
+        self,
+        description: str,
+        place: str,
+        values: pd.Series,
+        change: pd.Series,
+        half_width: pd.Series | np.ndarray,
+        squares: float,
+    ) -> Alternative:
+        """What an alternative does to the value that it moves most.
+
+        ``squares`` are its squared residuals, those of all equations by their weights.
+        """
+        relative_change = change / values.abs()
+        relative_width = half_width / values.abs()
+        reach = np.maximum(relative_change.abs(), relative_width)
+        parameter = str(reach.idxmax())
+        n_equations = np.count_nonzero(self.squares.sum(axis=0))
+        return Alternative(
+            description,
+            place,
+            parameter,
+            float(relative_change[parameter]),
+            float(relative_width[parameter]),
+            float(np.sqrt(max(squares, 0.0) / max(n_equations, 1))),
+        )
+
+
+def _of_few_pieces(resolver: Resolver) -> Resolver:
+    """The same with neighbouring pieces taken together."""
+    n_pieces = len(resolver.record)
+    together = np.arange(n_pieces) * _N_PIECES // n_pieces
+    numbers, first = np.unique(together, return_index=True)
+    merged = resolver.pieces.sum(numbers[:, None] == together)
+    return replace(resolver, pieces=replace(merged, record=resolver.record[first]))
+
+
+# -- other structures ----------------------------------------------------------------
+
+
+def _other_structures(comparison: _Comparison) -> Iterator[Alternative]:
+    """A brace at each place where none is declared."""
+    values = comparison.masses_and_stiffnesses
+    for site, description in _places_of_braces(comparison.problem).items():
+        brace = {site: (LinearElastic(), LinearViscous())}
+        try:
+            yield comparison.with_laws(description, brace, values)
+        except NRFError:
+            # these data cannot be solved with it, so they say nothing of it
+            continue
+
+
+def _places_of_braces(problem: Problem) -> dict[str, str]:
+    """Where a structure may have a brace that is not declared, and what it is."""
+    places = {}
+    for j in range(2, problem.chain.n_dof + 1):
+        places[f"ground {j}"] = f"a brace from DOF {j} to the ground"
+    for j in range(3, problem.chain.n_dof + 1):
+        places[f"link {j}-{j - 2}"] = f"a brace between DOF {j} and DOF {j - 2}"
+
+    occupied = _occupied_sites(problem)
+    return {site: text for site, text in places.items() if site not in occupied}
+
+
+def _occupied_sites(problem: Problem) -> set[str]:
+    return {str(site) for site, group in problem.laws.items() if group}
+
+
+def _dashpots_to_the_ground(comparison: _Comparison) -> Iterator[Alternative]:
+    """Damping that is not of the storeys, as in Rayleigh's model."""
+    occupied = _occupied_sites(comparison.problem)
+    grounds = [f"ground {j}" for j in range(2, comparison.problem.chain.n_dof + 1)]
+    dashpots = {g: (LinearViscous(),) for g in grounds if g not in occupied}
+    if not dashpots:
+        return
+    try:
+        yield comparison.with_laws(
+            "dashpots from the floors to the ground", dashpots, damping_ratios
+        )
+    except NRFError:
+        return
+
+
+def damping_ratios(model: ChainModel) -> pd.Series:
+    """Damping ratios by mode, ``"damping 1"``."""
+    ratios = model.modes()["damping"]
+    return ratios.set_axis([f"damping {number}" for number in ratios.index])
+
+
+# -- other channels ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A change of the channels that one number describes.
+
+    Attributes
+    ----------
+    description : str
+        With a place for the number.
+    place : str
+    neutral : float
+        The number of channels that are right.
+    step : float
+        How far from it the derivatives are taken.
+    apply : callable
+        Changes a record, given by how much the number differs from the neutral one.
+    """
+
+    description: str
+    place: str
+    neutral: float
+    step: float
+    apply: Callable[[Segment, float], Segment]
+
+
+def _other_channels(comparison: _Comparison) -> Iterator[Alternative]:
+    """A gain of all sensors of each floor, and a corner of each force."""
+    values = comparison.masses_and_stiffnesses(comparison.model)
+    for change in _changes(comparison.data):
+        try:
+            low = _changed(comparison, change, -change.step)
+            high = _changed(comparison, change, change.step)
+        except NRFError:
+            continue
+        weights = comparison.weights
+        slope = (high.squares - low.squares) @ weights / (2 * change.step)
+        twice = 2 * comparison.squares
+        bend = (high.squares + low.squares - twice) @ weights / change.step**2
+        best, spread = _minimum(slope, bend)
+
+        rate = (high.values - low.values) / (2 * change.step)
+        squares = comparison.squares.sum(axis=0) @ weights
+        yield comparison.alternative(
+            change.description.format(change.neutral + best),
+            change.place,
+            values,
+            rate * best,
+            _QUANTILE * rate.abs() * spread,
+            float(squares + slope.sum() * best + 0.5 * bend.sum() * best**2),
+        )
+
+
+def _changes(data: Dataset) -> Iterator[_Change]:
+    for j in range(1, data.n_dof + 1):
+        text = f"a gain of {{:.3g}} in all sensors of DOF {j}"
+        yield _Change(text, f"dof {j}", 1.0, _STEP, partial(_with_gain, dof=j))
+    for j in data.forced:
+        step = _STEP / _seconds_of_force(data, j)
+        text = f"a high-pass filter at {{:.3g}} Hz in F{j}"
+        yield _Change(text, f"sensor F{j}", 0.0, step, partial(_without_corner, dof=j))
+
+
+def _with_gain(segment: Segment, more: float, dof: int) -> Segment:
+    """A record in which all motions of a floor are multiplied by one plus a number."""
+    drift = segment.s[:, :dof].sum(axis=1)
+    rate = segment.v[:, :dof].sum(axis=1)
+    acceleration = segment.a[:, dof - 1]
+    return segment.moved(dof, x=more * drift, v=more * rate, a=more * acceleration)
+
+
+def _without_corner(segment: Segment, corner: float, dof: int) -> Segment:
+    """A record with the force before a first-order high-pass filter, corner in Hz."""
+    return segment.moved(dof, F=2 * np.pi * corner * _integrated_force(segment, dof))
+
+
+def _integrated_force(segment: Segment, dof: int) -> np.ndarray:
+    """Integral of a force over time less its mean, N s."""
+    force = np.nan_to_num(segment.F[:, dof - 1].astype(float))
+    impulse = segment.step * np.cumsum(force)
+    return np.asarray(impulse - impulse.mean())
+
+
+def _seconds_of_force(data: Dataset, dof: int) -> float:
+    """Rms of the change of a force by a corner of one Hz over the rms of the force."""
+    impulse = [_integrated_force(segment, dof) for segment in data.segments]
+    force = [np.nan_to_num(segment.F[:, dof - 1]) for segment in data.segments]
+    ratio = np.linalg.norm(np.concatenate(impulse))
+    return float(2 * np.pi * ratio / np.linalg.norm(np.concatenate(force)))
+
+
+@dataclass(frozen=True)
+class _Changed:
+    """The estimate from changed channels.
+
+    Attributes
+    ----------
+    values : Series
+        Masses and stiffnesses.
+    squares : ndarray of shape (n_pieces, n_dof)
+        Squared residuals, N^2, piece by piece.
+    """
+
+    values: pd.Series
+    squares: np.ndarray
+
+
+def _changed(comparison: _Comparison, change: _Change, amount: float) -> _Changed:
+    segments = [change.apply(segment, amount) for segment in comparison.data.segments]
+    data = replace(comparison.data, segments=segments)
+    model = least_squares(comparison.problem, data).model
+    return _Changed(
+        comparison.masses_and_stiffnesses(model),
+        comparison.squares_of(model, comparison.problem, data),
+    )
+
+
+def _minimum(slope: np.ndarray, bend: np.ndarray) -> tuple[float, float]:
+    """Minimum of a sum of parabolas and its standard error.
+
+    Every piece of the data has its own slope and bend.
+    """
+    if bend.sum() <= 0:
+        return 0.0, np.inf
+    minimum = -slope.sum() / bend.sum()
+    influences = -(slope + bend * minimum) / bend.sum()
+    return float(minimum), float(np.sqrt(newey_west(influences[:, None])[0, 0]))

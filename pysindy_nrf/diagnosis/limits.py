@@ -111,7 +111,7 @@ def diagnose(model: FittedModel) -> Diagnosis:
     --------
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.diagnosis.planning import diagnose
+    >>> from pysindy_nrf.diagnosis.limits import diagnose
     >>> record = datasets.load_demo()  # its storey 1 is cubic
     >>> with warnings.catch_warnings(action="ignore"):
     ...     linear = NRFRegressor(degree=1).fit(record)

@@ -152,9 +152,9 @@ def _missing_laws(model: FittedModel) -> list[Finding]:
     for name, row in model.missing_terms_[biased].iterrows():
         message = (
             f"{capitalised(name)}: {row['residual']:.2g} % is unexplained, and terms"
-            f" that the laws lack explain {row['gain']:.0f} % of that. A law is missing,"
-            " or the motion is noisy: fuse the channels, then add the law (laws=) or"
-            " search for it (close_loop)."
+            f" that the laws lack explain {row['gain']:.0f} % of that. A law is"
+            " missing, or the motion is noisy: fuse the channels, then add the law"
+            " (laws=) or search for it (close_loop)."
         )
         size = float(row["missing"])
         gravity = 3.0 + size / 100

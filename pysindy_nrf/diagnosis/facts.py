@@ -121,6 +121,8 @@ class Facts:
         What a search added, confirmed or not.
     unanswered : mapping of str to str
         Questions to the residual that have no answer, and why.
+    unseen_drifts : mapping of int to float
+        Noise over rms of the drift of each storey that noise hides.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
     noise_is_known : bool
@@ -145,6 +147,7 @@ class Facts:
     n_records: int = 1
     effects: tuple[Effect, ...] = ()
     unanswered: Mapping[str, str] = field(default_factory=dict)
+    unseen_drifts: Mapping[int, float] = field(default_factory=dict)
     alternatives: tuple[Alternative, ...] = ()
     noise_is_known: bool = True
     nothing_claimed: str = ""

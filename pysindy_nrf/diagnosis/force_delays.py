@@ -108,18 +108,28 @@ def force_delay(
         )
 
     problem = estimator.problem_
-    filters = problem.filters(data)
-    rows = {}
-    for dof in data.forced:
-        delay = _delay(data, filters, problem.layout, dof)
-        if delay is not None:
-            rows[f"F{dof}"] = delay.row(dof, data.dt)
-    if not rows:
+    table = delays_of(data, problem.filters(data), problem.layout)
+    if table.empty:
         raise ChannelError(
             "No balance determines the delay of its force",
             f"Records of more than {MIN_LENGTH * MAX_SHIFT} samples and laws that"
             " explain the balance are needed.",
         )
+    return table
+
+
+def delays_of(
+    data: Dataset, filters: Sequence[ZeroPhaseFilter | None], layout: LawLayout
+) -> pd.DataFrame:
+    """Delays of the forces whose equation of motion determines one.
+
+    The table is that of :func:`force_delay`.
+    """
+    rows = {}
+    for dof in data.forced:
+        delay = _delay(data, filters, layout, dof)
+        if delay is not None:
+            rows[f"F{dof}"] = delay.row(dof, data.dt)
     table = pd.DataFrame.from_dict(rows, orient="index", columns=COLUMNS)
     return table.rename_axis("channel")
 

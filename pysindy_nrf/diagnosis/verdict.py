@@ -24,7 +24,9 @@ __all__ = ["Verdict", "verdict_from"]
 # Percent of a balance unexplained, above which other mappings of channels are tried.
 DOUBTFUL = 25.0
 # What explains all other reasons, the strongest first.
-_CAUSES: tuple[Kind, ...] = ("wiring", "channel")
+_CAUSES: tuple[Kind, ...] = ("drift", "wiring", "alternative", "channel")
+# Share of the residual below which an alternative explains what errors of wiring would.
+_EXPLAINS = 0.2
 # What speaks against the channels and the search, not against the model itself.
 _NOT_OF_THE_MODEL: tuple[Kind, ...] = ("no claim", "wiring", "channel")
 # What is no news beside a model that is not to be used.
@@ -172,6 +174,9 @@ def _is_doubt(reason: Reason) -> bool:
 
 def suspects_wiring(facts: Facts) -> bool:
     """Whether other mappings of the channels are worth a try."""
+    explained = any(a.left < _EXPLAINS for a in facts.alternatives)
+    if explained or facts.unseen_drifts:
+        return False
     largest = max(facts.unexplained.values(), default=0.0)
     red = any(reason.severity == "red" for reason in _reasons_of(facts))
     return red or bool(facts.channel_faults) or largest > DOUBTFUL

@@ -21,10 +21,12 @@ from scipy.stats import norm
 
 from ..chain.model import ChainModel
 from ..diagnosis.facts import Alternative
+from ..diagnosis.force_delays import delays_of
 from ..diagnosis.residual import residual_of
 from ..exceptions import NRFError, NRFWarning
 from ..laws.base import ForceLaw
 from ..laws.elastic import LinearElastic, LinearViscous
+from ..laws.sensor import shifted
 from ..records.dataset import Dataset, Segment
 from .intervals import Resolver, least_squares_resolver, newey_west, parameters_of
 from .problem import Problem, least_squares
@@ -35,16 +37,26 @@ _STEP = 0.02
 # Pieces of the data whose scatter gives standard errors here, a quarter of those of an
 # interval: the standard error then has a scatter of 18 %, which decides nothing.
 _N_PIECES = 16
+# Share of the squared residual that a change of a channel by a tenth must make. What
+# the data feel less is an exact invariance: there the calibration is an assumption.
+_FELT = 0.05
+# The change of a channel for that, in steps.
+_TENTH = 5
 # Samples of all records together. Ten storeys are compared in seconds, and an
 # alternative that so many samples do not exclude is not excluded by the modes either.
-MAX_SAMPLES = 20_000
+MAX_SAMPLES = 10_000
+# Relative difference of masses and stiffnesses from which on least squares says nothing
+# of a model that was identified otherwise.
+_NEAR = 0.1
 _QUANTILE = float(norm.ppf(0.975))
 
 Laws = Mapping[str, tuple[ForceLaw, ...]]
 Values = Callable[[ChainModel], pd.Series]
 
 
-def alternatives_of(problem: Problem, data: Dataset) -> tuple[Alternative, ...]:
+def alternatives_of(
+    problem: Problem, data: Dataset, model: ChainModel
+) -> tuple[Alternative, ...]:
     """What else the data allow beside a model, by least squares.
 
     Parameters
@@ -52,21 +64,27 @@ def alternatives_of(problem: Problem, data: Dataset) -> tuple[Alternative, ...]:
     problem : Problem
         All shape parameters have values.
     data : Dataset
+    model : ChainModel
+        The model that was identified.
 
     Returns
     -------
     tuple of Alternative
         The one that leaves least first. Empty for one DOF, where a gain of its sensors
-        cannot be told from masses and forces.
+        cannot be told from masses and forces, and where noise keeps least squares from
+        the model that was identified.
     """
     if problem.chain.n_dof == 1:
         return ()
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         comparison = _Comparison(problem, _strongest_stretches(data))
+        if comparison.distance_to(model) > _NEAR:
+            return ()
         found = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
             *_other_channels(comparison),
+            *_late_forces(comparison),
         ]
     return tuple(sorted(found, key=lambda alternative: alternative.left))
 
@@ -118,6 +136,12 @@ class _Comparison:
             pieces = np.array_split(lines, n_pieces)
             squares += [np.nansum(piece**2, axis=0) for piece in pieces]
         return np.array(squares)
+
+    def distance_to(self, model: ChainModel) -> float:
+        """Largest relative difference of masses and stiffnesses to those of a model."""
+        there = self.masses_and_stiffnesses(model)
+        here = self.masses_and_stiffnesses(self.model)
+        return float(((here - there).abs() / there.abs()).max())
 
     def masses_and_stiffnesses(self, model: ChainModel) -> pd.Series:
         """Those that are identified, by name."""
@@ -276,10 +300,12 @@ def _other_channels(comparison: _Comparison) -> Iterator[Alternative]:
         slope = (high.squares - low.squares) @ weights / (2 * change.step)
         twice = 2 * comparison.squares
         bend = (high.squares + low.squares - twice) @ weights / change.step**2
-        best, spread = _minimum(slope, bend)
-
-        rate = (high.values - low.values) / (2 * change.step)
         squares = comparison.squares.sum(axis=0) @ weights
+        if 0.5 * bend.sum() * (_TENTH * change.step) ** 2 < _FELT * squares:
+            continue
+
+        best, spread = _minimum(slope, bend)
+        rate = (high.values - low.values) / (2 * change.step)
         yield comparison.alternative(
             change.description.format(change.neutral + best),
             change.place,
@@ -354,13 +380,49 @@ def _changed(comparison: _Comparison, change: _Change, amount: float) -> _Change
     )
 
 
+def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
+    """Forces that come later or earlier than the motion they cause."""
+    problem, data = comparison.problem, comparison.data
+    delays = delays_of(data, problem.filters(data), problem.layout)
+    values = comparison.masses_and_stiffnesses
+    for channel, delay in delays[~delays["aligned"].astype(bool)].iterrows():
+        samples = float(delay["samples"])
+        if not np.isfinite(samples):
+            continue
+        dof = int(str(channel)[1:])
+        segments = [_with_force_in_time(s, dof, samples) for s in data.segments]
+        shifted_data = replace(data, segments=segments)
+        try:
+            model = least_squares(problem, shifted_data).model
+        except NRFError:
+            continue
+        squares = comparison.squares_of(model, problem, shifted_data)
+        side = "late" if samples > 0 else "early"
+        yield comparison.alternative(
+            f"{channel} logged {abs(samples):.3g} samples {side}",
+            f"sensor {channel}",
+            values(comparison.model),
+            values(model) - values(comparison.model),
+            0.0 * values(model),
+            float(squares.sum(axis=0) @ comparison.weights),
+        )
+
+
+def _with_force_in_time(segment: Segment, dof: int, samples: float) -> Segment:
+    """A record with a force moved forward in time; rows at the ends are left out."""
+    force = np.array(segment.F, dtype=float)
+    force[:, dof - 1] = shifted(force[:, dof - 1], -samples)
+    force[:, dof - 1] = np.nan_to_num(force[:, dof - 1])
+    lost = int(np.ceil(abs(samples)))
+    rows = slice(segment.valid.start + lost, segment.valid.stop - lost)
+    return replace(segment, F=force, valid=rows)
+
+
 def _minimum(slope: np.ndarray, bend: np.ndarray) -> tuple[float, float]:
     """Minimum of a sum of parabolas and its standard error.
 
     Every piece of the data has its own slope and bend.
     """
-    if bend.sum() <= 0:
-        return 0.0, np.inf
     minimum = -slope.sum() / bend.sum()
     influences = -(slope + bend * minimum) / bend.sum()
     return float(minimum), float(np.sqrt(newey_west(influences[:, None])[0, 0]))

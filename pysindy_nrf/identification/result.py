@@ -16,8 +16,9 @@ from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
-from ..diagnosis.facts import Facts, facts_of_model
+from ..diagnosis.facts import Alternative, Facts, facts_of_model
 from ..diagnosis.free_run import FreeRuns, free_runs
+from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
 from ..diagnosis.wiring import suspect_channels
 from ..equations.normal_equations import NormalEquations
@@ -28,6 +29,7 @@ from ..exceptions import (
     NRFWarning,
 )
 from ..records.dataset import Dataset
+from .alternatives import alternatives_of
 from .examination import Examination
 from .intervals import (
     IntervalMaker,
@@ -294,6 +296,17 @@ class IdentificationResult:
         return free_runs(self.model, data, self.problem.filters(data))
 
     @cached_property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """What the data allow beside the model, where every floor has a sensor."""
+        if self.data is None or self.motions or unseen_drifts(self.data):
+            return ()
+        try:
+            return alternatives_of(self.problem, self.data, self.model)
+        except NRFError:
+            # excerpts of these data cannot be solved
+            return ()
+
+    @cached_property
     def facts(self) -> Facts:
         """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
@@ -305,7 +318,9 @@ class IdentificationResult:
             doubts.append(f"{sentence}: a law is missing, or the motion is noisy.")
 
         runs, shares, faults = None, {}, dict[str, bool]()
+        hidden = dict[int, float]()
         if self.data is not None:
+            hidden = unseen_drifts(self.data)
             runs = self.free_runs
             shares = shares_of(self.model, self.data)
             faults = suspect_channels(self.data.records)
@@ -319,6 +334,8 @@ class IdentificationResult:
             channel_faults=faults,
             quality=found.quality,
             n_records=found.n_records,
+            unseen_drifts=hidden,
+            alternatives=self.alternatives,
             doubts=tuple(doubts),
         )
 

@@ -4,7 +4,6 @@ import re
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -168,7 +167,7 @@ def _real_frequencies(f: np.ndarray, name: str) -> np.ndarray:
     return f.astype(float)
 
 
-def _require_dof(excited: Any, n_dof: int, name: str) -> None:
+def _require_dof(excited: int, n_dof: int, name: str) -> None:
     is_integer = hasattr(excited, "__index__") and not isinstance(excited, bool)
     if not is_integer or not 1 <= int(excited) <= n_dof:
         raise ChannelError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
 import pandas as pd
@@ -70,6 +70,16 @@ class Reading:
     sources: dict[str, Source]
     unused: tuple[str, ...]
     clock: str = ""
+
+
+class ReadingOptions(TypedDict, total=False):
+    """How the variables of a file become channels; see :func:`read_record`."""
+
+    mapping: Mapping[str, str] | None
+    fs: float | None
+    units: Mapping[str, str] | None
+    name: str | None
+    coordinates: str | None
 
 
 def read_record(
@@ -148,7 +158,10 @@ def read_record(
 
 
 def inspect_record(
-    path: AnyPath | list[AnyPath], *, max_bytes: int = MAX_BYTES, **options: Any
+    path: AnyPath | list[AnyPath],
+    *,
+    max_bytes: int = MAX_BYTES,
+    **options: Unpack[ReadingOptions],
 ) -> Reading:
     r"""Read a record as :func:`read_record`, and keep how the file was understood.
 

@@ -65,7 +65,7 @@ def integrate(
     if order not in (1, 2):
         raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
     values = _checked_motion(a)
-    dt = 1.0 / check_rate(1.0 / dt if dt else None)
+    dt = 1.0 / check_rate(1.0 / dt if dt else np.nan)
 
     if method == "cumulative":
         integral = values

@@ -19,7 +19,7 @@ from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, factor, kind_of_unit, si_unit, split_suffix
+from .units import dimension_of, kind_of_unit, si_factor, si_unit, split_suffix
 
 SLOW = 8.0  # Hz; accelerations of structures are sampled faster
 EVEN_PERCENT = 0.01  # by which steps of an even clock may vary
@@ -421,7 +421,7 @@ def _unit_beside_factor(
     millimetres or not, which the user must say.
     """
     try:
-        size = factor(written, channel)
+        size = si_factor(written, channel)
     except ChannelError:  # another quantity, such as volts
         return None
     if size == 1:
@@ -439,7 +439,7 @@ def _in_si(line: np.ndarray, unit: str | None, channel: str) -> np.ndarray:
     """Samples of a channel in SI units; a covariate keeps its unit."""
     if not unit or dimension_of(channel) is None or line.dtype.kind != "f":
         return line
-    scale = factor(unit, channel)
+    scale = si_factor(unit, channel)
     return line if scale == 1 else line * scale
 
 

@@ -93,7 +93,7 @@ def si_unit(channel: str) -> str:
     return "" if quantity is None else quantity.si
 
 
-def factor(unit: str, channel: str) -> float:
+def si_factor(unit: str, channel: str) -> float:
     """Factor from a unit to the SI unit of a channel.
 
     Raises

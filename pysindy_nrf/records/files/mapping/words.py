@@ -50,7 +50,7 @@ def names_one_of(name: str, words: str) -> bool:
 
 
 def _contains(word: str, name: str, words_of_name: list[str]) -> bool:
-    """Whether a name contains a word, by the rule for words of its length and script."""
+    """Whether a name contains a word; short words must be whole ones of the name."""
     if not word.isascii() or "_" in word:
         return word in name
     if len(word) < 3:

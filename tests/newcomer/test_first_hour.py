@@ -13,7 +13,7 @@ import pytest
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.cli import run
-from pysindy_nrf.records.files import Table, propose
+from pysindy_nrf.records import Table, propose
 from pysindy_nrf.simulation import add_noise
 
 MASSES = (8.0, 6.0)  # kg

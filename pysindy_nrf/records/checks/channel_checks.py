@@ -39,8 +39,9 @@ def channel_notes(record: Record) -> tuple[QualityNote, ...]:
     [('sign', 'x1', 'a1'), ('sign', 'x2', 'a2'), ('sign', 'x3', 'a3')]
     """
     notes = unit_notes(record) + contradiction_notes(record)
-    if not notes and (slow := slow_clock_note(record)):
-        notes = (slow,)
+    if not notes:
+        slow_clock = slow_clock_note(record)
+        notes = () if slow_clock is None else (slow_clock,)
     return notes + fault_notes(record)
 
 

@@ -6,13 +6,12 @@ import pytest
 from scipy.io import savemat
 
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
+from pysindy_nrf.records import read_excitation, summary
 from pysindy_nrf.records.files import (
     describe,
     inspect_record,
-    read_excitation,
     read_record,
     read_table,
-    summary,
     write_record,
 )
 

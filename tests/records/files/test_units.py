@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from text_tables import rows_of
 
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.files import read_record, si_factor
+from pysindy_nrf.records import si_factor
+from pysindy_nrf.records.files import read_record
 
 pytest.importorskip("pint")
 

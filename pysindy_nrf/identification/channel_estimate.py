@@ -7,7 +7,6 @@ linear chains that follow the channels best.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from operator import attrgetter
 from types import MappingProxyType
 from typing import NamedTuple
@@ -216,7 +215,7 @@ def _linear_fit(
     start: LinearChain,
     is_linear: bool,
 ) -> FreeRunFit:
-    """Fit of a linear chain to copies of the shots, whose initial states move apart."""
+    """Fit of a linear chain to the shots."""
     laws = {}
     for site, c, k in zip(_links(problem), start.damping, start.stiffness):
         laws[site] = PowerSeries(1, [c, k])
@@ -224,7 +223,7 @@ def _linear_fit(
     rebuild = free_parameters(model, knowledge.masses)
     return FreeRunFit(
         rebuild=rebuild,
-        shots=[replace(shot) for shot in shots],
+        shots=shots,
         band=problem.band,
         prior=knowledge.prior(rebuild, all_declared=is_linear),
     )

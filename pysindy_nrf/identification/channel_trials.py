@@ -83,9 +83,12 @@ def distance_of_masses(model: ChainModel, other: ChainModel) -> float:
 
 
 def solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Trial | None:
-    """Estimate with free initial states; None if the first free run diverges."""
+    """Estimate with free initial states; None if the first free run diverges.
+
+    The shots of the trial begin from the states that were estimated.
+    """
     try:
         solution = fit.solve(u, steps=steps, move=True, settled=SETTINGS.settled)
     except NRFError:
         return None
-    return Trial(fit, solution)
+    return Trial(fit.begun_from(solution), solution)

@@ -23,9 +23,9 @@ from .chain_starts import LinearChain, chain_starts
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
 from .declared_law_fit import fit_declared_laws
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import free_parameters
 from .free_run_fit import FreeRunFit, Solution
 from .hidden_motions import channel_errors, error_beyond_noise
+from .parameter_vector import free_parameters
 from .parameters import Known
 from .problem import Problem
 from .shots import Shot

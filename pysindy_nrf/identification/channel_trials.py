@@ -11,8 +11,8 @@ from ..chain.model import ChainModel
 from ..chain.structure import Chain
 from ..exceptions import NRFError
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import Rebuild
 from .free_run_fit import FreeRunFit, Solution
+from .parameter_vector import Rebuild
 from .parameters import Known, linear_equations, with_values
 from .whitened_runs import PriorEquations
 

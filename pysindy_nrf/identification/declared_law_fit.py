@@ -19,8 +19,8 @@ from ..laws.shape import Motion, Shape, ShapeScale
 from ..records.dataset import Dataset, Segment
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import free_parameters
 from .free_run_fit import FreeRunFit
+from .parameter_vector import free_parameters
 from .problem import Problem
 from .shots import Shot, first_state
 

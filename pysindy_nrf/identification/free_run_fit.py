@@ -19,8 +19,8 @@ from ..chain.model import ChainModel
 from ..exceptions import NRFError
 from ..records.dataset import Segment
 from ..records.zero_phase_filter import Band
-from .free_parameters import Rebuild
 from .noise_spectra import NoiseModel, corrected, noise_model
+from .parameter_vector import Rebuild
 from .shots import FORCE_HOLDS, Shot
 from .spectra import common_band
 from .whitened_runs import (

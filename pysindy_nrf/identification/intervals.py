@@ -190,7 +190,7 @@ class Resolver:
             model = model_of(self.pieces.layout, self.solve(total))
         return model if self.constrain is None else self.constrain(model)
 
-    def at(self, weights: np.ndarray) -> ChainModel:
+    def weighted_model(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
@@ -213,7 +213,9 @@ class Resolver:
                 "Use a longer record, or more records.",
             )
         try:
-            models = [self.at(weights) for weights in 1.0 - np.eye(n_pieces)]
+            models = [
+                self.weighted_model(weights) for weights in 1.0 - np.eye(n_pieces)
+            ]
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
                 f"A single part of the data determines the estimate ({error.what})",
@@ -263,7 +265,7 @@ class InfluenceResolver(Resolver):
         """Number of the record of each piece."""
         return self.best.record
 
-    def at(self, weights: np.ndarray) -> ChainModel:
+    def weighted_model(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         influences = self.best.influences - self.best.influences.mean(axis=0)
         model = self.rebuild(self.best.u + weights @ influences)

@@ -22,10 +22,10 @@ from ..exceptions import (
 )
 from ..records.dataset import Dataset
 from ..records.zero_phase_filter import Band
-from .free_parameters import Rebuild, free_parameters
 from .free_run_fit import FreeRunError, FreeRunFit, Solution
 from .instrumental_variables import IVResult, instrumental_variables
 from .intervals import InfluenceResolver, Resolver
+from .parameter_vector import Rebuild, free_parameters
 from .problem import Estimate, Problem
 from .shape_refinement import refine_shapes
 from .shots import Shot, halves_of, shots_of
@@ -333,6 +333,6 @@ def _estimates_of_halves(resolver: Resolver) -> list[ChainModel] | None:
     place = np.arange(len(record)) - np.searchsorted(record, record)
     first = place < np.bincount(record)[record] // 2
     try:
-        return [resolver.at(half.astype(float)) for half in (first, ~first)]
+        return [resolver.weighted_model(half.astype(float)) for half in (first, ~first)]
     except IdentifiabilityError:
         return None

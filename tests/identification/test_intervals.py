@@ -18,8 +18,7 @@ from pysindy_nrf.exceptions import (
     ExtrapolationWarning,
     IdentifiabilityError,
 )
-from pysindy_nrf.identification import dissipated_energy
-from pysindy_nrf.identification.intervals import newey_west
+from pysindy_nrf.identification import dissipated_energy, newey_west
 from pysindy_nrf.simulation import add_noise
 
 FS = 500.0

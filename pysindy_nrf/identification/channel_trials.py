@@ -70,7 +70,8 @@ class Knowledge:
         known = linear_equations(
             self.constraints, rebuild.names, self.chain, self.masses, all_declared
         )
-        A, b = known.factors, known.values
+        A = known.factors
+        b = known.values
         terms = np.abs(A) @ np.abs(rebuild.values(rebuild.start)) + np.abs(b)
         exact = SETTINGS.exact_spread * terms
         spread = np.where(known.spreads > 0, known.spreads, exact)

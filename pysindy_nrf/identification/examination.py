@@ -152,7 +152,9 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     """
     data = finding.data
     judged = finding.judged or data
-    problem, model, solution = estimate.problem, estimate.model, estimate.solution
+    problem = estimate.problem
+    model = estimate.model
+    solution = estimate.solution
     layout = problem.layout if finding.by_least_squares is not None else None
     missing = bias.MissingTerms(model, estimate.order, layout)
     jumps = bias.JumpBias(

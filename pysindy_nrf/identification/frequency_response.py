@@ -82,7 +82,8 @@ class FrequencyResponseFit(IdentificationMethod[FrequencyResponse]):
         measured = _balances(used, nearest)
         instruments = _balances(used, nearest, of_nearest=True)
         start = least_squares(unfiltered, measured)
-        layout, order = start.problem.layout, start.order
+        layout = start.problem.layout
+        order = start.order
         known_masses = dict(problem.known_masses)
         pieces = pieces_of(
             measured,
@@ -236,7 +237,8 @@ def nearest_responses(
     columns = np.einsum("lk,lkc->lc", frf.H, terms)
     if dof == frf.excited:
         # the force is exact: one at every line, without noise
-        ones, zeros = np.ones((len(columns), 1)), np.zeros((*terms.shape[:2], 1))
+        ones = np.ones((len(columns), 1))
+        zeros = np.zeros((*terms.shape[:2], 1))
         columns = np.append(columns, ones, axis=1)
         terms = np.append(terms, zeros, axis=2)
 

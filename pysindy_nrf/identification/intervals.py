@@ -89,7 +89,8 @@ def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
             stored[site] += 0.5 * float(motion.s[-1] ** 2 - motion.s[0] ** 2)
 
     def energies(model: ChainModel) -> pd.Series:
-        coefficients, forces = model.coefficients, model.restoring_forces
+        coefficients = model.coefficients
+        forces = model.restoring_forces
         lost = {}
         for site in sites:
             elastic = forces[site].linear_part()["k"] * stored[site]
@@ -276,7 +277,8 @@ def least_squares_resolver(
     problem: Problem, solve_order: SolveOrder, data: Dataset
 ) -> Resolver:
     """Resolver of a least-squares estimate; one pass over the data."""
-    layout, known_masses = problem.layout, dict(problem.known_masses)
+    layout = problem.layout
+    known_masses = dict(problem.known_masses)
     groups = groups_of(layout, solve_order)
     pieces = pieces_of(data, layout, groups, problem.filters(data), known_masses)
     return Resolver(pieces, solve_order, known_masses, problem.optimizer)
@@ -337,7 +339,8 @@ class IntervalMaker:
         level = _checked_level(level)
         if isinstance(of, Mapping):
             return self._of_points(of, level)
-        known_masses, layout = self.resolver.known_masses, self.resolver.pieces.layout
+        known_masses = self.resolver.known_masses
+        layout = self.resolver.pieces.layout
         statistic = statistic_of(of, known_masses, layout, data)
         estimate = statistic(self.model)
         lower, upper = self._bounds(statistic, estimate.to_numpy(float), level)
@@ -445,7 +448,8 @@ class IntervalMaker:
 
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
         """Standard errors; correlated neighbours count if they increase them."""
-        record, n = self.resolver.record, len(influences)
+        record = self.resolver.record
+        n = len(influences)
         alone = np.diag(newey_west(influences, record, lags=0))
         with_neighbours = np.diag(newey_west(influences, record, lags=1))
         # corrected for the mean that was subtracted
@@ -543,7 +547,8 @@ def _calibration_errors(
     data: Dataset, tolerances: Mapping[str, float]
 ) -> Iterator[_CalibrationError]:
     """Every error that the tolerances allow, at its limit."""
-    dofs, forced = range(data.n_dof), data.forced
+    dofs = range(data.n_dof)
+    forced = data.forced
     for kind, dof, (name, size) in product("axF", dofs, tolerances.items()):
         if not size or (kind == "F" and dof + 1 not in forced):
             continue

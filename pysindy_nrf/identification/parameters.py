@@ -213,7 +213,8 @@ class _Equation:
 
     def with_numbers(self, numbers: Mapping[str, float]) -> _Equation:
         """The equation with some parameters replaced by numbers."""
-        terms, value = dict(self.terms), self.value
+        terms = dict(self.terms)
+        value = self.value
         for name in self.terms.keys() & numbers.keys():
             value -= terms.pop(name) * numbers[name]
         return _Equation(terms, value, self.spread)

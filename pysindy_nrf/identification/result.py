@@ -237,7 +237,8 @@ class IdentificationResult:
                 "Give of= a function of the model.",
             )
         data = self.require_data(_NO_DATA)
-        known_masses, layout = intervals.resolver.known_masses, self.problem.layout
+        known_masses = intervals.resolver.known_masses
+        layout = self.problem.layout
         statistic = statistic_of(of, known_masses, layout, data)
         spread = calibration_spread(
             self.problem, self.order, data, statistic, calibration

@@ -42,7 +42,8 @@ def wiring_error(problem: Problem, model: ChainModel, records: Sequence[Record])
         rms_drifts[site] = peak / _PEAK_OVER_RMS
     flexible = problem.with_laws(flexible_laws(problem, rms_drifts))
     flexible = replace(flexible, optimizer=None, constraints={})
-    n_dof, has_memory = problem.chain.n_dof, flexible.layout.has_memory
+    n_dof = problem.chain.n_dof
+    has_memory = flexible.layout.has_memory
 
     def from_fused(subset: list[Record]) -> Estimate:
         data = from_arrays(

@@ -28,7 +28,10 @@ from pysindy_nrf.exceptions import (
 from pysindy_nrf.records import FrequencyResponse
 from pysindy_nrf.simulation import add_noise
 
-MASS, STIFFNESS, DAMPING, FS = 12.4, 1.4e5, 25.0, 1000.0
+MASS = 12.4
+STIFFNESS = 1.4e5
+DAMPING = 25.0
+FS = 1000.0
 
 
 def frame(n: int = 4) -> ChainModel:
@@ -94,7 +97,8 @@ def test_every_strategy_has_instruments(strategy):
 @pytest.mark.slow
 def test_a_cubic_storey_has_instruments():
     model = NRFRegressor(degree=1, estimation="iv", orders={"storey 2": 3})
-    masses, cubic = [], []
+    masses = []
+    cubic = []
     for seed in range(3):
         model.fit(measured(cubic_frame(), [3], seed))
         masses.append(model.masses_)

@@ -114,12 +114,14 @@ def identified(add_up: Pass, kind: str = "gram") -> IdentificationResult:
 
 def _order_and_total(sums: RunningSums) -> tuple[SolveOrder, NormalEquations]:
     """The order of the solve, and the sums of all blocks."""
-    layout, data = sums.require_problem().layout, sums.shown()
+    layout = sums.require_problem().layout
+    data = sums.shown()
     total = sums.pieces().sum()
     require_moving(data, layout)
     require_clock(data, layout)
     for dofs, matrix in total.matrices.items():
-        n_unknowns, n_samples = matrix.shape[0] - 1, int(total.sizes[dofs])
+        n_unknowns = matrix.shape[0] - 1
+        n_samples = int(total.sizes[dofs])
         if len(dofs) == 1 and 0 < n_samples <= n_unknowns:
             raise ChannelError(
                 f"{n_samples} samples are too few for the balance of DOF {dofs[0]},"

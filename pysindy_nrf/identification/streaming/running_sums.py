@@ -414,7 +414,8 @@ class RunningSums:
 
     def _segments(self, chunk: Chunk) -> list[Segment]:
         """The samples of a chunk, checked."""
-        samples, estimator = chunk.samples, self.settings.estimator
+        samples = chunk.samples
+        estimator = self.settings.estimator
         if samples.time is not None and len(samples.time):
             time = plain_times(samples.time)
             if self.origin is None:

@@ -416,7 +416,7 @@ def _store_columns(
         del estimator.feature_names_in_
 
 
-def require_two_dimensions(X: ArrayLike) -> None:
+def require_two_dimensions(X: object) -> None:
     """Refuse a single column given without its second dimension."""
     if isinstance(X, (list, tuple)):
         flat = len(X) > 0 and isinstance(X[0], (int, float, np.number))

@@ -1,7 +1,6 @@
 """Fuzzing of every file reader and of the model's JSON reader.
 
     python benchmarks/fuzz.py --seconds 1200        # the benchmark setting: 20 minutes over all readers
-    python benchmarks/fuzz.py --seconds 15          # as in the tests
     python benchmarks/fuzz.py --target HDF5 --seconds 60 --seed 3
     python benchmarks/fuzzing/worker.py HDF5 --seed 3 --only 1741        # one file again, its error let through
 
@@ -34,14 +33,17 @@ from tqdm import tqdm  # noqa: E402
 GRACE = 60.0
 
 
-def fuzz(name: str, seed: int, seconds: float) -> dict:
-    """Read damaged files of one kind for some seconds.
+def fuzz(
+    name: str, seed: int, seconds: float = 3600.0, n_files: int | None = None
+) -> dict:
+    """Read damaged files of one kind for some seconds, or a number of them.
 
     Parameters
     ----------
     name : str
     seed : int
     seconds : float
+    n_files : int, optional
 
     Returns
     -------
@@ -51,7 +53,7 @@ def fuzz(name: str, seed: int, seconds: float) -> dict:
     """
     out = {"target": name, "read": 0, "refused": 0, "peak": 0.0, "failures": []}
     first, spent = 0, 0.0
-    while spent < seconds - 0.5:
+    while spent < seconds - 0.5 and (n_files is None or first < n_files):
         worker = str(HERE / "fuzzing" / "worker.py")
         command = [
             sys.executable,
@@ -64,6 +66,8 @@ def fuzz(name: str, seed: int, seconds: float) -> dict:
         ]
         began = time.monotonic()
         command += ["--seconds", str(seconds - spent)]
+        if n_files is not None:
+            command += ["--stop", str(n_files)]
         try:
             run = subprocess.run(
                 command, capture_output=True, text=True, timeout=seconds - spent + GRACE

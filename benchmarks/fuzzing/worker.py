@@ -1,5 +1,5 @@
-"""One process that reads damaged files of one kind until its time is up; its limits are
-the operating system's.
+"""One process that reads damaged files of one kind until its time is up or a number
+of files is read; its limits are the operating system's.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument(
+        "--stop", type=int, help="number of the file before which to stop"
+    )
+    parser.add_argument(
         "--only", type=int, help="read this one file and let its error through"
     )
     options = parser.parse_args()
@@ -69,7 +72,8 @@ def main() -> None:
         signal.signal(signal.SIGALRM, _alarm)
         counts = {"read": 0, "refused": 0, "failed": 0}
         end, i = time.monotonic() + options.seconds, options.first
-        while time.monotonic() < end or options.only is not None:
+        stop = np.inf if options.stop is None else options.stop
+        while (time.monotonic() < end and i < stop) or options.only is not None:
             i = i if options.only is None else options.only
             target = chosen[i % len(chosen)]
             path = Path(folder, "test" + target.suffix)

@@ -195,7 +195,7 @@ class _Comparison:
             parameter,
             float(relative_change[parameter]),
             float(relative_width[parameter]),
-            float(np.sqrt(max(squares, 0.0) / max(n_equations, 1))),
+            float(np.sqrt(max(squares, 0.0) / max(int(n_equations), 1))),
         )
 
 

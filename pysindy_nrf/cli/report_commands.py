@@ -142,7 +142,7 @@ def report(
       pysindy-nrf report nrf_output/model.json shaker.csv --unit a=g -o frame.html
     """
     from ..common.files import atomic_write
-    from ..report.page import page
+    from ..report import as_html
 
     session = Session(as_json)
     results = [path for path in files if path.suffix.lower() == ".json"]
@@ -157,7 +157,7 @@ def report(
     title, output = options["title"], options["output"]
     with session.listening():
         model = _model_of(results[0])
-        html = page(model, records or None, title=title, band=options["band"])
+        html = as_html(model, records or None, title=title, band=options["band"])
 
     with session.writing() as folder, atomic_write(folder / output.name) as file:
         file.write(html)

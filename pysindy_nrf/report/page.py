@@ -77,12 +77,12 @@ def write_html(
     NRFError
         If the subject is none of these.
     """
-    html = page(subject, record, title=title, notes=notes, band=band)
+    html = as_html(subject, record, title=title, notes=notes, band=band)
     with atomic_write(path) as file:
         file.write(html)
 
 
-def page(
+def as_html(
     subject: Subject,
     record: Record | Sequence[Record] | None = None,
     *,
@@ -93,13 +93,24 @@ def page(
     """The page as text; see :func:`write_html`."""
     for package in ("jinja2", "plotly.offline"):
         require(package, "report", _PURPOSE)
+    return _rendered(content_of(subject, record, title=title, notes=notes, band=band))
 
+
+def content_of(
+    subject: Subject,
+    record: Record | Sequence[Record] | None = None,
+    *,
+    title: str | None = None,
+    notes: Sequence[str] = (),
+    band: Band = None,
+) -> Content:
+    """What the page shows, apart from how; see :func:`write_html`."""
     if _is_loop(subject):
-        return rendered(loop_content(subject, title))
+        return loop_content(subject, title)
     if isinstance(subject, ChainModel) or _is_fitted(subject):
         subject = identification_of(subject, record, band)
     if isinstance(subject, Identification):
-        return rendered(model_content(subject, title, notes))
+        return model_content(subject, title, notes)
     raise NRFError(
         f"{type(subject).__name__} cannot be reported",
         "Give a LoopReport, a fitted NRFRegressor or a ChainModel.",
@@ -114,7 +125,7 @@ def _is_fitted(subject: object) -> TypeGuard[Fitted]:
     return hasattr(subject, "model_")
 
 
-def rendered(content: Content) -> str:
+def _rendered(content: Content) -> str:
     """The page of a content."""
     jinja2 = require("jinja2", "report", _PURPOSE)
     offline = require("plotly.offline", "report", _PURPOSE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict, Unpack
@@ -145,18 +146,13 @@ def report(
     from ..report import as_html
 
     session = Session(as_json)
-    results = [path for path in files if path.suffix.lower() == ".json"]
-    if len(results) != 1:
-        raise click.UsageError(
-            "report takes one result (.json); records are identified by run or identify"
-            " first."
-        )
-    others = [path for path in files if path not in results]
+    result = _result_among(files)
+    others = [path for path in files if path != result]
     readings = opt.readings_of(others, options, needed=False)
     records = [reading.record for reading in readings]
     title, output = options["title"], options["output"]
     with session.listening():
-        model = _model_of(results[0])
+        model = _model_of(result)
         html = as_html(model, records or None, title=title, band=options["band"])
 
     with session.writing() as folder, atomic_write(folder / output.name) as file:
@@ -164,6 +160,17 @@ def report(
     names = [record.name for record in records]
     session.emit({"title": title, "records": names}, [output])
     session.say(f"Written: {output}   (open it in a browser)")
+
+
+def _result_among(files: Sequence[Path]) -> Path:
+    """The one result among files."""
+    results = [path for path in files if path.suffix.lower() == ".json"]
+    if len(results) != 1:
+        raise click.UsageError(
+            "report takes one result (.json); records are identified by run or identify"
+            " first."
+        )
+    return results[0]
 
 
 def _model_of(path: Path) -> ChainModel:

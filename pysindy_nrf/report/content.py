@@ -31,6 +31,8 @@ from .tables import Table, table
 from .words import listed
 
 _UNKNOWN = (np.nan, np.nan)
+# Records by whose names a page is called.
+MAX_NAMES_IN_TITLE = 3
 
 
 @dataclass(frozen=True)
@@ -296,6 +298,11 @@ def _storey(
 
 
 # -- records and settings ------------------------------------------------------
+
+
+def names_of(records: Sequence[Measured]) -> str:
+    """Names of the records, by which a page is called."""
+    return listed(record.name for record in records[:MAX_NAMES_IN_TITLE])
 
 
 def measured_part(records: Iterable[Measured]) -> list[MeasuredRecord]:

@@ -21,6 +21,7 @@ from .content import (
     frame_of,
     measured_part,
     model_part,
+    names_of,
 )
 from .figures.evidence import (
     before_after_figure,
@@ -33,8 +34,6 @@ from .results import Evidence, Loop, Step, confirmed, first_evidence
 from .tables import Table, table
 from .words import band_source, band_text, joined, listed, standing, summary_of
 
-# Records by whose names a page is called.
-MAX_NAMES_IN_TITLE = 3
 # Candidates of the last search that are listed.
 LISTED_CANDIDATES = 10
 _QUESTIONS = {
@@ -46,7 +45,6 @@ _QUESTIONS = {
 
 def loop_content(report: Loop, title: str | None = None) -> Content:
     """The page of a closed loop."""
-    names = listed(record.name for record in report.measured[:MAX_NAMES_IN_TITLE])
     by_site = {step.site: described(step) for step in confirmed(report)}
     open_dofs = []
     for j in range(1, report.model.n_dof + 1):
@@ -54,7 +52,7 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
             open_dofs.append(j)
     settings = report.settings or settings_of(loop={"band": report.band})
     return Content(
-        title=title or names or "Closing the loop",
+        title=title or names_of(report.measured) or "Closing the loop",
         lead=lead(report),
         model=model_part(report.model, report.loops, report.bounds),
         audit=audit_part(report.model, settings),

@@ -23,15 +23,21 @@ from ..records.checks.channel_checks import Measured, measured
 from ..records.dataset import Dataset
 from ..records.record import Record
 from ..records.zero_phase_filter import filters_of
-from .content import Content, Tile, audit_part, frame_of, measured_part, model_part
+from .content import (
+    Content,
+    Tile,
+    audit_part,
+    frame_of,
+    measured_part,
+    model_part,
+    names_of,
+)
 from .figures.evidence import residual_figure
 from .figures.figure import Figure, dof_words
 from .figures.motion import free_run_figure
 from .tables import Table, table
-from .words import Band, band_text, listed
+from .words import Band, band_text
 
-# Records by whose names a page is called.
-MAX_NAMES_IN_TITLE = 3
 _HEAD_OF_ERRORS = {
     "error": "error (%)",
     "residual": "residual rms (N)",
@@ -179,12 +185,11 @@ def model_content(
     if identified.verdict is not None:
         care = [*identified.verdict.reasons, *care]
     records = _measured_records(identified)
-    names = listed(record.name for record in records[:MAX_NAMES_IN_TITLE])
     frame = frame_of(
         model, identified.bounds, nonlinear, _open_dofs(identified), records
     )
     return Content(
-        title=title or names or "Chain model",
+        title=title or names_of(records) or "Chain model",
         lead=_lead(model),
         model=model_part(model, loops, identified.bounds),
         audit=audit_part(model, _settings(identified)),

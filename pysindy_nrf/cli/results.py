@@ -114,7 +114,8 @@ class Results:
             place = self._place_of(error, aside)
             if place is None:
                 raise
-            raise OSError(error.errno, error.strerror, str(place)) from error
+            renamed = OSError(error.errno, error.strerror, str(place))
+            raise renamed from error
         finally:
             replaced = (aside / _REPLACED).glob("*")
             if not any(replaced):  # else the next run brings them back

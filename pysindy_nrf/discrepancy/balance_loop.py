@@ -116,7 +116,7 @@ class BalanceLoop:
 
         bands = find_bands(BalanceSpectra(data, windows), problem.chain, [laws, rich])
         windows = windows.up_to(bands.n_bands - 1)
-        data = data.seen_through(bands.limits(windows.edges, data.fastest))
+        data = data.diagnosed_in(bands.limits(windows.edges, data.fastest))
         spectra = BalanceSpectra(data, windows, bands)
         model = fit_model(spectra, problem.chain, laws)
         require_covariates(model, folds.records)

@@ -116,9 +116,12 @@ class _Source:
             return None
 
         data = SearchData(
-            prepared.data, self._folds(prepared.data), [], self.data.known_masses
+            prepared.data,
+            self._folds(prepared.data),
+            [],
+            self.data.known_masses,
+            filters=[self.data.filters[i] for i in self.data.searched],
         )
-        data = data.with_filters([self.data.filters[i] for i in self.data.searched])
         measured = self.fitted.spectra
         windows = measured.windows.on(data.search, data=data.data)
         spectra = BalanceSpectra(data, windows, measured.bands, strict=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,8 @@ from .spectra import BalanceSpectra
 
 LawsBySite = Mapping[Site, Sequence[ForceLaw]]
 PlacedLaw = tuple[Site, ForceLaw]
+# Sites of further columns, and their number at each.
+SitesAndWidths = tuple[tuple[Site, int], ...]
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class FittedModel:
     coefficients: np.ndarray
     powers: Powers
     within: np.ndarray
-    solvers: dict[Any, ChainFit] = field(default_factory=dict, repr=False)
+    solvers: dict[SitesAndWidths, ChainFit] = field(default_factory=dict, repr=False)
 
     # -- what the model is made of ---------------------------------------------
 
@@ -133,7 +134,7 @@ class FittedModel:
     @cached_property
     def rows(self) -> np.ndarray:
         """Spectra of the columns of the laws, then of accelerations and forces."""
-        return np.vstack(self.spectra.rows(self.layout))
+        return np.vstack(self.spectra.model_rows(self.layout))
 
     @cached_property
     def row_numbers(self) -> list[int]:

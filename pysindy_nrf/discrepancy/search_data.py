@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,11 +12,59 @@ from ..equations.chain_solve import clock_of
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..records.dataset import BlockRows, Dataset, Segment, half_the_rate
-from ..records.zero_phase_filter import filters_of
+from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
 from .residual import DiagnosedData
+from .residual.diagnosed_data import MotionColumns
 
 # Samples from which on motions and spectra are not kept, or kept in single precision.
 LONG_RECORD = 100_000
+
+# A DOF, or a law at a site, and the samples of its rows after thinning.
+ThinnedRows = tuple[int | tuple[Site, ForceLaw], int]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCache:
+    """What was computed from the motions of some records, for later models.
+
+    Attributes
+    ----------
+    motions : dict
+        By site and numbers of the records.
+    scales : dict of Site to Scales
+    thinned : dict
+        Rows in which spectral lines are looked for.
+    """
+
+    motions: dict[tuple[Site, tuple[int, ...]], Motion] = field(default_factory=dict)
+    scales: dict[Site, Scales] = field(default_factory=dict)
+    thinned: dict[ThinnedRows, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownForces:
+    """What is known of the forces of a search.
+
+    Attributes
+    ----------
+    forced : tuple of int
+        DOFs on which a force acts.
+    unknown : tuple of int
+        DOFs whose force is not known in any record.
+    balances : ndarray of bool, shape (n_records, n_dof)
+        Balances whose force is known.
+    """
+
+    forced: tuple[int, ...]
+    unknown: tuple[int, ...]
+    balances: np.ndarray
+
+    @classmethod
+    def of_records(cls, data: Dataset, searched: Sequence[int]) -> KnownForces:
+        """The forces of all records, and those of the records that are searched."""
+        records = Dataset([data.segments[i] for i in searched], data.n_samples)
+        balances = [~np.isnan(s.F[s.valid.start]) for s in data.segments]
+        return cls(records.forced, records.unknown, np.array(balances))
 
 
 class SearchData:
@@ -34,6 +80,12 @@ class SearchData:
         kg.
     full : SearchData, optional
         All samples, where these are excerpts of long records.
+    filters : sequence of ZeroPhaseFilter or None, optional
+        Of each record, through which residuals are diagnosed; no decision reads them.
+    cache : MotionCache, optional
+        Of the same motions.
+    forces : KnownForces, optional
+        As the records show them if None.
     """
 
     def __init__(
@@ -43,27 +95,26 @@ class SearchData:
         heldout: Sequence[BlockRows],
         known_masses: Mapping[int, float],
         full: SearchData | None = None,
+        filters: Sequence[ZeroPhaseFilter | None] | None = None,
+        cache: MotionCache | None = None,
+        forces: KnownForces | None = None,
     ) -> None:
         self.data = data
         self.search = list(search)
         self.heldout = list(heldout)
         self.known_masses = dict(known_masses)
-        # of each record, through which residuals are looked at; no decision reads them
-        self.filters: list[Any] = [None] * len(data.segments)
         self.n_dof = data.n_dof
-        self.searched = sorted({b.segment for b in search})
-
-        searched = [data.segments[i] for i in self.searched]
-        seen = Dataset(searched, data.n_samples)
-        self.forced = seen.forced
-        self.unknown = seen.unknown
-        # balances whose force is known, (n_records, n_dof)
-        self.known = np.array([~np.isnan(s.F[s.valid.start]) for s in data.segments])
-        # columns that do not depend on the model, by what they are made from
-        self.made: dict[Any, Any] = {}
+        self.searched = sorted({block.segment for block in search})
+        self.filters = filters_of(None, data) if filters is None else list(filters)
+        self.cache = MotionCache() if cache is None else cache
+        self.forces = forces or KnownForces.of_records(data, self.searched)
         self._full = full
-        self._motions: dict[tuple[Site, tuple[int, ...]], Motion] = {}
-        self._scales: dict[Site, Scales] = {}
+        self._diagnosed_columns: MotionColumns = {}
+
+    @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs on which a force acts."""
+        return self.forces.forced
 
     @property
     def full(self) -> SearchData:
@@ -77,29 +128,31 @@ class SearchData:
 
     # -- the same records in another way ---------------------------------------
 
-    def seen_through(self, band: tuple[float | None, float | None]) -> SearchData:
-        """The same records, residuals looked at in one frequency band, Hz."""
-        out = self.with_filters(filters_of(band, self.data))
-        if self._full is not None:
-            out._full = self._full.seen_through(band)
-        return out
-
-    def with_filters(self, filters: Sequence[Any]) -> SearchData:
-        """The same records, residuals looked at through a filter for each."""
-        out = copy(self)
-        out.filters = list(filters)
-        return out
+    def diagnosed_in(self, band: tuple[float | None, float | None]) -> SearchData:
+        """The same records, residuals diagnosed in one frequency band, Hz."""
+        full = None if self._full is None else self._full.diagnosed_in(band)
+        return SearchData(
+            self.data,
+            self.search,
+            self.heldout,
+            self.known_masses,
+            full,
+            filters_of(band, self.data),
+            self.cache,
+            self.forces,
+        )
 
     def with_data(self, data: Dataset) -> SearchData:
         """The same rows of other motions (of corrected channels), where valid."""
-        out = copy(self)
-        out.data = data
-        out.search = self._same_rows(self.search, data)
-        out.heldout = self._same_rows(self.heldout, data)
-        out.made = {}
-        out._motions = {}
-        out._scales = {}
-        return out
+        return SearchData(
+            data,
+            self._same_rows(self.search, data),
+            self._same_rows(self.heldout, data),
+            self.known_masses,
+            self._full,
+            self.filters,
+            forces=self.forces,
+        )
 
     def _same_rows(self, blocks: Sequence[BlockRows], data: Dataset) -> list[BlockRows]:
         """Blocks of rows counted from the first valid row of other records."""
@@ -115,27 +168,28 @@ class SearchData:
 
     def motion(self, site: Site, *records: int) -> Motion:
         """Motion that a law at a site sees in some records, one after the other."""
-        found = self._motions.get((site, records))
-        if found is not None:
-            return found
+        motions = self.cache.motions
+        if (site, records) in motions:
+            return motions[site, records]
 
         segments = [self.data.segments[i] for i in records]
-        found = Motion.joined([seg.motion(site, seg.valid) for seg in segments])
+        motion = Motion.joined([seg.motion(site, seg.valid) for seg in segments])
         # of longer records excerpts are searched, and all samples are seldom asked for
-        if found.n_samples < LONG_RECORD or len(records) > 1:
-            self._motions[site, records] = found
-        return found
+        if motion.n_samples < LONG_RECORD or len(records) > 1:
+            motions[site, records] = motion
+        return motion
 
     def scales(self, site: Site) -> Scales:
         """Sizes of the motion at a site, from which shape parameters are searched."""
         if self._full is not None:
             return self._full.scales(site)
 
-        if site not in self._scales:
+        scales = self.cache.scales
+        if site not in scales:
             drift, rate = self.drift_and_rate(site)
             clock = clock_of([self.motion(site, i) for i in self.searched])
-            self._scales[site] = (_rms(drift), _rms(rate), *clock)
-        return self._scales[site]
+            scales[site] = (_rms(drift), _rms(rate), *clock)
+        return scales[site]
 
     def drift_and_rate(self, site: Site) -> tuple[np.ndarray, np.ndarray]:
         """Drift and rate of a site in all rows of the search."""
@@ -213,7 +267,7 @@ class SearchData:
             [i for i, _ in pieces],
             self.filters,
             self.known_masses,
-            self.made,
+            self._diagnosed_columns,
         )
 
 

@@ -52,7 +52,7 @@ def simulated(
     if first is None:
         return
     try:
-        again = model.on(first.spectra)
+        again = model.refitted(first.spectra)
     except NRFError:
         yield first
         return
@@ -93,8 +93,8 @@ class _Source:
         self.templates = []
         for i in self.data.searched:
             record = records.records[i]
-            seen = self.data.searched_rows(i)
-            noise = levels_of(record, records.fusion[i].noise, seen)
+            searched = self.data.searched_rows(i)
+            noise = levels_of(record, records.fusion[i].noise, searched)
             quiet = quiet_drive(record, noise)
             segment = self.data.data.segments[i]
             self.templates.append(_Template(record, quiet, segment, noise))
@@ -107,7 +107,7 @@ class _Source:
         if model.masses.any() and (model.masses <= 0).any():
             return None
         try:
-            made = [_record(one, model, self.rng) for one in self.templates]
+            made = [_record(template, model, self.rng) for template in self.templates]
             # warnings on channels were given for the measured ones
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -123,7 +123,7 @@ class _Source:
             filters=[self.data.filters[i] for i in self.data.searched],
         )
         measured = self.fitted.spectra
-        windows = measured.windows.on(data.search, data=data.data)
+        windows = measured.windows.over(data.search, data=data.data)
         spectra = BalanceSpectra(data, windows, measured.bands, strict=False)
         return SimulatedRecords(prepared, spectra)
 

@@ -211,8 +211,8 @@ def sites_of(law: ForceLaw, experiment: Experiment) -> list[Site]:
     for kind, sites_of_kind in _SITES_OF_KIND.items():
         ties = kind == "new link" and _may_tie(law, experiment)
         if kind in law.acts_at or ties:
-            found = sites_of_kind(law, experiment)
-            sites += [site for site in found if site not in sites]
+            possible = sites_of_kind(law, experiment)
+            sites += [site for site in possible if site not in sites]
     return sites
 
 

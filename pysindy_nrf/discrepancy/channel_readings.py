@@ -178,15 +178,15 @@ class ChannelReadings:
         key = kind, dof, n_samples
         if key not in self._shares:
             omega = 2.0 * np.pi * rfftfreq(n_samples, self.step)
-            own, total = np.zeros(len(omega)), np.zeros(len(omega))
+            weight, total = np.zeros(len(omega)), np.zeros(len(omega))
             for power, channel in enumerate("xva"):
                 noise = self.noise.get(f"{channel}{dof}", 0.0)
                 if noise > 0:
-                    weight = (omega**power / noise) ** 2
-                    total += weight
-                    own = weight if channel == kind else own
+                    square = (omega**power / noise) ** 2
+                    total += square
+                    weight = square if channel == kind else weight
             self._shares[key] = np.where(
-                total > 0, own / np.where(total > 0, total, 1.0), 0.0
+                total > 0, weight / np.where(total > 0, total, 1.0), 0.0
             )
         return self._shares[key]
 

@@ -134,11 +134,11 @@ class ChannelSpectra(BalanceSpectra):
         def measured(records: tuple[int, ...]) -> np.ndarray:
             return np.hstack([run.measured[i] for i in records])
 
-        missed, whole = (
+        missed, reference = (
             np.einsum("fkii->fik", windows.products(windows.spectra(rows)))
             for rows in (gaps, measured)
         )
-        return Powers(missed, whole.sum(axis=0))
+        return Powers(missed, reference.sum(axis=0))
 
     def by_channel(self, power: np.ndarray) -> np.ndarray:
         """Power in the clear bands of each channel, (n_channels,)."""

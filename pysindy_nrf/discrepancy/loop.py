@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -15,34 +15,6 @@ from .channel_loop import ChannelLoop
 from .prepare import Band
 from .report import LoopReport
 from .request import Progress, SearchLimits, read_request
-
-Records = TypeVar("Records")
-Folds = TypeVar("Folds")
-Start = TypeVar("Start")
-Found = TypeVar("Found")
-Concluded = TypeVar("Concluded")
-
-
-class Course(Protocol[Records, Folds, Start, Found, Concluded]):
-    """The steps of a loop: each takes what the one before it returned."""
-
-    def prepare(self) -> Records:
-        """Bring the records into the form that the equations read."""
-
-    def split(self, records: Records) -> Folds:
-        """Cut the records into folds, and put held-out pieces aside."""
-
-    def find_bands(self, folds: Folds) -> Start:
-        """Find the informative bands, and fit the declared model in them."""
-
-    def search(self, start: Start) -> Found:
-        """Find effects that the declared model lacks."""
-
-    def judge(self, found: Found) -> Concluded:
-        """Confirm effects on held-out data, and find how sure they are."""
-
-    def report(self, judgement: Concluded) -> LoopReport:
-        """Gather what the user reads."""
 
 
 def close_loop(
@@ -151,18 +123,8 @@ def close_loop(
     # the matrices are small: threads only get in each other's way
     with threadpool_limits(1):
         if request.lacks_motion:
-            return _follow(ChannelLoop(request))
-        return _follow(BalanceLoop(request))
-
-
-def _follow(course: Course[Records, Folds, Start, Found, Concluded]) -> LoopReport:
-    """All steps of a loop, one after the other."""
-    records = course.prepare()
-    folds = course.split(records)
-    start = course.find_bands(folds)
-    found = course.search(start)
-    judgement = course.judge(found)
-    return course.report(judgement)
+            return ChannelLoop(request).follow()
+        return BalanceLoop(request).follow()
 
 
 __all__ = ["close_loop"]

@@ -227,7 +227,9 @@ class ModelExtension:
         numbers = model.row_numbers
         missing = [row for row in self._beside if numbers[row] not in known]
         if missing or None not in known:
-            rows = self._rows if missing == self._beside else model.rows[missing]
+            rows = self._rows
+            if missing != self._beside:
+                rows = model.spectra_of_rows[missing]
             at_once = max(1, NUMBERS_AT_ONCE // (self.width * windows.size))
             with_rows, with_columns = [], []
             for start in range(0, len(points), at_once):
@@ -247,7 +249,7 @@ class ModelExtension:
     @cached_property
     def _rows(self) -> np.ndarray:
         """Spectra of the rows beside which the columns stand."""
-        return self.model.rows[self._beside]
+        return self.model.spectra_of_rows[self._beside]
 
     def _products(
         self, points: Sequence[tuple[ForceLaw, ...]], rows: np.ndarray

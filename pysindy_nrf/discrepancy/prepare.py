@@ -100,8 +100,8 @@ def prepare(
         from checked ones, and their channels are not checked again.
     """
     searched = as_records(records, "records")
-    kept = as_records(heldout, "heldout")
-    every = [_without_offset(rec) for rec in (*searched, *kept)]
+    not_searched = as_records(heldout, "heldout")
+    every = [_without_offset(rec) for rec in (*searched, *not_searched)]
     _require_one_chain(every)
 
     segments, fusion = [], []
@@ -118,8 +118,8 @@ def prepare(
         n_rows += record.n_samples
         fusion.append(recipe)
 
-    held = list(range(len(searched), len(every))) if kept else None
-    return PreparedRecords(every, Dataset(segments, n_rows), fusion, held, clean)
+    numbers = list(range(len(searched), len(every))) if not_searched else None
+    return PreparedRecords(every, Dataset(segments, n_rows), fusion, numbers, clean)
 
 
 def as_records(records: Any, name: str) -> list[Record]:

@@ -132,18 +132,18 @@ def read_request(
         Naming the argument and the cure.
     """
     searched = as_records(records, "records")
-    kept = as_records(heldout, "heldout")
-    has_clock = all(rec.has_clock for rec in (*searched, *kept))
+    not_searched = as_records(heldout, "heldout")
+    has_clock = all(rec.has_clock for rec in (*searched, *not_searched))
     model = _baseline(baseline, has_clock)
     problem = model.problem(searched[0].n_dof)
     if not problem.needs_clock:
         searched = [rec.by_sample() for rec in searched]
-        kept = [rec.by_sample() for rec in kept]
+        not_searched = [rec.by_sample() for rec in not_searched]
 
-    every = [*searched, *kept]
+    every = [*searched, *not_searched]
     if lacks_motion(every):
-        given = {"calibration": limits.calibration}
-        refuse_arguments(given, "a search with fewer sensors")
+        arguments = {"calibration": limits.calibration}
+        refuse_arguments(arguments, "a search with fewer sensors")
     covariates = _shared_covariates(every)
     laws = _catalogue(catalogue, every, covariates)
     if not has_clock:
@@ -152,7 +152,7 @@ def read_request(
 
     return LoopRequest(
         searched,
-        kept,
+        not_searched,
         model,
         problem,
         laws,

@@ -53,7 +53,7 @@ def test_a_law_that_does_not_act_is_left_out_of_simulated_records(model):
     simulated = BalanceSpectra(
         measured.data, measured.windows, measured.bands, strict=False
     )
-    without = model.on(simulated)
+    without = model.refitted(simulated)
     with_gap = fit_model(simulated, model.base, with_a_gap_that_is_never_closed(model))
     assert with_gap.powers.residual == pytest.approx(without.powers.residual, rel=1e-9)
 

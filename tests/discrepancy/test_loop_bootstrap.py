@@ -13,7 +13,7 @@ from pysindy_nrf.simulation import add_noise
 def fitted_to_a_draw(state):
     """The model of a state fitted to records that it would have produced."""
     draws = simulated(state.records, state.model, np.random.default_rng(0))
-    return state.model.on(next(draws).spectra)
+    return state.model.refitted(next(draws).spectra)
 
 
 def test_a_fit_to_them_finds_the_model_again():

@@ -109,7 +109,7 @@ def characterise(
     ChannelError
         If the force is not finite or too short.
     """
-    if not all(np.isfinite(part).all() for part in force):
+    if not all(np.isfinite(line).all() for line in force):
         raise ChannelError(
             "The force to characterise is not finite",
             "A balance above with an unknown force leaves no storey residual.",
@@ -128,7 +128,7 @@ def characterise(
     covariate = row.partition("covariate ")[2]
     dependence = Dependence.COVARIATE if covariate else Dependence(row)
 
-    odd, whole = regression.odd_share(row), np.concatenate(force)
+    odd, joined = regression.odd_share(row), np.concatenate(force)
     drift = np.concatenate([motion.s for motion in motions])
     rate = np.concatenate([motion.v for motion in motions])
     shares = table["share"]
@@ -140,11 +140,11 @@ def characterise(
         frequency=regression.frequency,
         features=regression.features(dependence, odd),
         curves={
-            "s": conditional_mean(drift, whole),
-            "v": conditional_mean(rate, whole),
+            "s": conditional_mean(drift, joined),
+            "v": conditional_mean(rate, joined),
         },
         covariate=covariate,
-        rms=float(np.sqrt(np.mean(whole**2))),
+        rms=float(np.sqrt(np.mean(joined**2))),
         noise=noise,
     )
 
@@ -197,8 +197,8 @@ class _ForceRegression:
         groups: dict[str, list[np.ndarray]] = {name: [] for name in self.unfiltered[0]}
         for columns, filter_ in zip(self.unfiltered, self.filters):
             every = filtered(np.hstack(list(columns.values())), filter_)
-            for name, part in zip(groups, np.split(every, ends, axis=1)):
-                groups[name].append(part)
+            for name, group in zip(groups, np.split(every, ends, axis=1)):
+                groups[name].append(group)
         return groups
 
     def _line(
@@ -208,11 +208,11 @@ class _ForceRegression:
         known = {name: groups[name] for name in self.base}
         fit = Regression.of(known | {"force": list(force)})
         coefficients = fit.coefficients("force", self.base)
-        left = []
-        for i, part in enumerate(force):
+        residuals = []
+        for i, line in enumerate(force):
             explained = [groups[name][i] @ coefficients[name] for name in self.base]
-            left.append(part - sum(explained))
-        return spectral_line(left, self.motions)
+            residuals.append(line - sum(explained))
+        return spectral_line(residuals, self.motions)
 
     def _waves(self) -> list[np.ndarray]:
         """Sines and cosines of the line, with a phase of its own in every record."""

@@ -134,8 +134,8 @@ class _Regressions:
 
         of_noise = 0.0
         if explained:
-            left = max(fit.left(place, beside).sum(), 1e-300)
-            of_noise = max(float(np.mean(explained)), 0.0) / left
+            remaining = max(fit.left(place, beside).sum(), 1e-300)
+            of_noise = max(float(np.mean(explained)), 0.0) / remaining
         least = max(RESIDUAL.alike, RESIDUAL.sure_errors * error)
         return max(share, 0.0), share - of_noise > least
 
@@ -161,8 +161,8 @@ class _MotionRegression:
     def fit(self, place: str) -> Regression:
         """The regression on all records in which a residual is known."""
         known = []
-        for i, left in enumerate(self.residual.at(place)):
-            if np.isfinite(left).all():
+        for i, residual in enumerate(self.residual.at(place)):
+            if np.isfinite(residual).all():
                 known.append(i)
 
         records = tuple(known)
@@ -179,7 +179,7 @@ class _MotionRegression:
         for name in self.residual.sizes.index:
             residual = self.residual.at(name)
             parts = [residual[i][:: self.every] for i in records]
-            if all(np.isfinite(part).all() for part in parts):
+            if all(np.isfinite(line).all() for line in parts):
                 targets[name] = parts
         return targets
 

@@ -42,10 +42,10 @@ class NoiseFloor:
         sums, n_samples = np.zeros((known.sum(), known.sum())), 0
         for residual in self.draws:
             for balance in residual.balance:
-                part = balance[:, known]
-                if np.isfinite(part[0]).all():
-                    sums += part.T @ part
-                    n_samples += len(part)
+                known_part = balance[:, known]
+                if np.isfinite(known_part[0]).all():
+                    sums += known_part.T @ known_part
+                    n_samples += len(known_part)
         if n_samples:
             out[np.ix_(known, known)] = sums / n_samples
         return out

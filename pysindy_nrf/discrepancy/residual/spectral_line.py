@@ -21,13 +21,13 @@ END_LINES = 3
 FINE_POINTS = 81
 
 
-def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
+def spectral_line(residuals: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
     """Frequency of the highest line of a residual that stands out, Hz.
 
     In the longest record. NaN if none does.
     """
-    longest = int(np.argmax([len(part) for part in parts]))
-    residual, t = parts[longest], motions[longest].t
+    longest = int(np.argmax([len(residual) for residual in residuals]))
+    residual, t = residuals[longest], motions[longest].t
     n = len(residual)
     windowed = residual * np.hanning(n)
     power = np.abs(np.fft.rfft(windowed)) ** 2

@@ -18,7 +18,7 @@ from pysindy_nrf.discrepancy.residual import (
     NoiseFloor,
     ResidualKind,
     detect,
-    look,
+    evidence_of,
 )
 from pysindy_nrf.records.fusion.noise_levels import levels_of
 
@@ -104,7 +104,7 @@ def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
     F = excitation.band_limited_random(
         2, 6.0, 500.0, excited=2, rms=60.0, band=(0.5, 25), random_state=0
     )
-    found = look(search_data(simulate(truth, F, 2e-3)).diagnosed(), truth)
+    found = evidence_of(search_data(simulate(truth, F, 2e-3)).diagnosed(), truth)
     assert found.sizes["percent"].max() < 1.0
 
 

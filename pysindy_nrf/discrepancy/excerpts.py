@@ -8,9 +8,9 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from ..chain.sites import Site
+from ..diagnosis.period import mean_period
 from ..records.dataset import BlockRows, Dataset
 from .folds import FOLDS
-from .period import mean_period
 from .prepare import PreparedRecords
 from .search_data import SearchData
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..diagnosis.period import mean_period
 from ..exceptions import ChannelError
 from ..records.dataset import BlockRows, Segment
-from .period import mean_period
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnosis.motions import covariates_with_base
 from ..exceptions import ChannelError
 from ..records.dataset import Dataset
 from ..records.fusion.kinematic_smoother import KinematicSmoother
-from ..records.fusion.kinematics import (
-    FusedRecord,
-    base_acceleration_if_any,
-    base_motion,
-    fuse_record,
-)
+from ..records.fusion.kinematics import FusedRecord, fuse_record
 from ..records.input_arrays import segment_of
 from ..records.record import Record
 
@@ -114,7 +110,7 @@ def prepare(
         else:
             clean = False
 
-        segments.append(segment_of(record, fused, n_rows, _covariates(record)))
+        segments.append(segment_of(record, fused, n_rows, covariates_with_base(record)))
         n_rows += record.n_samples
         fusion.append(recipe)
 
@@ -212,28 +208,3 @@ def _is_clean(record: Record, noise: dict[str, float]) -> bool:
         if not noise.get(name, np.inf) <= FUSION.clean_noise * size:
             return False
     return True
-
-
-def _covariates(record: Record) -> dict[str, np.ndarray]:
-    """Measured covariates, and the motion of the base as ``ag`` and ``vg``."""
-    out = dict(record.covariates)
-    if not record.base_moves:
-        return out
-
-    acceleration = base_acceleration_if_any(record)
-    assert acceleration is not None
-    out.setdefault("ag", acceleration)
-    out.setdefault("vg", _base_velocity(record, acceleration))
-    return out
-
-
-def _base_velocity(record: Record, acceleration: np.ndarray) -> np.ndarray:
-    """Velocity of the base as measured, or from its displacement or acceleration."""
-    if record.base_velocity is not None:
-        return record.base_velocity
-    if record.base_displacement is not None:
-        return base_motion(record, record)[0]
-
-    from ..records.fusion import integrate
-
-    return integrate(acceleration, record.dt)

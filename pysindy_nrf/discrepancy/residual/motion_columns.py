@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ...diagnosis.period import mean_period
 from ...diagnosis.residual import filtered
 from ...laws import Jenkins
 from ...laws.shape import Motion
-from ..period import mean_period
 
 # Every k-th sample is enough for the regressions, as long as so many are left in all
 # and in a period.

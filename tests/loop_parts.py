@@ -43,7 +43,7 @@ def search_data(record, heldout=None):
     prepared = prepare(record, heldout)
     segments = prepared.data.segments
     folds = split(segments, window_length(segments), prepared.heldout)
-    return SearchData(prepared.data, *folds, {})
+    return SearchData(prepared.data, folds, {})
 
 
 def plain_segment(drift, force, dt=0.01):

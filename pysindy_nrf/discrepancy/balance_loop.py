@@ -93,7 +93,7 @@ class BalanceLoop(
         # a band that cannot be is refused here
         filters_of(self.request.band, records.data)
         folds = self.folds_of(records.data.segments)
-        data = SearchData(records.data, *folds.split, self.request.problem.known_masses)
+        data = SearchData(records.data, folds.split, self.request.problem.known_masses)
         if not data.forced and not data.known_masses:
             raise ExcitationError(
                 "No force is measured and no mass is known, so nothing scales the"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ..records.fusion.kinematics import base_acceleration_if_any
 from ..records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
 from ..records.record import Record
 from .fitted_model import FittedModel
+from .folds import Split
 from .prepare import PreparedRecords, prepare
 from .search_data import SearchData
 from .spectra import BalanceSpectra
@@ -117,8 +117,7 @@ class _Source:
 
         data = SearchData(
             prepared.data,
-            self._folds(prepared.data),
-            [],
+            Split(self._folds(prepared.data), []),
             self.data.known_masses,
             filters=[self.data.filters[i] for i in self.data.searched],
         )
@@ -162,7 +161,7 @@ def _record(template: _Template, model: ChainModel, rng: np.random.Generator) ->
 
 def _noisy_motion(
     template: _Template, model: ChainModel, rng: np.random.Generator
-) -> dict[str, Any]:
+) -> dict[str, np.ndarray]:
     """The free run of a model, as the channels of a record would read it."""
     record, quiet = template.record, template.quiet
     rows = _measured_rows(record)
@@ -179,7 +178,7 @@ def _noisy_motion(
     start = (rest, rest) if at_rest else None
     run = free_run_of(model, driven, rows, record.dt, start, hold="cubic")
 
-    changes: dict[str, Any] = {}
+    changes: dict[str, np.ndarray] = {}
     for kind, key in _MOTIONS.items():
         measured = getattr(record, key)
         if measured is None:

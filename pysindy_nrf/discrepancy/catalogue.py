@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from .. import laws
 from ..chain.sites import Site
@@ -16,12 +15,13 @@ from ..laws.base import ForceLaw
 from .effects import Candidate
 from .search_data import SearchData
 
+LawOrClass = ForceLaw | type[ForceLaw]
 # Laws that read a channel of the base, and those that read any other covariate.
-_LAWS_OF_BASE: dict[str, list[type[Any]]] = {
+_LAWS_OF_BASE: dict[str, list[Callable[..., ForceLaw]]] = {
     "ag": [laws.BaseMotion],
     "vg": [laws.GroundFriction],
 }
-_LAWS_OF_COVARIATES: list[type[Any]] = [
+_LAWS_OF_COVARIATES: list[Callable[..., ForceLaw]] = [
     laws.CovariateFriction,
     laws.LaggedCovariateFriction,
     laws.CovariateDahl,
@@ -98,7 +98,7 @@ def short_catalogue() -> list[ForceLaw]:
     ]
 
 
-def as_laws(catalogue: Iterable[Any]) -> list[ForceLaw]:
+def as_laws(catalogue: Iterable[LawOrClass]) -> list[ForceLaw]:
     """The laws of a catalogue that a user passed; classes become laws."""
     cure = "Use those of pysindy_nrf.laws, or your own."
     if not isinstance(catalogue, Iterable):
@@ -106,8 +106,9 @@ def as_laws(catalogue: Iterable[Any]) -> list[ForceLaw]:
 
     chosen = []
     for item in catalogue:
-        is_class = isinstance(item, type) and issubclass(item, ForceLaw)
-        law = item() if is_class else item
+        law = item
+        if isinstance(item, type) and issubclass(item, ForceLaw):
+            law = item()
         if not isinstance(law, ForceLaw):
             raise LawError(
                 f"The catalogue holds {law!r}, which is not a force law", cure

@@ -157,11 +157,13 @@ class ChannelLoop(
         """What may be claimed of the effects."""
         steps, judged = outcome.steps, outcome.judged
         final = judged.index(outcome.final.judged)
-        stopped, doubts, nothing_claimed = [self._why_stopped(outcome)], [], False
+        nothing_claimed = False
         try:
-            doubts = _doubts(outcome)
+            stopped = [self._why_stopped(outcome), *outcome.start.notes]
+            stopped += _doubts(outcome)
         except NRFError as error:
-            stopped, nothing_claimed = wording.no_claim(error.what), True
+            nothing_claimed = True
+            stopped = [*wording.no_claim(error.what), *outcome.start.notes]
             steps, judged = [], judged[:1]
             final = 0
 
@@ -169,7 +171,7 @@ class ChannelLoop(
             steps,
             judged,
             final,
-            [*stopped, *outcome.start.notes, *doubts],
+            stopped,
             judged[final].model.spectra.band,
             [settled.ranked for settled in outcome.last],
             nothing_claimed,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.fft import irfft, rfft, rfftfreq
@@ -126,10 +125,10 @@ class ChannelReadings:
             segment = segment.moved(dof, **self._changes(sized))
         return segment
 
-    def _changes(self, errors: Sequence[SizedError]) -> dict[str, Any]:
+    def _changes(self, errors: Sequence[SizedError]) -> dict[str, np.ndarray]:
         """Changes of the motion and the force of one DOF, (n_samples,)."""
-        changes: dict[str, Any] = {}
-        spectra: list[Any] = [0.0 for _ in self.runs]
+        changes: dict[str, np.ndarray] = {}
+        spectra = [np.zeros((3, 1)) for _ in self.runs]
 
         for error, size in errors:
             if error.kind == "F" or self.clean:

@@ -69,7 +69,7 @@ class ChannelData(SearchData):
         measured = KnownForces.of_records(data, sorted(searched))
         super().__init__(
             data,
-            *folds,
+            folds,
             known_masses,
             # no equation asks for a force alone
             forces=replace(measured, balances=np.ones_like(measured.balances)),

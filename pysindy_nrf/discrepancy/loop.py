@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -11,19 +10,20 @@ from ..common.warn import warn_user
 from ..exceptions import BiasWarning
 from ..identification.regressor import NRFRegressor
 from .balance_loop import BalanceLoop
+from .catalogue import LawOrClass
 from .channel_loop import ChannelLoop
 from .prepare import Band
 from .report import LoopReport
-from .request import Progress, SearchLimits, read_request
+from .request import Progress, RandomState, Records, SearchLimits, read_request
 
 
 def close_loop(
-    records: Any,
+    records: Records,
     baseline: NRFRegressor | None = None,
-    catalogue: Iterable[Any] | None = None,
-    heldout: Any = None,
+    catalogue: Iterable[LawOrClass] | None = None,
+    heldout: Records | None = None,
     band: Band | None = None,
-    random_state: Any = 0,
+    random_state: RandomState = 0,
     *,
     max_steps: int | None = None,
     calibration: Mapping[str, float] | None = None,

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -48,9 +47,9 @@ class FusionRecipe:
     # Noise of each channel, SI rms; estimated where there is none.
     noise: dict[str, float]
     # Hz, where accelerations alone give a motion; None elsewhere.
-    band: Any = None
+    band: Band | str | None = None
     # Distances of the knots of each DOF, samples.
-    knots: Any = None
+    knots: Mapping[int, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +83,9 @@ class PreparedRecords:
 
 
 def prepare(
-    records: Any, heldout: Any = None, like: Sequence[FusionRecipe] | None = None
+    records: Record | Sequence[Record],
+    heldout: Record | Sequence[Record] | None = None,
+    like: Sequence[FusionRecipe] | None = None,
 ) -> PreparedRecords:
     """Fuse the channels of every record.
 
@@ -118,7 +119,7 @@ def prepare(
     return PreparedRecords(every, Dataset(segments, n_rows), fusion, numbers, clean)
 
 
-def as_records(records: Any, name: str) -> list[Record]:
+def as_records(records: object, name: str) -> list[Record]:
     """A list of records, or an error."""
     if isinstance(records, Record):
         return [records]

@@ -13,6 +13,7 @@ from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..records.dataset import BlockRows, Dataset, Segment, half_the_rate
 from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
+from .folds import Split
 from .residual import DiagnosedData
 from .residual.diagnosed_data import MotionColumns
 
@@ -74,8 +75,8 @@ class SearchData:
     ----------
     data : Dataset
         Fused records.
-    search, heldout : sequence of BlockRows
-        Folds and held-out pieces, counted from the first valid row of a record.
+    folds : Split
+        Counted from the first valid row of each record.
     known_masses : mapping of int to float
         kg.
     full : SearchData, optional
@@ -91,8 +92,7 @@ class SearchData:
     def __init__(
         self,
         data: Dataset,
-        search: Sequence[BlockRows],
-        heldout: Sequence[BlockRows],
+        folds: Split,
         known_masses: Mapping[int, float],
         full: SearchData | None = None,
         filters: Sequence[ZeroPhaseFilter | None] | None = None,
@@ -100,16 +100,25 @@ class SearchData:
         forces: KnownForces | None = None,
     ) -> None:
         self.data = data
-        self.search = list(search)
-        self.heldout = list(heldout)
+        self.folds = folds
         self.known_masses = dict(known_masses)
         self.n_dof = data.n_dof
-        self.searched = sorted({block.segment for block in search})
+        self.searched = sorted({block.segment for block in folds.search})
         self.filters = filters_of(None, data) if filters is None else list(filters)
         self.cache = MotionCache() if cache is None else cache
         self.forces = forces or KnownForces.of_records(data, self.searched)
         self._full = full
         self._diagnosed_columns: MotionColumns = {}
+
+    @property
+    def search(self) -> list[BlockRows]:
+        """Folds of the search."""
+        return self.folds.search
+
+    @property
+    def heldout(self) -> list[BlockRows]:
+        """Pieces that only the last line sees."""
+        return self.folds.heldout
 
     @property
     def forced(self) -> tuple[int, ...]:
@@ -133,8 +142,7 @@ class SearchData:
         full = None if self._full is None else self._full.diagnosed_in(band)
         return SearchData(
             self.data,
-            self.search,
-            self.heldout,
+            self.folds,
             self.known_masses,
             full,
             filters_of(band, self.data),
@@ -146,8 +154,9 @@ class SearchData:
         """The same rows of other motions (of corrected channels), where valid."""
         return SearchData(
             data,
-            self._same_rows(self.search, data),
-            self._same_rows(self.heldout, data),
+            Split(
+                self._same_rows(self.search, data), self._same_rows(self.heldout, data)
+            ),
             self.known_masses,
             self._full,
             self.filters,

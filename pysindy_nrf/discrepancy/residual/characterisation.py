@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
 
-from ...diagnosis.residual import filtered
+from ...diagnosis.residual import Filters, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import ChannelError
 from ...laws.shape import Motion
@@ -86,7 +85,7 @@ def characterise(
     force: Sequence[np.ndarray],
     motions: Sequence[Motion],
     *,
-    filters: Sequence[Any] | None = None,
+    filters: Filters | None = None,
     beside: Sequence[np.ndarray] | None = None,
     noise: float | None = None,
 ) -> Characterisation:
@@ -165,7 +164,7 @@ class _ForceRegression:
         self,
         force: Sequence[np.ndarray],
         motions: Sequence[Motion],
-        filters: Sequence[Any],
+        filters: Filters,
         beside: Sequence[np.ndarray] | None,
     ) -> None:
         self.motions = motions

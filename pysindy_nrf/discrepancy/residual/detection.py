@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...chain.sites import Site
 from ...chain.structure import Chain
-from ...diagnosis.residual import Residual, filtered
+from ...diagnosis.residual import Filters, Residual, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import NRFError
 from ...records.dataset import Segment
@@ -60,14 +59,14 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
         )
 
     regressions = _Regressions(residual, floor)
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, object]] = {}
     for place, size in residual.sizes.iterrows():
         if not np.isfinite(size["rms"]):
             continue
         ratio = np.nan
         if floor is not None and floor.at(str(place)) > 0:
             ratio = size["rms"] / floor.at(str(place))
-        row = {
+        row: dict[str, object] = {
             "verdict": ResidualKind.NOISE,
             "percent": size["percent"],
             "floor ratio": ratio,
@@ -91,14 +90,14 @@ class _Regressions:
             every.append(thinning([seg.s[seg.valid, i] for seg in segments]))
         thin = min(every)
 
-        self.residual = _MotionRegression(residual, chain, thin)
-        self.noise: list[_MotionRegression] = []
+        self.residual = MotionRegression(residual, chain, thin)
+        self.noise: list[MotionRegression] = []
         if floor is not None:
             # the model of the draws may be one of fewer sites
-            made = [_MotionRegression(draw, chain, thin) for draw in floor.draws]
+            made = [MotionRegression(draw, chain, thin) for draw in floor.draws]
             self.noise = floor.motions.setdefault((chain.sites, thin), made)
 
-    def verdict(self, place: str, ratio: float) -> dict[str, Any]:
+    def verdict(self, place: str, ratio: float) -> dict[str, object]:
         """What one balance or storey holds."""
         laws = self.residual.law_groups(place)
         linear, is_linear = self._share(place, _LINEAR, [])
@@ -140,7 +139,7 @@ class _Regressions:
         return max(share, 0.0), share - of_noise > least
 
 
-class _MotionRegression:
+class MotionRegression:
     """Regression of a residual on drifts, rates, inputs and laws of the own motion."""
 
     def __init__(self, residual: Residual, chain: Chain, every: int) -> None:
@@ -200,7 +199,7 @@ class _MotionRegression:
         return groups
 
     def _filtered(
-        self, parts: Iterable[np.ndarray], filters: Sequence[Any]
+        self, parts: Iterable[np.ndarray], filters: Filters
     ) -> list[np.ndarray]:
         """Columns as the residual sees them, thinned."""
         out = []
@@ -225,9 +224,9 @@ class _MotionRegression:
 
         inputs = []
         for seg in segments:
-            lines: list[Any] = [seg.a[:, forced]]
+            lines = [seg.a[:, forced]]
             lines += [seg.covariates[name] for name in names]
-            if shaken:
+            if shaken and seg.ag is not None:
                 lines.append(seg.ag)
             forces = np.nan_to_num(seg.F[:, forced])
             moving = np.column_stack([*lines, forces])[seg.valid].astype(float)

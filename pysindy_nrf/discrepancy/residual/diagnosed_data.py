@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...chain.sites import Site
 from ...diagnosis.residual import Filters
 from ...records.dataset import Dataset, Segment
 from ...records.zero_phase_filter import ZeroPhaseFilter
+from .noise_floor import SitesAndThinning
 from .settings import RESIDUAL
 
 # Columns of the motion by group, for each record; by the numbers of the records, and
 # by the sites of the chain and the thinning.
 ColumnGroups = dict[str, list[np.ndarray]]
-MotionColumns = dict[tuple[tuple[Site, ...], int], dict[tuple[int, ...], ColumnGroups]]
+MotionColumns = dict[SitesAndThinning, dict[tuple[int, ...], ColumnGroups]]
 
 
 @dataclass(frozen=True, eq=False)

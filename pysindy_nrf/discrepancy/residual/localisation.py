@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -461,7 +460,7 @@ def all_sites(residual: Residual) -> list[Site]:
     are seen in one balance.
     """
     dofs = range(1, residual.n_dof + 1)
-    names: list[Any] = [*residual.model.chain.sites, *dofs]
+    names: list[Site | int | str] = [*residual.model.chain.sites, *dofs]
     for p in dofs:
         names += [f"link {p}-{q}" for q in range(1, p - 1)]
     for place in ("ground ", "dof ", "sensor a"):

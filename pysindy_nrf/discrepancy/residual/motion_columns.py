@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ...diagnosis.period import mean_period
-from ...diagnosis.residual import filtered
+from ...diagnosis.residual import Filters, filtered
 from ...laws import Jenkins
 from ...laws.shape import Motion
 
@@ -41,7 +40,7 @@ def sliders(motion: Motion, scale: float, yields: Sequence[float]) -> np.ndarray
 
 
 def own_columns(
-    motions: Sequence[Motion], filters: Sequence[Any], every: int = 1
+    motions: Sequence[Motion], filters: Filters, every: int = 1
 ) -> list[np.ndarray]:
     """Columns for friction, damping, springs and yielding of a site's own motion."""
     size = rms_of_all([motion.s for motion in motions])

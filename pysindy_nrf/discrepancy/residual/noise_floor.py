@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...chain.sites import Site
 from ...diagnosis.residual import Residual, from_top, rms
+
+if TYPE_CHECKING:
+    from .detection import MotionRegression
+
+# Sites of a chain, and every how many samples are read.
+SitesAndThinning = tuple[tuple[Site, ...], int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +34,9 @@ class NoiseFloor:
     balance: np.ndarray
     storey: np.ndarray
     draws: list[Residual] = field(default_factory=list)
-    motions: dict[Any, list[Any]] = field(default_factory=dict)
+    motions: dict[SitesAndThinning, list[MotionRegression]] = field(
+        default_factory=dict
+    )
 
     def at(self, name: str) -> float:
         """Rms at one balance (``"dof 2"``) or storey (``"storey 2"``), N."""

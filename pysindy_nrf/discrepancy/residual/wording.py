@@ -53,8 +53,8 @@ def detection(detection: Detection, effect_follows: bool) -> str:
     largest = explained.loc[explained["nonlinear share"].idxmax()]
     return (
         f"{text} In {_listed([largest.name])} drifts, rates and inputs explain"
-        f" {100 * largest['linear share']:.0f} % of it linearly, and nonlinear laws of its"
-        f" own motion {100 * largest['nonlinear share']:.0f} % of the rest."
+        f" {100 * largest['linear share']:.0f} % of it linearly, and nonlinear laws of"
+        f" its own motion {100 * largest['nonlinear share']:.0f} % of the rest."
     )
 
 

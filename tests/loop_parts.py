@@ -1,5 +1,7 @@
 """Parts of the closed loop for tests: what a search begins with, and what it finds."""
 
+from dataclasses import replace
+
 import numpy as np
 from simulated_cases import simulated
 
@@ -11,11 +13,14 @@ from pysindy_nrf.discrepancy.catalogue import (
     candidates,
     with_all_storeys,
 )
+from pysindy_nrf.discrepancy.contradictions import contradictions
 from pysindy_nrf.discrepancy.folds import split, window_length
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.request import SearchLimits, read_request
+from pysindy_nrf.discrepancy.residual import evidence_of
 from pysindy_nrf.discrepancy.search_data import SearchData
 from pysindy_nrf.records import Segment
+from pysindy_nrf.records.fusion.noise_levels import levels_of
 
 
 def start_of(record, baseline=None):
@@ -53,3 +58,24 @@ def plain_segment(drift, force, dt=0.01):
     rows = slice(0, len(drift))
     time = np.arange(len(drift)) * dt
     return Segment("r", rows, motion, motion, motion, forces, time, valid=rows)
+
+
+def folds_of(*segments, heldout=None):
+    """Folds and held-out pieces of some records."""
+    return split(segments, window_length(segments), heldout)
+
+
+def contradictions_in(record, fused_as, data):
+    """Contradictions of the channels of a record, its motion that of another one."""
+    prepared = replace(prepare(fused_as), records=[record])
+    return contradictions(prepared, data)
+
+
+def noise_levels(record, rows):
+    """Noise of every channel of a record, sized on some rows."""
+    return levels_of(record, {}, rows)
+
+
+def evidence_in(data, model):
+    """What a model leaves of the rows that a search may look at."""
+    return evidence_of(data.diagnosed(), model)

@@ -29,7 +29,24 @@ _LAWS_OF_COVARIATES: list[Callable[..., ForceLaw]] = [
 
 
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
-    """All laws of the package that can be an undeclared effect."""
+    """All laws of the package that can be an undeclared effect.
+
+    Parameters
+    ----------
+    covariates : sequence of str
+        Measured channels that a law may read; ``ag`` and ``vg`` are the motion of the
+        base.
+
+    Returns
+    -------
+    list of ForceLaw
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import default_catalogue
+    >>> [law.name for law in default_catalogue()][:2]
+    ['coulomb_friction', 'regularized_friction']
+    """
     catalogue: list[ForceLaw] = [
         laws.CoulombFriction(),
         laws.RegularizedFriction(),

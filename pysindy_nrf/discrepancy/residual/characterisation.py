@@ -103,10 +103,25 @@ def characterise(
     noise : float, optional
         Rms of the noise in the force, N.
 
+    Returns
+    -------
+    Characterisation
+
     Raises
     ------
     ChannelError
         If the force is not finite or too short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy import characterise
+    >>> from pysindy_nrf.laws import Motion
+    >>> t = np.arange(4000) / 400
+    >>> s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    >>> v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    >>> characterise([20 * np.sign(v)], [Motion(s, v)]).dependence
+    <Dependence.RATE: 'v alone'>
     """
     if not all(np.isfinite(line).all() for line in force):
         raise ChannelError(

@@ -51,6 +51,33 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
     residual : Residual
     floor : NoiseFloor, optional
         What noise alone would leave, if it is known.
+
+    Returns
+    -------
+    Detection
+
+    Raises
+    ------
+    NRFError
+        If it is no residual.
+
+    Examples
+    --------
+    Friction of which the model knows nothing:
+
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.diagnosis import residual_of
+    >>> from pysindy_nrf.discrepancy import detect
+    >>> linear = [laws.LinearElastic(4e4), laws.LinearViscous(30.0)]
+    >>> friction = [*linear, laws.CoulombFriction(20.0)]
+    >>> truth = ChainModel([10.0, 8.0], {1: linear, 2: friction})
+    >>> model = ChainModel([10.0, 8.0], {1: linear, 2: linear})
+    >>> F = excitation.band_limited_random(
+    ...     2, 10.0, 500.0, excited=2, rms=60.0, band=(1, 40), random_state=0
+    ... )
+    >>> residual = residual_of(model, simulate(truth, F, 1 / 500))
+    >>> detect(residual).verdicts.loc["storey 2", "verdict"]
+    <ResidualKind.NONLINEAR: 'nonlinear effect missing'>
     """
     if not isinstance(residual, Residual):
         raise NRFError(
@@ -220,14 +247,15 @@ class MotionRegression:
             shared = all(name in seg.covariates for seg in segments)
             if shared and name not in ("ag", "vg"):
                 names.append(name)
-        shaken = all(seg.ag is not None for seg in segments)
+        bases = [seg.ag for seg in segments if seg.ag is not None]
+        shaken = len(bases) == len(segments)
 
         inputs = []
-        for seg in segments:
+        for number, seg in enumerate(segments):
             lines = [seg.a[:, forced]]
             lines += [seg.covariates[name] for name in names]
-            if shaken and seg.ag is not None:
-                lines.append(seg.ag)
+            if shaken:
+                lines.append(bases[number])
             forces = np.nan_to_num(seg.F[:, forced])
             moving = np.column_stack([*lines, forces])[seg.valid].astype(float)
             slopes = np.gradient(moving[:, len(forced) :], axis=0)

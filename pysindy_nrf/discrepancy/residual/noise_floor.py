@@ -29,6 +29,16 @@ class NoiseFloor:
         Of noise alone; may be empty.
     motions : dict
         What detection makes of the draws, for the next model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy import NoiseFloor
+    >>> floor = NoiseFloor(
+    ...     balance=np.array([0.3, 0.2]), storey=np.array([0.4, 0.2])
+    ... )
+    >>> float(floor.at("storey 1"))
+    0.4
     """
 
     balance: np.ndarray
@@ -39,13 +49,25 @@ class NoiseFloor:
     )
 
     def at(self, name: str) -> float:
-        """Rms at one balance (``"dof 2"``) or storey (``"storey 2"``), N."""
+        """Rms at one balance or storey, N.
+
+        Parameters
+        ----------
+        name : str
+            Such as ``"dof 2"`` or ``"storey 2"``.
+        """
         kind, _, number = name.partition(" ")
         sizes = self.balance if kind == "dof" else self.storey
         return float(sizes[int(number) - 1])
 
     def covariance(self) -> np.ndarray:
-        """Covariance of the noise between the balances, N^2, shape (n_dof, n_dof)."""
+        """Covariance of the noise between the balances.
+
+        Returns
+        -------
+        ndarray of shape (n_dof, n_dof)
+            N^2.
+        """
         out = np.diag(self.balance**2)
         known = np.isfinite(self.balance)
         sums, n_samples = np.zeros((known.sum(), known.sum())), 0
@@ -61,7 +83,12 @@ class NoiseFloor:
 
     @classmethod
     def from_draws(cls, draws: list[Residual]) -> NoiseFloor:
-        """Noise floor from residuals of noise alone."""
+        """Noise floor from residuals of noise alone.
+
+        Parameters
+        ----------
+        draws : list of Residual
+        """
         balances = []
         for residual in draws:
             balances += residual.balance

@@ -125,7 +125,7 @@ def _thinned_once(
     columns: Callable[[], np.ndarray],
 ) -> np.ndarray:
     """Thinned rows of a DOF or of a law at a site, made once for all models."""
-    thinned, key = data.cache.thinned, (name, stretch.n_points)
+    thinned, key = data.thinned, (name, stretch.n_points)
     if key not in thinned:
         thinned[key] = stretch.thinned(columns())
     return thinned[key]

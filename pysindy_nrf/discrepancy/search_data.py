@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,24 +22,6 @@ LONG_RECORD = 100_000
 
 # A DOF, or a law at a site, and the samples of its rows after thinning.
 ThinnedRows = tuple[int | tuple[Site, ForceLaw], int]
-
-
-@dataclass(frozen=True, eq=False)
-class MotionCache:
-    """What was computed from the motions of some records, for later models.
-
-    Attributes
-    ----------
-    motions : dict
-        By site and numbers of the records.
-    scales : dict of Site to Scales
-    thinned : dict
-        Rows in which spectral lines are looked for.
-    """
-
-    motions: dict[tuple[Site, tuple[int, ...]], Motion] = field(default_factory=dict)
-    scales: dict[Site, Scales] = field(default_factory=dict)
-    thinned: dict[ThinnedRows, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +65,13 @@ class SearchData:
         All samples, where these are excerpts of long records.
     filters : sequence of ZeroPhaseFilter or None, optional
         Of each record, through which residuals are diagnosed; no decision reads them.
-    cache : MotionCache, optional
-        Of the same motions.
     forces : KnownForces, optional
         As the records show them if None.
+
+    Attributes
+    ----------
+    thinned : dict
+        Rows in which spectral lines are looked for, made once for all models.
     """
 
     def __init__(
@@ -96,7 +81,6 @@ class SearchData:
         known_masses: Mapping[int, float],
         full: SearchData | None = None,
         filters: Sequence[ZeroPhaseFilter | None] | None = None,
-        cache: MotionCache | None = None,
         forces: KnownForces | None = None,
     ) -> None:
         self.data = data
@@ -105,9 +89,11 @@ class SearchData:
         self.n_dof = data.n_dof
         self.searched = sorted({block.segment for block in folds.search})
         self.filters = filters_of(None, data) if filters is None else list(filters)
-        self.cache = MotionCache() if cache is None else cache
+        self.thinned: dict[ThinnedRows, np.ndarray] = {}
         self.forces = forces or KnownForces.of_records(data, self.searched)
         self._full = full
+        self._motions: dict[tuple[Site, tuple[int, ...]], Motion] = {}
+        self._scales: dict[Site, Scales] = {}
         self._diagnosed_columns: MotionColumns = {}
 
     @property
@@ -146,17 +132,16 @@ class SearchData:
             self.known_masses,
             full,
             filters_of(band, self.data),
-            self.cache,
             self.forces,
         )
 
     def with_data(self, data: Dataset) -> SearchData:
         """The same rows of other motions (of corrected channels), where valid."""
+        search = self._same_rows(self.search, data)
+        heldout = self._same_rows(self.heldout, data)
         return SearchData(
             data,
-            Split(
-                self._same_rows(self.search, data), self._same_rows(self.heldout, data)
-            ),
+            Split(search, heldout),
             self.known_masses,
             self._full,
             self.filters,
@@ -177,15 +162,14 @@ class SearchData:
 
     def motion(self, site: Site, *records: int) -> Motion:
         """Motion that a law at a site sees in some records, one after the other."""
-        motions = self.cache.motions
-        if (site, records) in motions:
-            return motions[site, records]
+        if (site, records) in self._motions:
+            return self._motions[site, records]
 
         segments = [self.data.segments[i] for i in records]
         motion = Motion.joined([seg.motion(site, seg.valid) for seg in segments])
         # of longer records excerpts are searched, and all samples are seldom asked for
         if motion.n_samples < LONG_RECORD or len(records) > 1:
-            motions[site, records] = motion
+            self._motions[site, records] = motion
         return motion
 
     def scales(self, site: Site) -> Scales:
@@ -193,12 +177,11 @@ class SearchData:
         if self._full is not None:
             return self._full.scales(site)
 
-        scales = self.cache.scales
-        if site not in scales:
+        if site not in self._scales:
             drift, rate = self.drift_and_rate(site)
             clock = clock_of([self.motion(site, i) for i in self.searched])
-            scales[site] = (_rms(drift), _rms(rate), *clock)
-        return scales[site]
+            self._scales[site] = (_rms(drift), _rms(rate), *clock)
+        return self._scales[site]
 
     def drift_and_rate(self, site: Site) -> tuple[np.ndarray, np.ndarray]:
         """Drift and rate of a site in all rows of the search."""

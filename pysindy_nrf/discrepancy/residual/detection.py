@@ -242,11 +242,7 @@ class MotionRegression:
         by the others.
         """
         forced = [j - 1 for j in self.residual.data.forced]
-        names = []
-        for name in segments[0].covariates:
-            shared = all(name in seg.covariates for seg in segments)
-            if shared and name not in ("ag", "vg"):
-                names.append(name)
+        names = _shared_covariates(segments)
         bases = [seg.ag for seg in segments if seg.ag is not None]
         shaken = len(bases) == len(segments)
 
@@ -262,3 +258,13 @@ class MotionRegression:
             values = moving[:, : moving.shape[1] - len(forced)]
             inputs.append(np.hstack([values, slopes]))
         return inputs
+
+
+def _shared_covariates(segments: Sequence[Segment]) -> list[str]:
+    """Covariates that all records have, those of the base's motion aside."""
+    names = []
+    for name in segments[0].covariates:
+        shared = all(name in seg.covariates for seg in segments)
+        if shared and name not in ("ag", "vg"):
+            names.append(name)
+    return names

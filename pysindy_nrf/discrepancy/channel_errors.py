@@ -299,7 +299,7 @@ class ChannelErrorTest:
         self._freed: tuple[FittedModel, FreedModel] | None = None
 
     def forget(self) -> None:
-        """Drop what is kept of earlier models: it is large, and hardly asked again."""
+        """Free the memory of earlier models, which are hardly asked for again."""
         self._errors, self._freed = None, None
 
     def beyond(

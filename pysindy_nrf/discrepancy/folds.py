@@ -236,9 +236,7 @@ def _cells_of_a_period(segment: Segment, hop: int) -> int:
 def _pattern(
     count: int, share: float, pieces: int, shift: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Widths of folds and of the held-out pieces after some of them; which are held
-    out.
-    """
+    """Widths of folds and held-out pieces in turn, and which are held out."""
     pieces = min(pieces, count) if share else 0
     before_piece = set()
     for k in range(pieces):

@@ -18,7 +18,7 @@ from .excerpts import EXCERPTS
 from .fitted_model import FittedModel
 from .search_data import LONG_RECORD, SearchData
 
-# Samples to a period of the highest frequency of the search that are kept.
+# Samples to a period of the highest frequency of the search, after thinning.
 SAMPLES_PER_PERIOD = 2.2
 # Multiple of the samples of a search from which on rows are thinned.
 THINNED_FROM = 3

@@ -21,7 +21,7 @@ from .fitted_model import (
 )
 from .spectra import ScanProducts
 
-# Numbers in the spectra of a scan that are held at once.
+# Numbers in the spectra of a scan that are in memory at once.
 NUMBERS_AT_ONCE = 500_000
 
 

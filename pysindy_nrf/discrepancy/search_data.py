@@ -17,7 +17,7 @@ from .folds import Split
 from .residual import DiagnosedData
 from .residual.diagnosed_data import MotionColumns
 
-# Samples from which on motions and spectra are not kept, or kept in single precision.
+# Samples from which on motions are made anew, and spectra have single precision.
 LONG_RECORD = 100_000
 
 # A DOF, or a law at a site, and the samples of its rows after thinning.

@@ -20,7 +20,7 @@ from .error_reduction import Powers
 from .search_data import LONG_RECORD, SearchData
 from .windows import Windows
 
-# Spectra of laws of models that are kept for the next model, bytes.
+# Memory for the spectra of laws that the next model may need, bytes.
 CACHE_BYTES = 64_000_000
 
 

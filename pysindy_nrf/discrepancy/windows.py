@@ -43,7 +43,7 @@ class _Batch:
     group: int
     # First sample of each window in the rows of the group, (n_windows, 1).
     starts: np.ndarray
-    # Lines of each transform that are kept.
+    # Lines of each transform that the bands read.
     lines: slice
     # Where their values stand in the row of all.
     places: slice
@@ -136,8 +136,9 @@ class Windows:
         return spans, [slice(start, stop) for start, stop in ends]
 
     def _alike_records(self) -> list[tuple[int, ...]]:
-        """Records whose rows stand side by side: those with the same windows, some
-        samples at a time.
+        """Records with the same windows, whose rows stand side by side.
+
+        Only so many at a time as the cache of the processor takes.
         """
         n_valid = [segment.n_valid for segment in self.data.segments]
         batch = np.cumsum(n_valid) // SAMPLES_AT_ONCE

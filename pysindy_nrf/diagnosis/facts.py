@@ -99,6 +99,8 @@ class Facts:
     unexplained : mapping of int to float
         Share of the equation of motion of each DOF that the model leaves, percent
         NRMSE.
+    beyond_noise : mapping of int to float
+        The same beyond what noise leaves; DOFs where that is not known are left out.
     holds : tuple of str
         What the model holds beside linear storeys, in words.
     impossible_masses : mapping of int to float
@@ -136,6 +138,7 @@ class Facts:
     """
 
     unexplained: Mapping[int, float] = field(default_factory=dict)
+    beyond_noise: Mapping[int, float] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
     impossible_masses: Mapping[int, float] = field(default_factory=dict)
     negative_stiffness: tuple[str, ...] = ()
@@ -345,6 +348,18 @@ class Loop(Protocol):
         """Whether nothing is claimed."""
 
     @property
+    def beyond_noise(self) -> np.ndarray:
+        """Error of each equation of motion beyond noise, percent; may be empty."""
+
+    @property
+    def alternatives(self) -> tuple[Alternative, ...]:
+        """What the data allow beside the model."""
+
+    @property
+    def unseen_drifts(self) -> Mapping[int, float]:
+        """Noise over rms of the drift of each storey that noise hides."""
+
+    @property
     def wiring(self) -> str:
         """The mapping of channels with which the balances close."""
 
@@ -369,6 +384,9 @@ def facts_of_loop(report: Loop) -> Facts:
     return replace(
         of_model,
         unexplained=unexplained,
+        beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
+        alternatives=report.alternatives,
+        unseen_drifts=report.unseen_drifts,
         holds=tuple(map(described, confirmed)),
         channel_faults=report.faults,
         quality=tuple(report.quality),

@@ -8,9 +8,13 @@ from dataclasses import replace
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..diagnosis.facts import Alternative
 from ..diagnosis.residual import residual_of
 from ..diagnosis.site_loops import loops_of
+from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
+from ..exceptions import NRFError
+from ..identification.alternatives import alternatives_of
 from ..identification.wiring import wiring_error
 from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
@@ -43,6 +47,8 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         lack_of_fit=lack_of_fit(remainder.general),
         free_runs=free_runs(report.model, _starts(outcome.measured)),
         beyond_noise=remainder.certainty.beyond_noise,
+        alternatives=_alternatives(request, outcome, report),
+        unseen_drifts=unseen_drifts(outcome.measured.data),
         faults=suspect_channels(request.all_records),
         quality=_quality(outcome),
     )
@@ -57,6 +63,20 @@ def _with_wiring(report: LoopReport, request: LoopRequest) -> LoopReport:
         return report
     wiring = wiring_error(request.problem, report.model, request.records)
     return replace(report, wiring=wiring)
+
+
+def _alternatives(
+    request: LoopRequest, outcome: BalanceOutcome, report: LoopReport
+) -> tuple[Alternative, ...]:
+    """What the data allow beside the final model, if it claims anything."""
+    if report.nothing_claimed or unseen_drifts(outcome.measured.data):
+        return ()
+    problem = request.problem.with_laws(report.model.laws)
+    try:
+        return alternatives_of(problem, outcome.records.data, report.model)
+    except NRFError:
+        # least squares cannot solve excerpts of these records
+        return ()
 
 
 def _visited(model: FittedModel) -> dict[Site, VisitedRegion]:

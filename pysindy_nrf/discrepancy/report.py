@@ -182,6 +182,10 @@ class LoopReport:
     beyond_noise : ndarray of shape (n_dof,)
         Error of each balance of the final model beyond what noise leaves of it,
         percent.
+    alternatives : tuple of Alternative
+        What the data allow beside the model, the one that leaves least first.
+    unseen_drifts : dict of int to float
+        Noise over rms of the drift of each storey that noise hides.
     wiring, faults : str, dict of str to bool
         The mapping of channels with which the balances close, where they do not;
         channels that seem to be reversed or in the wrong column, and whether that is
@@ -240,6 +244,8 @@ class LoopReport:
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     free_runs: FreeRuns | None = None
     beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    alternatives: tuple[Alternative, ...] = ()
+    unseen_drifts: dict[int, float] = field(default_factory=dict)
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()

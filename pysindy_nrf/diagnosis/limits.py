@@ -13,8 +13,9 @@ import pandas as pd
 from ..chain.model import ChainModel
 from ..exceptions import BiasWarning, NRFError
 from .bias import NoiseBias, sentences_of, wrong_zeros
+from .effects import capitalised
 from .force_delays import force_delay
-from .verdict import creates_energy
+from .rules import creates_energy
 
 __all__ = ["diagnose"]
 
@@ -150,10 +151,10 @@ def _missing_laws(model: FittedModel) -> list[Finding]:
     biased = model.missing_terms_["biased"].astype(bool)
     for name, row in model.missing_terms_[biased].iterrows():
         message = (
-            f"{_capital(name)}: {row['residual']:.2g} % is unexplained, and terms that"
-            f" the laws lack explain {row['gain']:.0f} % of that. A law is missing, or"
-            " the motion is noisy: fuse the channels, then add the law (laws=) or"
-            " search for it (close_loop)."
+            f"{capitalised(name)}: {row['residual']:.2g} % is unexplained, and terms"
+            f" that the laws lack explain {row['gain']:.0f} % of that. A law is"
+            " missing, or the motion is noisy: fuse the channels, then add the law"
+            " (laws=) or search for it (close_loop)."
         )
         size = float(row["missing"])
         gravity = 3.0 + size / 100
@@ -167,7 +168,7 @@ def _jumps(model: FittedModel) -> list[Finding]:
     findings = []
     for name, text in zip(wrong.index, sentences_of(wrong)):
         lost = float(wrong.loc[name, "lost"])
-        findings.append(Finding(2.7, "jump", str(name), lost, _capital(text)))
+        findings.append(Finding(2.7, "jump", str(name), lost, capitalised(text)))
     return findings
 
 
@@ -199,7 +200,7 @@ def _conditioning(model: FittedModel) -> list[Finding]:
     for name, number in model.condition_.items():
         if number > ILL_CONDITIONED:
             message = (
-                f"{_capital(name)}: condition number {number:.1e}; some of its terms"
+                f"{capitalised(name)}: condition number {number:.1e}; some of its terms"
                 " are nearly collinear. Excite more frequencies and amplitudes, lower"
                 " the degree, or give what is known (known_masses, constraints)."
             )
@@ -307,11 +308,6 @@ def _unexplained(model: FittedModel) -> list[Finding]:
         " (estimation='iv'), or is a law missing?"
     )
     return [Finding(0.9, "unexplained", "all", error, message)]
-
-
-def _capital(text: str) -> str:
-    """The text with a capital at its start."""
-    return text[:1].upper() + text[1:]
 
 
 _CHECKS: tuple[Callable[[FittedModel], list[Finding]], ...] = (

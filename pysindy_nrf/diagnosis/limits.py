@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from ..chain.model import ChainModel
 from ..exceptions import BiasWarning, NRFError
 from .bias import NoiseBias, sentences_of, wrong_zeros
 from .effects import capitalised
-from .force_delays import force_delay
+from .force_delays import Fitted, force_delay
 from .rules import creates_energy
 
 __all__ = ["diagnose"]
@@ -39,7 +39,7 @@ class Result(Protocol):
         """What noise in the motion does to the estimate."""
 
 
-class FittedModel(Protocol):
+class FittedModel(Fitted, Protocol):
     """What a diagnosis reads of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
 
     model_: ChainModel
@@ -54,7 +54,7 @@ class FittedModel(Protocol):
         """The result of the fit."""
 
     def confidence_intervals(
-        self, level: float = 0.95, *, of: Any = "parameters"
+        self, level: float = 0.95, *, of: str = "parameters"
     ) -> pd.DataFrame:
         """Intervals of parameters or modes."""
 
@@ -254,7 +254,7 @@ def _energy(model: FittedModel) -> list[Finding]:
 
 def _estimation(model: FittedModel) -> list[Finding]:
     """Instrumental variables that were wanted and could not be used."""
-    facts: Mapping[str, Any] = model.model_.info.get("estimation", {})
+    facts = model.model_.info.get("estimation", {})
     notes = facts.get("notes", [])
     wanted = bool(notes) or facts.get("asked") == "iv"
     if not wanted or facts.get("found") != "ls":

@@ -44,7 +44,9 @@ def fitted_sindy(case, library, optimizer):
 
 # -- one layout for library and optimizer --------------------------------------
 
-VISCOUS, SPRING, CUBIC = laws.LinearViscous(), laws.LinearElastic(), laws.Duffing()
+VISCOUS = laws.LinearViscous()
+SPRING = laws.LinearElastic()
+CUBIC = laws.Duffing()
 STOREY = [VISCOUS, SPRING, laws.CubicStiffness()]
 UNEVEN = {
     "laws": ForceLawLibrary(

@@ -156,7 +156,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         first = x[0] if _is_list_of_records(x) else x
         width = self._checked(first, reset=True).shape[-1]
         columns = self._columns_of_u(width)
-        self.layout_ = self.layout_of(columns.n_dof)
+        self.layout_ = self._layout_of(columns.n_dof)
         self.excited_ = columns.excited
         if self.inputs == "state":
             _require_state_space(self.layout_)
@@ -166,7 +166,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self.n_output_features_ = self.layout_.n_terms + passed_through * n_dof
         return self
 
-    def layout_of(self, n_dof: int) -> LawLayout:
+    def _layout_of(self, n_dof: int) -> LawLayout:
         """Which of the terms belong to which site."""
         chain = chain_of(self.chain, n_dof)
         return LawLayout(chain, self._laws(chain))

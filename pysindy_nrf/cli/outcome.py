@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 
 from ..diagnosis.effects import shares_of
+from ..diagnosis.facts import facts_of_model
 from ..diagnosis.free_run import FreeRuns
-from ..diagnosis.verdict import Verdict, verdict_on
+from ..diagnosis.verdict import Verdict, verdict_from
 from ..identification.noise_spectra import transfer
 from ..identification.regressor import NRFRegressor
 from ..records.files.frequency_response import FrequencyResponse, in_band
@@ -123,5 +124,5 @@ def identify_frf(frf: FrequencyResponse, estimator: NRFRegressor) -> Outcome:
 
     bounds = estimator.bounds()[0]
     known = estimator.problem_.known_masses
-    verdict = verdict_on(estimator.model_, {}, [], bounds=bounds, known_masses=known)
+    verdict = verdict_from(facts_of_model(estimator.model_, bounds, None, known))
     return Outcome(estimator, verdict, responses=responses, warnings=messages())

@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..chain.model import ChainModel
 from ..diagnosis.free_run import FreeRuns
-from ..diagnosis.planning import Diagnosis, diagnose
+from ..diagnosis.limits import Diagnosis, diagnose
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import Verdict
 from ..equations.errors import explained_accelerations, judge
@@ -320,7 +320,7 @@ class FittedChain:
         return self.result_.bounds
 
     def diagnose(self) -> Diagnosis:
-        """What limits the estimate; see :func:`diagnosis.planning.diagnose`."""
+        """What limits the estimate; see :func:`diagnosis.limits.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 

@@ -9,8 +9,13 @@ import pandas as pd
 
 from ..chain.latex import pretty
 from ..common.audit import settings_of
-from ..diagnosis.effects import described, law_at_site, plain_name
-from ..diagnosis.verdict import as_sentence, not_told_apart
+from ..diagnosis.effects import (
+    as_sentence,
+    described,
+    law_at_site,
+    not_told_apart,
+    plain_name,
+)
 from ..diagnosis.wiring import OPEN
 from ..laws.base import registry
 from .content import (

@@ -32,6 +32,8 @@ MUCH_BETTER = 0.8
 BETTER_MODEL = 0.5
 # Percent of an equation of motion that is explained as well as any sensor allows.
 EXPLAINED = 1.0
+# Percent of an equation of motion beyond noise that an engineer would want to know of.
+NOTICED = 5.0
 # Alternatives that are named, those that leave least.
 MAX_ALTERNATIVES = 3
 # Factor by which a free run may get worse with an effect.
@@ -87,10 +89,13 @@ class Reason:
 
 
 def unexplained_equations(facts: Facts) -> list[Reason]:
-    """Equations of motion of which the model leaves a large share."""
+    """Equations of motion of which the model leaves more than noise does."""
     reasons = []
     for j, percent in facts.unexplained.items():
         place = f"dof {j}"
+        beyond = facts.beyond_noise.get(j, percent)
+        if np.isfinite(beyond) and beyond < EXPLAINED:
+            continue
         if percent > OPEN:
             message = open_balance(j, percent)
             reasons.append(Reason("unexplained", "red", message, place, percent))
@@ -100,6 +105,13 @@ def unexplained_equations(facts: Facts) -> list[Reason]:
                 " unexplained: a law is missing, or the channels are noisy."
             )
             reasons.append(Reason("unexplained", "amber", message, place, percent))
+        elif facts.beyond_noise.get(j, 0.0) > NOTICED:
+            message = (
+                f"{percent:.3g} % of the force in the balance of DOF {j} is"
+                f" unexplained, {beyond:.3g} % beyond what noise leaves; no effect of"
+                " the catalogue explains it."
+            )
+            reasons.append(Reason("unexplained", "amber", message, place, beyond))
     return reasons
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..diagnosis.facts import Alternative
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
 from ..records.checks.channel_checks import Measured

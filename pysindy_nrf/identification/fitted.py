@@ -160,7 +160,10 @@ class FittedChain:
         return explained_accelerations(parts)
 
     def balance_errors(
-        self, X: object, y: object = None, **beside: ArrayLike
+        self,
+        X: object,
+        y: object = None,
+        **beside: ArrayLike | Mapping[str, ArrayLike] | None,
     ) -> pd.DataFrame:
         """Balance errors on data as in :meth:`fit` and :meth:`restoring_force`.
 

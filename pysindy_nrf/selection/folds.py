@@ -12,7 +12,9 @@ from ..exceptions import ChannelError, NRFError
 from ..records.dataset import BlockRows, Dataset
 
 # Sides of a fold.
-OUT, TRAIN, TEST = 0, 1, 2
+OUT = 0
+TRAIN = 1
+TEST = 2
 # Stands for all folds, stacked.
 EVERY: Final = "every"
 

@@ -77,7 +77,9 @@ def _balance(held_out: HeldOut) -> Scores:
 
 def _acceleration(held_out: HeldOut) -> Scores:
     """R^2 of the accelerations, variance-weighted over the DOFs."""
-    grams, solution, side = held_out.grams, held_out.solution, held_out.side
+    grams = held_out.grams
+    solution = held_out.solution
+    side = held_out.side
     missed = np.zeros(grams.shape)
     variation = np.zeros(grams.shape)
     for dof in held_out.dofs:

@@ -1,8 +1,10 @@
 """Order selection: all orders, all folds from one pass over the samples."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 import pandas as pd
@@ -24,6 +26,9 @@ from .held_out import SCORES, errors_on_folds, scores_on_folds
 from .one_se_rule import Degree, choose, complexity_of, errors_of, standard_error
 from .order_sums import OrderSums
 from .splitters import BlockedTimeSplit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 RULES = ("one_standard_error", "best")
 # Passes over the storeys until each has its own order.
@@ -137,7 +142,7 @@ class OrderSelection:
             return new.set_params(degree=self.best_order)
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
-    def plot(self, ax: object = None) -> Drawing:
+    def plot(self, ax: Axes | None = None) -> Drawing:
         """Draw held-out error over the order.
 
         Parameters

@@ -107,6 +107,14 @@ def precision_and_recall(identified: set[Term], true: set[Term]) -> tuple[float,
     return precision, recall
 
 
+def _random_like(
+    channels: np.ndarray, n_samples: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Normal random channels of the standard deviations of some others."""
+    shape = (n_samples, channels.shape[1])
+    return rng.standard_normal(shape) * channels.std(axis=0)
+
+
 class PlainSINDy:
     """``ps.SINDy`` on the state [x | xdot] under u = F."""
 
@@ -215,10 +223,9 @@ class PlainSINDy:
         """
         rng = np.random.default_rng(0)
         size = 3 * self.n_features(data)
-        v, s, F = (
-            rng.standard_normal((size, y.shape[1])) * y.std(axis=0)
-            for y in (data.v, data.s, data.F)
-        )
+        v = _random_like(data.v, size, rng)
+        s = _random_like(data.s, size, rng)
+        F = _random_like(data.F, size, rng)
         R = truth.restoring_force(np.hstack([np.zeros_like(s), v, s]))
         above = np.hstack([R[:, 1:], np.zeros((size, 1))])
         a = (F - R + above) / truth.masses

@@ -231,14 +231,17 @@ def _single_record(
         raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
 
     rows = segment.valid
-    a, v, s, forces = (
-        channel[rows].astype(float)
-        for channel in (segment.a, segment.v, segment.s, segment.F)
-    )
+    forces = segment.F[rows].astype(float)
     if np.isnan(forces).any():
         cure = "SINDy needs every force: give zeros where none acts."
         raise ChannelError("A force is unknown", cure)
-    return RecordPart(a, v, s, forces, segment.dt)
+    return RecordPart(
+        a=segment.a[rows].astype(float),
+        v=segment.v[rows].astype(float),
+        s=segment.s[rows].astype(float),
+        F=forces,
+        dt=segment.dt,
+    )
 
 
 class _StoreyForces(dict[str, np.ndarray]):

@@ -289,31 +289,44 @@ class _Change:
 
 def _other_channels(comparison: _Comparison) -> Iterator[Alternative]:
     """A gain of all sensors of each floor, and a corner of each force."""
-    values = comparison.masses_and_stiffnesses(comparison.model)
     for change in _changes(comparison.data):
         try:
-            low = _changed(comparison, change, -change.step)
-            high = _changed(comparison, change, change.step)
+            alternative = _with_change(comparison, change)
         except NRFError:
             continue
-        weights = comparison.weights
-        slope = (high.squares - low.squares) @ weights / (2 * change.step)
-        twice = 2 * comparison.squares
-        bend = (high.squares + low.squares - twice) @ weights / change.step**2
-        squares = comparison.squares.sum(axis=0) @ weights
-        if 0.5 * bend.sum() * (_TENTH * change.step) ** 2 < _FELT * squares:
-            continue
+        if alternative is not None:
+            yield alternative
 
-        best, spread = _minimum(slope, bend)
-        rate = (high.values - low.values) / (2 * change.step)
-        yield comparison.alternative(
-            change.description.format(change.neutral + best),
-            change.place,
-            values,
-            rate * best,
-            _QUANTILE * rate.abs() * spread,
-            float(squares + slope.sum() * best + 0.5 * bend.sum() * best**2),
-        )
+
+def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None:
+    """The alternative with the best change of the channels; None if it has no size.
+
+    It has none where the data hardly feel it, and where no sensor could have it.
+    """
+    weights, step = comparison.weights, change.step
+    low = _changed(comparison, change, -step)
+    high = _changed(comparison, change, step)
+    slope = (high.squares - low.squares) @ weights / (2 * step)
+    twice = 2 * comparison.squares
+    bend = (high.squares + low.squares - twice) @ weights / step**2
+    squares = comparison.squares.sum(axis=0) @ weights
+    if 0.5 * bend.sum() * (_TENTH * step) ** 2 < _FELT * squares:
+        return None
+    best, spread = _minimum(slope, bend)
+    if change.neutral + best < 0:
+        return None
+
+    rate = (high.values - low.values) / (2 * step)
+    at_best = _changed(comparison, change, best)
+    values = comparison.masses_and_stiffnesses(comparison.model)
+    return comparison.alternative(
+        change.description.format(change.neutral + best),
+        change.place,
+        values,
+        at_best.values - values,
+        _QUANTILE * rate.abs() * spread,
+        float(at_best.squares.sum(axis=0) @ weights),
+    )
 
 
 def _changes(data: Dataset) -> Iterator[_Change]:

@@ -516,7 +516,7 @@ def clean_cubic(test: Test, rng: np.random.Generator) -> Test:
 
 def clean_coulomb(test: Test, rng: np.random.Generator) -> Test:
     i = int(rng.choice(test.floors))
-    force = rng.uniform(0.05, 0.2) * test.stiffness[i - 1] * drift_rms(test, i, rng)
+    force = rng.uniform(0.03, 0.12) * test.stiffness[i - 1] * drift_rms(test, i, rng)
     return _declared(test, i, laws.CoulombFriction(force), laws.CoulombFriction())
 
 
@@ -525,7 +525,9 @@ def _declared(test: Test, i: int, law: laws.ForceLaw, unknown: laws.ForceLaw) ->
     site = f"storey {i}"
     declared = [laws.LinearElastic(), laws.LinearViscous(), unknown]
     settings = {**test.settings, "laws": {site: declared}}
-    return replace(test, extras={site: law}, settings=settings)
+    # accelerations alone leave the slow drift of a weak law undetermined
+    extras = {site: law}
+    return replace(test, measured="axF", extras=extras, settings=settings)
 
 
 def clean_base(test: Test, rng: np.random.Generator) -> Test:

@@ -108,6 +108,30 @@ def test_careless_measurements_are_named_and_clean_ones_are_not():
     assert missed <= 1
 
 
+def test_no_ordinary_mistake_is_silent_and_no_clean_test_is_accused():
+    printed = run("verdicts", "--quick")
+    (silent,) = lines_with(printed, "green, off and not named")
+    (accused,) = lines_with(printed, "| accused, of 20 clean tests")
+    assert silent.endswith("| 0.0% | PASS |")
+    assert accused.endswith("| 0.0% | PASS |")
+    for kind in ("exact invariance", "missing brace", "Newmark data", "clean, base"):
+        assert len(lines_with(printed, f"| {kind} |")) == 1, kind
+
+
+def test_a_case_of_the_verdicts_runs_again():
+    printed = run("verdicts", "--case", "reversed sign", "1")
+    assert printed.startswith('--case "reversed sign" 1: red')
+    assert "RED: " in printed
+
+
+def test_intervals_under_narrow_excitation_hold_the_truth():
+    chosen = ("--chains", "first mode only", "--estimations", "auto")
+    printed = run("interval_coverage", "--quick", "--jobs", "1", *chosen)
+    (row,) = lines_with(printed, "| 3 DOFs")
+    mass = float(row.split("|")[4].split()[0])
+    assert mass > 80
+
+
 def test_promises_are_printed_beside_what_was_measured():
     parts = ("intervals", "detection")
     printed = run("promises", "--part", *parts, "--runs", "1", "--jobs", "1")

@@ -63,6 +63,23 @@ class GrowingMode:
 
 
 @dataclass(frozen=True)
+class LeftOver:
+    """What a model leaves of one equation of motion, and what noise would leave.
+
+    Parameters
+    ----------
+    rms, noise : float
+        N.
+    percent : float
+        The rms as a share of the force, percent.
+    """
+
+    rms: float
+    noise: float
+    percent: float
+
+
+@dataclass(frozen=True)
 class Alternative:
     """Something that the data allow beside a model.
 
@@ -101,6 +118,8 @@ class Facts:
         NRMSE.
     beyond_noise : mapping of int to float
         The same beyond what noise leaves; DOFs where that is not known are left out.
+    left_over : mapping of int to LeftOver
+        Residual of each DOF whose noise is known.
     holds : tuple of str
         What the model holds beside linear storeys, in words.
     impossible_masses : mapping of int to float
@@ -139,6 +158,7 @@ class Facts:
 
     unexplained: Mapping[int, float] = field(default_factory=dict)
     beyond_noise: Mapping[int, float] = field(default_factory=dict)
+    left_over: Mapping[int, LeftOver] = field(default_factory=dict)
     holds: tuple[str, ...] = ()
     impossible_masses: Mapping[int, float] = field(default_factory=dict)
     negative_stiffness: tuple[str, ...] = ()
@@ -292,11 +312,23 @@ class Obstacle(Protocol):
         """Whether nothing is missing."""
 
 
+class NoiseFloor(Protocol):
+    """What noise alone would leave."""
+
+    @property
+    def balance(self) -> np.ndarray:
+        """Rms in each equation of motion, N; NaN where it is not known."""
+
+
 class Evidence(Protocol):
     """What is left of the measured forces after one model of the loop."""
 
     @property
-    def floor(self) -> object | None:
+    def sizes(self) -> pd.DataFrame:
+        """Rms, N, and percent of the residual of each equation of motion."""
+
+    @property
+    def floor(self) -> NoiseFloor | None:
         """What noise alone would leave; None if that is not known."""
 
     @property
@@ -310,6 +342,10 @@ class Loop(Protocol):
     @property
     def model(self) -> ChainModel:
         """The model found."""
+
+    @property
+    def models(self) -> Sequence[ChainModel]:
+        """The baseline, and the model after each effect."""
 
     @property
     def bounds(self) -> Bounds:
@@ -385,6 +421,7 @@ def facts_of_loop(report: Loop) -> Facts:
         of_model,
         unexplained=unexplained,
         beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
+        left_over=_left_over(report),
         alternatives=report.alternatives,
         unseen_drifts=report.unseen_drifts,
         holds=tuple(map(described, confirmed)),
@@ -395,6 +432,20 @@ def facts_of_loop(report: Loop) -> Facts:
         noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def _left_over(report: Loop) -> dict[int, LeftOver]:
+    """What the final model leaves, where it is known what noise would leave."""
+    left = {}
+    for model, evidence in zip(report.models, report.evidence):
+        if model is not report.model or evidence.floor is None:
+            continue
+        for j, noise in enumerate(evidence.floor.balance, start=1):
+            size = evidence.sizes.loc[f"dof {j}"]
+            if noise > 0 and np.isfinite(size["rms"]):
+                percent = float(size["percent"])
+                left[j] = LeftOver(float(size["rms"]), float(noise), percent)
+    return left
 
 
 def _unanswered(evidence: Sequence[Evidence]) -> dict[str, str]:

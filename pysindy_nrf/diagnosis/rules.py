@@ -32,7 +32,9 @@ MUCH_BETTER = 0.8
 BETTER_MODEL = 0.5
 # Percent of an equation of motion that is explained as well as any sensor allows.
 EXPLAINED = 1.0
-# Percent of an equation of motion beyond noise that an engineer would want to know of.
+# Times what noise leaves from which on a residual is none, and the percent of the force
+# from which on it is worth a word. Four draws of noise scatter by a third at most.
+ABOVE_NOISE = 3.0
 NOTICED = 5.0
 # Alternatives that are named, those that leave least.
 MAX_ALTERNATIVES = 3
@@ -41,6 +43,7 @@ WORSE_FREE_RUN = 1.1
 
 Kind = Literal[
     "unexplained",  # a balance keeps a part of its force
+    "residual",  # what is left is far above noise
     "mass",  # no structure has it
     "stiffness",  # negative
     "interval",  # the data do not determine a mass or a stiffness
@@ -105,13 +108,20 @@ def unexplained_equations(facts: Facts) -> list[Reason]:
                 " unexplained: a law is missing, or the channels are noisy."
             )
             reasons.append(Reason("unexplained", "amber", message, place, percent))
-        elif facts.beyond_noise.get(j, 0.0) > NOTICED:
+    return reasons
+
+
+def residuals_above_noise(facts: Facts) -> list[Reason]:
+    """Residuals that no effect explains, though noise does not either."""
+    reasons = []
+    for j, left in facts.left_over.items():
+        above = left.rms > ABOVE_NOISE * left.noise
+        if above and left.percent > NOTICED:
             message = (
-                f"{percent:.3g} % of the force in the balance of DOF {j} is"
-                f" unexplained, {beyond:.3g} % beyond what noise leaves; no effect of"
-                " the catalogue explains it."
+                f"{left.rms:.3g} N rms are missing at DOF {j}, where noise leaves"
+                f" {left.noise:.2g} N; no effect of the catalogue explains them."
             )
-            reasons.append(Reason("unexplained", "amber", message, place, beyond))
+            reasons.append(Reason("residual", "amber", message, f"dof {j}", left.rms))
     return reasons
 
 
@@ -443,6 +453,7 @@ def unknown_noise(facts: Facts) -> list[Reason]:
 # In the order in which their reasons are listed.
 RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     unexplained_equations,
+    residuals_above_noise,
     impossible_masses,
     negative_stiffness,
     undetermined_masses,

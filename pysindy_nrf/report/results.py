@@ -44,7 +44,7 @@ class Step(effects.Effect, Protocol):
         """Law, site and error reduction, dB, of candidates that explain it as well."""
 
 
-class NoiseFloor(Protocol):
+class NoiseFloor(facts.NoiseFloor, Protocol):
     """What noise alone would leave of the forces."""
 
     def at(self, name: str) -> float:
@@ -85,10 +85,6 @@ class Characterisation(Protocol):
 
 class Evidence(facts.Evidence, Protocol):
     """What is left of the measured forces after one model of the loop."""
-
-    @property
-    def sizes(self) -> pd.DataFrame:
-        """Residual of each balance and storey."""
 
     @property
     def floor(self) -> NoiseFloor | None:

@@ -13,7 +13,7 @@ the cut, and of the DOF sites above it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -59,7 +59,7 @@ class Residual:
     balance: list[np.ndarray]
     reference: pd.DataFrame
     scale: np.ndarray
-    columns: Mapping[Any, dict[Any, Any]] = field(default_factory=dict)
+    columns: dict[Any, dict[Any, Any]] = field(default_factory=dict)
 
     @property
     def n_dof(self) -> int:

@@ -12,10 +12,10 @@ from pysindy_nrf.exceptions import LawError
 
 FIT_AND_SIMULATE = """
 import numpy as np
-from pysindy_nrf import NRFRegressor, datasets, laws
+from pysindy_nrf import NRFRegressor, datasets, simulate
 record = datasets.load_demo()
 model = NRFRegressor(degree=1, estimation="ls").fit(*record.to_features())
-simulate(model, record.force[:50], dt=record.dt)
+simulate(model.model_, record.force[:50], dt=record.dt)
 """
 SUM_OF_STATES = """
 import sys

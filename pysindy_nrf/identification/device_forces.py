@@ -153,7 +153,7 @@ def _linear_stiffness(model: ChainModel) -> np.ndarray:
     stiffness = np.zeros(model.n_dof)
     forces = linear_part(model).restoring_forces
     for storey in range(1, model.n_dof + 1):
-        if storey in forces:
+        if f"storey {storey}" in forces:
             stiffness[storey - 1] = forces[storey].linear_part()["k"]
     return stiffness
 

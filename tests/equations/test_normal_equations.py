@@ -10,9 +10,13 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ForceLawLibrary, laws
 from pysindy_nrf.chain import LawLayout, Layout, blocks_of
-from pysindy_nrf.equations import NormalEquations, total_gram
-from pysindy_nrf.equations.accumulation import ProductSums, pieces_of
-from pysindy_nrf.equations.balances import blocks_of_segment
+from pysindy_nrf.equations import (
+    NormalEquations,
+    ProductSums,
+    blocks_of_segment,
+    pieces_of,
+    total_gram,
+)
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records import from_arrays
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from ..exceptions import ChainError
 from ..laws.base import ForceLaw
 from ..laws.power_series import Order, PowerSeries
-from .sites import Named, Site, as_mapping
+from .sites import Site, SiteName, as_mapping
 from .structure import Chain
 
 
 def declared_laws(
-    laws: Mapping[Named, ForceLaw | Sequence[ForceLaw]] | None,
-) -> dict[Named, tuple[ForceLaw, ...]]:
+    laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]] | None,
+) -> dict[SiteName, tuple[ForceLaw, ...]]:
     """The laws that a user declared, by the user's own names of the sites."""
     declared = {}
     for site, value in as_mapping("laws", laws, "{'storey 1': [...]}").items():
@@ -30,7 +31,7 @@ def declared_laws(
 
 
 def power_series_laws(
-    chain: Chain, degree: Order, orders: Mapping[Named, Order] | None = None
+    chain: Chain, degree: Order, orders: Mapping[Any, Order] | None = None
 ) -> dict[Site, list[ForceLaw]]:
     """A power series at every site of a chain."""
     order_of_site = dict.fromkeys(chain.sites, degree)

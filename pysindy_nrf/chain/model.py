@@ -577,7 +577,7 @@ def as_model(thing: ChainModel | FittedRegressor) -> ChainModel:
 
 def as_segments(
     thing: ChainModel | FittedRegressor,
-    X: MotionData,
+    X: Any,
     F: npt.ArrayLike | None = None,
     **options: Unpack[DataOptions],
 ) -> Dataset:

@@ -60,6 +60,7 @@ EVERY = (
 )
 # Effects at once.
 NUMBER = {"two": 2, "three": 3}
+LEAST_MASSES = {**NUMBER, "every": 4}
 # Groups of one effect each.
 SINGLE = ("blind", "base", "acceleration")
 # Right answers in percent, by noise.
@@ -87,8 +88,8 @@ def specifications(
         spec |= details(rng, group, i)
         if noise is not None:
             spec["noise"] = noise
-        if group in NUMBER and "most" in size:
-            spec["most"] = max(size["most"], NUMBER[group])
+        if "most" in size:
+            spec["most"] = max(size["most"], LEAST_MASSES.get(group, 1))
         out.append(spec)
     return out
 

@@ -344,7 +344,10 @@ class Size(NamedTuple):
 
 
 # powers of drift and rate by which a parameter grows with the motion
-FIXED, BY_DRIFT, BY_RATE, PER_DRIFT = (0, 0), (1, 0), (0, 1), (-1, 0)
+FIXED = (0, 0)
+BY_DRIFT = (1, 0)
+BY_RATE = (0, 1)
+PER_DRIFT = (-1, 0)
 Parameters = list[tuple[float, tuple[int, int]]]
 
 

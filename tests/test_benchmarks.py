@@ -136,11 +136,14 @@ def test_estimates_stay_above_the_cramer_rao_bound_and_near_it():
     deviations there can be.
     """
     found = np.array(
-        [noise.quietly(noise.one, "5 %, hammer", "iv", seed) for seed in range(2)]
+        [
+            noise.quietly(noise.errors_of_test, "5 %, hammer", "iv", seed)
+            for seed in range(2)
+        ]
     )
     ratio = (
         np.sqrt(np.mean(found[:, : noise.N] ** 2))
-        / noise.bound("5 %, hammer", 0)[: noise.N].mean()
+        / noise.cramer_rao("5 %, hammer", 0)[: noise.N].mean()
     )
     assert 0.3 < ratio < 3.0
 

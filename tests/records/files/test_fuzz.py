@@ -28,9 +28,9 @@ from fuzzing.targets import TARGETS  # noqa: E402
 
 def test_some_seconds_of_damaged_files():
     found = fuzz("all", seed=int(os.environ.get("FUZZ_SEED", 0)), seconds=4.0)
-    assert not found["failures"], "\n".join(map(str, found["failures"]))
-    assert found["refused"] > len(TARGETS) and found["read"] > 0
-    assert found["peak"] < 1500  # MB
+    assert not found.failures, "\n".join(map(str, found.failures))
+    assert found.refused > len(TARGETS) and found.read > 0
+    assert found.peak < 1500  # MB
 
 
 CELLS = st.one_of(

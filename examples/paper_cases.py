@@ -173,9 +173,9 @@ def calibrate_level(random_state: int = 0) -> float:
     """Rms force (N) at which our polynomials of storey 1 are nearest to the paper's.
 
     They are noise-free; all coefficients of (11b) and (16) count, each by the force
-    that it makes along our motion. What the cubic series makes of the damper, and how much
-    too low m_1 comes out, depends on the damper's friction beside the force, and on
-    little else.
+    that it makes along our motion. What the cubic series makes of the damper, and how
+    much too low m_1 comes out, depends on the damper's friction beside the force, and
+    on little else.
     """
 
     def gap(log_level: float) -> float:

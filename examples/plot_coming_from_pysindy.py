@@ -69,8 +69,9 @@ print(ours.model_)
 # threshold is a share of the force.
 def states(record):
     """States and their rates as SINDy wants them."""
-    x, v, a = record.displacement, record.velocity, record.acceleration
-    return np.hstack([x, v]), np.hstack([v, a])
+    state = np.hstack([record.displacement, record.velocity])
+    rate = np.hstack([record.velocity, record.acceleration])
+    return state, rate
 
 
 def normalised(threshold):

@@ -342,18 +342,20 @@ def claims(report: Any) -> list:
 def judge(case: Case, report: Any) -> dict:
     """The verdict of one case: what is not confirmed is not claimed."""
     steps = [] if report is None else claims(report)
-    ran = report is not None
-    if case.group == "nothing":
-        return {"right": ran and not steps}
-    if case.group == "sensors":
-        kinds = {place(step.site).kind for step in steps}
-        return {"right": ran and kinds <= {"sensor"}}
-    if case.group == "withheld":
-        wrong = [step for step in steps if step.sure and not names_any(case, step)]
-        return {"right": ran and not wrong}
+    if case.group in ("nothing", "sensors", "withheld"):
+        return {"right": report is not None and not false_claims(case, steps)}
     if len(case.effects) > 1:
         return judge_several(case.effects, steps)
     return judge_first(case.effects[0], steps)
+
+
+def false_claims(case: Case, steps: list) -> list:
+    """Claims that a case without findable effects must not raise."""
+    if case.group == "sensors":
+        return [step for step in steps if place(step.site).kind != "sensor"]
+    if case.group == "withheld":
+        return [step for step in steps if step.sure and not names_any(case, step)]
+    return steps
 
 
 def judge_several(effects: list[Effect], steps: list) -> dict:

@@ -564,6 +564,12 @@ def counts(sentences: list[Sentence], verdicts: list[str]) -> pd.DataFrame:
     return table.rename_axis("fault").reset_index()
 
 
+def in_words(cases: list[str], n_tried: int, verdict: str) -> str:
+    """How many of those tried, and how many are asked for."""
+    share = 100 * len(cases) / n_tried
+    return f"{len(cases)} {verdict} ({share:.1f} %; asked: 2 % at most)"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the battery; the exit code says whether the goals are met."""
     parser = options_of(__doc__, quick="5 faults and 2 clean records")
@@ -586,20 +592,14 @@ def main(arguments: list[str] | None = None) -> int:
     silent = [text for verdict, text in found if verdict == "silent"]
 
     clean = range(options.seed, options.seed + n_clean)
-    wrong = in_parallel(accused, zip(clean), options.jobs)
-    wrong = [text for text in wrong if text]
+    accusations = in_parallel(accused, zip(clean), options.jobs)
+    wrong = list(filter(None, accusations))
 
     print(markdown(counts(chosen, [verdict for verdict, _ in found])))
-    print(
-        f"\n{n_faults} faults, {len(silent)} silent ({100 * len(silent) / n_faults:.1f}"
-        " %; asked: 2 % at most)."
-    )
+    print(f"\n{n_faults} faults, {in_words(silent, n_faults, 'silent')}.")
     if options.silent:
         print("\n".join(["", "Silent:", *silent, ""]))
-    print(
-        f"{n_clean} clean records, {len(wrong)} accused"
-        f" ({100 * len(wrong) / n_clean:.1f} %; asked: 2 % at most)."
-    )
+    print(f"{n_clean} clean records, {in_words(wrong, n_clean, 'accused')}.")
     if options.silent:
         print("\n".join(["", "Accused:", *wrong]))
     return int(len(wrong) > ACCEPTED * n_clean or len(silent) > ACCEPTED * n_faults)

@@ -137,10 +137,10 @@ def two_intervals(n: int, noise: float, seed: int) -> tuple[float, float, float]
     shot = shot_of(sensed(record, (n,)), 0, n)
     fit, best, _ = estimate(NRFRegressor(degree=1).problem(n), [shot], {})
 
-    found = fit.rebuild.numbers(best.u)
+    found = fit.rebuild.values(best.u)
     true = np.concatenate([m, np.column_stack([c, k]).ravel()])
     judged = np.r_[:n, n + 1 : 3 * n : 2]
-    slope = np.where(fit.rebuild.scale == 0, found, fit.rebuild.scale)
+    slope = fit.rebuild.slopes(best.u)
     normal = best.jacobian.T @ best.jacobian
     pieces = np.sqrt((best.influences**2).sum(axis=0)) * slope
     curvature = np.sqrt(np.diag(np.linalg.inv(normal))) * slope

@@ -29,8 +29,8 @@ from battery.scorer import baseline
 from harness import judged, options_of, quietly
 
 from pysindy_nrf import Record, close_loop
-from pysindy_nrf.discrepancy import loop
-from pysindy_nrf.discrepancy.prepare import Workspace
+from pysindy_nrf.discrepancy import balance_loop
+from pysindy_nrf.discrepancy.search_data import SearchData
 from pysindy_nrf.records.dataset import Dataset
 
 # what the search alone decides
@@ -99,15 +99,15 @@ class GarbageRows:
     def __init__(self, seed: int, motion: bool) -> None:
         self.seed = seed
         self.kinds = "avsF" if motion else "F"
-        self._prepare = loop.prepare
-        self._split = loop.split
-        self._fixed = Workspace.fixed
+        self._prepare = balance_loop.prepare
+        self._split = balance_loop.split
+        self._fixed = SearchData.fixed
         self._halves: Any = None
 
     def prepare(self, *arguments: Any, **options: Any) -> Any:
         ready = self._prepare(*arguments, **options)
         segments = list(ready.data.segments)
-        length = loop.window_length(segments)
+        length = balance_loop.window_length(segments)
         self._halves = self._split(segments, length, ready.heldout)
         rng = np.random.default_rng(self.seed)
         for block in self._halves[1]:
@@ -129,10 +129,10 @@ class GarbageRows:
         """The rows that were chosen before the noise."""
         return self._halves
 
-    def balances(self, work: Workspace, segments: Sequence[int]) -> np.ndarray:
+    def balances(self, data: SearchData, segments: Sequence[int]) -> np.ndarray:
         """Inertias and forces with noise in the held-out rows."""
-        values = np.array(self._fixed(work, segments))
-        for block in work.held:
+        values = np.array(self._fixed(data, segments))
+        for block in data.heldout:
             if [block.segment] == list(segments):
                 rng = np.random.default_rng(self.seed)
                 values[:, block.rows] = noise_like(values[:, block.rows].T, rng).T
@@ -144,13 +144,13 @@ def garbage_rows(seed: int, motion: bool) -> Iterator[None]:
     """Let the loop find noise in the rows which it holds out."""
     steps = GarbageRows(seed, motion)
 
-    def balances(work: Workspace, segments: Sequence[int]) -> np.ndarray:
-        return steps.balances(work, segments)
+    def balances(data: SearchData, segments: Sequence[int]) -> np.ndarray:
+        return steps.balances(data, segments)
 
     with (
-        mock.patch.object(loop, "prepare", steps.prepare),
-        mock.patch.object(loop, "split", steps.split),
-        mock.patch.object(Workspace, "fixed", balances),
+        mock.patch.object(balance_loop, "prepare", steps.prepare),
+        mock.patch.object(balance_loop, "split", steps.split),
+        mock.patch.object(SearchData, "fixed", balances),
     ):
         yield
 

@@ -37,7 +37,8 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.identification.noise_spectra import spectrum, transfer
+from pysindy_nrf.identification.linear_response import transfer
+from pysindy_nrf.identification.spectra import fourier_lines
 from pysindy_nrf.simulation.noise import add_noise
 
 FS = 1000.0  # Hz
@@ -194,7 +195,7 @@ def cramer_rao(name: str, seed: int, duration: float = DURATION) -> np.ndarray:
 
     shifts = []
     for load in loads_of_parameters(run):
-        response = G @ spectrum(load, 1 / FS)[: len(f), :, None]
+        response = G @ fourier_lines(load, 1 / FS)[: len(f), :, None]
         shifts.append(-response[:, :, 0])
     J = np.stack(shifts, axis=2)
     information = 2 * np.einsum("fdi,fdj->ij", J.conj(), np.linalg.solve(S, J)).real

@@ -43,9 +43,8 @@ from sklearn.base import clone
 from tqdm import tqdm
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
-from pysindy_nrf.discrepancy.evidence import detect
-from pysindy_nrf.discrepancy.residual import NoiseFloor, Residual, residual_of
-from pysindy_nrf.discrepancy.words import ResidualKind
+from pysindy_nrf.diagnosis.residual import Residual, residual_of
+from pysindy_nrf.discrepancy.residual import NoiseFloor, ResidualKind, detect
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
 from pysindy_nrf.records.input_arrays import from_arrays
@@ -198,8 +197,8 @@ def noise_floor(regressor: NRFRegressor, record: Record, draws: int = 4) -> Nois
     levels = levels_of(record, smoother.noise_)
     quiet = quiet_drive(record, levels)
     rng = np.random.default_rng(0)
-    run = regressor.model_.simulate(
-        quiet.force, record.dt, base_acceleration=quiet.base_acceleration
+    run = regressor.simulate(
+        quiet.force, dt=record.dt, base_acceleration=quiet.base_acceleration
     )
     residuals = []
     for _ in range(draws):

@@ -13,7 +13,7 @@ own screening solves the chain again on Gram matrices.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import search_path
 import numpy as np
@@ -28,17 +28,26 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.discrepancy.catalogue import candidates, default_catalogue
-from pysindy_nrf.discrepancy.prepare import Workspace, prepare
-from pysindy_nrf.discrepancy.ruler import Ruler, Trial
-from pysindy_nrf.discrepancy.search import Search, lines_at, proposals_of
-from pysindy_nrf.discrepancy.state import Axes, Proposal, State
-from pysindy_nrf.discrepancy.windows import Windows, split, window_length
+from pysindy_nrf.discrepancy.band_search import find_bands
+from pysindy_nrf.discrepancy.candidate_search import scan, scan_points
+from pysindy_nrf.discrepancy.catalogue import (
+    Experiment,
+    candidates,
+    default_catalogue,
+)
+from pysindy_nrf.discrepancy.effects import Candidate, Finding, SearchState
+from pysindy_nrf.discrepancy.fitted_model import fit_model
+from pysindy_nrf.discrepancy.folds import split, window_length
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.search_data import SearchData
+from pysindy_nrf.discrepancy.spectra import BalanceSpectra
+from pysindy_nrf.discrepancy.windows import Windows
 
 LEAST_RATIO = 20.0
 FS = 1000.0  # Hz
 
-Candidate = tuple[Site, laws.ForceLaw]
+PlacedLaw = tuple[Site, laws.ForceLaw]
+RowsOf = Callable[[list[int]], Sequence[np.ndarray] | np.ndarray]
 
 
 def record(n: int, n_samples: int, seed: int = 0) -> Record:
@@ -61,66 +70,67 @@ def record(n: int, n_samples: int, seed: int = 0) -> Record:
     return simulate(ChainModel(masses, storeys), F, 1 / FS)
 
 
-def state_of(test: Record) -> State:
+def state_of(test: Record) -> SearchState:
     """The linear chain on all of a record but what is held out."""
-    ready = prepare(test)
-    data = ready.data
-    problem = NRFRegressor(degree=1).problem(data.n_dof)
-    length = window_length(data.segments)
-    work = Workspace(data, *split(data.segments, length), {})
-    ruler = Ruler(work, Windows(data, work.search, length))
-    ruler = ruler.find_bands([(problem.chain, problem.laws)])
-    return State(Trial(ruler, problem.chain, problem.laws), ready=ready)
+    records = prepare(test)
+    dataset = records.data
+    problem = NRFRegressor(degree=1).problem(dataset.n_dof)
+    length = window_length(dataset.segments)
+    data = SearchData(dataset, *split(dataset.segments, length), {})
+
+    windows = Windows(dataset, data.search, length)
+    spectra = BalanceSpectra(data, windows)
+    bands = find_bands(spectra, problem.chain, [problem.laws])
+    spectra = BalanceSpectra(data, windows.up_to(bands.n_bands - 1), bands)
+    return SearchState(fit_model(spectra, problem.chain, problem.laws), (), records)
 
 
 # -- the loop's screening ------------------------------------------------------
 
 
-def scan(state: State, proposals: list[Proposal]) -> list:
+def scan_all(state: SearchState, tried: list[Candidate]) -> list[Finding]:
     """Every candidate at the best point of its scan, without refinement; best first."""
-    search = Search(proposals)
-    scanned = [search._scanned(state, proposal, state) for proposal in proposals]
-    found = [result for result in scanned if result is not None]
-    return sorted(found, key=lambda result: -result.screen)
+    scanned = [scan(state, candidate, state) for candidate in tried]
+    findings = [finding for finding in scanned if finding is not None]
+    return sorted(findings, key=lambda finding: -finding.screened)
 
 
 # -- refitting -----------------------------------------------------------------
 
 
-def points_of_scans(state: State, proposals: list[Proposal]) -> list[Candidate]:
-    """Every law with every point of its scan."""
+def points_of_scans(state: SearchState, findings: list[Finding]) -> list[PlacedLaw]:
+    """The law of every finding at every point of its scan."""
     points = []
-    for proposal in proposals:
-        axes = Axes(proposal.law, state.trial.ruler.work, proposal.sites)
-        lines = []
-        if any(shape.is_frequency for shape in axes.shapes):
-            lines = lines_at(state.trial, proposal)
-        for values in axes.grid(lines):
-            points.append((proposal.sites[0], axes.at(values)[0]))
+    for finding in findings:
+        candidate = finding.candidate
+        for (law,) in scan_points(state.model, candidate):
+            points.append((candidate.sites[0], law))
     return points
 
 
-def searched(state: State, rows_of: Callable[[list[int]], np.ndarray]) -> np.ndarray:
+def searched(data: SearchData, rows_of: RowsOf) -> np.ndarray:
     """Rows of arrays along the record that the search may see."""
     pieces = []
-    for block in state.trial.ruler.work.search:
+    for block in data.search:
         pieces.append(np.asarray(rows_of([block.segment]))[:, block.rows])
     return np.hstack(pieces)
 
 
-def columns_of(state: State, site: Site, group: list[laws.ForceLaw]) -> np.ndarray:
+def columns_of(
+    data: SearchData, site: Site, group: Sequence[laws.ForceLaw]
+) -> np.ndarray:
     """Columns of laws at a site, as rows."""
-    work = state.trial.ruler.work
-    return searched(state, lambda segments: work.columns(site, group, segments))
+    return searched(data, lambda segments: data.columns(site, group, segments))
 
 
-def baseline_design(state: State) -> list[tuple[Site | None, np.ndarray]]:
+def baseline_design(state: SearchState) -> list[tuple[Site | None, np.ndarray]]:
     """Inertias of all DOFs, then the columns of each storey."""
-    work = state.trial.ruler.work
+    model = state.model
+    data = model.spectra.data
     groups: list[tuple[Site | None, np.ndarray]] = []
-    groups.append((None, searched(state, work.fixed)[: work.n_dof]))
-    for site in state.trial.layout.acting:
-        groups.append((site, columns_of(state, site, state.trial.laws[site])))
+    groups.append((None, searched(data, data.fixed)[: data.n_dof]))
+    for site in model.layout.acting:
+        groups.append((site, columns_of(data, site, model.laws[site])))
     return groups
 
 
@@ -148,16 +158,16 @@ def design(
     return matrix
 
 
-def refit(state: State, points: list[Candidate]) -> tuple[float, tuple[str, str]]:
+def refit(state: SearchState, points: list[PlacedLaw]) -> tuple[float, tuple[str, str]]:
     """Seconds of one lstsq for every point, and the best law and site."""
-    work = state.trial.ruler.work
-    target = searched(state, work.fixed)[work.n_dof :].ravel()
+    data = state.model.spectra.data
+    target = searched(data, data.fixed)[data.n_dof :].ravel()
     best = np.inf
     winner = ("", "")
     start = time.perf_counter()
     for site, law in points:
         groups = baseline_design(state)
-        matrix = design(groups, site, columns_of(state, site, [law]))
+        matrix = design(groups, site, columns_of(data, site, [law]))
         scale = np.sqrt(np.mean(matrix**2, axis=0))
         scale[scale == 0] = 1.0
         matrix /= scale
@@ -176,25 +186,22 @@ def main(arguments: list[str] | None = None) -> dict:
     n, n_samples = (3, 2048) if options.quick else (4, 16384)
     test = record(n, n_samples)
     state = state_of(test)
-    chain = state.trial.chain
-    every = list(candidates(default_catalogue(), chain, {}, (), range(1, n + 1)))
-    proposals = proposals_of(every, chain.sites)
-    # one law at one site
-    proposals = [proposal for proposal in proposals if len(proposal.sites) == 1]
-    scan(state, proposals)  # compiles
+    forced = tuple(range(1, n + 1))
+    experiment = Experiment(default_catalogue(), state.model.chain, forced=forced)
+    every = list(candidates(experiment))
+    scan_all(state, every)  # compiles
 
     state = state_of(test)
     start = time.perf_counter()
-    found = scan(state, proposals)
+    findings = scan_all(state, every)
     fast = time.perf_counter() - start
-    scanned = {result.proposal for result in found}
-    scanned_proposals = [proposal for proposal in proposals if proposal in scanned]
-    points = points_of_scans(state, scanned_proposals)
+    points = points_of_scans(state, findings)
     slow, winner = refit(state, points)
 
-    rows = [block.rows for block in state.trial.ruler.work.search]
+    rows = [block.rows for block in state.model.spectra.data.search]
     n_searched = sum(block.stop - block.start for block in rows)
-    n_laws = len({law.name for law, _ in every})
+    n_laws = len({candidate.law.name for candidate in every})
+    best = findings[0].candidate
     ratio = slow / fast
     target = judged(f"target at least {LEAST_RATIO:g}", "", ratio >= LEAST_RATIO)
     print(
@@ -203,15 +210,21 @@ def main(arguments: list[str] | None = None) -> dict:
     )
     print(
         f"search, the chain solved again on Gram matrices: {fast:.2f} s; best:"
-        f" {found[0].proposal.name}"
+        f" {best.name}"
     )
     print(
         f"numpy.linalg.lstsq on the full design matrix: {slow:.2f} s; best:"
         f" {' at '.join(winner)}"
     )
     print(f"ratio {ratio:.0f} ({target.asked}): {target.verdict}")
-    site = str(found[0].proposal.sites[0])
-    return {"ratio": ratio, "trials": len(points), "site": site, "winner": winner}
+    return {
+        "fast": fast,
+        "slow": slow,
+        "ratio": ratio,
+        "trials": len(points),
+        "site": str(best.sites[0]),
+        "winner": winner,
+    }
 
 
 if __name__ == "__main__":

@@ -720,7 +720,7 @@ import sys, threading, time
 from pathlib import Path
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.identification.streaming import fit
-fit.fit_streamed.__kwdefaults__["save_every"] = 0.5
+fit.SECONDS_BETWEEN_STATES = 0.5
 peak = 0.0
 running = True
 def watch():

@@ -17,7 +17,7 @@ from scipy.signal import welch
 from pysindy_nrf import Record, simulate
 from pysindy_nrf.chain.model import as_model, as_segments
 from pysindy_nrf.chain.sites import index_of
-from pysindy_nrf.discrepancy.residual import SiteLoop
+from pysindy_nrf.diagnosis.site_loops import SiteLoop
 from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.identification import damper_force, dissipated_energy

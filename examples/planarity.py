@@ -110,10 +110,12 @@ def noise_reference(
     rng = np.random.default_rng(random_state)
     balances = estimator.model_.balance_forces(data)
     forces = storey_forces(estimator.model_, data)
+    # residuals with other signs act on floors without a force, too; those stay unforced
+    problem = replace(estimator.problem_, excited=data.forced)
     shares = []
     for _ in range(draws):
         again = with_other_signs(data, balances, rng)
-        model = estimator.problem_.solve(again).model
+        model = problem.solve(again).model
         changes = []
         for drawn, identified in zip(storey_forces(model, data), forces):
             changes.append(drawn - identified)
@@ -231,7 +233,7 @@ def with_dahl_law(estimator: Any, model: Any, storey: str) -> Any:
 
 def is_smooth(law: ForceLaw) -> bool:
     """Whether a law depends on the present motion alone, without jumps."""
-    return not (law.has_memory or law.jumps)
+    return not (law.has_memory or law.family == "friction")
 
 
 class PlanarityDisplay(Drawing):

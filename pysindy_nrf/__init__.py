@@ -1,6 +1,4 @@
-"""Masses and nonlinear restoring forces of chain-like structures from measured forces
-and motions.
-"""
+"""Masses and nonlinear restoring forces of chain-like structures from measurements."""
 
 from . import exceptions, laws
 from .chain.sites import Site
@@ -21,11 +19,11 @@ _LAZY = {
     "KinematicSmoother": "records.fusion",
     "NRFRegressor": "identification.regressor",
     "StateSpaceChainOptimizer": "sindy.optimizers",
+    "Parameter": "identification.parameters",
     "Problem": "identification.problem",
     "close_loop": "discrepancy",
     "compare_with_sindy": "sindy.comparison",
     "BlockedTimeSplit": "selection",
-    "RecordSplit": "selection",
     "one_standard_error": "selection",
     "select_order": "selection",
     "select_sparsity": "selection",

@@ -1,5 +1,6 @@
-"""Errors and warnings: what is wrong, where, and what to do about it; each is also the
-built-in exception expected.
+"""Errors and warnings: what is wrong, where, and what to do about it.
+
+Each is also the built-in exception that one expects.
 """
 
 __all__ = [
@@ -15,12 +16,13 @@ __all__ = [
 
 def sentence(what: str, cure: str = "") -> str:
     """Join what is wrong and what to do into one message."""
-    what = what.strip().rstrip(".")
-    what += "" if what.endswith(("?", "!")) else "."
-    return f"{what} {cure.strip()}" if cure else what
+    text = what.strip().rstrip(".")
+    if not text.endswith(("?", "!")):
+        text += "."
+    return f"{text} {cure.strip()}" if cure else text
 
 
-class _Said(Exception):
+class _WhatAndCure(Exception):
     """What is wrong, and what the user can do about it."""
 
     def __init__(self, what: str, cure: str = "") -> None:
@@ -28,11 +30,11 @@ class _Said(Exception):
         self.cure = cure
         super().__init__(sentence(what, cure))
 
-    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
         return type(self), (self.what, self.cure)
 
 
-class NRFError(_Said, ValueError):
+class NRFError(_WhatAndCure, ValueError):
     """Base of every error this package raises on purpose.
 
     Parameters
@@ -41,6 +43,8 @@ class NRFError(_Said, ValueError):
         What is wrong, naming the channel, degree of freedom or parameter.
     cure : str
         What the user can do about it.
+    argument : str
+        The argument that the cure asks for, such as ``"known_masses"``.
 
     Examples
     --------
@@ -54,29 +58,28 @@ class NRFError(_Said, ValueError):
     p <= 3.
     """
 
+    def __init__(self, what: str, cure: str = "", argument: str = "") -> None:
+        super().__init__(what, cure)
+        self.argument = argument
+
+    def __reduce__(self) -> tuple[type, tuple[str, ...]]:
+        return type(self), (self.what, self.cure, self.argument)
+
 
 class ChannelError(NRFError):
-    """A measured channel cannot be used as it is (NaN, infinite, constant, missing,
-    mis-shaped).
-    """
+    """A measured channel is NaN, infinite, constant, missing or mis-shaped."""
 
 
 class ChannelTypeError(ChannelError, TypeError):
-    """A channel holds things that are no numbers (also a ``TypeError``, as of
-    ``float``).
-    """
+    """A channel contains what is no number (also a ``TypeError``, as of ``float``)."""
 
 
 class ChainError(NRFError):
-    """A chain, a site or a parameter given per storey or DOF does not exist or
-    contradicts another.
-    """
+    """A chain, a site or a parameter of a DOF does not exist or contradicts another."""
 
 
 class UnknownSiteError(ChainError, KeyError):
-    """A model is asked for the force of a site that it does not have (also a
-    ``KeyError``, as of any mapping).
-    """
+    """A model has no such site (also a ``KeyError``, as of any mapping)."""
 
     __str__ = Exception.__str__
 
@@ -138,7 +141,9 @@ class MissingExtraError(ImportError):
     """
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
-        self.package, self.extra, self.purpose = package, extra, purpose
+        self.package = package
+        self.extra = extra
+        self.purpose = purpose
         super().__init__(
             f"{purpose} needs the package '{package}'. Install it with: pip install"
             f" 'pysindy_nrf[{extra}]'"
@@ -148,7 +153,7 @@ class MissingExtraError(ImportError):
         return type(self), (self.package, self.extra, self.purpose)
 
 
-class NRFWarning(_Said, UserWarning):
+class NRFWarning(_WhatAndCure, UserWarning):
     """Base of every warning of this package.
 
     Parameters
@@ -170,13 +175,11 @@ class NRFWarning(_Said, UserWarning):
 
 
 class RankWarning(NRFWarning):
-    """Columns of a balance are linearly dependent on this excitation; some coefficients
-    are arbitrary.
-    """
+    """Columns of a balance are linearly dependent; some coefficients are arbitrary."""
 
 
 class BiasWarning(NRFWarning):
-    """The model cannot hold what the data show; the estimates are likely biased.
+    """The model lacks what the data show; the estimates are likely biased.
 
     Examples
     --------
@@ -186,8 +189,8 @@ class BiasWarning(NRFWarning):
     ...     _ = NRFRegressor(degree=1).fit(
     ...         datasets.load_demo()
     ...     )  # storey 1 is cubic
-    >>> caught[0].category.__name__, "likely biased" in str(caught[0].message)
-    ('BiasWarning', True)
+    >>> caught[0].category.__name__
+    'BiasWarning'
     """
 
 

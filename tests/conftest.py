@@ -10,13 +10,13 @@ from hypothesis import settings
 
 from pysindy_nrf import ChainModel, datasets, laws
 from pysindy_nrf.records.files import write_record
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 settings.register_profile("quick", max_examples=20, deadline=None, derandomize=True)
 settings.load_profile("quick")
-os.environ.setdefault(
-    "PYSINDY_NRF_DATA", str(Path(__file__).parents[2] / "shared" / "data")
-)  # benchmarks read it, too
+# Benchmarks read it, too.
+MEASURED = Path(__file__).parents[2] / "shared" / "data"
+os.environ.setdefault("PYSINDY_NRF_DATA", str(MEASURED))
 
 
 @pytest.fixture(scope="session")
@@ -33,27 +33,23 @@ def chain2():
 
 @pytest.fixture(scope="session")
 def dahl():
-    """The paper's chain with the modified Dahl damper, both DOFs forced: case, Z,
-    R_1.
-    """
+    """The paper's chain with the modified Dahl damper: case, Z, R_1."""
     return chains.paper_case(duration=2.0)
 
 
 @pytest.fixture(scope="session")
 def three():
     """Motions and forces of three linear storeys with noise in every channel."""
-    truth = ChainModel(
-        [10.0, 12.0, 8.0], {i: laws.PowerSeries(1, [60.0, 4e4]) for i in (1, 2, 3)}
-    )
-    rec = chains.driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3)
-    return add_noise(rec, 0.02, random_state=1).to_features()
+    storey = laws.PowerSeries(1, [60.0, 4e4])
+    truth = ChainModel([10.0, 12.0, 8.0], {1: storey, 2: storey, 3: storey})
+    record = chains.driven(truth, [1, 2, 3], 6.0, 500.0, 50.0, (1, 60), seed=3)
+    return add_noise(record, 0.02, random_state=1).to_features()
 
 
 @pytest.fixture(scope="session")
 def demo_file(tmp_path_factory):
-    return str(
-        write_record(datasets.load_demo(), tmp_path_factory.mktemp("demo") / "demo.csv")
-    )
+    path = tmp_path_factory.mktemp("demo") / "demo.csv"
+    return str(write_record(datasets.load_demo(), path))
 
 
 @pytest.fixture(scope="session")
@@ -73,7 +69,11 @@ def here(tmp_path, monkeypatch):
 @pytest.fixture
 def spoken(capsys):
     """What a command printed as strict JSON."""
-    return lambda: json.loads(
-        capsys.readouterr().out,
-        parse_constant=lambda word: pytest.fail(f"{word} in JSON"),
-    )
+
+    def refuse(word):
+        pytest.fail(f"{word} in JSON")
+
+    def read():
+        return json.loads(capsys.readouterr().out, parse_constant=refuse)
+
+    return read

@@ -1,6 +1,4 @@
-"""Chains integrated by SciPy's DOP853, of which the package knows nothing but the
-channels.
-"""
+"""Chains integrated by SciPy's DOP853: the package sees nothing but their channels."""
 
 from collections.abc import Callable
 
@@ -11,38 +9,32 @@ from scipy.interpolate import CubicSpline
 
 def multisine(rng, fs, duration, band, rms):
     """A force or base acceleration of random phases, as a function of time."""
-    f = np.arange(np.ceil(band[0] * duration), band[1] * duration) / duration
+    lines = np.arange(np.ceil(band[0] * duration), band[1] * duration) / duration
     t = np.arange(int(4 * duration * fs) + 8) / (4 * fs)
-    phase = rng.uniform(0, 2 * np.pi, len(f))
-    spline = CubicSpline(
-        t,
-        rms
-        * np.sqrt(2 / len(f))
-        * np.cos(np.outer(t, 2 * np.pi * f) + phase).sum(axis=1),
-    )
-    starts, pieces = t.tolist(), spline.c.T.tolist()
+    phase = rng.uniform(0, 2 * np.pi, len(lines))
+    waves = np.cos(np.outer(t, 2 * np.pi * lines) + phase)
+    spline = CubicSpline(t, rms * np.sqrt(2 / len(lines)) * waves.sum(axis=1))
+    starts = t.tolist()
+    pieces = spline.c.T.tolist()
 
-    def at(now):
-        """Many moments by SciPy; a single one, as the integrator asks, in numbers."""
-        if np.ndim(now):
-            return spline(now)
-        k = min(max(int(now * 4 * fs), 0), len(pieces) - 1)
-        past, (c3, c2, c1, c0) = now - starts[k], pieces[k]
-        return ((c3 * past + c2) * past + c1) * past + c0
+    def value_at(time):
+        """Many times by SciPy; a single one, for the integrator, by plain numbers."""
+        if np.ndim(time):
+            return spline(time)
+        piece = min(max(int(time * 4 * fs), 0), len(pieces) - 1)
+        c3, c2, c1, c0 = pieces[piece]
+        x = time - starts[piece]
+        return ((c3 * x + c2) * x + c1) * x + c0
 
-    return at
+    return value_at
 
 
 def matrix(values):
-    """Stiffness or damping matrix of a chain on the base from the values of its
-    storeys.
-    """
+    """Stiffness or damping matrix of a chain on the base, from its storeys."""
     values = np.asarray(values, dtype=float)
-    return (
-        np.diag(values + np.append(values[1:], 0.0))
-        - np.diag(values[1:], 1)
-        - np.diag(values[1:], -1)
-    )
+    above = np.append(values[1:], 0.0)
+    coupling = np.diag(values[1:], 1)
+    return np.diag(values + above) - coupling - coupling.T
 
 
 def run(
@@ -56,40 +48,50 @@ def run(
     extra=None,
     break_at=(),
 ):
-    """Absolute a, v and x relative to the base, and t, under force(t), extra(v, x) (N)
-    and base(t) (m/s^2).
+    """Absolute a, v and x relative to the base, and t.
+
+    The chain is driven by force(t) and extra(v, x) in N and by base(t) in m/s^2. The
+    integration starts anew at the times of ``break_at``.
     """
-    m, n = np.asarray(m, dtype=float), len(m)
+    m = np.asarray(m, dtype=float)
+    n = len(m)
     K, C = matrix(k), matrix(c)
 
     def absolute(t, x, v):
-        out = -(K @ x) - C @ v
+        load = -(K @ x) - C @ v
         if force is not None:
-            out = out + force(t)
-        return (out if extra is None else out + extra(v, x)) / m
+            load = load + force(t)
+        if extra is not None:
+            load = load + extra(v, x)
+        return load / m
 
     def rates(t, z):
         a = absolute(t, z[:n], z[n:])
-        return np.concatenate([z[n:], a if base is None else a - base(t)])
+        if base is not None:
+            a = a - base(t)
+        return np.concatenate([z[n:], a])
 
     t = np.arange(int(duration * fs)) / fs
-    ends = [0.0, *(b for b in break_at if 0 < b < t[-1]), t[-1] + 1e-9]
-    z, parts = np.zeros(2 * n), []
-    for low, high in zip(ends[:-1], ends[1:]):
-        inside = t[(t >= low) & (t < high)]
-        got = solve_ivp(
+    breaks = [time for time in break_at if 0 < time < t[-1]]
+    edges = [0.0, *breaks, t[-1] + 1e-9]
+    z = np.zeros(2 * n)
+    pieces = []
+    for start, end in zip(edges[:-1], edges[1:]):
+        samples = t[(t >= start) & (t < end)]
+        solution = solve_ivp(
             rates,
-            (low, high),
+            (start, end),
             z,
             "DOP853",
-            np.append(inside, high),
+            np.append(samples, end),
             rtol=1e-9,
             atol=1e-12,
             max_step=4 / fs,
         )
-        parts.append(got.y[:, :-1])
-        z = got.y[:, -1]
-    y = np.hstack(parts).T
+        pieces.append(solution.y[:, :-1])
+        z = solution.y[:, -1]
+
+    y = np.hstack(pieces).T
     x, v = y[:, :n], y[:, n:]
     a = np.array([absolute(*row) for row in zip(t, x, v)])
     return a, v, x, t

@@ -1,4 +1,4 @@
-"""Where the measured records are, or why a test is skipped."""
+"""Where the measured records are; a test without them is skipped."""
 
 import os
 from pathlib import Path

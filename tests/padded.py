@@ -1,34 +1,46 @@
-"""Estimators of chains on the generic tables of scikit-learn's checks: columns padded
-to whole DOFs by functions of the row alone, so that nothing but their number changes.
+"""Estimators of chains on the generic tables of scikit-learn's checks.
+
+Columns are padded to whole DOFs by functions of the row alone, so that nothing but
+their number changes.
 """
 
 import re
 
 import numpy as np
+from sklearn.utils.validation import check_is_fitted
 
 from pysindy_nrf import (
     Chain,
     ChainOptimizer,
     ForceLawLibrary,
     InterstoryPolynomialLibrary,
+    KinematicSmoother,
     NRFRegressor,
     StateSpaceChainOptimizer,
     laws,
 )
-from pysindy_nrf.chain.layout import Layout
+from pysindy_nrf.chain import Layout
 from pysindy_nrf.records.channels import checked
 
 
 def padded(X, multiple, least=0):
     """X with further columns up to a multiple of some number."""
     X = np.asarray(X, dtype=float)
-    width = max(-(-X.shape[1] // multiple) * multiple, least)
+    n_columns = X.shape[1]
+    width = max(-(-n_columns // multiple) * multiple, least)
     scale = 1.0 + np.abs(X).sum(axis=1)
-    more = [
-        scale * np.sin(k + X @ np.cos(k * np.arange(1.0, X.shape[1] + 1)))
-        for k in range(1, width - X.shape[1] + 1)
-    ]
-    return np.column_stack([X, *more])
+    columns = [X]
+    for k in range(1, width - n_columns + 1):
+        mixed = X @ np.cos(k * np.arange(1.0, n_columns + 1))
+        columns.append(scale * np.sin(k + mixed))
+    return np.column_stack(columns)
+
+
+def with_copies(y, n_samples, n_columns):
+    """Forces with copies of the first column behind them."""
+    forces = np.asarray(y, dtype=float).reshape(n_samples, -1)
+    copies = np.tile(forces[:, :1], n_columns - forces.shape[1])
+    return np.hstack([forces, copies])
 
 
 class PaddedRegressor(NRFRegressor):
@@ -36,13 +48,7 @@ class PaddedRegressor(NRFRegressor):
         fitted = hasattr(self, "n_features_in_")
         Z = padded(checked(self, X, reset=not fitted), 3)
         width = self.n_features_in_
-        columns = np.asarray(y, dtype=float).reshape(len(Z), -1)
-        super().partial_fit(
-            Z,
-            np.hstack(
-                [columns, np.tile(columns[:, :1], Z.shape[1] // 3 - columns.shape[1])]
-            ),
-        )
+        super().partial_fit(Z, with_copies(y, len(Z), Z.shape[1] // 3))
         self.n_features_in_ = width
         return self
 
@@ -52,31 +58,27 @@ class PaddedRegressor(NRFRegressor):
         if y is not None:
             y = np.asarray(y)
             self._wide = y.shape[1:]
-            columns = y.reshape(len(y), -1)
-            Z = padded(Z, 3, 3 * columns.shape[1])
-            y = np.hstack(
-                [columns, np.tile(columns[:, :1], Z.shape[1] // 3 - columns.shape[1])]
-            )
+            n_forces = y.reshape(len(y), -1).shape[1]
+            Z = padded(Z, 3, 3 * n_forces)
+            y = with_copies(y, len(y), Z.shape[1] // 3)
         width = self.n_features_in_
         super().fit(Z, y, sample_weight)
         self.n_features_in_ = width
         return self
 
-    def _judged(self, X, y, *metadata, **how):
-        from sklearn.utils.validation import check_is_fitted
-
+    def dataset(self, X, y=None, **given):
         check_is_fitted(self)
-        Z = padded(checked(self, X, reset=False), 3, 3 * self.model_.n_dof)
+        n_dof = self.model_.n_dof
+        X = padded(checked(self, X, reset=False), 3, 3 * n_dof)
         if y is not None:
-            columns = np.asarray(y).reshape(len(y), -1)
-            y = np.hstack(
-                [columns, np.tile(columns[:, :1], self.model_.n_dof - columns.shape[1])]
-            )
-        return super()._judged(Z, y, *metadata, **how)
+            y = with_copies(y, len(y), n_dof)
+        return super().dataset(X, y, **given)
 
     def predict(self, X):
-        out = super().predict(X)
-        return out[:, 0] if self._wide == () else out[:, : self._wide[0]]
+        predicted = super().predict(X)
+        if self._wide == ():
+            return predicted[:, 0]
+        return predicted[:, : self._wide[0]]
 
     def score(self, X, y=None):
         return super().score(X, y)
@@ -106,41 +108,22 @@ class EvenOptimizer(ChainOptimizer):
         return Layout(Chain(n), dict.fromkeys(range(1, n + 1), n_terms // n))
 
 
-ORDER = (
-    "what a transformer of signals does to a sample depends on its neighbours in time"
-)
-EDGES = (
-    "NaN rows at the ends of a record are masked edges, not errors; NaN within it and"
-    " infinities are refused"
-)
+ORDER = "a sample depends on its neighbours in time"
+EDGES = "NaN rows at the ends of a record are masked edges, not errors"
 SIGNALS = {
     "check_estimators_nan_inf": EDGES,
     "check_methods_sample_order_invariance": ORDER,
     "check_methods_subset_invariance": ORDER,
 }
-SPARSE = {
-    "check_sample_weight_equivalence_on_sparse_data": (
-        "scikit-learn 1.6 does not ask whether sparse input is accepted"
-    )
-}
+WEIGHTS = "check_sample_weight_equivalence_on"
+SPARSE = {f"{WEIGHTS}_sparse_data": "scikit-learn 1.6 passes sparse input to all"}
 COLUMNS = SPARSE | {"check_estimators_nan_inf": EDGES}
-CHAIN = SPARSE | {
-    "check_sample_weight_equivalence_on_dense_data": (
-        "30 features of 12 samples tell no mass from its storey: refused"
-    ),
-}
-STATE = {
-    "check_estimators_dtypes": (
-        "five columns are neither positions and velocities alone nor those with forces"
-        " on each DOF"
-    ),
-}
+CHAIN = SPARSE | {f"{WEIGHTS}_dense_data": "12 samples of 30 features"}
+STATE = {"check_estimators_dtypes": "five columns are no state of a chain"}
 
 
 def cases():
     """Every public estimator with the checks it is expected to fail, and why."""
-    from pysindy_nrf import KinematicSmoother
-
     return [
         (KinematicSmoother(fs=100.0, channels="x"), SIGNALS),
         (EvenOptimizer(), CHAIN),
@@ -154,9 +137,7 @@ def cases():
 
 
 def direct():
-    """What asks for columns in threes, without the padding; a chain of two DOFs asks
-    for six.
-    """
+    """Estimators without padding; they need three columns a DOF."""
     return [
         NRFRegressor(),
         NRFRegressor(chain=Chain(2)),
@@ -166,9 +147,7 @@ def direct():
 
 
 def own_column_error(result):
-    """Whether a failed check failed because our own error says how many columns, or
-    which, are needed.
-    """
+    """Whether a check failed with our own error on the number of columns."""
     error = result["exception"]
     while error is not None:
         if re.search("columns.* needed|X lacks a1", str(error)):

@@ -12,8 +12,8 @@ PACKAGE = Path(pysindy_nrf.__file__).parent
 @cache
 def trees():
     """Pairs of a module's path below the package and its tree."""
-    paths = sorted(PACKAGE.rglob("*.py"))
-    return [
-        (str(p.relative_to(PACKAGE)), ast.parse(p.read_text(encoding="utf-8")))
-        for p in paths
-    ]
+    parsed = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        parsed.append((path.relative_to(PACKAGE).as_posix(), tree))
+    return parsed

@@ -9,49 +9,51 @@ import pytest
 from pysindy_nrf import laws
 
 DOCS = Path(__file__).parents[1] / "docs"
-LONG = ("closing_the_loop.md", "coming_from_pysindy.md")
-# Run by a test of their own.
-ELSEWHERE = ("add_your_own_law.md", "fleet.md")
-PAGES = [
-    pytest.param(p, id=p.stem, marks=pytest.mark.examples if p.name in LONG else ())
-    for p in sorted(DOCS.glob("*.md"))
-    if p.name not in ELSEWHERE and "```python" in p.read_text("utf-8")
-]
+CODE_BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(([\w./-]+\.(?:md|py))\)")
+LONG = {"closing_the_loop.md", "coming_from_pysindy.md"}
+WITH_A_TEST_OF_THEIR_OWN = {"add_your_own_law.md", "fleet.md"}
 
 
-@pytest.mark.parametrize("page", PAGES)
+def pages_with_code():
+    for page in sorted(DOCS.glob("*.md")):
+        has_code = CODE_BLOCK.search(page.read_text("utf-8"))
+        if has_code and page.name not in WITH_A_TEST_OF_THEIR_OWN:
+            marks = [pytest.mark.examples] if page.name in LONG else []
+            yield pytest.param(page, id=page.stem, marks=marks)
+
+
+@pytest.mark.parametrize("page", list(pages_with_code()))
 def test_the_code_of_the_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    blocks = re.findall(
-        r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE
-    )
     namespace = {"__name__": page.stem}
     with warnings.catch_warnings(action="ignore"):
-        for block in blocks:
+        for block in CODE_BLOCK.findall(page.read_text("utf-8")):
             exec(compile(block, f"<{page.name}>", "exec"), namespace)
 
 
 def test_every_page_stands_in_the_table_of_contents():
     index = (DOCS / "index.md").read_text("utf-8")
     listed = set(re.findall(r"^([\w/]+)$", index, re.MULTILINE))
-    assert {p.stem for p in DOCS.glob("*.md")} - {"index"} <= listed
+    pages = {page.stem for page in DOCS.glob("*.md")}
+    assert pages - {"index"} <= listed
 
 
 def test_links_between_pages_lead_somewhere():
     for page in [*DOCS.glob("*.md"), DOCS.parent / "README.md"]:
-        for target in re.findall(
-            r"\]\(([\w./-]+\.(?:md|py))\)", page.read_text("utf-8")
-        ):
-            if page.stem != "index":
+        if page.stem != "index":
+            for target in LINK.findall(page.read_text("utf-8")):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def test_the_catalogue_shows_every_law_and_draws_every_force(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.syspath_prepend(str(DOCS))
-    page = __import__("law_catalogue")
-    text = page.write(tmp_path).read_text("utf-8")
-    assert {laws.CoulombFriction, laws.BoucWen} < set(page.of_the_package().values())
-    for name, law in page.of_the_package().items():
+    catalogue = __import__("law_catalogue")
+    text = catalogue.write(tmp_path).read_text("utf-8")
+    of_the_package = catalogue.of_the_package()
+    assert {laws.CoulombFriction, laws.BoucWen} < set(of_the_package.values())
+    for name, law in of_the_package.items():
+        picture = tmp_path / "laws" / f"{name}.svg"
         assert f"**{name}**" in text
-        assert (tmp_path / "laws" / f"{name}.svg").exists() == (law.output == "N"), name
+        assert picture.exists() == (law.output == "N"), name

@@ -1,6 +1,4 @@
-"""Every public function and class is documented: what goes in, what comes out, and an
-example that runs.
-"""
+"""Every public function and class is documented, with an example that runs."""
 
 import ast
 import importlib
@@ -15,87 +13,86 @@ import pysindy_nrf
 
 API = Path(__file__).parents[1] / "docs" / "api.rst"
 LISTED = re.findall(r"^   (pysindy_nrf\.[\w.]+)$", API.read_text("utf-8"), re.MULTILINE)
-MODULES = [
-    m
-    for m in LISTED
-    if m.islower() and m.removeprefix("pysindy_nrf.") not in pysindy_nrf._LAZY
-]
 # scikit-learn writes these into every estimator and describes them there
 ROUTING = re.compile(r"set_\w+_request|get_metadata_routing")
+# types of results that need a description of shape, unit or columns
+VAGUE_TYPES = re.compile(r"\bAny\b|ndarray|DataFrame|Series|^$")
+DESCRIPTIONS = ("Parameters", "Other Parameters", "Attributes")
 
 
-def home(obj) -> str:
+def module_of(obj) -> str:
     return getattr(obj, "__module__", None) or ""
 
 
+def is_ours(obj) -> bool:
+    return module_of(obj).startswith("pysindy_nrf")
+
+
+# -- what is public ------------------------------------------------------------
+
+
 def public_of(module) -> dict[str, object]:
-    """What a module offers: its ``__all__``, or else what it defines under names
-    without an underscore.
-    """
+    """Classes and functions of ``__all__``, or those that a module itself defines."""
     names = getattr(module, "__all__", None)
     if names is None:
-        names = [
-            n
-            for n, v in vars(module).items()
-            if not n.startswith("_") and home(v) == module.__name__
-        ]
-    found = {n: getattr(module, n) for n in names}
-    return {
-        n: v for n, v in found.items() if inspect.isclass(v) or inspect.isfunction(v)
-    }
+        names = []
+        for name, value in vars(module).items():
+            if not name.startswith("_") and module_of(value) == module.__name__:
+                names.append(name)
+
+    public = {}
+    for name in names:
+        value = getattr(module, name)
+        if inspect.isclass(value) or inspect.isfunction(value):
+            public[name] = value
+    return public
 
 
-def solve_order() -> dict[str, object]:
-    modules = [pysindy_nrf, *map(importlib.import_module, MODULES)]
-    found = {}
+def all_public() -> dict[str, object]:
+    """Public objects by their full name, each once."""
+    modules = [pysindy_nrf]
+    for name in LISTED:
+        is_object = name.removeprefix("pysindy_nrf.") in pysindy_nrf._LAZY
+        if name.islower() and not is_object:
+            modules.append(importlib.import_module(name))
+
+    objects = {}
     for module in modules:
         for name, obj in public_of(module).items():
-            if obj not in found.values():
-                found[f"{module.__name__}.{name}"] = obj
-    return found
+            if obj not in objects.values():
+                objects[f"{module.__name__}.{name}"] = obj
+    return objects
 
 
-PUBLIC = solve_order()
-CLASSES = {name: obj for name, obj in PUBLIC.items() if inspect.isclass(obj)}
-
-
-def methods_of(cls) -> dict[str, object]:
-    """Public methods and properties that the package itself writes, the bases of the
-    package included.
-    """
-    found: dict[str, object] = {}
+def members_of(cls) -> dict[str, object]:
+    """Public methods and properties that the package writes, its bases included."""
+    members = {}
     for base in reversed(cls.__mro__):
-        if home(base).startswith("pysindy_nrf"):
-            found.update(
-                {
-                    n: v
-                    for n, v in vars(base).items()
-                    if not n.startswith("_") and not ROUTING.fullmatch(n)
-                }
-            )
-    unwrapped = {
-        n: v.__func__ if isinstance(v, classmethod | staticmethod) else v
-        for n, v in found.items()
-    }
-    return {
-        n: v
-        for n, v in unwrapped.items()
-        if inspect.isfunction(v) or isinstance(v, property)
-    }
+        if is_ours(base):
+            for name, member in vars(base).items():
+                if not name.startswith("_") and not ROUTING.fullmatch(name):
+                    members[name] = getattr(member, "__func__", member)
+    return members
 
 
+PUBLIC = all_public()
+CLASSES = {name: obj for name, obj in PUBLIC.items() if inspect.isclass(obj)}
 METHODS = {
-    f"{name}.{method}": (cls, method, member)
+    f"{name}.{method}": (cls, method)
     for name, cls in CLASSES.items()
-    for method, member in methods_of(cls).items()
+    for method, member in members_of(cls).items()
     if inspect.isfunction(member)
 }
 
 
+# -- what a docstring says -----------------------------------------------------
+
+
 def section(doc: str, title: str) -> str | None:
     """The text below a numpydoc heading, up to the next."""
+    underline = "-" * len(title)
     match = re.search(
-        rf"^{title}\n-{{{len(title)}}}\n(.*?)(?=^\w[\w ]*\n---+\n|\Z)",
+        rf"^{title}\n{underline}\n(.*?)(?=^\w[\w ]*\n---+\n|\Z)",
         doc,
         re.DOTALL | re.MULTILINE,
     )
@@ -103,148 +100,150 @@ def section(doc: str, title: str) -> str | None:
 
 
 def described(doc: str) -> set[str]:
-    """Parameters with an entry: ``name : type`` or ``name, other : type`` at the margin
-    of a section.
-    """
-    doc = inspect.cleandoc(doc)
-    text = "\n".join(
-        filter(
-            None,
-            (section(doc, t) for t in ("Parameters", "Other Parameters", "Attributes")),
-        )
-    )
-    heads = re.findall(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: *:.*)?$", text, re.MULTILINE)
-    return {name.lstrip("*") for head in heads for name in head.split(", ")}
+    """Names with an entry ``name : type`` or ``name, other : type``."""
+    names = set()
+    for title in DESCRIPTIONS:
+        text = section(inspect.cleandoc(doc), title) or ""
+        entry = r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*)(?: *:.*)?$"
+        for head in re.findall(entry, text, re.MULTILINE):
+            names |= {name.lstrip("*") for name in head.split(", ")}
+    return names
 
 
-def taken(function) -> set[str]:
-    names = inspect.signature(function).parameters
-    return {
-        n
-        for i, n in enumerate(names)
-        if not n.startswith("_") and not (i == 0 and n in ("self", "cls"))
-    }
-
-
-def own_body(function) -> list[ast.AST]:
-    """The syntax of a function without that of functions inside it."""
-    source = inspect.getsource(function)
-    tree = ast.parse("if True:\n" + textwrap.indent(source, " "))
-    tree = next(n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef))
-    inner = [
-        n
-        for n in ast.walk(tree)
-        if isinstance(n, ast.FunctionDef | ast.Lambda) and n is not tree
-    ]
-    hidden = {id(n) for f in inner for n in ast.walk(f)}
-    return [n for n in ast.walk(tree) if id(n) not in hidden]
-
-
-def gives(function) -> str | None:
-    """The section that a function owes: Returns, Yields or none; a method that returns
-    itself owes it too.
-    """
-    own = own_body(function)
-    if any(isinstance(n, ast.Yield | ast.YieldFrom) for n in own):
-        return "Yields"
-    if not re.search(
-        r"\bAny\b|ndarray|DataFrame|Series|^$",
-        str(function.__annotations__.get("return", "")),
-    ):
-        return None  # the annotation says it: there is no shape, unit or column to add
-    values = [n.value for n in own if isinstance(n, ast.Return) and n.value is not None]
-    return (
-        "Returns"
-        if any(not (isinstance(v, ast.Constant) and v.value is None) for v in values)
-        else None
-    )
-
-
-def refuses(function) -> bool:
-    """Whether a function raises an error of its own; that a method is for others to
-    write is none.
-    """
-    thrown = [
-        n.exc
-        for n in own_body(function)
-        if isinstance(n, ast.Raise) and n.exc is not None
-    ]
-    return any(
-        not ast.unparse(error).startswith("NotImplementedError") for error in thrown
-    )
-
-
-def owners(doc: str, cls: type | None = None) -> list[str]:
-    """Docstrings of the functions and methods that a summary refers to: what they say
-    need not be said again.
-    """
+def docs_referred_to(doc: str, cls: type | None) -> list[str]:
+    """Docstrings of what a summary refers to: they need not be repeated."""
     summary = inspect.cleandoc(doc).split("\n\n")[0]
-    known = {**PUBLIC, **{name: member for name, (_, _, member) in METHODS.items()}}
-    found = []
+    docs = []
     for name in re.findall(r":(?:func|meth|class):`~?([\w.]+)`", summary):
-        own = (
-            [getattr(cls, name)]
-            if hasattr(cls, name)
-            else [o for n, o in known.items() if f".{n}".endswith(f".{name}")]
-        )
-        found += [inspect.getdoc(o) or "" for o in own]
-    return found
+        if hasattr(cls, name):
+            docs.append(inspect.getdoc(getattr(cls, name)) or "")
+            continue
+        for known, obj in PUBLIC.items():
+            if f".{known}".endswith(f".{name}"):
+                docs.append(inspect.getdoc(obj) or "")
+        for known, (owner, method) in METHODS.items():
+            if known.endswith(f".{name}"):
+                docs.append(inspect.getdoc(getattr(owner, method)) or "")
+    return docs
 
 
-def lacks(function, doc: str, cls: type | None = None) -> list[str]:
-    docs = [doc, *owners(doc, cls)]
-    missing = [
-        f"parameter {n}"
-        for n in sorted(taken(function) - set().union(*map(described, docs)))
-    ]
-    owed = [s for s in (gives(function), "Raises" if refuses(function) else None) if s]
-    return missing + [s for s in owed if not any(section(d, s) for d in docs)]
+# -- what a function does ------------------------------------------------------
+
+
+def arguments_of(function) -> set[str]:
+    names = [name for name in inspect.signature(function).parameters]
+    if names and names[0] in ("self", "cls"):
+        names = names[1:]
+    return {name for name in names if not name.startswith("_")}
+
+
+def syntax_of(function) -> list[ast.AST]:
+    """The syntax of a function without that of functions inside it."""
+    source = textwrap.indent(inspect.getsource(function), " ")
+    tree = ast.parse(f"if True:\n{source}").body[0]
+    (definition,) = (node for node in tree.body if isinstance(node, ast.FunctionDef))
+    nodes = []
+    pending = list(definition.body)
+    while pending:
+        node = pending.pop()
+        nodes.append(node)
+        if not isinstance(node, ast.FunctionDef | ast.Lambda):
+            pending += ast.iter_child_nodes(node)
+    return nodes
+
+
+def returns_something_vague(function) -> bool:
+    """Whether a result is described by neither its type nor its absence."""
+    annotation = str(function.__annotations__.get("return", ""))
+    if not VAGUE_TYPES.search(annotation):
+        return False
+    for node in syntax_of(function):
+        if isinstance(node, ast.Return) and node.value is not None:
+            is_none = isinstance(node.value, ast.Constant) and node.value.value is None
+            if not is_none:
+                return True
+    return False
+
+
+def raises_an_error(function) -> bool:
+    """Whether a function raises, but that a method is for others to write."""
+    for node in syntax_of(function):
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            if not ast.unparse(node.exc).startswith("NotImplementedError"):
+                return True
+    return False
+
+
+def sections_owed(function) -> list[str]:
+    owed = []
+    kinds = (ast.Yield, ast.YieldFrom)
+    if any(isinstance(node, kinds) for node in syntax_of(function)):
+        owed.append("Yields")
+    elif returns_something_vague(function):
+        owed.append("Returns")
+    if raises_an_error(function):
+        owed.append("Raises")
+    return owed
+
+
+def missing_from(function, cls: type | None = None) -> list[str]:
+    """Parameters and sections that the docstring of a function lacks."""
+    doc = inspect.getdoc(function) or ""
+    docs = [doc, *docs_referred_to(doc, cls)]
+    known = set().union(*map(described, docs))
+    missing = [f"parameter {name}" for name in arguments_of(function) - known]
+    for title in sections_owed(function):
+        if not any(section(text, title) for text in docs):
+            missing.append(title)
+    return missing
+
+
+# -- the tests -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", PUBLIC)
 def test_it_is_described_with_an_example_that_runs(name):
-    obj = PUBLIC[name]
-    doc = inspect.getdoc(obj) or ""
-    assert len(doc.splitlines()[0] if doc else "") > 10, "no summary"
+    doc = inspect.getdoc(PUBLIC[name]) or ""
+    assert len(doc.partition("\n")[0]) > 10, "no summary"
+    assert ">>> " in (section(doc, "Examples") or ""), "no example"
     assert "+SKIP" not in doc
-    examples = section(doc, "Examples")
-    assert examples is not None and ">>> " in examples, "no example that runs"
-    if inspect.isfunction(obj):
-        assert not lacks(obj, doc)
-    elif section(doc, "Parameters") or not section(
-        doc, "Attributes"
-    ):  # else it is a result, never built by hand
-        said = {
-            n
-            for base in obj.__mro__
-            if home(base).startswith("pysindy_nrf")
-            for n in described(base.__doc__ or "")
-        }
-        assert not taken(obj) - said
+
+
+@pytest.mark.parametrize("name", [name for name in PUBLIC if name not in CLASSES])
+def test_a_function_says_what_it_takes_and_gives(name):
+    assert not missing_from(PUBLIC[name])
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_a_class_says_what_it_takes(name):
+    cls = CLASSES[name]
+    doc = inspect.getdoc(cls) or ""
+    is_result = section(doc, "Attributes") and not section(doc, "Parameters")
+    if is_result:  # it is never built by hand
+        return
+    known = set()
+    for base in cls.__mro__:
+        if is_ours(base):
+            known |= described(base.__doc__ or "")
+    assert arguments_of(cls) <= known
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_method_says_what_it_takes_and_gives(name):
-    cls, method, function = METHODS[name]
+    """Itself, or that of a base which it overrides."""
+    cls, method = METHODS[name]
     assert inspect.getdoc(getattr(cls, method)), "no docstring"
-    # what overrides a method of the package need not say again what the contract says
-    # once
-    contract = [
-        vars(base)[method]
-        for base in cls.__mro__
-        if home(base).startswith("pysindy_nrf") and method in vars(base)
-    ]
-    contract = [getattr(f, "__func__", f) for f in contract]
-    assert any(not lacks(f, inspect.getdoc(f) or "", cls) for f in contract), lacks(
-        function, function.__doc__ or "", cls
-    )
+    versions = []
+    for base in cls.__mro__:
+        if is_ours(base) and method in vars(base):
+            member = vars(base)[method]
+            versions.append(getattr(member, "__func__", member))
+    missing = [missing_from(version, cls) for version in versions]
+    assert [] in missing, missing[0]
 
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_properties_say_what_they_are(name):
-    bare = [
-        n
-        for n, v in methods_of(CLASSES[name]).items()
-        if isinstance(v, property) and not inspect.getdoc(v)
-    ]
-    assert not bare
+    for member in members_of(CLASSES[name]).values():
+        if isinstance(member, property):
+            assert inspect.getdoc(member)

@@ -9,15 +9,31 @@ import pytest
 
 import pysindy_nrf
 
-FIXED_NAMES = """
-    Chain Site Record NRFRegressor ChainOptimizer StateSpaceChainOptimizer InterstoryPolynomialLibrary ForceLawLibrary
-    ChainModel KinematicSmoother ZeroPhaseFilter close_loop compare_with_sindy simulate laws datasets
-""".split()
+FIXED_NAMES = [
+    "Chain",
+    "ChainModel",
+    "ChainOptimizer",
+    "ForceLawLibrary",
+    "InterstoryPolynomialLibrary",
+    "KinematicSmoother",
+    "NRFRegressor",
+    "Record",
+    "Site",
+    "StateSpaceChainOptimizer",
+    "ZeroPhaseFilter",
+    "close_loop",
+    "compare_with_sindy",
+    "datasets",
+    "laws",
+    "simulate",
+]
+HEAVY = ["matplotlib", "numba", "pysindy", "scipy.signal", "sklearn"]
 
 
 @pytest.mark.parametrize("name", FIXED_NAMES)
 def test_fixed_names_are_public(name):
-    assert name in pysindy_nrf.__all__ and name in dir(pysindy_nrf)
+    assert name in pysindy_nrf.__all__
+    assert name in dir(pysindy_nrf)
     assert getattr(pysindy_nrf, name).__doc__
 
 
@@ -28,38 +44,32 @@ def test_every_public_name_resolves():
 
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'NRFRegresor'"):
-        pysindy_nrf.NRFRegresor  # noqa: B018
+        _ = pysindy_nrf.NRFRegresor
 
 
-def fresh(code: str) -> str:
-    return subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
+def modules_after(statement: str) -> set[str]:
+    """Modules that are loaded in a fresh process after a statement."""
+    script = f"import json, sys; {statement}; print(json.dumps(list(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    return set(json.loads(done.stdout))
 
 
 def test_the_bare_import_is_light():
-    heavy = (
-        "numba llvmlite matplotlib scipy.signal sklearn pysindy pyarrow.parquet h5py"
-        " click".split()
-    )
-    code = (
-        f"import sys, json, pysindy_nrf; print(json.dumps([m for m in {heavy!r} if m in"
-        " sys.modules]))"
-    )
-    assert json.loads(fresh(code)) == []
+    loaded = modules_after("import pysindy_nrf")
+    heavy = {*HEAVY, "llvmlite", "pyarrow.parquet", "h5py", "click"}
+    assert not loaded & heavy
 
 
 def test_the_command_line_starts_light():
-    heavy = ["numba", "matplotlib", "scipy.signal", "sklearn", "pysindy"]
-    code = (
-        "import sys, json, pysindy_nrf.cli; print(json.dumps([m for m in"
-        f" {heavy!r} if m in sys.modules]))"
-    )
-    assert json.loads(fresh(code)) == []
+    loaded = modules_after("import pysindy_nrf.cli")
+    assert not loaded & set(HEAVY)
 
 
 def test_the_version_is_the_distributions():
     try:
-        assert version("pysindy-nrf") == pysindy_nrf.__version__
+        installed = version("pysindy-nrf")
     except PackageNotFoundError:
-        pytest.skip("pysindy-nrf is not installed, the tests run from the source tree")
+        pytest.skip("the tests run from the source tree")
+    assert installed == pysindy_nrf.__version__

@@ -12,7 +12,7 @@ import pytest
 from scipy import signal
 
 from pysindy_nrf import ChainModel
-from pysindy_nrf.cli.group import run
+from pysindy_nrf.cli import run
 
 README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
 MASSES, STIFFNESSES, DAMPINGS = (

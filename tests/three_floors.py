@@ -1,22 +1,19 @@
-"""Chains of 10 kg floors on linear storeys, with extra laws where a test wants them,
-and their simulated records.
-"""
+"""Chains of 10 kg floors on linear storeys, with further laws, and their records."""
 
 from pysindy_nrf import ChainModel, laws
-from pysindy_nrf.simulation import free_run
+from pysindy_nrf.simulation import add_noise, free_run
 from pysindy_nrf.simulation.excitation import band_limited_random
-from pysindy_nrf.simulation.noise import add_noise
 
 FS = 500.0
 STOREY = laws.PowerSeries(1, [60.0, 5e4])
 
 
 def chain(*extra, n=3):
-    """Masses of 10 kg on linear storeys; extra laws as (storey, law)."""
-    held = {i: [STOREY] for i in range(1, n + 1)}
+    """Masses of 10 kg on linear storeys; further laws as pairs (storey, law)."""
+    by_storey = {storey: [STOREY] for storey in range(1, n + 1)}
     for storey, law in extra:
-        held[storey].append(law)
-    return ChainModel([10.0] * n, {f"storey {i}": group for i, group in held.items()})
+        by_storey[storey].append(law)
+    return ChainModel([10.0] * n, by_storey)
 
 
 def run(model, dofs, rms=100.0, duration=16.0, seed=0):

@@ -721,7 +721,7 @@ def methods() -> Iterator[Kind]:
         "constraints that are none",
         fit_with(constraints=["m1 > 0"]),
         "constraint",
-        "estimation.constraints",
+        "Parameter",
     )
 
 

@@ -1,29 +1,27 @@
-"""Order in which the balances of a chain are solved, and unknowns that an excitation
-cannot identify.
+"""What an excitation can identify, and the order in which it is found.
 
-This is pure topology and uses no samples. A balance can be solved if its right-hand
-side contains something known and nonzero: a measured force, a known mass, or a law
-identified before (eqs. 4-5).
+This is pure topology and uses no samples. An equation of motion can be solved if its
+right-hand side contains something known and nonzero: a measured force, a known mass, or
+a law identified before (paper eqs. 4-5).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, Protocol
-
-import numpy as np
+from dataclasses import dataclass, field
+from operator import itemgetter
+from typing import Protocol
 
 from ..exceptions import ChainError, ExcitationError, IdentifiabilityError
 from .sites import Site, dofs_of
 
 STRATEGIES = ("auto", "complete", "sequential", "joint")
 
+Dofs = int | Iterable[int]
+
 
 class Topology(Protocol):
-    """The DOFs of a chain and the sites at which its laws act; a
-    :class:`~pysindy_nrf.Chain` is one.
-    """
+    """DOFs and sites of a chain; a :class:`~pysindy_nrf.Chain` is one."""
 
     n_dof: int
     sites: tuple[Site, ...]
@@ -31,47 +29,68 @@ class Topology(Protocol):
 
 @dataclass(frozen=True)
 class Step:
-    """One sub-problem of the solve."""
+    """One sub-problem of the solve: an equation of motion, or several summed.
 
-    dofs: tuple[
-        int, ...
-    ]  # the balances that are summed: one DOF, or all DOFs above a cut
-    masses: tuple[int, ...]  # DOFs whose mass is unknown here
-    sites: tuple[Site, ...]  # whose law is unknown here
-    known_sites: tuple[
-        Site, ...
-    ] = ()  # whose law is identified before and moves to the right-hand side
-    forced: bool = False  # a measured force scales the sub-problem
+    Attributes
+    ----------
+    dofs : tuple of int
+        DOFs whose equations are summed: one DOF, or all DOFs above a cut.
+    masses : tuple of int
+        DOFs whose mass is unknown here.
+    sites : tuple of Site
+        Sites whose laws are unknown here.
+    known_sites : tuple of Site
+        Sites whose laws were identified before and move to the right-hand side.
+    forced : bool
+        Whether a measured force scales the sub-problem.
+    """
+
+    dofs: tuple[int, ...]
+    masses: tuple[int, ...]
+    sites: tuple[Site, ...]
+    known_sites: tuple[Site, ...] = ()
+    forced: bool = False
 
     @property
     def name(self) -> str:
-        """The balance of the sub-problem in words."""
-        if len(self.dofs) == 1:
-            return f"balance of DOF {self.dofs[0]}"
-        return f"balance of DOFs {self.dofs[0]} to {self.dofs[-1]} together"
+        """The equations of the sub-problem in words."""
+        first, last = self.dofs[0], self.dofs[-1]
+        if first == last:
+            return f"balance of DOF {first}"
+        return f"balance of DOFs {first} to {last} together"
 
     def __str__(self) -> str:
-        found = [f"m{j}" for j in self.masses] + [str(s) for s in self.sites]
-        text = (
-            self.name[0].upper() + self.name[1:] + (" (forced)" if self.forced else "")
-        )
-        return f"{text}: {', '.join(found)}."
+        unknowns = [f"m{j}" for j in self.masses]
+        unknowns.extend(map(str, self.sites))
+
+        title = self.name[0].upper() + self.name[1:]
+        if self.forced:
+            title += " (forced)"
+        return f"{title}: {', '.join(unknowns)}."
 
 
 @dataclass(frozen=True)
 class SolveOrder:
-    """Order in which the balances are solved, and unknowns that cannot be
-    identified.
+    """Steps of the solve, and unknowns that cannot be identified.
+
+    Attributes
+    ----------
+    strategy : {"complete", "sequential", "joint"}
+    steps : tuple of Step
+    missing_masses : tuple of int
+    missing_sites : tuple of Site
+    reasons : tuple of str
+        One sentence for each missing unknown, with a remedy.
+    yields : bool
+        True if a joint solve was chosen by default: it gives way to a complete one
+        where two equations of motion contradict each other.
     """
 
     strategy: str
     steps: tuple[Step, ...]
     missing_masses: tuple[int, ...] = ()
     missing_sites: tuple[Site, ...] = ()
-    reasons: tuple[
-        str, ...
-    ] = ()  # one sentence for each missing unknown, with a remedy
-    # joint by default: each balance by itself where two of them contradict each other
+    reasons: tuple[str, ...] = ()
     yields: bool = False
 
     @property
@@ -82,15 +101,14 @@ class SolveOrder:
     def require_complete(self) -> SolveOrder:
         """The order itself; raises an error if anything cannot be identified."""
         if not self.steps:
+            what = (
+                "No force is measured and no mass is known, so nothing scales the chain"
+            )
             cure = (
                 "Measure a force on one DOF, or give a mass: known_masses={dof: kg};"
                 " ratios to it then come out."
             )
-            raise ExcitationError(
-                "No force is measured and no mass is known, so nothing scales the"
-                " chain",
-                cure,
-            )
+            raise ExcitationError(what, cure, argument="known_masses")
         if not self.complete:
             raise IdentifiabilityError(" ".join(self.reasons))
         return self
@@ -101,308 +119,180 @@ class SolveOrder:
 
 def plan_solve_order(
     chain: Topology,
-    excited: Any = (),
-    unknown: Any = (),
-    known_masses: Any = (),
+    excited: Dofs = (),
+    unknown: Dofs = (),
+    known_masses: Dofs = (),
     strategy: str = "auto",
     sites: Iterable[Site] | None = None,
     alone: bool = False,
 ) -> SolveOrder:
-    """Order of the solve of a chain (paper eqs. 3-5); "auto" is never joint where
-    balances are used alone.
+    """Order of the solve of a chain (paper eqs. 3-5).
+
+    ``sites`` are those at which laws act, all sites of the chain if None. With
+    ``alone``, every equation is solved by itself, so "auto" is never joint.
     """
-    if strategy not in STRATEGIES:
-        raise ChainError(
-            f"strategy={strategy!r} is unknown",
-            f"Choose one of {', '.join(STRATEGIES)}.",
-        )
-    named = {"excited": excited, "unknown": unknown, "known_masses": known_masses}
-    forced_, unknown_, masses = (
-        frozenset(dofs_of(name, given, chain.n_dof)) for name, given in named.items()
-    )
-    forced_ -= unknown_
+    no_force = frozenset(dofs_of("unknown", unknown, chain.n_dof))
+    forced = frozenset(dofs_of("excited", excited, chain.n_dof)) - no_force
+    masses = frozenset(dofs_of("known_masses", known_masses, chain.n_dof))
     acting = chain.sites if sites is None else tuple(sites)
-    every = frozenset(range(1, chain.n_dof + 1))
-    auto = strategy == "auto"
-    if auto:
-        strategy = (
-            "sequential"
-            if forced_ != every
-            else "complete"
-            if alone or chain.n_dof == 1
-            else "joint"
-        )
-    if strategy in ("complete", "joint"):
-        scaled = forced_ if strategy == "joint" else forced_ | (masses - unknown_)
-        if scaled != every:
-            idle = ", ".join(str(j) for j in sorted(every - scaled))
-            what = (
-                f"strategy={strategy!r} needs a force on every DOF; none is measured on"
-                f" DOF {idle}"
-            )
-            cure = (
-                "Use strategy='sequential', or hit those floors too (in the same or in"
-                " another record)."
-            )
-            raise IdentifiabilityError(what, cure)
-        steps = [
-            Step(
-                (j,),
-                (() if j in masses else (j,)),
-                tuple(s for s in acting if s.incidence(j)),
-                (),
-                j in forced_,
-            )
-            for j in range(chain.n_dof, 0, -1)
-        ]
-        return SolveOrder(strategy, tuple(steps), yields=auto and strategy == "joint")
-    return _sequential(chain, forced_, unknown_, masses, acting)
+
+    all_forced = len(forced) == chain.n_dof
+    chosen = _chosen_strategy(strategy, all_forced, alone or chain.n_dof == 1)
+    if chosen == "sequential":
+        return _SequentialPlan(chain.n_dof, acting, forced, no_force, masses).order()
+
+    scaled = forced if chosen == "joint" else forced | (masses - no_force)
+    _require_scaled(scaled, chain.n_dof, chosen)
+    steps = []
+    for dof in range(chain.n_dof, 0, -1):
+        unknown_mass = () if dof in masses else (dof,)
+        here = tuple(site for site in acting if site.incidence(dof))
+        steps.append(Step((dof,), unknown_mass, here, (), dof in forced))
+    by_default = strategy == "auto" and chosen == "joint"
+    return SolveOrder(chosen, tuple(steps), yields=by_default)
 
 
-def _sequential(
-    chain: Topology,
-    forced: frozenset[int],
-    unknown: frozenset[int],
-    given: frozenset[int],
-    acting: tuple[Site, ...],
-) -> SolveOrder:
-    masses = set(given)
-    sites: set[Site] = set()
-    open_rows = [j for j in range(chain.n_dof, 0, -1) if j not in unknown]
-    steps: list[Step] = []
+def _chosen_strategy(strategy: str, all_forced: bool, alone: bool) -> str:
+    """The strategy that is asked for, or what "auto" stands for."""
+    if strategy not in STRATEGIES:
+        cure = f"Choose one of {', '.join(STRATEGIES)}."
+        raise ChainError(f"strategy={strategy!r} is unknown", cure)
+    if strategy != "auto":
+        return strategy
+    if not all_forced:
+        return "sequential"
+    return "complete" if alone else "joint"
 
-    def cut_step() -> Step | None:
-        # Base excitation with known masses: each storey from the inertia above it.
-        for i in range(chain.n_dof, 0, -1):
-            above = tuple(range(i, chain.n_dof + 1))
-            if any(j in forced or j in unknown or j not in given for j in above):
+
+def _require_scaled(scaled: frozenset[int], n_dof: int, strategy: str) -> None:
+    """Refuse a strategy that needs more equations with a force than there are."""
+    lost = sorted(set(range(1, n_dof + 1)) - scaled)
+    if not lost:
+        return
+
+    idle = ", ".join(map(str, lost))
+    what = (
+        f"strategy={strategy!r} needs a force on every DOF; none is measured on DOF"
+        f" {idle}"
+    )
+    cure = (
+        "Use strategy='sequential', or hit those floors too (in the same or in another"
+        " record)."
+    )
+    raise IdentifiabilityError(what, cure)
+
+
+@dataclass
+class _SequentialPlan:
+    """The search for a sequence of steps; each uses what the steps before it found."""
+
+    n_dof: int
+    acting: tuple[Site, ...]
+    forced: frozenset[int]
+    no_force: frozenset[int]
+    given_masses: frozenset[int]
+    masses: set[int] = field(init=False)
+    sites: set[Site] = field(default_factory=set, init=False)
+    open_dofs: list[int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.masses = set(self.given_masses)
+        top_down = range(self.n_dof, 0, -1)
+        self.open_dofs = [dof for dof in top_down if dof not in self.no_force]
+
+    def order(self) -> SolveOrder:
+        """All steps that can be taken, and what they leave unknown."""
+        steps = []
+        while step := self._step_from_above() or self._single_step():
+            steps.append(step)
+            self.masses.update(step.masses)
+            self.sites.update(step.sites)
+            if len(step.dofs) == 1:
+                self.open_dofs.remove(step.dofs[0])
+
+        top_down = range(self.n_dof, 0, -1)
+        lost_masses = tuple(dof for dof in top_down if dof not in self.masses)
+        lost_sites = tuple(site for site in self.acting if site not in self.sites)
+        reasons = _reasons(lost_masses, lost_sites, self.no_force)
+        return SolveOrder("sequential", tuple(steps), lost_masses, lost_sites, reasons)
+
+    def _step_from_above(self) -> Step | None:
+        """Base excitation, known masses: a storey from the inertia of all above it."""
+        above: tuple[int, ...] = ()
+        for dof in range(self.n_dof, 0, -1):
+            free = dof not in self.forced and dof not in self.no_force
+            if not free or dof not in self.given_masses:
                 return None
-            crossing = [s for s in acting if sum(s.incidence(j) for j in above)]
-            fresh = tuple(s for s in crossing if s not in sites)
-            if fresh:
-                return Step(above, (), fresh, tuple(s for s in crossing if s in sites))
+
+            above = (dof, *above)
+            crossing = [s for s in self.acting if sum(map(s.incidence, above))]
+            unknown, known = self._split(crossing)
+            if unknown:
+                return Step(above, (), unknown, known)
         return None
 
-    def row_step() -> Step | None:
-        best = None
-        for j in open_rows:
-            here = [s for s in acting if s.incidence(j)]
-            known = tuple(s for s in here if s in sites)
-            fresh = tuple(s for s in here if s not in sites)
-            mass = () if j in masses else (j,)
-            if not (fresh or mass) or not (j in forced or j in masses or known):
+    def _single_step(self) -> Step | None:
+        """The equation that can be solved best: a forced one, with few unknowns."""
+        ranked: list[tuple[tuple[bool, bool, int], Step]] = []
+        for dof in self.open_dofs:
+            here = [site for site in self.acting if site.incidence(dof)]
+            unknown, known = self._split(here)
+            mass = () if dof in self.masses else (dof,)
+            n_unknowns = len(unknown) + len(mass)
+            if not n_unknowns or not self._is_scaled(dof, known):
                 continue
-            weak = j not in masses and not any(
-                s.is_storey for s in known
-            )  # a tie carries a small part of the shear
-            rank = (j not in forced, weak, len(fresh) + len(mass))
-            if best is None or rank < best[0]:
-                best = (rank, Step((j,), mass, fresh, known, j in forced))
-        return best[1] if best else None
 
-    while step := cut_step() or row_step():
-        steps.append(step)
-        masses.update(step.masses)
-        sites.update(step.sites)
-        if len(step.dofs) == 1:
-            open_rows.remove(step.dofs[0])
-    lost_masses = tuple(j for j in range(chain.n_dof, 0, -1) if j not in masses)
-    lost_sites = tuple(s for s in acting if s not in sites)
-    return SolveOrder(
-        "sequential",
-        tuple(steps),
-        lost_masses,
-        lost_sites,
-        _reasons(lost_masses, lost_sites, unknown),
-    )
+            # a tie carries a small part of the shear, and its errors would rule
+            by_ties = dof not in self.masses and not any(s.is_storey for s in known)
+            step = Step((dof,), mass, unknown, known, dof in self.forced)
+            ranked.append(((not step.forced, by_ties, n_unknowns), step))
+        return min(ranked, key=itemgetter(0))[1] if ranked else None
+
+    def _split(
+        self, sites: Iterable[Site]
+    ) -> tuple[tuple[Site, ...], tuple[Site, ...]]:
+        """Sites whose laws are still unknown, and those whose laws are known."""
+        unknown: list[Site] = []
+        known: list[Site] = []
+        for site in sites:
+            side = known if site in self.sites else unknown
+            side.append(site)
+        return tuple(unknown), tuple(known)
+
+    def _is_scaled(self, dof: int, known: tuple[Site, ...]) -> bool:
+        """Whether something known and nonzero stands in the equation of a DOF."""
+        return dof in self.forced or dof in self.masses or bool(known)
 
 
 def _reasons(
-    masses: tuple[int, ...], sites: tuple[Site, ...], unknown: frozenset[int]
+    masses: tuple[int, ...], sites: tuple[Site, ...], no_force: frozenset[int]
 ) -> tuple[str, ...]:
-    said = []
+    """Why unknowns are out of reach, from the top down, sites before masses."""
+    texts: list[tuple[tuple[int, int, int], str]] = []
     for site in sites:
-        ends = [j for j in (site.q, site.p) if j > 0]
-        blind = " and ".join(str(j) for j in ends if j in unknown)
-        hit = " or ".join(str(j) for j in ends if j not in unknown)
-        why = "no force and no known mass reaches it; "
-        if blind:
-            why = (
-                f"the force on DOF {blind} is unknown and nothing else reaches it;"
-                f" measure the force on floor {blind}"
-            )
-            why += ", or " * bool(hit)
-        why += f"hit floor {hit}" if hit else ""
-        said.append(((-site.p, 0, -site.q), f"{site} cannot be scaled: {why}."))
-    for j in masses:
-        why = f"no force and no known mass reaches DOF {j}; hit floor {j}."
-        if j in unknown:
-            why = f"the force on DOF {j} is unknown; measure it or weigh the floor."
-        said.append(((-j, 1, 0), f"m{j} cannot be found: {why}"))
-    return tuple(text for _, text in sorted(said, key=lambda item: item[0]))
+        why = _why_not_scaled(site, no_force)
+        texts.append(((-site.p, 0, -site.q), f"{site} cannot be scaled: {why}."))
+
+    for dof in masses:
+        why = f"no force and no known mass reaches DOF {dof}; hit floor {dof}."
+        if dof in no_force:
+            why = f"the force on DOF {dof} is unknown; measure it or weigh the floor."
+        texts.append(((-dof, 1, 0), f"m{dof} cannot be found: {why}"))
+    return tuple(text for _, text in sorted(texts, key=itemgetter(0)))
 
 
-DAMPING = 0.01  # of every mode of the nominal chain, as a share of critical
-LOST = 1e-7  # singular value over the largest below which a direction is not told
-# spread of the nominal masses and stiffnesses: equal ones would hide nothing and share
-# modes by chance
-DRAW = 0.15
+def _why_not_scaled(site: Site, no_force: frozenset[int]) -> str:
+    """What is missing to scale the laws of a site, and what to do."""
+    ends = {site.q, site.p} - {0}
+    blind = " and ".join(map(str, sorted(ends & no_force)))
+    floors = " or ".join(map(str, sorted(ends - no_force)))
 
+    hit = f"hit floor {floors}" if floors else ""
+    if not blind:
+        return f"no force and no known mass reaches it; {hit}"
 
-@dataclass(frozen=True)
-class Sensing:
-    """What some sensors can tell of a linear chain, from the rank and condition of the
-    linearised problem.
-    """
-
-    excited: tuple[int, ...]  # DOFs with a measured force; empty: the base moves
-    sensors: tuple[int, ...]
-    rank: int
-    unknowns: int  # free masses and stiffnesses
-    condition: (
-        float  # of the changes of the responses with their logarithms, damping unknown
+    why = (
+        f"the force on DOF {blind} is unknown and nothing else reaches it; measure the"
+        f" force on floor {blind}"
     )
-    errors: dict[
-        str, float
-    ]  # standard error of each over that with sensors on every floor; inf: not told
-    gains: dict[
-        int, float
-    ]  # by floor without a sensor: largest error over that with one more sensor there
-
-    @property
-    def complete(self) -> bool:
-        """True if all masses and stiffnesses can be told."""
-        return self.rank == self.unknowns
-
-    def __str__(self) -> str:
-        where = (
-            f"{_floors('Force on floor', self.excited)}"
-            if self.excited
-            else "Base motion"
-        )
-        worst = max(self.errors, key=self.errors.__getitem__)
-        said = f"{where}, {_floors('sensor on floor', self.sensors)}: "
-        if self.complete:
-            said += (
-                f"all {self.unknowns} masses and stiffnesses can be told near a given"
-                f" chain (condition {self.condition:.1e}). Least sure is {worst}, with"
-                f" {self.errors[worst]:.1f} times the error that sensors on every floor"
-                " leave."
-            )
-        else:
-            lost = ", ".join(
-                name for name, error in self.errors.items() if np.isinf(error)
-            )
-            said += (
-                f"{self.rank} of {self.unknowns} combinations of masses and stiffnesses"
-                f" can be told; {lost} cannot be "
-                "told apart."
-                f" {'' if self.excited else 'Measure a force on a floor, or give a mass.'}"
-            )
-        if self.gains:
-            floor = max(self.gains, key=self.gains.__getitem__)
-            if self.gains[floor] > 1:
-                said = f"{said.rstrip()} One more sensor helps most on floor {floor}"
-                falls = np.isfinite(self.gains[floor])
-                said += (
-                    f": the largest error falls by a factor of {self.gains[floor]:.1f}."
-                    if falls
-                    else "."
-                )
-        return said.rstrip()
-
-
-def _floors(text: str, floors: tuple[int, ...]) -> str:
-    return f"{text}{'s' * (len(floors) > 1)} {', '.join(map(str, floors))}"
-
-
-def plan_sensing(
-    chain: Any,
-    sensors: Any,
-    excited: Any = (),
-    known_masses: Any = (),
-    model: Any = None,
-) -> Sensing:
-    """Rank, condition and errors of the linearised problem; of the model's linear part,
-    or of a nominal chain.
-    """
-    n, links = chain.n_dof, [s for s in chain.sites if s.kind == "link"]
-    seen, hit, known = (
-        tuple(sorted(dofs_of(name, given, n)))
-        for name, given in (
-            ("sensors", sensors),
-            ("excited", excited),
-            ("known_masses", known_masses),
-        )
-    )
-    if not seen:
-        raise ChainError("No floor has a sensor", "Name at least one: sensors=[4].")
-    rng, signs = np.random.default_rng(0), chain.incidence(links)
-    masses, k = (
-        1 + DRAW * rng.uniform(-1, 1, n),
-        1 + DRAW * rng.uniform(-1, 1, len(links)),
-    )
-    if model is not None:
-        masses = np.asarray(model.masses, dtype=float)
-        k = np.array([abs(model.restoring_forces[s].linear_part()["k"]) for s in links])
-    free = [j for j in range(n) if j + 1 not in known]
-    values = np.linalg.eigvalsh(
-        (signs * k) @ signs.T / np.sqrt(masses)[:, None] / np.sqrt(masses)
-    )
-    modes = np.sqrt(np.maximum(values, 1e-9 * values[-1]))
-    w = np.outer(modes, 1 + DAMPING * np.linspace(-4, 4, 9)).ravel()
-    middle = float(np.exp(np.log(modes).mean()))
-
-    def responses(u: np.ndarray) -> np.ndarray:
-        """Accelerations of all floors by line and input, changed by logarithms of
-        masses, stiffnesses, damping.
-        """
-        m, stiff = masses.copy(), k * np.exp(u[len(free) : len(free) + len(k)])
-        m[free] *= np.exp(u[: len(free)])
-        c = k * 2 * DAMPING / middle * np.exp(u[len(free) + len(k) :])
-        whole = (signs * (stiff + 1j * w[:, None, None] * c)) @ signs.T - w[
-            :, None, None
-        ] ** 2 * np.diag(m)
-        x = np.linalg.inv(whole)
-        inputs = np.eye(n)[:, [j - 1 for j in hit]] if hit else -m[:, None]
-        return -(w[:, None, None] ** 2) * (x @ inputs) + (0.0 if hit else 1.0)
-
-    p = len(free) + 2 * len(k)
-    J = np.stack(
-        [(responses(h) - responses(-h)) / 2e-5 for h in 1e-5 * np.eye(p)], axis=-1
-    )
-    J = (
-        J
-        / np.sqrt(np.mean(np.abs(responses(np.zeros(p))) ** 2, axis=0))[
-            None, :, :, None
-        ]
-    )
-    names = [f"m{j + 1}" for j in free] + [f"{site}: s" for site in links]
-
-    def told(floors: Iterable[int]) -> tuple[np.ndarray, np.ndarray]:
-        """Singular values of the scaled masses and stiffnesses, and their errors."""
-        part = J[:, [j - 1 for j in floors]].reshape(-1, p)
-        part = np.concatenate([part.real, part.imag])
-        wanted, damping = part[:, : len(names)], part[:, len(names) :]
-        wanted = wanted - damping @ np.linalg.lstsq(damping, wanted, rcond=None)[0]
-        _, singular, turned = np.linalg.svd(wanted, full_matrices=False)
-        held = singular > LOST * singular[0]
-        variance = (turned[held] ** 2 / singular[held, None] ** 2).sum(axis=0)
-        return singular, np.where(
-            (turned[~held] ** 2).sum(axis=0) > 1e-6, np.inf, np.sqrt(variance)
-        )
-
-    every = told(range(1, n + 1))[1]
-    singular, errors = told(seen)
-    rank = int((singular > LOST * singular[0]).sum())
-    gains = {}
-    for floor in sorted(set(range(1, n + 1)) - set(seen)):
-        new = told([*seen, floor])[1].max()
-        gains[floor] = 1.0 if np.isinf(new) else float(errors.max() / new)
-    shares = np.where(
-        np.isinf(errors), np.inf, errors / np.where(np.isinf(every), 1.0, every)
-    )
-    condition = float(singular[0] / singular[-1]) if rank == len(names) else np.inf
-    return Sensing(
-        hit, seen, rank, len(names), condition, dict(zip(names, shares.tolist())), gains
-    )
+    return f"{why}, or {hit}" if hit else why

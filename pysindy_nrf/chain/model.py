@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from html import escape
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ..common.files import atomic_write, check, plain_json, schema
-from ..common.lazy import Hook
-from ..exceptions import (
-    ChainError,
-    ChannelError,
-    FileFormatError,
-    FileVersionError,
-    LawError,
-)
+from ..common.files import atomic_write
+from ..exceptions import ChainError, ChannelError, LawError
 from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import lost_masses, total_masses
 from ..records.dataset import Dataset
-from ..records.files.table import check_file, unreadable
 from ..records.input_arrays import from_arrays
+from . import latex
+from .model_file import SCHEMA, VERSION, parsed_model, readable_model, text_of_model
 from .restoring_force import RestoringForces, grid
 from .sites import Site
 from .structure import Chain
 from .visited_region import VisitedRegion
 
-SCHEMA = "pysindy_nrf.ChainModel"
-VERSION = 1
-_MOST_BYTES = 200_000_000  # a model of a thousand floors is far below this size
+# Masses and laws that a notebook shows of a model.
+SHOWN_IN_NOTEBOOK = 30
+
+Laws = Mapping[Any, ForceLaw | Sequence[ForceLaw]]
 
 
 class ChainModel:
@@ -80,54 +74,24 @@ class ChainModel:
     def __init__(
         self,
         masses: Any,
-        laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]],
+        laws: Laws,
         chain: Chain | None = None,
         visited: Mapping[Any, VisitedRegion] | None = None,
         info: Mapping[str, Any] | None = None,
     ) -> None:
-        try:
-            self.masses = np.array(masses, dtype=float, ndmin=1)
-        except (TypeError, ValueError):
-            self.masses = np.array([np.nan])
-        if self.masses.ndim != 1 or not np.isfinite(self.masses).all():
-            raise ChainError(
-                "The masses are not a list of finite numbers",
-                "Give one mass in kg for each DOF.",
-            )
-        n = len(self.masses)
+        self.masses = _finite_masses(masses)
+        n_dof = len(self.masses)
         if chain is None:
-            chain = Chain(n).with_links(laws)
-        if chain.n_dof != n:
-            raise ChainError(
-                f"{n} masses for a chain with {chain.n_dof} DOFs",
-                "Give one mass in kg for each DOF.",
-            )
+            chain = Chain(n_dof).with_links(laws)
+        if chain.n_dof != n_dof:
+            what = f"{n_dof} masses for a chain with {chain.n_dof} DOFs"
+            raise ChainError(what, "Give one mass in kg for each DOF.")
+
         self.chain = chain
-        held: dict[Site, tuple[ForceLaw, ...]] = {site: () for site in chain.sites}
-        for text, value in laws.items():
-            site = chain.site(text)
-            if site.kind == "link" and site not in chain.sites:
-                raise ChainError(
-                    f"{str(site)!r} is not in the chain {chain!r}",
-                    "Give it in the chain's links.",
-                )
-            held[site] = (value,) if isinstance(value, ForceLaw) else tuple(value)
-        for site, group in held.items():
-            for law in group:
-                if not isinstance(law, ForceLaw):
-                    raise LawError(
-                        f"{site}: {law!r} is not a force law",
-                        "Use those of pysindy_nrf.laws.",
-                    )
-                if law.coefficients is None or law.free_shape:
-                    raise LawError(
-                        f"{site}: {law!r} has no values",
-                        "Give its coefficients and shape parameters.",
-                    )
-        self.laws = held
-        self.visited = {
-            chain.site(s): region for s, region in dict(visited or {}).items()
-        }
+        self.laws = _laws_at_sites(chain, laws)
+        self.visited: dict[Site, VisitedRegion] = {}
+        for text, region in dict(visited or {}).items():
+            self.visited[chain.site(text)] = region
         self.info = dict(info or {})
 
     @property
@@ -147,16 +111,22 @@ class ChainModel:
 
     @property
     def coefficients(self) -> dict[Site, np.ndarray]:
-        """Coefficients of the laws of every site, one after the other, SI units; empty
-        where nothing acts.
+        """Coefficients of the laws of every site, one after the other, SI units.
 
-        A LawError if a law has lost its own. With the name of each and its unit they
-        stand in ``restoring_forces[site].coefficients``.
+        Empty where nothing acts. With their names and units they stand in
+        ``restoring_forces[site].coefficients``.
+
+        Raises
+        ------
+        LawError
+            If a law has lost its coefficients.
         """
-        return {
-            site: np.concatenate([np.zeros(0), *(law.values for law in held)])
-            for site, held in self.laws.items()
-        }
+        out = {}
+        for site, group in self.laws.items():
+            values = [np.zeros(0)]
+            values.extend(law.values for law in group)
+            out[site] = np.concatenate(values)
+        return out
 
     @property
     def restoring_forces(self) -> RestoringForces:
@@ -164,18 +134,24 @@ class ChainModel:
         return RestoringForces(self.chain, self.laws)
 
     def segments(self, X: Any, F: Any = None, **options: Any) -> Dataset:
-        """The contiguous records in data given as for :meth:`predict`, with forces F in
-        N.
+        """The data set behind data that are given as for :meth:`predict`.
 
         Parameters
         ----------
+        X : array-like, DataFrame, Record or Dataset
         F : array-like of shape (n_samples, n_dof), optional
+            Forces, N.
+        **options
+            See :meth:`predict`.
+
+        Returns
+        -------
+        Dataset
         """
         if isinstance(X, Dataset):
             return X
-        return from_arrays(
-            X, F, n_dof=self.n_dof, has_memory=self.has_memory, **options
-        )
+        memory = self.has_memory
+        return from_arrays(X, F, n_dof=self.n_dof, has_memory=memory, **options)
 
     def site_forces(self, data: Dataset) -> list[np.ndarray]:
         """Forces of all sites along each record.
@@ -189,27 +165,31 @@ class ChainModel:
         list of ndarray of shape (n_valid_samples, n_sites)
             Columns in the order of ``model.laws``; N.
         """
-        forces = self.restoring_forces.items()
-        return [
-            np.column_stack(
-                [force.along(seg.motion(site, seg.valid)) for site, force in forces]
-            )
-            for seg in data.segments
-        ]
+        records = []
+        for segment in data.segments:
+            forces = []
+            for site, force in self.restoring_forces.items():
+                forces.append(force.along(segment.motion(site, segment.valid)))
+            records.append(np.column_stack(forces))
+        return records
 
     def balance_forces(self, data: Dataset) -> list[np.ndarray]:
-        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record; see
-        :meth:`site_forces`.
+        """Left-hand sides ``m_j a_j + R_j - R_{j+1}`` along each record, N.
+
+        Parameters
+        ----------
+        data : Dataset
 
         Returns
         -------
         list of ndarray of shape (n_valid_samples, n_dof)
         """
         incidence = self.chain.incidence(self.laws)
-        return [
-            seg.a[seg.valid].astype(float) * self.masses + forces @ incidence.T
-            for seg, forces in zip(data.segments, self.site_forces(data))
-        ]
+        records = []
+        for segment, forces in zip(data.segments, self.site_forces(data)):
+            inertia = segment.a[segment.valid].astype(float) * self.masses
+            records.append(inertia + forces @ incidence.T)
+        return records
 
     def predict(self, X: Any, **options: Any) -> np.ndarray:
         """Forces on the DOFs that the measured motion implies.
@@ -239,14 +219,15 @@ class ChainModel:
             Force of storey j in column j-1, N; zero where a free chain has no storey 1.
         """
         data = self.segments(X, **options, every_row=True)
-        order = list(self.laws)
-        pick = [
-            order.index(Site(j)) if Site(j) in order else -1
-            for j in range(1, self.n_dof + 1)
-        ]
-        return data.scatter(
-            [np.pad(f, ((0, 0), (0, 1)))[:, pick] for f in self.site_forces(data)]
-        )
+        column = {site: k for k, site in enumerate(self.laws)}
+        storeys = [site for site in self.laws if site.is_storey]
+        dofs = [site.p - 1 for site in storeys]
+        records = []
+        for forces in self.site_forces(data):
+            by_storey = np.zeros((len(forces), self.n_dof))
+            by_storey[:, dofs] = forces[:, [column[site] for site in storeys]]
+            records.append(by_storey)
+        return data.scatter(records)
 
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mass, damping and stiffness matrix of the linear part.
@@ -256,20 +237,14 @@ class ChainModel:
         M, C, K : ndarray of shape (n_dof, n_dof)
             kg, N s/m, N/m, for motion relative to the base.
         """
-        sites = list(self.laws)
-        to_link = self.chain.incidence(sites).T  # relative motion of the DOFs -> drifts
-        linear = [force.linear_part() for force in self.restoring_forces.values()]
-        M = np.diag(self.masses)
-        for site, b in zip(sites, to_link):
-            for law in self.laws[site]:
-                for term, c in zip(law.terms(), law.values):
-                    if term.label == "a":
-                        M = M + c * np.outer(b, b)
-        C, K = (
-            to_link.T @ (np.array([p[key] for p in linear])[:, None] * to_link)
-            for key in "ck"
-        )
-        return M, C, K
+        incidence = self.chain.incidence(self.laws)
+        added = []
+        for label in ("a", "v", "s"):
+            forces = self.restoring_forces.values()
+            of_site = np.array([force.coefficient_sum(label) for force in forces])
+            added.append((incidence * of_site) @ incidence.T)
+        M, C, K = added
+        return np.diag(self.masses) + M, C, K
 
     def modes(self) -> pd.DataFrame:
         """Natural frequencies, damping ratios and shapes of the linear part.
@@ -287,35 +262,28 @@ class ChainModel:
         ChainError
             If a mass, alone or with what laws add to it, is not positive.
         """
-        M, C, K = self.matrices()
-        n = self.n_dof
         if (self.masses <= 0).any():
-            raise ChainError(
-                f"m{int(np.argmin(self.masses)) + 1} is not positive",
-                "Modes need positive masses.",
-            )
-        if lost := lost_masses(self.masses, self.laws):
+            lightest = int(np.argmin(self.masses)) + 1
+            what = f"m{lightest} is not positive"
+            raise ChainError(what, "Modes need positive masses.")
+        lost = lost_masses(self.masses, self.laws)
+        if lost:
             raise ChainError(lost[0], "Modes need positive masses; weigh that floor.")
-        values, vectors = np.linalg.eig(state_matrix(M, C, K))
-        shapes = vectors[:n] / np.linalg.norm(vectors[:n], axis=0)
-        pairs = [(i, i) for i in np.flatnonzero(values.imag > 0)]
-        real = sorted(np.flatnonzero(values.imag == 0), key=lambda i: abs(values[i]))
-        while real:
-            i = real.pop(0)
-            pairs.append((i, max(real, key=lambda k: abs(shapes[:, i] @ shapes[:, k]))))
-            real.remove(pairs[-1][1])
+
+        values, vectors = np.linalg.eig(state_matrix(*self.matrices()))
+        shapes = vectors[: self.n_dof] / np.linalg.norm(vectors[: self.n_dof], axis=0)
         rows = []
-        for i, k in pairs:
-            size, shape = float(np.sqrt(abs(values[i] * values[k]))), shapes[:, i]
+        for i, k in _paired(values, shapes):
+            omega = float(np.sqrt(abs(values[i] * values[k])))
             decay = -0.5 * (values[i] + values[k]).real
-            shape = shape / shape[np.argmax(np.abs(shape))]
-            rows.append(
-                [size / (2 * np.pi), decay / size if size else 0.0, *shape.real]
-            )
-        names = ["frequency", "damping", *(f"dof {j}" for j in range(1, n + 1))]
-        return pd.DataFrame(
-            sorted(rows), columns=names, index=pd.RangeIndex(1, n + 1, name="mode")
-        )
+            damping = decay / omega if omega else 0.0
+            shape = shapes[:, i] / shapes[np.argmax(np.abs(shapes[:, i])), i]
+            rows.append([omega / (2 * np.pi), damping, *shape.real])
+
+        names = ["frequency", "damping"]
+        names.extend(f"dof {j}" for j in range(1, self.n_dof + 1))
+        numbers = pd.RangeIndex(1, self.n_dof + 1, name="mode")
+        return pd.DataFrame(sorted(rows), columns=names, index=numbers)
 
     def surface(self, site: Any, size: int = 41, margin: float = 0.0) -> pd.DataFrame:
         """Restoring-force surface of a site over the region it visited.
@@ -341,62 +309,25 @@ class ChainModel:
         site = self.chain.site(site)
         force = self.restoring_forces[site]
         if force.has_memory:
-            cure = "Draw its loops along a record instead."
-            raise LawError(
-                f"The force of {site} depends on the path, it is no surface", cure
-            )
+            what = f"The force of {site} depends on the path, it is no surface"
+            raise LawError(what, "Draw its loops along a record instead.")
         if site not in self.visited:
-            raise ChannelError(
-                f"The visited region of {site} is not known",
-                "Fit the model, or set model.visited.",
-            )
+            what = f"The visited region of {site} is not known"
+            raise ChannelError(what, "Fit the model, or set model.visited.")
+
         region = self.visited[site]
-        middle = [(a + b) / 2 for a, b in zip(region.low, region.high)]
-        half = [(b - a) / 2 * (1 + margin) for a, b in zip(region.low, region.high)]
-        v, s = grid(
-            [m - h for m, h in zip(middle, half)],
-            [m + h for m, h in zip(middle, half)],
-            size,
+        low, high = np.array(region.low), np.array(region.high)
+        middle = (low + high) / 2
+        half = (high - low) / 2 * (1 + margin)
+        v, s = grid(middle - half, middle + half, size)
+        return pd.DataFrame(
+            {
+                "v": v.ravel(),
+                "s": s.ravel(),
+                "R": force(v, s).ravel(),
+                "visited": region.contains(v, s).ravel(),
+            }
         )
-        table = {"v": v, "s": s, "R": force(v, s), "visited": region.contains(v, s)}
-        return pd.DataFrame({name: values.ravel() for name, values in table.items()})
-
-    def simulate(self, F: Any, dt: float, **options: Any) -> Any:
-        """Free run under sampled forces; parameters as of :func:`pysindy_nrf.simulate`.
-
-        Parameters
-        ----------
-        **options
-            ``method``, ``x0``, ``v0``, ``base_acceleration``, ...
-        """
-        return Hook.SIMULATE(self, F, dt, **options)
-
-    def to_sindy(self, dt: float = 1.0) -> Any:
-        """The model as a fitted ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n]
-        under u = F_1..F_n.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling step, s, that SINDy notes.
-
-        Returns
-        -------
-        pysindy.SINDy
-        """
-        return Hook.TO_SINDY(self, dt)
-
-    @classmethod
-    def from_sindy(cls, sindy: Any) -> ChainModel:
-        """The chain behind a ``ps.SINDy`` that was fitted with a library and an
-        optimizer of this package.
-
-        Parameters
-        ----------
-        sindy : pysindy.SINDy
-        """
-        model: ChainModel = Hook.FROM_SINDY(sindy)
-        return model
 
     def with_laws(self, laws: Mapping[Any, Sequence[ForceLaw]]) -> ChainModel:
         """A copy with other laws at some sites.
@@ -405,53 +336,52 @@ class ChainModel:
         ----------
         laws : mapping of str to sequence of ForceLaw
         """
-        merged = {**self.laws, **{self.chain.site(s): v for s, v in laws.items()}}
+        merged: dict[Any, Sequence[ForceLaw]] = dict(self.laws)
+        for text, group in laws.items():
+            merged[self.chain.site(text)] = group
         return ChainModel(self.masses, merged, self.chain, self.visited, self.info)
 
     def equations(self, digits: int = 4) -> list[str]:
-        """The balances' laws as text, in the manner of the paper's eq. (11a).
+        """The sites' laws as text, in the manner of the paper's eq. (11a).
 
         Parameters
         ----------
         digits : int
             Significant digits.
         """
-        return [
-            force.equation(digits)
-            for force in self.restoring_forces.values()
-            if force.laws
-        ]
+        forces = self.restoring_forces.values()
+        return [force.equation(digits) for force in forces if force.laws]
 
     def to_latex(self) -> str:
-        """Force balances and restoring forces as one ``aligned`` block of LaTeX."""
-        return str(Hook.LATEX(self))
+        """Equations of motion and restoring forces as one block of LaTeX."""
+        return latex.latex(self)
 
     def __str__(self) -> str:
-        masses = ", ".join(f"m{j + 1} = {m:.5g} kg" for j, m in enumerate(self.masses))
-        return "\n".join([f"{masses}  (R in N, s in m, v in m/s)", *self.equations()])
-
-    def to_html(self, path: Any, record: Any = None, *, band: Any = None) -> None:
-        """Write the model as one self-contained page; without jinja2 or plotly a
-        MissingExtraError names the extra.
-
-        Parameters
-        ----------
-        path : path-like
-        record : Record or sequence of Record, optional
-            Measured data to draw the model over.
-        band : (float, float), optional
-            Hz; the one the model was fitted in if None.
-        """
-        Hook.PAGE(path, self, record, band=band)
+        masses = [f"m{j} = {m:.5g} kg" for j, m in enumerate(self.masses, 1)]
+        head = f"{', '.join(masses)}  (R in N, s in m, v in m/s)"
+        return "\n".join([head, *self.equations()])
 
     def _repr_html_(self) -> str:
-        return str(Hook.MODEL_HTML(self))
+        masses = []
+        for j, mass in enumerate(self.masses[:SHOWN_IN_NOTEBOOK], 1):
+            masses.append(f"m{j} = {latex.as_text(mass)} kg")
+        lines = [escape(", ".join(masses))]
+
+        for force in list(self.restoring_forces.values())[:SHOWN_IN_NOTEBOOK]:
+            if force.laws:
+                shapes = [latex.mathml([text]) for text in latex.shape_values(force)]
+                line = latex.mathml(latex.law_equation(force))
+                lines.append(f"{line} with {', '.join(shapes)}" if shapes else line)
+
+        title = f"<b>Chain of {self.n_dof} DOF{'s' if self.n_dof > 1 else ''}</b>"
+        body = "".join(
+            f"<p style='margin:.2em 0'>{line}</p>" for line in [title, *lines]
+        )
+        return f"<div class='pysindy-nrf'>{body}</div>"
 
     def __repr__(self) -> str:
-        return (
-            f"ChainModel({self.n_dof} DOF,"
-            f" {', '.join(str(s) for s, held in self.laws.items() if held)})"
-        )
+        sites = [str(site) for site, group in self.laws.items() if group]
+        return f"ChainModel({self.n_dof} DOF, {', '.join(sites)})"
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -465,24 +395,24 @@ class ChainModel:
     __hash__ = None  # type: ignore[assignment]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, SI units, as :func:`pysindy_nrf.common.files.schema`
-        describes it.
+        """Plain data for JSON, SI units, as the shipped schema describes it.
 
         Returns
         -------
         dict
         """
+        laws = {}
+        for site, group in self.laws.items():
+            if group:
+                laws[str(site)] = [law.to_dict() for law in group]
+        visited = {str(site): area.to_dict() for site, area in self.visited.items()}
         return {
             "schema": SCHEMA,
             "version": VERSION,
             "chain": self.chain.to_dict(),
-            "masses": [float(m) for m in self.masses],
-            "laws": {
-                str(s): [law.to_dict() for law in held]
-                for s, held in self.laws.items()
-                if held
-            },
-            "visited": {str(s): region.to_dict() for s, region in self.visited.items()},
+            "masses": self.masses.tolist(),
+            "laws": laws,
+            "visited": visited,
             "info": self.info,
         }
 
@@ -516,107 +446,93 @@ class ChainModel:
             If a later version of this package wrote it, or it is not a model of this
             package.
         """
-        text, where = source, "The JSON text"
-        try:
-            if not (isinstance(source, str) and source.lstrip()[:1] == "{"):
-                text, where = _text_of(source), str(source)
-            data = plain_json(text)
-            if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-                raise FileFormatError(
-                    f"{where} does not hold a chain model",
-                    f'It needs "schema": "{SCHEMA}".',
-                )
-            if isinstance(data.get("version"), int) and data["version"] > VERSION:
-                what = (
-                    f"{where} has version {data['version']}, this package reads up to"
-                    f" {VERSION}"
-                )
-                raise FileVersionError(what, "Update pysindy_nrf.")
-            check(data, schema("chain_model"), where)
-            if data["chain"]["n_dof"] != len(data["masses"]):
-                what = (
-                    f"{where} has {len(data['masses'])} masses for"
-                    f" {data['chain']['n_dof']!r} DOFs"
-                )
-                raise FileFormatError(what, "Write it with ChainModel.to_json.")
-            chain = Chain(
-                data["chain"]["n_dof"],
-                data["chain"].get("links", ()),
-                data["chain"].get("ground", "base"),
-            )
-            return cls(
-                data["masses"],
-                {
-                    site: [from_dict(law) for law in held]
-                    for site, held in data["laws"].items()
-                },
-                chain,
-                {
-                    site: VisitedRegion.from_dict(region)
-                    for site, region in data.get("visited", {}).items()
-                },
-                data.get("info"),
-            )
-        except FileFormatError:
-            raise
-        except (
-            ValueError,
-            KeyError,
-            TypeError,
-            AttributeError,
-            ArithmeticError,
-            RecursionError,
-        ) as error:
-            cure = "Write it with ChainModel.to_json."
-            raise FileFormatError(
-                f"{where} is not a readable chain model: {error}", cure
-            ) from error
+        where, text = text_of_model(source)
+        with readable_model(where):
+            data = parsed_model(text, where)
+            laws = {}
+            for site, group in data["laws"].items():
+                laws[site] = [from_dict(law) for law in group]
+            visited = {}
+            for site, region in data.get("visited", {}).items():
+                visited[site] = VisitedRegion.from_dict(region)
+            chain = Chain.from_dict(data["chain"])
+            return cls(data["masses"], laws, chain, visited, data.get("info"))
+
+
+def _finite_masses(masses: Any) -> np.ndarray:
+    """Masses as an array of finite numbers, or an error."""
+    try:
+        values = np.array(masses, dtype=float, ndmin=1)
+    except (TypeError, ValueError):
+        values = np.array([np.nan])
+    if values.ndim != 1 or not np.isfinite(values).all():
+        what = "The masses are not a list of finite numbers"
+        raise ChainError(what, "Give one mass in kg for each DOF.")
+    return values
+
+
+def _laws_at_sites(chain: Chain, laws: Laws) -> dict[Site, tuple[ForceLaw, ...]]:
+    """The laws of every site of a chain, each with values."""
+    by_site: dict[Site, tuple[ForceLaw, ...]] = dict.fromkeys(chain.sites, ())
+    for text, value in laws.items():
+        site = chain.site(text)
+        if site.kind == "link" and site not in chain.sites:
+            what = f"{str(site)!r} is not in the chain {chain!r}"
+            raise ChainError(what, "Give it in the chain's links.")
+        by_site[site] = (value,) if isinstance(value, ForceLaw) else tuple(value)
+        for law in by_site[site]:
+            _require_values(law, site)
+    return by_site
+
+
+def _require_values(law: Any, site: Site) -> None:
+    """Refuse a law without values, and what is no law."""
+    if not isinstance(law, ForceLaw):
+        what = f"{site}: {law!r} is not a force law"
+        raise LawError(what, "Use those of pysindy_nrf.laws.")
+    if law.coefficients is None or law.free_shape:
+        what = f"{site}: {law!r} has no values"
+        raise LawError(what, "Give its coefficients and shape parameters.")
+
+
+def _paired(values: np.ndarray, shapes: np.ndarray) -> list[tuple[int, int]]:
+    """Eigenvalues of each mode.
+
+    A conjugate pair counts once; two real ones of one shape are one overdamped mode.
+    """
+    pairs = [(int(i), int(i)) for i in np.flatnonzero(values.imag > 0)]
+    real = np.flatnonzero(values.imag == 0).tolist()
+    real.sort(key=lambda i: abs(values[i]))
+    while real:
+        i = real.pop(0)
+        likeness = np.abs(shapes[:, i] @ shapes[:, real])
+        pairs.append((i, real.pop(int(np.argmax(likeness)))))
+    return pairs
 
 
 def state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Rates of displacements and velocities of a linear structure in free vibration
-    from these, 1/s.
-    """
-    n = len(M)
-    return np.block(
-        [
-            [np.zeros((n, n)), np.eye(n)],
-            [-np.linalg.solve(M, K), -np.linalg.solve(M, C)],
-        ]
-    )
+    """Matrix A of the state space [x, xdot] of a linear structure, 1/s."""
+    n_dof = len(M)
+    lower = -np.linalg.solve(M, np.hstack([K, C]))
+    upper = np.hstack([np.zeros((n_dof, n_dof)), np.eye(n_dof)])
+    return np.vstack([upper, lower])
 
 
 def as_model(thing: Any) -> ChainModel:
     """The model of a fitted regressor, or the model itself."""
     model = getattr(thing, "model_", thing)
     if not isinstance(model, ChainModel):
-        raise ChainError(
-            f"{type(thing).__name__} is not a chain model",
-            "Give a fitted NRFRegressor or a ChainModel.",
-        )
+        what = f"{type(thing).__name__} is not a chain model"
+        raise ChainError(what, "Give a fitted NRFRegressor or a ChainModel.")
     return model
 
 
 def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> Dataset:
-    """Data cut into records, in the coordinates of the regressor."""
+    """The data set behind some data, in the coordinates of a fitted regressor."""
     model = as_model(thing)
-    if hasattr(thing, "model_"):
+    if model is not thing:
         options = {"coordinates": thing.coordinates, "dt": thing.dt} | options
     return model.segments(X, F, **options)
-
-
-def _text_of(path: Any) -> str:
-    """The text of a model's file, or an error that names it."""
-    if not isinstance(path, (str, os.PathLike)):
-        raise FileFormatError(
-            f"{path!r} is neither JSON text nor a path",
-            "Give what ChainModel.to_json wrote.",
-        )
-    try:
-        check_file(Path(path), _MOST_BYTES)
-        return Path(path).read_text(encoding="utf-8")
-    except (UnicodeError, OSError) as error:
-        raise unreadable(Path(path), "JSON", error) from error
 
 
 def storey_names(model: ChainModel) -> list[str]:
@@ -626,14 +542,9 @@ def storey_names(model: ChainModel) -> list[str]:
 
 def frame(data: Dataset, parts: list[np.ndarray], columns: list[str]) -> pd.DataFrame:
     """A table of the rows the user passed, indexed by time where it is known."""
-    times = [
-        np.full(seg.n_samples, np.nan) if seg.t is None else seg.t
-        for seg in data.segments
-    ]
-    known = all(seg.t is not None for seg in data.segments)
-    index = (
-        pd.Index(np.concatenate(times), name="t")
-        if known
-        else pd.RangeIndex(data.n_samples, name="sample")
-    )
+    times = [segment.t for segment in data.segments if segment.t is not None]
+    if len(times) == len(data.segments):
+        index = pd.Index(np.concatenate(times), name="t")
+    else:
+        index = pd.RangeIndex(data.n_samples, name="sample")
     return pd.DataFrame(data.scatter(parts), index=index, columns=columns)

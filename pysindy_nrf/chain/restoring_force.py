@@ -4,21 +4,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from ..exceptions import ChainError, ChannelError, LawError, UnknownSiteError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion
-from .layout import distinct_labels
+from .laws_by_site import distinct_labels
 from .sites import Site
 from .structure import Chain
 
 
 class RestoringForce:
-    """The force a site exerts, as a sum of laws with coefficients."""
+    """The force at a site, as a sum of laws with coefficients."""
 
     def __init__(self, site: Site, laws: Sequence[ForceLaw]) -> None:
-        self.site, self.laws = site, tuple(laws)
+        self.site = site
+        self.laws = tuple(laws)
 
     @property
     def has_memory(self) -> bool:
@@ -28,90 +30,111 @@ class RestoringForce:
     @property
     def coefficients(self) -> pd.Series:
         """Coefficients by term (``"v"``, ``"s"``, ``"v^2 s"``, ...), SI units."""
-        values, terms = (
-            [float(c) for law in self.laws for c in law.values],
-            distinct_labels(self.laws),
-        )
-        return pd.Series(
-            values, index=pd.Index(terms, name="term"), name=str(self.site), dtype=float
-        )
+        values: list[float] = []
+        for law in self.laws:
+            values.extend(map(float, law.values))
+        terms = pd.Index(distinct_labels(self.laws), name="term")
+        return pd.Series(values, index=terms, name=str(self.site), dtype=float)
 
     @property
     def units(self) -> pd.Series:
         """Units of the coefficients by term."""
-        return pd.Series(
-            [t.unit for law in self.laws for t in law.terms()],
-            self.coefficients.index,
-            dtype=object,
-        )
+        units = [term.unit for law in self.laws for term in law.terms()]
+        return pd.Series(units, self.coefficients.index, dtype=object)
 
     def __call__(
         self,
-        v: Any,
-        s: Any,
+        v: npt.ArrayLike,
+        s: npt.ArrayLike,
         *,
-        t: Any = None,
+        t: npt.ArrayLike | None = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> np.ndarray:
-        """Force for rates and drifts."""
+        """Force for rates and drifts.
+
+        Parameters
+        ----------
+        v, s : array-like
+            Rates (m/s) and drifts (m), of shapes that broadcast; paths in order of
+            time if a law remembers the path.
+        t : array-like, optional
+            Time, s.
+        covariates : mapping of str to array-like, optional
+            Channels that the laws read.
+
+        Returns
+        -------
+        ndarray
+            N.
+
+        Raises
+        ------
+        ChannelError
+            If v and s are not real numbers of one shape.
+        LawError
+            If a law remembers the path and v and s are no paths.
+        """
+        rate, drift = self._as_numbers(v, s)
+        if self.has_memory and drift.ndim != 1:
+            what = f"The force of {self.site} depends on the path"
+            cure = "Give v and s as one-dimensional paths in order of time."
+            raise LawError(what, cure)
+
+        lines = {}
+        for name, channel in dict(covariates or {}).items():
+            lines[name] = _flat(channel, drift.shape)
+        clock = None if t is None else _flat(t, drift.shape)
+        motion = Motion(
+            drift.ravel().copy(), rate.ravel().copy(), None, clock, covariates=lines
+        )
+        return self.along(motion).reshape(drift.shape)
+
+    def _as_numbers(
+        self, v: npt.ArrayLike, s: npt.ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rates and drifts as arrays of one shape."""
         if np.iscomplexobj(v) or np.iscomplexobj(s):
-            raise ChannelError(
-                f"v and s of {self.site} are complex",
-                "Give real rates (m/s) and drifts (m).",
-            )
+            what = f"v and s of {self.site} are complex"
+            raise ChannelError(what, "Give real rates (m/s) and drifts (m).")
         try:
             rate, drift = np.broadcast_arrays(
                 np.asarray(v, dtype=float), np.asarray(s, dtype=float)
             )
         except (TypeError, ValueError) as error:
-            cure = "Give rates in m/s and drifts in m."
-            raise ChannelError(
-                f"v and s of {self.site} are not numbers of one shape: {error}", cure
-            ) from error
-        if self.has_memory and drift.ndim != 1:
-            cure = "Give v and s as one-dimensional paths in order of time."
-            raise LawError(f"The force of {self.site} depends on the path", cure)
-        shape = drift.shape
-
-        def flat(line: Any) -> np.ndarray:
-            return np.ascontiguousarray(
-                np.broadcast_to(np.asarray(line, dtype=float), shape)
-            ).ravel()
-
-        motion = Motion(
-            drift.ravel().copy(),
-            rate.ravel().copy(),
-            None,
-            None if t is None else flat(t),
-            {k: flat(c) for k, c in dict(covariates or {}).items()},
-        )
-        return self.along(motion).reshape(shape)
+            what = f"v and s of {self.site} are not numbers of one shape: {error}"
+            raise ChannelError(what, "Give rates in m/s and drifts in m.") from error
+        return rate, drift
 
     def along(self, motion: Motion) -> np.ndarray:
         """Force along one contiguous record, N."""
-        return sum(
-            (law.force(motion) for law in self.laws), start=np.zeros(motion.n_samples)
-        )
+        total = np.zeros(motion.n_samples)
+        for law in self.laws:
+            total = total + law.force(motion)
+        return total
+
+    def coefficient_sum(self, label: str) -> float:
+        """Sum of the coefficients of the terms of one label, zero if there is none."""
+        total = 0.0
+        for law in self.laws:
+            for term, value in zip(law.terms(), law.values):
+                if term.label == label:
+                    total += float(value)
+        return total
 
     def linear_part(self) -> pd.Series:
-        """Damping and stiffness of the terms v and s."""
-        total = {"v": 0.0, "s": 0.0}
-        for law in self.laws:
-            for term, c in zip(law.terms(), law.values):
-                if term.label in total:
-                    total[term.label] += float(c)
-        return pd.Series({"c": total["v"], "k": total["s"]}, name=str(self.site))
+        """Damping c (N s/m) and stiffness k (N/m): of the terms v and s."""
+        c = self.coefficient_sum("v")
+        k = self.coefficient_sum("s")
+        return pd.Series({"c": c, "k": k}, name=str(self.site))
 
     def equation(self, digits: int = 4) -> str:
         """The equation in the manner of the paper's eq. (11a)."""
-        p, q = self.site.p, self.site.q
-        index = (
-            p
-            if self.site.is_storey
-            else f"_{p}{q}"
-            if self.site.kind == "link"
-            else f"_dof{p}"
-        )
+        index: int | str = self.site.p
+        if self.site.kind == "dof":
+            index = f"_dof{self.site.p}"
+        elif not self.site.is_storey:
+            index = f"_{self.site.p}{self.site.q}"
+
         pieces = [law.equation(index, digits) for law in self.laws] or ["0"]
         return f"R{index} = " + " + ".join(pieces).replace("+ -", "- ")
 
@@ -122,14 +145,23 @@ class RestoringForce:
         return f"RestoringForce({str(self.site)!r}, {list(self.laws)!r})"
 
 
-class RestoringForces(Mapping):
-    """Restoring forces by site: ``["storey 2"]``, ``[2]`` (storeys count from 1),
-    ``["link 4-2"]``.
+def _flat(channel: npt.ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """A channel as one contiguous line of numbers."""
+    line = np.broadcast_to(np.asarray(channel, dtype=float), shape)
+    return np.ascontiguousarray(line).ravel()
+
+
+class RestoringForces(Mapping[Any, RestoringForce]):
+    """Restoring forces by site: ``["storey 2"]``, ``[2]``, ``["link 4-2"]``.
+
+    Storeys count from 1.
     """
 
     def __init__(self, chain: Chain, laws: Mapping[Site, Sequence[ForceLaw]]) -> None:
         self._chain = chain
-        self._forces = {site: RestoringForce(site, held) for site, held in laws.items()}
+        self._forces: dict[Site, RestoringForce] = {}
+        for site, group in laws.items():
+            self._forces[site] = RestoringForce(site, group)
 
     def __getitem__(self, site: Any) -> RestoringForce:
         try:
@@ -145,21 +177,19 @@ class RestoringForces(Mapping):
         return len(self._forces)
 
     def __str__(self) -> str:
-        return "\n".join(str(force) for force in self._forces.values())
+        return "\n".join(map(str, self._forces.values()))
 
     def __repr__(self) -> str:
         return f"RestoringForces({', '.join(map(str, self._forces))})"
 
 
 def grid(
-    low: Sequence[float], high: Sequence[float], size: int
+    low: npt.ArrayLike, high: npt.ArrayLike, size: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Grid over rates and drifts."""
+    """Grid over rates and drifts between two corners (v, s)."""
     if size < 2:
-        raise ChannelError(
-            f"A surface on {size} points a side is no surface", "Take at least 2."
-        )
-    v, s = np.meshgrid(
-        *(np.linspace(a, b, size) for a, b in zip(low, high)), indexing="ij"
-    )
+        what = f"A surface on {size} points a side is no surface"
+        raise ChannelError(what, "Take at least 2.")
+    corners = np.linspace(np.asarray(low), np.asarray(high), size)
+    v, s = np.meshgrid(corners[:, 0], corners[:, 1], indexing="ij")
     return v, s

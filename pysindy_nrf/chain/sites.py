@@ -24,9 +24,9 @@ class Site(str):
     """A place where a force law acts; a string in canonical spelling.
 
     A law on a link (p, q), p > q, depends on the drift ``s = x_p - x_q`` and its rate.
-    It enters the balance of DOF p with + and that of DOF q with - (Newton's third law,
-    paper eq. 4). A law on ``"dof j"`` enters balance j alone, with +, and depends on
-    the motion of DOF j relative to the base.
+    It enters the equation of motion of DOF p with + and that of DOF q with - (Newton's
+    third law, paper eq. 4). A law on ``"dof j"`` enters the equation of DOF j alone,
+    with +, and depends on the motion of DOF j relative to the base.
 
     Parameters
     ----------
@@ -63,21 +63,17 @@ class Site(str):
     q: int
     channel: str
 
-    def __new__(cls, text: Any) -> Site:
+    def __new__(cls, text: str | int | Site) -> Site:
         if isinstance(text, Site):
             return text
+
         kind, p, q, channel = _parse(text)
-        link = (
-            f"storey {p}"
-            if p == q + 1
-            else f"ground {p}"
-            if q == 0
-            else f"link {p}-{q}"
-        )
-        canonical = {"sensor": f"sensor {channel}", "dof": f"dof {p}", "link": link}
-        self = super().__new__(cls, canonical[kind])
-        self.kind, self.p, self.q, self.channel = kind, p, q, channel
-        return self
+        site = super().__new__(cls, _spelling(kind, p, q, channel))
+        site.kind = kind
+        site.p = p
+        site.q = q
+        site.channel = channel
+        return site
 
     @property
     def is_storey(self) -> bool:
@@ -85,16 +81,25 @@ class Site(str):
         return self.kind == "link" and self.p == self.q + 1
 
     def incidence(self, dof: int) -> int:
-        """Sign with which the force of a law at this site enters the balance of a DOF.
+        """Sign of the site's force in the equation of motion of a DOF.
 
         Parameters
         ----------
         dof : int
             Degree of freedom, counted from 1.
+
+        Returns
+        -------
+        int
+            +1, -1 or 0.
         """
         if self.kind == "sensor" or dof == 0:
             return 0
-        return int(dof == self.p) - int(self.kind == "link" and dof == self.q)
+        if dof == self.p:
+            return 1
+        if self.kind == "link" and dof == self.q:
+            return -1
+        return 0
 
     def __repr__(self) -> str:
         return str.__repr__(self)
@@ -103,72 +108,85 @@ class Site(str):
         return (str(self),)
 
 
-def _parse(text: Any) -> tuple[str, int, int, str]:
-    if isinstance(text, bool) or not (
-        isinstance(text, str) or hasattr(text, "__index__")
-    ):
-        raise ChainError(f"{text!r} is not a site", f"Write it as {_GRAMMAR}.")
-    if not isinstance(text, str):
-        text = f"storey {int(text)}"
-    match = _PATTERN.match(text)
+def _spelling(kind: str, p: int, q: int, channel: str) -> str:
+    """The one text by which a site is known."""
+    if kind == "sensor":
+        return f"sensor {channel}"
+    if kind == "dof":
+        return f"dof {p}"
+    if p == q + 1:
+        return f"storey {p}"
+    if q == 0:
+        return f"ground {p}"
+    return f"link {p}-{q}"
+
+
+def _parse(text: object) -> tuple[str, int, int, str]:
+    """Kind, the two DOFs and the channel that a text or a storey number names."""
+    if isinstance(text, str):
+        match = _PATTERN.match(text)
+    elif hasattr(text, "__index__") and not isinstance(text, bool):
+        match = _PATTERN.match(f"storey {text.__index__()}")
+    else:
+        match = None
+
     if match is None:
         raise ChainError(f"{text!r} is not a site", f"Write it as {_GRAMMAR}.")
     if match["channel"]:
         return "sensor", 0, 0, match["channel"]
     if match["p"]:
-        p, q = sorted((int(match["p"]), int(match["q"])), reverse=True)
-        if p == q:
-            raise ChainError(
-                f"{text!r} joins DOF {p} to itself", "A link joins two different DOFs."
-            )
-        return "link", p, q, ""
+        return _parse_link(text, int(match["p"]), int(match["q"]))
+
     number = int(match["number"])
     if number < 1:
-        raise ChainError(
-            f"{text!r} does not exist",
-            "Storeys and DOFs count from 1; DOF 0 is the base.",
-        )
+        what = f"{text!r} does not exist"
+        raise ChainError(what, "Storeys and DOFs count from 1; DOF 0 is the base.")
     if match["word"] == "dof":
         return "dof", number, 0, ""
-    return "link", number, (0 if match["word"] == "ground" else number - 1), ""
+    if match["word"] == "ground":
+        return "link", number, 0, ""
+    return "link", number, number - 1, ""
+
+
+def _parse_link(text: object, one: int, other: int) -> tuple[str, int, int, str]:
+    """A link from its upper to its lower DOF."""
+    if one == other:
+        what = f"{text!r} joins DOF {one} to itself"
+        raise ChainError(what, "A link joins two different DOFs.")
+    return "link", max(one, other), min(one, other), ""
 
 
 def dofs_of(name: str, values: Any, n_dof: int) -> tuple[int, ...]:
-    """DOFs that a parameter names: one whole number or several."""
-    several = isinstance(values, Iterable) and getattr(
-        values, "ndim", True
-    )  # 0 of NumPy's single numbers
-    chosen = tuple(values) if several else (values,)
-    for j in chosen:
-        if (
-            isinstance(j, bool)
-            or not hasattr(j, "__index__")
-            or not 1 <= int(j) <= n_dof
-        ):
-            raise ChainError(
-                f"{name} names DOF {j!r}", f"The chain has DOFs 1 to {n_dof}."
-            )
-    return tuple(int(j) for j in chosen)
+    """DOFs that a parameter names, which is one whole number or several."""
+    # a NumPy number is iterable by name only: it has no dimension
+    several = isinstance(values, Iterable) and getattr(values, "ndim", 1) > 0
+    named = tuple(values) if several else (values,)
+
+    dofs = []
+    for value in named:
+        is_whole = hasattr(value, "__index__") and not isinstance(value, bool)
+        if not is_whole or not 1 <= int(value) <= n_dof:
+            cure = f"The chain has DOFs 1 to {n_dof}."
+            raise ChainError(f"{name} names DOF {value!r}", cure)
+        dofs.append(int(value))
+    return tuple(dofs)
 
 
-def as_mapping(name: str, value: Any, example: str) -> Mapping[Any, Any]:
-    """A parameter that must be a mapping; empty for None."""
+def as_mapping(name: str, value: object, example: str) -> Mapping[Any, Any]:
+    """A parameter that must be a mapping; an empty one for None."""
     if value is None:
         return {}
     if not isinstance(value, Mapping):
-        raise ChainError(
-            f"{name}={value!r} is not a mapping", f"Give e.g. {name}={example}."
-        )
+        cure = f"Give e.g. {name}={example}."
+        raise ChainError(f"{name}={value!r} is not a mapping", cure)
     return value
 
 
-def index_of(site: Any) -> str:
+def index_of(site: Site | str) -> str:
     """Index of s, v and R at a site: ``2`` at storey 2, ``4,2`` at link 4-2."""
-    site = Site(site) if isinstance(site, str) else site
-    return (
-        str(site.p)
-        if site.is_storey
-        else f"{site.p},{site.q}"
-        if site.kind == "link"
-        else f"dof {site.p}"
-    )
+    place = Site(site) if isinstance(site, str) else site
+    if place.is_storey:
+        return str(place.p)
+    if place.kind == "link":
+        return f"{place.p},{place.q}"
+    return f"dof {place.p}"

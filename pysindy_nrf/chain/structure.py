@@ -1,19 +1,21 @@
-"""The chain: masses, the links that join them, and how a link's force enters the
-balances.
-"""
+"""The chain: masses, the links that join them, and which equations a link enters."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..common import MOST_DOFS, number_of
-from ..common.lazy import Hook
 from ..exceptions import ChainError
-from .identifiability import Sensing, SolveOrder, plan_sensing, plan_solve_order
+from .identifiability import Dofs, SolveOrder, plan_solve_order
+from .planning import Plan, plan
+from .sensing import Sensing, plan_sensing
 from .sites import Site, as_mapping, dofs_of
+
+if TYPE_CHECKING:
+    from .model import ChainModel
 
 _GROUNDS = ("base", "both", "free")
 
@@ -22,7 +24,7 @@ class Chain:
     r"""A chain of masses joined by force laws.
 
     DOFs are j = 1..n, DOF 0 is the base (ground). Storey i joins DOF i and DOF i-1. The
-    balance of DOF j is (paper eq. 3)
+    equation of motion of DOF j is (paper eq. 3)
 
     .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j .
 
@@ -62,49 +64,15 @@ class Chain:
     def __init__(
         self, n_dof: int, links: Iterable[str] = (), ground: str = "base"
     ) -> None:
-        if isinstance(n_dof, bool) or not hasattr(n_dof, "__index__") or int(n_dof) < 1:
-            raise ChainError(
-                f"n_dof={n_dof!r} is not a number of masses",
-                "Give a whole number of at least 1.",
-            )
-        if int(n_dof) > MOST_DOFS:
-            raise ChainError(
-                f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have",
-                "Condense it.",
-            )
         if ground not in _GROUNDS:
-            raise ChainError(
-                f"ground={ground!r} is unknown", "Choose 'base', 'both' or 'free'."
-            )
-        self.n_dof = int(n_dof)
+            cure = "Choose 'base', 'both' or 'free'."
+            raise ChainError(f"ground={ground!r} is unknown", cure)
+
+        self.n_dof = _number_of_masses(n_dof)
         self.ground = ground
-        if isinstance(links, str):
-            links = [links]
-        sites = [Site(i) for i in range(1 if ground != "free" else 2, self.n_dof + 1)]
-        if ground == "both":
-            if self.n_dof == 1:
-                cure = "They act as one; use ground='base'."
-                raise ChainError(
-                    "A single mass grounded at both ends has two springs side by side",
-                    cure,
-                )
-            sites.append(Site(f"ground {self.n_dof}"))
-        extra = []
-        for text in links:
-            site = Site(text)
-            if site.kind != "link" or site.p > self.n_dof:
-                cure = f"Links are 'link p-q' with 0 <= q < p <= {self.n_dof}."
-                raise ChainError(
-                    f"{str(site)!r} is not a link of a chain with {self.n_dof} DOFs",
-                    cure,
-                )
-            if site in sites or site in extra:
-                raise ChainError(
-                    f"{str(site)!r} is in the chain already", "Give each link once."
-                )
-            extra.append(site)
-        self.links = tuple(extra)
-        self.sites: tuple[Site, ...] = tuple(sites + extra)
+        storeys = _storeys(self.n_dof, ground)
+        self.links = _further_links(links, storeys, self.n_dof)
+        self.sites: tuple[Site, ...] = storeys + self.links
 
     def site(self, text: Any) -> Site:
         """The site of this chain for a text or storey number.
@@ -121,20 +89,19 @@ class Chain:
             If the site does not exist on this chain.
         """
         site = Site(text)
-        if site.is_storey and site.p == self.n_dof + 1 and self.ground == "both":
-            site = Site(f"ground {self.n_dof}")
         if site.kind == "sensor":
             return site
-        if site.p > self.n_dof or (site.kind == "link" and site.q < 0):
-            cure = f"Its sites are {', '.join(self.sites)}."
-            raise ChainError(
-                f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs", cure
-            )
+
+        above_top = site.is_storey and site.p == self.n_dof + 1
+        if above_top and self.ground == "both":
+            return Site(f"ground {self.n_dof}")
+        if site.p > self.n_dof:
+            what = f"{str(site)!r} does not exist on a chain with {self.n_dof} DOFs"
+            raise ChainError(what, f"Its sites are {', '.join(self.sites)}.")
         return site
 
     def incidence(self, sites: Iterable[str] | None = None) -> np.ndarray:
-        """Signs with which site forces enter the balances (Newton's third law, paper
-        eq. 4).
+        """Signs of site forces in the equations of motion (paper eq. 4).
 
         Parameters
         ----------
@@ -146,11 +113,12 @@ class Chain:
         ndarray of shape (n_dof, n_sites)
             +1, -1 and 0.
         """
-        chosen = self.sites if sites is None else [self.site(s) for s in sites]
-        return np.array(
-            [[site.incidence(j) for site in chosen] for j in range(1, self.n_dof + 1)],
-            dtype=float,
-        ).reshape(self.n_dof, len(chosen))
+        chosen = self.sites if sites is None else tuple(map(self.site, sites))
+        signs = np.zeros((self.n_dof, len(chosen)))
+        for column, site in enumerate(chosen):
+            for row in range(self.n_dof):
+                signs[row, column] = site.incidence(row + 1)
+        return signs
 
     def with_links(self, links: Iterable[str]) -> Chain:
         """The same chain with further links.
@@ -160,58 +128,66 @@ class Chain:
         links : iterable of str
             Sites; the links among them that the chain does not have are added.
         """
-        new = [
-            s
-            for s in dict.fromkeys(map(self.site, links))
-            if s.kind == "link" and s not in self.sites
-        ]
-        return Chain(self.n_dof, (*self.links, *new), self.ground) if new else self
+        new = []
+        for site in dict.fromkeys(map(self.site, links)):
+            if site.kind == "link" and site not in self.sites:
+                new.append(site)
+        if not new:
+            return self
+        return Chain(self.n_dof, [*self.links, *new], self.ground)
 
     def identifiability(
         self,
-        excited: int | Iterable[int] = (),
+        excited: Dofs = (),
         *,
-        unknown: int | Iterable[int] = (),
-        known_masses: int | Iterable[int] = (),
+        unknown: Dofs = (),
+        known_masses: Dofs = (),
         strategy: str = "auto",
     ) -> SolveOrder:
         """Masses and laws that an excitation can identify, from the topology alone.
 
         Parameters
         ----------
-        excited, unknown, known_masses : int or iterable of int
-            DOFs on which a force acts and is measured, whose force is unknown (their
-            balances are not used), and whose mass is known.
+        excited : int or iterable of int
+            DOFs on which a force acts and is measured.
+        unknown : int or iterable of int
+            DOFs whose force is unknown; their equations of motion are not used.
+        known_masses : int or iterable of int
+            DOFs whose mass is known.
         strategy : {"auto", "complete", "sequential", "joint"}
             See :class:`pysindy_nrf.NRFRegressor`.
 
         Returns
         -------
         SolveOrder
-            The order of the solve and what cannot be identified; ``str()`` describes
+            The steps of the solve and what cannot be identified; ``str()`` describes
             it.
         """
         return plan_solve_order(self, excited, unknown, known_masses, strategy)
 
     def sensing(
         self,
-        sensors: int | Iterable[int],
-        excited: int | Iterable[int] = (),
+        sensors: Dofs,
+        excited: Dofs = (),
         *,
-        known_masses: int | Iterable[int] = (),
-        model: Any = None,
+        known_masses: Dofs = (),
+        model: ChainModel | None = None,
     ) -> Sensing:
-        """What sensors on some floors only can tell of masses and stiffnesses, by the
-        linearised problem.
+        """What sensors on some floors determine of masses and stiffnesses.
+
+        It is asked of the linearised problem.
 
         Parameters
         ----------
-        sensors, excited, known_masses : int or iterable of int
-            DOFs whose motion is measured, on which a measured force acts (none: the
-            base moves), whose mass is known.
+        sensors : int or iterable of int
+            DOFs whose motion is measured.
+        excited : int or iterable of int
+            DOFs on which a measured force acts; none: the base moves.
+        known_masses : int or iterable of int
+            DOFs whose mass is known.
         model : ChainModel, optional
-            A first guess of the chain; else nearly equal masses and stiffnesses with 1
-            % damping.
+            A first guess of the chain; nearly equal masses and stiffnesses with 1 %
+            damping if None.
 
         Returns
         -------
@@ -226,32 +202,31 @@ class Chain:
 
         Examples
         --------
+        The response at a forced end determines everything; of a shaken chain no mass
+        is known.
+
         >>> from pysindy_nrf import Chain
-        >>> Chain(3).sensing(
-        ...     sensors=3, excited=3
-        ... ).complete  # the response at a forced end tells all
+        >>> Chain(3).sensing(sensors=3, excited=3).complete
         True
-        >>> Chain(3).sensing(
-        ...     sensors=3
-        ... ).complete  # of a shaken chain no mass is known
+        >>> Chain(3).sensing(sensors=3).complete
         False
         """
         return plan_sensing(self, sensors, excited, known_masses, model)
 
-    def plan(self, **options: Any) -> Any:
+    def plan(self, **options: Any) -> Plan:
         """Recommend floors to excite or sensors to add.
 
         Parameters
         ----------
         **options
-            See :func:`pysindy_nrf.diagnosis.planning.plan`.
+            See :func:`pysindy_nrf.chain.planning.plan`.
 
         Returns
         -------
         Plan
             ``str()`` describes it.
         """
-        return Hook.PLAN(self, **options)
+        return plan(self, **options)
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
@@ -261,6 +236,27 @@ class Chain:
             "ground": self.ground,
         }
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Chain:
+        """A chain from what :meth:`to_dict` gave.
+
+        Parameters
+        ----------
+        data : dict
+            ``n_dof`` and, if there are any, ``links`` and ``ground``.
+
+        Returns
+        -------
+        Chain
+
+        Examples
+        --------
+        >>> from pysindy_nrf import Chain
+        >>> Chain.from_dict({"n_dof": 3, "links": ["link 3-1"]})
+        Chain(3, links=['link 3-1'])
+        """
+        return cls(data["n_dof"], data.get("links", ()), data.get("ground", "base"))
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and self.to_dict() == other.to_dict()
 
@@ -268,27 +264,72 @@ class Chain:
         return hash((self.n_dof, self.links, self.ground))
 
     def __repr__(self) -> str:
-        more = f", links={[str(s) for s in self.links]}" if self.links else ""
-        more += f", ground={self.ground!r}" if self.ground != "base" else ""
-        return f"Chain({self.n_dof}{more})"
+        arguments = [str(self.n_dof)]
+        if self.links:
+            arguments.append(f"links={list(map(str, self.links))}")
+        if self.ground != "base":
+            arguments.append(f"ground={self.ground!r}")
+        return f"Chain({', '.join(arguments)})"
+
+
+def _number_of_masses(n_dof: Any) -> int:
+    """The number of DOFs, or an error."""
+    is_whole = hasattr(n_dof, "__index__") and not isinstance(n_dof, bool)
+    if not is_whole or int(n_dof) < 1:
+        what = f"n_dof={n_dof!r} is not a number of masses"
+        raise ChainError(what, "Give a whole number of at least 1.")
+    if int(n_dof) > MOST_DOFS:
+        what = f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have"
+        raise ChainError(what, "Condense it.")
+    return int(n_dof)
+
+
+def _storeys(n_dof: int, ground: str) -> tuple[Site, ...]:
+    """The storeys of a chain, and the tie of its last DOF to the ground."""
+    first = 2 if ground == "free" else 1
+    sites = [Site(i) for i in range(first, n_dof + 1)]
+    if ground == "both" and n_dof == 1:
+        what = "A single mass grounded at both ends has two springs side by side"
+        raise ChainError(what, "They act as one; use ground='base'.")
+    if ground == "both":
+        sites.append(Site(f"ground {n_dof}"))
+    return tuple(sites)
+
+
+def _further_links(
+    texts: str | Iterable[str], storeys: tuple[Site, ...], n_dof: int
+) -> tuple[Site, ...]:
+    """Links beside the storeys, each one given once."""
+    links: list[Site] = []
+    for text in [texts] if isinstance(texts, str) else texts:
+        site = Site(text)
+        if site.kind != "link" or site.p > n_dof:
+            what = f"{str(site)!r} is not a link of a chain with {n_dof} DOFs"
+            raise ChainError(what, f"Links are 'link p-q' with 0 <= q < p <= {n_dof}.")
+        if site in storeys or site in links:
+            what = f"{str(site)!r} is in the chain already"
+            raise ChainError(what, "Give each link once.")
+        links.append(site)
+    return tuple(links)
 
 
 def chain_of(chain: Any, n_dof: int) -> Chain:
-    """The chain that a parameter gives; a plain one if None."""
-    if chain is not None and not isinstance(chain, Chain):
-        raise ChainError(
-            f"chain={chain!r} is not a Chain", "Give e.g. Chain(3, links=['link 3-1'])."
-        )
-    return Chain(n_dof) if chain is None else chain
+    """The chain that a parameter gives; a plain one for None."""
+    if chain is None:
+        return Chain(n_dof)
+    if not isinstance(chain, Chain):
+        cure = "Give e.g. Chain(3, links=['link 3-1'])."
+        raise ChainError(f"chain={chain!r} is not a Chain", cure)
+    return chain
 
 
-def masses_of(given: Any, chain: Chain) -> dict[int, float]:
+def masses_of(known_masses: Any, chain: Chain) -> dict[int, float]:
     """Known masses, kg, by DOF."""
-    known = {}
-    for dof, mass in as_mapping("known_masses", given, "{2: 12.4}").items():
+    masses = {}
+    for dof, mass in as_mapping("known_masses", known_masses, "{2: 12.4}").items():
         (j,) = dofs_of("known_masses", [dof], chain.n_dof)
         value = number_of(mass)
         if not np.isfinite(value) or value < 0:
             raise ChainError(f"known_masses[{dof}]={mass!r} is not a mass", "Give kg.")
-        known[j] = value
-    return known
+        masses[j] = value
+    return masses

@@ -7,29 +7,38 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
 from ..exceptions import ChannelError
 
-_CELLS = 40
-# samples at most; a cell beside a visited one counts as visited, see contains
-_MOST = 8_000
+# Cells along each side of the rectangle.
+CELLS = 40
+# Samples that are looked at; a cell beside a visited one counts as visited, too.
+MAX_SAMPLES = 8_000
 
 
 @dataclass(frozen=True)
 class VisitedRegion:
-    """Occupied cells of a rectangle of the (v, s) plane."""
+    """Occupied cells of a rectangle of the (v, s) plane.
 
-    low: tuple[float, float]  # corners (v, s), m/s and m
+    Attributes
+    ----------
+    low, high : (float, float)
+        Corners (v, s), m/s and m.
+    cells : ndarray of bool, shape (n_v, n_s)
+        Which cells a sample lies in.
+    """
+
+    low: tuple[float, float]
     high: tuple[float, float]
-    cells: np.ndarray  # (n_v, n_s): which hold a sample
+    cells: np.ndarray
 
     @classmethod
     def of(cls, v: np.ndarray, s: np.ndarray) -> VisitedRegion:
-        """Region visited by samples."""
-        low, high = (
-            np.array([f(v), f(s)], dtype=float)[None] for f in (np.min, np.max)
-        )
+        """Region visited by samples (n_samples,)."""
+        low = np.array([[np.min(v), np.min(s)]], dtype=float)
+        high = np.array([[np.max(v), np.max(s)]], dtype=float)
         return cls.of_storeys([(v[:, None], s[:, None])], low, high)[0]
 
     @classmethod
@@ -39,71 +48,80 @@ class VisitedRegion:
         low: np.ndarray,
         high: np.ndarray,
     ) -> list[VisitedRegion]:
-        """Regions visited by the samples of several records, one for each storey."""
-        step = max(1, -(-sum(len(v) for v, _ in pieces) // _MOST))
-        cells = np.zeros((len(low), _CELLS, _CELLS), dtype=bool)
-        span = high - low
-        scale = np.where(span > 0, _CELLS / np.where(span > 0, span, 1.0), 0.0)
-        for piece in pieces:
-            places = (
-                (x[::step] - low[:, k]) * scale[:, k] for k, x in enumerate(piece)
-            )
-            i, j = (np.clip(place, 0, _CELLS - 1).astype(int) for place in places)
-            cells[np.arange(len(low)), i, j] = True
-        return [
-            cls(tuple(a), tuple(b), c)
-            for a, b, c in zip(low.tolist(), high.tolist(), cells)
-        ]
+        """Regions visited by rates and drifts of several records, one a storey.
 
-    def contains(self, v: Any, s: Any) -> np.ndarray:
-        """Whether points lie in a visited cell, or next to one."""
-        near = ndimage.binary_dilation(np.pad(self.cells, 1), np.ones((3, 3)))
-        index, inside = [], np.ones(np.broadcast(v, s).shape, dtype=bool)
-        for values, a, b, n in zip((v, s), self.low, self.high, self.cells.shape):
-            values = np.broadcast_to(np.asarray(values, dtype=float), inside.shape)
-            width = (b - a) / n or 1.0
-            inside = inside & (values >= a - width) & (values <= b + width)
-            index.append(
-                np.clip(np.floor((values - a) / width).astype(int) + 1, 0, n + 1)
-            )
-        return inside & near[index[0], index[1]]
-
-    def nearest(self, v: Any, s: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The middle of the visited cell nearest to each point, distances in shares of
-        the rectangle.
+        ``pieces`` are arrays (n_samples, n_storeys) of v and of s; ``low`` and ``high``
+        are the corners (n_storeys, 2).
         """
-        low, span = np.array(self.low), np.array(self.high) - np.array(self.low)
+        n_storeys = len(low)
+        n_samples = sum(len(v) for v, _ in pieces)
+        step = max(1, -(-n_samples // MAX_SAMPLES))
+        span = high - low
+        moves = span > 0
+        scale = np.where(moves, CELLS / np.where(moves, span, 1.0), 0.0)
+
+        cells = np.zeros((n_storeys, CELLS, CELLS), dtype=bool)
+        for v, s in pieces:
+            row = (v[::step] - low[:, 0]) * scale[:, 0]
+            column = (s[::step] - low[:, 1]) * scale[:, 1]
+            inside = np.clip([row, column], 0, CELLS - 1).astype(int)
+            cells[np.arange(n_storeys), inside[0], inside[1]] = True
+
+        corners = zip(low.tolist(), high.tolist(), cells)
+        return [cls((a[0], a[1]), (b[0], b[1]), inside) for a, b, inside in corners]
+
+    def contains(self, v: npt.ArrayLike, s: npt.ArrayLike) -> np.ndarray:
+        """Whether points lie in a visited cell, or next to one."""
+        points = np.stack(np.broadcast_arrays(*map(_as_float, (v, s))), axis=-1)
+        low, high = np.array(self.low), np.array(self.high)
+        count = np.array(self.cells.shape)
+        width = (high - low) / count
+        width[width == 0] = 1.0
+
+        near = (points >= low - width) & (points <= high + width)
+        # one empty cell around, so that a point beside the rectangle has one, too
+        cell = np.floor((points - low) / width).astype(int) + 1
+        cell = np.clip(cell, 0, count + 1)
+        grown = ndimage.binary_dilation(np.pad(self.cells, 1), np.ones((3, 3)))
+        return near.all(axis=-1) & grown[cell[..., 0], cell[..., 1]]
+
+    def nearest(
+        self, v: npt.ArrayLike, s: npt.ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The middle of the visited cell nearest to each point.
+
+        Distances are shares of the rectangle.
+        """
+        low = np.array(self.low)
+        span = np.array(self.high) - low
         span[span == 0] = 1.0
-        middles = (np.argwhere(self.cells) + 0.5) / np.array(self.cells.shape)
         points = (np.column_stack([np.ravel(v), np.ravel(s)]) - low) / span
-        chosen = middles[
-            ((points[:, None, :] - middles[None]) ** 2).sum(axis=2).argmin(axis=1)
-        ]
-        v_near, s_near = (low + chosen * span).T
+
+        middles = (np.argwhere(self.cells) + 0.5) / np.array(self.cells.shape)
+        squares = ((points[:, None, :] - middles[None]) ** 2).sum(axis=2)
+        v_near, s_near = (low + middles[squares.argmin(axis=1)] * span).T
         return v_near, s_near
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {
-            "low": list(self.low),
-            "high": list(self.high),
-            "cells": ["".join("x" if c else "." for c in row) for row in self.cells],
-        }
+        rows = []
+        for row in self.cells:
+            rows.append("".join(np.where(row, "x", ".")))
+        return {"low": list(self.low), "high": list(self.high), "cells": rows}
 
     @classmethod
     def from_dict(cls, data: Any) -> VisitedRegion:
         """Region from plain data."""
-        low, high = (tuple(float(x) for x in data[key]) for key in ("low", "high"))
-        cells = np.array([[c == "x" for c in row] for row in data["cells"]])
-        if (
-            len(low) != 2
-            or len(high) != 2
-            or not np.isfinite([*low, *high]).all()
-            or cells.ndim != 2
-            or not cells.size
-        ):
-            raise ChannelError(
-                "A visited region is not a rectangle of cells",
-                "It needs 'low', 'high' and 'cells'.",
-            )
-        return cls(low, high, cells)
+        low = [float(x) for x in data["low"]]
+        high = [float(x) for x in data["high"]]
+        cells = np.array([[mark == "x" for mark in row] for row in data["cells"]])
+
+        is_rectangle = len(low) == len(high) == 2 and np.isfinite(low + high).all()
+        if not is_rectangle or cells.ndim != 2 or not cells.size:
+            what = "A visited region is not a rectangle of cells"
+            raise ChannelError(what, "It needs 'low', 'high' and 'cells'.")
+        return cls((low[0], low[1]), (high[0], high[1]), cells)
+
+
+def _as_float(values: npt.ArrayLike) -> np.ndarray:
+    return np.asarray(values, dtype=float)

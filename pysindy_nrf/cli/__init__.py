@@ -1,5 +1,5 @@
 """The command line ``pysindy-nrf``."""
 
-from .group import main
+from .group import main, run
 
-__all__ = ["main"]
+__all__ = ["main", "run"]

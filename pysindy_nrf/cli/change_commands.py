@@ -1,22 +1,31 @@
 """Commands on what a structure does and how it changed: ``forces`` and ``damage``."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 import pandas as pd
 
 from . import options as opt
-from .options import Session
+from .parameters import PATH
+from .printing import table_text
+from .session import Session
+
+if TYPE_CHECKING:
+    from ..identification.regressor import NRFRegressor
+    from ..monitoring.change import ChangeReport
+    from ..records.dataset import Dataset
 
 
 @click.command(short_help="Storey forces, the force of a damper, dissipated energy.")
-@click.argument("file", type=opt.PATH)
+@click.argument("file", type=PATH)
 @opt.record_options
 @click.option(
     "--bare",
-    type=opt.PATH,
+    type=PATH,
     help="A test of the structure without its damper: the damper's force (eq. 21).",
 )
 @opt.degree_option(3, "Total degree of the power series, or box k,q.")
@@ -32,72 +41,80 @@ def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None
 
     \b
     Examples
-      pysindy-nrf forces shaker.csv pysindy-nrf forces with_damper.csv --bare
-      without.csv --law 'storey 4=power_series+dahl'
+      pysindy-nrf forces shaker.csv
+      pysindy-nrf forces with_damper.csv --bare without.csv
     """
     from ..chain.model import as_segments, storey_names
     from ..identification import damper_force, dissipated_energy
     from ..records.files import write_table
 
     session = Session(as_json)
-    records = opt.records_of(session, options, [file], *([[bare]] if bare else []))
+    tests = [[file]] if bare is None else [[file], [bare]]
+    records = opt.records_of(session, options, *tests)
     with session.listening():
         estimator = opt.regressor_of(options).fit(records[0])
-        linear = (
-            None
-            if bare is None
-            else opt.regressor_of(options)
-            .set_params(degree=1, laws=None)
-            .fit(records[1])
-        )
+        linear = None
+        if bare is not None:
+            linear = opt.regressor_of(options).set_params(degree=1, laws=None)
+            linear.fit(records[1])
         data = as_segments(estimator, records[0])
         energy = dissipated_energy(estimator, data, linear)
+        along = estimator.model_.restoring_force(data)
         names = storey_names(estimator.model_)
-        found = pd.DataFrame(
-            estimator.model_.restoring_force(data), columns=names, index=energy.index
-        )
-        device = (
-            None
-            if linear is None
-            else damper_force(estimator, linear, data).add_prefix("damper, ")
-        )
-    table = pd.DataFrame(
-        {"rms (N)": np.sqrt((found**2).mean()), "peak (N)": found.abs().max()}
-    )
-    if device is not None:
-        table["damper, rms (N)"] = np.sqrt((device**2).mean()).to_numpy()
-    table["dissipated (J)" if device is None else "dissipated by the damper (J)"] = (
-        last
-    ) = energy.iloc[-1]
-    table["share (%)"] = 100 * last / last.sum()
-    session.headed("Forces of the storeys", opt.table(table))
-    with session.aside() as folder:
+        storeys = pd.DataFrame(along, columns=names, index=energy.index)
+        device = None
+        if linear is not None:
+            device = damper_force(estimator, linear, data).add_prefix("damper, ")
+
+    table = _table_of_storeys(storeys, energy, device)
+    session.conclude_headed("Forces of the storeys", table_text(table))
+    lines = storeys if device is None else storeys.join(device)
+    with session.writing() as folder:
         written = [
-            write_table(
-                (found if device is None else found.join(device)).rename_axis("t"),
-                folder / "forces.csv",
-            ),
+            write_table(lines.rename_axis("t"), folder / "forces.csv"),
             write_table(energy.rename_axis("t"), folder / "energy.csv"),
             write_table(table.rename_axis("storey"), folder / "storeys.csv"),
         ]
         if options["figures"]:
-            from ..discrepancy.residual import loops_of
-            from ..report.figures.forces import energy_figure, loop_figures
-            from ..report.figures.matplotlib_renderer import save
-
-            loops = loops_of(estimator.model_, data, estimator.problem_.filters(data))
-            written += save(
-                folder / "loops.png", loop_figures(estimator.model_, loops), columns=2
-            )
-            written += save(folder / "energy.png", [energy_figure(energy)])
+            written += _draw_forces(estimator, data, energy, folder)
     session.finish({"storeys": table, "masses_kg": estimator.masses_}, written)
+
+
+def _table_of_storeys(
+    storeys: pd.DataFrame, energy: pd.DataFrame, device: pd.DataFrame | None
+) -> pd.DataFrame:
+    """Size of the forces, and the energy that is dissipated, by storey."""
+    rms, peak = np.sqrt((storeys**2).mean()), storeys.abs().max()
+    table = pd.DataFrame({"rms (N)": rms, "peak (N)": peak})
+    of_what = "dissipated (J)"
+    if device is not None:
+        table["damper, rms (N)"] = np.sqrt((device**2).mean()).to_numpy()
+        of_what = "dissipated by the damper (J)"
+    dissipated = energy.iloc[-1]
+    table[of_what] = dissipated
+    table["share (%)"] = 100 * dissipated / dissipated.sum()
+    return table
+
+
+def _draw_forces(
+    estimator: NRFRegressor, data: Dataset, energy: pd.DataFrame, folder: Path
+) -> list[Path]:
+    """Draw the loops of all sites and the energy."""
+    from ..diagnosis.site_loops import loops_of
+    from ..report.figures.forces import energy_figure, loop_figures
+    from ..report.figures.matplotlib_renderer import save
+
+    model, filters = estimator.model_, estimator.problem_.filters(data)
+    loops = loop_figures(model, loops_of(model, data, filters))
+    written = save(folder / "loops.png", loops, columns=2)
+    return written + save(folder / "energy.png", [energy_figure(energy)])
 
 
 @click.command(
     short_help="What changed between two tests: where, how much, which term."
 )
-@click.argument("before", type=opt.PATH)
-@click.argument("after", type=opt.PATH)
+@click.argument("before", type=PATH)
+@click.argument("after", type=PATH)
 @opt.record_options
 @opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
 @opt.model_options
@@ -130,8 +147,8 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
 
     \b
     Examples
-      pysindy-nrf damage may.csv october.csv pysindy-nrf damage may.csv october.csv
-      --law 'storey 4=power_series+dahl' --band 0.5,40 --least 2
+      pysindy-nrf damage may.csv october.csv
+      pysindy-nrf damage may.csv october.csv --band 0.5,40 --least 2
     """
     from ..monitoring import compare_tests
     from ..records.files import write_table
@@ -139,40 +156,49 @@ def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
     session = Session(as_json)
     records = opt.records_of(session, options, [before], [after])
     with session.listening():
-        limits = {key: options[key] for key in ("level", "least")}
         report = compare_tests(
-            opt.regressor_of(options), *records, n_blocks=options["blocks"], **limits
+            opt.regressor_of(options),
+            *records,
+            n_blocks=options["blocks"],
+            level=options["level"],
+            least=options["least"],
         )
-    session.headed("What changed", str(report))
+
+    session.conclude_headed("What changed", str(report))
     if len(report.changed):
-        session.say("", opt.table(report.changed))
-    session.headed("The tests fitted apart", opt.table(report.table))
-    with session.aside() as folder:
-        tables = {"changed": report.changed, "fitted_apart": report.table}
+        session.conclude("", table_text(report.changed))
+    session.conclude_headed("The tests fitted apart", table_text(report.table))
+    with session.writing() as folder:
         written = [
-            write_table(frame, folder / f"{name}.csv") for name, frame in tables.items()
+            write_table(report.changed, folder / "changed.csv"),
+            write_table(report.table, folder / "fitted_apart.csv"),
         ]
         if options["figures"]:
-            from ..report.figures.matplotlib_renderer import save
-            from ..report.figures.motion import change_figure
+            written += _draw_changes(report, folder / "change.png")
+    session.finish(_data_of_changes(report), written)
 
-            sites = [f"storey {cut.storey}" for cut in report.comparison.cuts]
-            largest = max(report.map(site)["change"].abs().max() for site in sites)
-            maps = [change_figure(report.map(site), site, largest) for site in sites]
-            written += save(folder / "change.png", maps, columns=min(3, len(maps)))
-    words = {"said": str(report).splitlines(), "damaged": report.damaged}
-    listed = {
-        "changed": report.changed,
-        "explained": report.explained,
-        "fitted_apart": report.table,
+
+def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
+    """Draw where the force of each storey changed, in the same colours."""
+    from ..report.figures.matplotlib_renderer import save
+    from ..report.figures.motion import change_figure
+
+    maps = {site: report.map(site) for site in report.storeys}
+    largest = max(changes["change"].abs().max() for changes in maps.values())
+    figures = [change_figure(maps[site], site, largest) for site in maps]
+    return save(path, figures, columns=min(3, len(figures)))
+
+
+def _data_of_changes(report: ChangeReport) -> dict[str, Any]:
+    """What changed, as plain data."""
+    masses = []
+    for before, after in zip(report.before.masses, report.after.masses):
+        masses.append({"before": before, "after": after})
+    return {
+        "said": str(report).splitlines(),
+        "damaged": report.damaged,
+        "changed": report.changed.to_dict("records"),
+        "explained": report.explained.to_dict("records"),
+        "fitted_apart": report.table.to_dict("records"),
+        "masses_kg": masses,
     }
-    masses = [
-        {"before": a, "after": b}
-        for a, b in zip(report.before.masses, report.after.masses)
-    ]
-    session.finish(
-        words
-        | {k: t.to_dict("records") for k, t in listed.items()}
-        | {"masses_kg": masses},
-        written,
-    )

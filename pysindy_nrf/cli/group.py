@@ -1,6 +1,6 @@
-"""The command group, and what happens to errors: a sentence and an exit code, no
-traceback.
-"""
+"""The command group, and what becomes of errors: a sentence and an exit code."""
+
+from __future__ import annotations
 
 import _thread
 import errno
@@ -17,11 +17,19 @@ import click
 from .. import __version__
 from ..exceptions import MissingExtraError, NRFError
 from .change_commands import damage, forces
-from .model_commands import close_loop, compare, demo, identify, run_test, select_order
-from .options import in_options, printable
-from .record_commands import inspect, list_laws, plan, report, simulate
+from .comparison_commands import compare, select_order
+from .identify_commands import demo, identify
+from .loop_commands import close_loop, run_test
+from .options import OPTIONS_OF_ARGUMENTS
+from .printing import printable
+from .record_commands import inspect, list_laws, simulate
+from .report_commands import plan, report
 
-USAGE, DATA, OTHER, INTERRUPTED = 2, 3, 1, 130  # and outcome.RED
+# Exit codes, beside outcome.RED.
+OTHER, USAGE = 1, 2
+DATA, INTERRUPTED = 3, 130
+# Seconds after which an interruption that was swallowed comes again.
+_AGAIN = 0.05
 
 
 class _Ordered(click.Group):
@@ -62,19 +70,19 @@ def cli() -> None:
     \b
     Start with
         pysindy-nrf demo
-    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI
-    units):
-        pysindy-nrf inspect test.csv          (what does the file hold?)
-        pysindy-nrf run test.csv              (masses, forces, what linear storeys lack; a verdict)
+    then give it your own test, a file with columns t, F1.., a1.., v1.., x1.. (SI):
+        pysindy-nrf inspect test.csv     (what does the file hold?)
+        pysindy-nrf run test.csv         (what was found, and a verdict)
     and for more say in it
         pysindy-nrf identify test.csv
         pysindy-nrf close-loop test.csv
-    Columns with other names and units: --map F2='Shaker @ kN' --unit a=g --unit x=mm,
-    on each of them.
+    Columns with other names and units, on each of them:
+        --map F2='Shaker @ kN' --unit a=g --unit x=mm
 
-    \b Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 4 done,
-    but the verdict is red, 1 anything else, 130 stopped by Ctrl-C. Results go to the
-    output stream, progress and errors to the error stream.
+    \b
+    Exit codes: 0 done, 2 wrong usage, 3 the data or what was asked of them, 4 done,
+    but the verdict is red, 1 anything else, 130 stopped by Ctrl-C.
+    Results go to the output stream, progress and errors to the error stream.
     """
 
 
@@ -84,75 +92,92 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(
-            stream, "reconfigure"
-        ):  # a terminal that cannot show a sign shows its code
-            stream.reconfigure(errors="backslashreplace")
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Those of the process if None.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    _show_unknown_signs_as_codes()
+    words = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        given = None if arguments is None else list(arguments)
-        with _heard():
-            words = sys.argv[1:] if given is None else given
-            return (
-                cli.main(
-                    args=given,
-                    prog_name="pysindy-nrf",
-                    standalone_mode=False,
-                    obj=words,
-                )
-                or 0
+        with _repeated_interrupts():
+            code = cli.main(
+                words, prog_name="pysindy-nrf", standalone_mode=False, obj=words
             )
+        return code or 0
     except click.ClickException as error:
-        said = io.StringIO()
-        error.show(said)
-        click.echo(printable(said.getvalue()), err=True, nl=False)
+        text = io.StringIO()
+        error.show(text)
+        click.echo(printable(text.getvalue()), err=True, nl=False)
         return USAGE
-    except NRFError as error:
-        return _say(in_options(error), DATA)
-    except MissingExtraError as error:
-        return _say(str(error), OTHER)
     except (click.Abort, KeyboardInterrupt):
-        return _say("Stopped. No half-written file is left.", INTERRUPTED, "")
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        cure = (
-            " Make room there, or write elsewhere (-o)."
-            if error.errno in (errno.ENOSPC, errno.EDQUOT)
-            else ""
-        )
-        return _say(f"{where}{error.strerror or error}.{cure}", OTHER)
-    except RecursionError:
-        return _say("A file or expression is nested too deeply.", OTHER)
-    except MemoryError:
-        return _say("Not enough memory. Cut the record or lower the degree.", OTHER)
-    except Exception as error:  # a fault of ours
-        fault = f"This is a fault of pysindy-nrf {__version__}; please report it."
-        return _say(f"Unexpected {type(error).__name__}: {error}. {fault}", OTHER)
+        click.echo("Stopped. No half-written file is left.", err=True)
+        return INTERRUPTED
+    except Exception as error:
+        click.echo(printable(f"Error: {_sentence(error)}"), err=True)
+        return DATA if isinstance(error, NRFError) else OTHER
 
 
-def _interrupt() -> None:
-    """A real signal where there is one: it ends a wait of the main thread too."""
-    if hasattr(signal, "pthread_kill"):
-        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-    else:
-        _thread.interrupt_main()
+def _show_unknown_signs_as_codes() -> None:
+    """A terminal that cannot show a sign shows its code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _sentence(error: Exception) -> str:
+    """What went wrong, and what to do."""
+    if isinstance(error, NRFError):
+        return _with_option(error)
+    if isinstance(error, MissingExtraError):
+        return str(error)
+    if isinstance(error, OSError):
+        return _of_the_system(error)
+    if isinstance(error, RecursionError):
+        return "A file or expression is nested too deeply."
+    if isinstance(error, MemoryError):
+        return "Not enough memory. Cut the record or lower the degree."
+    fault = f"This is a fault of pysindy-nrf {__version__}; please report it."
+    return f"Unexpected {type(error).__name__}: {error}. {fault}"
+
+
+def _with_option(error: NRFError) -> str:
+    """An error of the library, with the option that stands for its argument."""
+    option = OPTIONS_OF_ARGUMENTS.get(error.argument)
+    return f"{error} On the command line: {option}." if option else str(error)
+
+
+def _of_the_system(error: OSError) -> str:
+    """An error of the operating system, with the file."""
+    where = f"{error.filename}: " if error.filename else ""
+    text = f"{where}{error.strerror or error}."
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        text += " Make room there, or write elsewhere (-o)."
+    return text
 
 
 @contextmanager
-def _heard() -> Iterator[None]:
-    """Ctrl-C that falls into a callback of the compiler, which swallows it, comes again
-    a moment later.
+def _repeated_interrupts() -> Iterator[None]:
+    """Let Ctrl-C come again that falls into a callback of the compiler.
+
+    Python drops what is raised there.
     """
     before = sys.unraisablehook
 
     def hook(fault: Any) -> None:
-        if issubclass(fault.exc_type, KeyboardInterrupt):
-            again = threading.Timer(0.05, _interrupt)
-            again.daemon = True
-            again.start()
-        else:
+        if not issubclass(fault.exc_type, KeyboardInterrupt):
             before(fault)
+            return
+        again = threading.Timer(_AGAIN, _interrupt)
+        again.daemon = True
+        again.start()
 
     sys.unraisablehook = hook
     try:
@@ -161,6 +186,12 @@ def _heard() -> Iterator[None]:
         sys.unraisablehook = before
 
 
-def _say(text: str, code: int, word: str = "Error: ") -> int:
-    click.echo(printable(f"{word}{text}"), err=True)
-    return code
+def _interrupt() -> None:
+    """Interrupt the main thread; by a real signal where there is one.
+
+    A signal ends a wait of the main thread, too.
+    """
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    else:
+        _thread.interrupt_main()

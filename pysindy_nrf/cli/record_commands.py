@@ -1,25 +1,36 @@
-"""Commands on records and runs: ``inspect``, ``simulate``, ``plan`` a test, ``report``
-as a page.
-"""
+"""Commands on records and laws: ``inspect``, ``laws`` and ``simulate``."""
 
-import json
+from __future__ import annotations
+
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from ..exceptions import MissingExtraError, NRFError
 from . import options as opt
-from .options import Session
+from .parameters import NUMBERS, PATH
+from .session import Session, say_if_compiling
+
+if TYPE_CHECKING:
+    from ..chain.model import ChainModel
+    from ..laws.base import ForceLaw
+    from ..records.files.mapping import MappingFile
+    from ..records.files.reading import Reading
+    from ..records.record import Record
+
+# Share by which a drift may exceed what the data of a model reached.
+BEYOND_THE_DATA = 1.05
 
 
 @click.command(short_help="Say what a file holds and how it was understood.")
 @opt.files_options
 @click.option(
     "--write-mapping",
-    type=opt.PATH,
+    type=PATH,
     help="Propose a channel for every column, in a new TOML file.",
 )
 @opt.json_option
@@ -41,48 +52,56 @@ def inspect(
       pysindy-nrf inspect --mapping campaign.toml
     """
     from ..records.checks.channel_checks import data_warnings
-    from ..records.files import describe, read_table
-    from ..records.files.summary import contents, summary
+    from ..records.files import describe
 
     session = Session(as_json)
-    out = []
     if write_mapping is not None:
         _propose(session, files, write_mapping)
         files, options["mapping_file"] = (), write_mapping
-    try:
-        readings = opt.readings_of(files, options)
-    except NRFError:
-        with suppress(
-            NRFError, MissingExtraError
-        ):  # the columns of the file, so that they can be mapped
-            for path in files[:1]:
-                session.say(contents(read_table(path)) + "\n")
-        raise
-    for reading in readings:
+
+    records = []
+    for reading in _readings(session, files, options):
         with session.listening():
-            findings = data_warnings(reading.record)
-        session.say(describe(reading))
-        session.say(
-            *([f"  take care: {one}" for one in findings] or ["  nothing looks wrong"]),
-            "",
-        )
-        read = {
-            "file": reading.table.path,
-            "kind": reading.table.kind,
-            "notes": reading.table.notes,
-        }
-        sources = {
-            name: {"from": source.text, "unit": source.unit}
-            for name, source in reading.sources.items()
-        }
-        used = {
-            "clock": reading.clock,
-            "sources": sources,
-            "not_used": list(reading.unused),
-            "doubts": findings,
-        }
-        out.append(summary(reading.record) | read | used)
-    session.emit({"records": out})
+            doubts = data_warnings(reading.record)
+        lines = [f"  take care: {doubt}" for doubt in doubts]
+        session.say(describe(reading), *(lines or ["  nothing looks wrong"]), "")
+        records.append(_data_of_reading(reading, doubts))
+    session.emit({"records": records})
+
+
+def _readings(
+    session: Session, files: Sequence[Path], options: dict[str, Any]
+) -> list[Reading]:
+    """What files hold; the columns of one that cannot be understood are listed."""
+    from ..records.files import read_table
+    from ..records.files.summary import contents
+
+    try:
+        return opt.readings_of(files, options)
+    except NRFError:
+        with suppress(NRFError, MissingExtraError):
+            for path in files[:1]:
+                session.say(f"{contents(read_table(path))}\n")
+        raise
+
+
+def _data_of_reading(reading: Reading, doubts: list[str]) -> dict[str, Any]:
+    """How a file was understood, as plain data."""
+    from ..records.files.summary import summary
+
+    sources = {}
+    for name, source in reading.sources.items():
+        sources[name] = {"from": source.text, "unit": source.unit}
+    return {
+        **summary(reading.record),
+        "file": reading.table.path,
+        "kind": reading.table.kind,
+        "notes": reading.table.notes,
+        "clock": reading.clock,
+        "sources": sources,
+        "not_used": list(reading.unused),
+        "doubts": doubts,
+    }
 
 
 def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
@@ -97,21 +116,22 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
         )
     if path.exists():
         raise NRFError(f"{path} exists, and would be lost", "Give another name.")
-    if any(one.resolve().parent != path.resolve().parent for one in files):
+    home = path.resolve().parent
+    if any(file.resolve().parent != home for file in files):
         raise NRFError(
             f"{path} is not in the folder of its files", "Write it beside them."
         )
-    found = propose(read_table(files[0]))
-    text = mapping_text(files, found)
+
+    proposals = propose(read_table(files[0]))
+    text = mapping_text(files, proposals)
     with atomic_write(path) as file:
         file.write(text)
-    doubtful = sum(bool(one.doubts) for one in found)
+
+    n_doubtful = sum(bool(proposal.doubts) for proposal in proposals)
+    ask = "Every channel is named or has a unit"
+    if n_doubtful:
+        ask = f"Look at the {n_doubtful} with a question mark"
     session.say(f"Proposed, in {path}:", "", text)
-    ask = (
-        f"Look at the {doubtful} with a question mark"
-        if doubtful
-        else "Every channel is named or has a unit"
-    )
     session.say(f"{ask}; then: pysindy-nrf run --mapping {path}", "")
 
 
@@ -129,33 +149,43 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
     """
     from ..laws import registry
 
-    session, rows = Session(as_json), []
-    for name, law in sorted(
-        registry().items(), key=lambda item: (item[1].family, item[0])
-    ):
-        about = (law.__doc__ or "").strip().splitlines()[0].replace("``", "")
-        try:
-            formula = law().equation()
-        except (NRFError, TypeError):
-            formula = ""
-        row = {
-            "name": name,
-            "family": law.family,
-            "formula": formula,
-            "describes": about,
-        }
-        if all(word.lower() in " ".join(row.values()).lower() for word in words):
+    session = Session(as_json)
+    rows = []
+    for law in sorted(registry().values(), key=lambda law: (law.family, law.name)):
+        row = _data_of_law(law)
+        described = " ".join(row.values()).lower()
+        if all(word.lower() in described for word in words):
             rows.append(row)
-            session.say(f"{name}  ({law.family})", f"    {about}", f"    {formula}")
+            session.say(
+                f"{row['name']}  ({row['family']})",
+                f"    {row['describes']}",
+                f"    {row['formula']}",
+            )
     session.say(
         "\nThe page 'Catalogue of force laws' of the documentation draws each of them."
     )
     session.emit({"laws": rows})
 
 
+def _data_of_law(law: type[ForceLaw]) -> dict[str, str]:
+    """What a law is, as plain data."""
+    from ..report.words import summary_of
+
+    try:
+        formula = law().equation()
+    except (NRFError, TypeError):  # it takes arguments
+        formula = ""
+    return {
+        "name": law.name,
+        "family": law.family,
+        "formula": formula,
+        "describes": summary_of(law),
+    }
+
+
 @click.command(short_help="Run a model alone under the forces of a file.")
-@click.argument("model", type=opt.PATH)
-@click.argument("forces", required=False, type=opt.PATH)
+@click.argument("model", type=PATH)
+@click.argument("forces", required=False, type=PATH)
 @opt.map_option
 @opt.unit_option
 @opt.rate_option
@@ -168,10 +198,10 @@ def list_laws(words: tuple[str, ...], as_json: bool) -> None:
 )
 @click.option(
     "--x0",
-    type=opt.NUMBERS,
+    type=NUMBERS,
     help="Displacements at the start, m: 0.001,0,0. At rest if left out.",
 )
-@click.option("--v0", type=opt.NUMBERS, help="Velocities at the start, m/s.")
+@click.option("--v0", type=NUMBERS, help="Velocities at the start, m/s.")
 @opt.output(
     "simulation.csv", "File of the record: .csv, .parquet or .uff.", single=True
 )
@@ -187,10 +217,10 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     \b
     Examples
       pysindy-nrf simulate nrf_output/model.json shaker.csv -o answer.parquet
-      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g' -o
-      answer.csv pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping
-      campaign.toml
+      pysindy-nrf simulate nrf_output/model.json quake.csv --map ag='table @ g'
+      pysindy-nrf simulate nrf_output/model.json tomorrow.csv --mapping campaign.toml
     """
+    from .. import simulation
     from ..chain.model import ChainModel
     from ..records.files import describe, write_record
     from ..records.files.reading import read_excitation
@@ -198,197 +228,63 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
 
     session = Session(as_json)
     structure = ChainModel.from_json(model)
-    said, how = opt.said_of(options)
-    opt.say_if_compiling()
-    load = read_excitation(
-        _one_test(forces, said),
-        structure.n_dof,
-        name=None if forces else said.name,
-        **how,
-    )
+    mapping, how = opt.mapping_of(options)
+    say_if_compiling()
+    name = None if forces else mapping.name
+    test = _one_test(forces, mapping)
+    load = read_excitation(test, structure.n_dof, name=name, **how)
     with session.listening():
-        run = structure.simulate(
+        run = simulation.simulate(
+            structure,
             load.force,
             1.0 / load.fs,
             base_acceleration=load.base_acceleration,
             covariates=load.covariates or None,
             name=load.name,
-            **{key: options[key] for key in ("method", "x0", "v0")},
+            method=options["method"],
+            x0=options["x0"],
+            v0=options["v0"],
         )
     run.t0 = load.t0
-    session.say(describe(run))
-    session.warnings += _beyond(structure, run)
+
+    session.conclude(describe(run))
+    session.warnings += _beyond_the_data(structure, run)
     path = options["output"]
-    with session.aside() as folder:
+    with session.writing() as folder:
         write_record(run, folder / path.name)
     session.emit({"record": summary(run)}, [path])
     session.say(f"\nWritten: {path}")
 
 
-def _one_test(forces: Path | None, said: Any) -> Any:
+def _one_test(forces: Path | None, mapping: MappingFile) -> Any:
     """The file given, or the one test that the mapping file names."""
     if forces is not None:
         return forces
-    if said.together and said.files:
-        return list(said.files)
-    if len(said.files) != 1:
-        many = (
-            f"the mapping file names {len(said.files)} tests"
-            if said.files
-            else "no file is named"
-        )
-        raise click.UsageError(
-            f"Missing argument 'FORCES': {many}; give the file with the forces."
-        )
-    return said.files[0]
+    if mapping.together and mapping.files:
+        return list(mapping.files)
+    if len(mapping.files) == 1:
+        return mapping.files[0]
+    why = "no file is named"
+    if mapping.files:
+        why = f"the mapping file names {len(mapping.files)} tests"
+    raise click.UsageError(
+        f"Missing argument 'FORCES': {why}; give the file with the forces."
+    )
 
 
-def _beyond(model: Any, run: Any) -> list[str]:
+def _beyond_the_data(model: ChainModel, run: Record) -> list[str]:
     """Storeys that move further than the data the model was fitted to."""
-    out = []
-    drifts = np.diff(run.displacement, axis=1, prepend=0.0)
-    for site, region in (
-        (site, box) for site, box in model.visited.items() if site.is_storey
-    ):
-        most, known = (
-            np.abs(drifts[:, site.p - 1]).max(),
-            max(abs(region.low[1]), abs(region.high[1])),
-        )
-        if most > 1.05 * known:
-            out.append(
-                f"{site} drifts {1e3 * most:.3g} mm; the data of the model reached"
-                f" {1e3 * known:.3g} mm: its force beyond is a guess."
+    assert run.displacement is not None  # a run has all motions
+    drifts = np.abs(np.diff(run.displacement, axis=1, prepend=0.0)).max(axis=0)
+    warnings = []
+    for site, region in model.visited.items():
+        if not site.is_storey:
+            continue
+        drift = float(drifts[site.p - 1])
+        reached = max(abs(region.low[1]), abs(region.high[1]))
+        if drift > BEYOND_THE_DATA * reached:
+            warnings.append(
+                f"{site} drifts {1e3 * drift:.3g} mm; the data of the model reached"
+                f" {1e3 * reached:.3g} mm: its force beyond is a guess."
             )
-    return out
-
-
-@click.command(short_help="Say which floor to hit, which sensor to add.")
-@click.argument("floors", type=click.IntRange(1))
-@opt.link_option
-@click.option(
-    "--can-hit",
-    type=opt.FLOORS,
-    help="Floors that a hammer or shaker reaches: 1,3. All if left out.",
-)
-@click.option(
-    "--sensors",
-    type=opt.FLOORS,
-    help="Floors whose motion is measured: 1,2,4. All if left out.",
-)
-@click.option(
-    "--unknown",
-    type=opt.FLOORS,
-    help="Floors on which a force acts that is not measured.",
-)
-@opt.mass_option
-@click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
-@click.option(
-    "--model",
-    type=opt.PATH,
-    help="A first guess (model.json): ranks floors by how modes respond.",
-)
-@opt.json_option
-def plan(floors: int, as_json: bool, **options: Any) -> None:
-    """Say which floor to hit, or which sensor to add, before a test of a structure with
-    FLOORS floors.
-
-    \b
-    Examples
-      pysindy-nrf plan 4
-      pysindy-nrf plan 4 --can-hit 1,2 --sensors 1,2,4 --unknown 3
-      pysindy-nrf plan 3 --model nrf_output/model.json
-    """
-    from ..chain.model import ChainModel
-    from ..chain.structure import Chain
-
-    session = Session(as_json)
-    model = None if options["model"] is None else ChainModel.from_json(options["model"])
-    if model is not None and model.n_dof != floors:
-        raise click.UsageError(f"The model has {model.n_dof} floors, not {floors}.")
-    found = Chain(floors, options["links"]).plan(
-        can_hit=options["can_hit"],
-        sensors=options["sensors"],
-        unknown=options["unknown"] or (),
-        known_masses=options["masses"],
-        model=model,
-        most=min(options["most"], floors),
-    )
-    advice = [opt.in_options(one) for one in found.advice]
-    if advice:
-        session.say(*advice)
-    shown = found.table.head(10).assign(
-        hit=found.table["hit"].map(lambda hit: " and ".join(map(str, hit))),
-        identifies=[
-            f"{100 * share:.0f} %" for share in found.table["identifies"].head(10)
-        ],
-        left=found.table["left"].replace("", "nothing"),
-    )
-    if model is None and "response" in shown:
-        shown = shown.drop(columns="response")
-    if len(shown):
-        session.headed("Tests, the best first", opt.table(shown.reset_index(drop=True)))
-    session.emit({"advice": advice, "tests": found.table.to_dict("records")})
-
-
-@click.command(short_help="Write one page (HTML) of a result or of records.")
-@opt.files_options
-@opt.band_option
-@click.option("--title", help="Title of the page.")
-@opt.output("report.html", "File of the page.", single=True)
-@opt.json_option
-def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
-    """Write one page (HTML, works offline) of a result, over records.
-
-    FILE is a result (model.json of identify, closed_loop.json of close-loop, what they
-    print with --json) and files of records to draw beside it. The band is that of the
-    result if --band is left out.
-
-    \b
-    Examples
-      pysindy-nrf report nrf_output/model.json shaker.csv --unit a=g -o frame.html
-    """
-    from ..report import write_html
-
-    session = Session(as_json)
-    results = [path for path in files if path.suffix.lower() == ".json"]
-    if len(results) != 1:
-        raise click.UsageError(
-            "report takes one result (.json); records are identified by run or identify"
-            " first."
-        )
-    readings = opt.readings_of(
-        [path for path in files if path not in results], options, needed=False
-    )
-    records = [reading.record for reading in readings]
-    with session.listening():
-        subject = _result(results[0])
-        said = {
-            "title": options["title"],
-            "notes": tuple(session.warnings),
-            "band": options["band"],
-        }
-        with session.aside() as folder:
-            write_html(
-                folder / options["output"].name, subject, records or None, **said
-            )
-    session.take_care()
-    session.emit(
-        {"title": options["title"], "records": [rec.name for rec in records]},
-        [options["output"]],
-    )
-    session.say(f"Written: {options['output']}   (open it in a browser)")
-
-
-def _result(path: Path) -> Any:
-    """The model of a result file."""
-    from ..chain.model import ChainModel
-    from ..common.files import plain_json
-    from ..records.files.table import check_file
-
-    check_file(path, 200_000_000)
-    inner = None
-    with suppress(
-        ValueError, RecursionError, AttributeError
-    ):  # it holds no model; from_json says what is wrong
-        inner = plain_json(path.read_text(encoding="utf-8")).get("model")
-    return ChainModel.from_json(path if inner is None else json.dumps(inner))
+    return warnings

@@ -1,219 +1,279 @@
-"""Results of a run: written aside, then moved into place whole, with a manifest.
-Nothing else is written over.
+"""Results of a run: written aside, then moved into place together, with a manifest.
 
 A manifest names the files of a run with their SHA-256. A run replaces files that an
 earlier one made and nobody changed, and no others. Earlier results that share a file
 with it, or came from other inputs, go.
 """
 
+from __future__ import annotations
+
 import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from ..common.audit import versions
 from ..common.files import PART, atomic_write, file_behind, hold, left_behind
 from ..exceptions import NRFError
 
 MANIFEST = "manifest.json"
-_SCHEMA, _VERSION, _LOCK, _OLD = "pysindy_nrf.Manifest", 1, "lock", "replaced"
+_SCHEMA, _VERSION = "pysindy_nrf.Manifest", 1
+# In the folder that a run writes to: what it has locked, and what it replaces.
+_LOCK, _REPLACED = "lock", "replaced"
+
+
+class Run(TypedDict):
+    """What a manifest says of one run, among other things."""
+
+    inputs: list[dict[str, Any]]
+    files: dict[str, str]
 
 
 class Results:
-    """The place where a run writes: a folder, or one file with its manifest beside
-    it.
+    """The place where a run writes.
+
+    Parameters
+    ----------
+    output : Path
+        A folder, or one file with its manifest beside it.
+    single : bool
+        Whether it is one file.
+    inputs : sequence of Path
+        Files that the run reads; more may be added while it reads them.
+    force : bool
+        Whether it may write over files that no run made.
+
+    Raises
+    ------
+    NRFError
+        If a single file would be lost.
     """
 
     def __init__(
         self, output: Path, single: bool, inputs: Sequence[Path], force: bool
     ) -> None:
-        self.output, self.inputs, self.force = output, inputs, force
+        self.output = output
+        self.inputs = inputs
+        self.force = force
         self.home = output.parent if single else output
-        self.manifest = self.home / (
-            f"{output.name}.{MANIFEST}" if single else MANIFEST
-        )
+        name = f"{output.name}.{MANIFEST}" if single else MANIFEST
+        self.manifest = self.home / name
+
         if not self.home.is_dir():
             file_behind(self.home)
-        for left in left_behind(self.home / output.name, _LOCK):
-            self._undo(left)
+        for folder in left_behind(self.home / output.name, _LOCK):
+            self._undo(folder)
         if single:
-            self._refuse([output.name])
-
-    def _undo(self, left: Path) -> None:
-        """Remove what a killed run left; if it was moving its results, the earlier ones
-        come back.
-        """
-        if (left / MANIFEST).exists():  # it is moved last
-            for name, mark in (
-                one
-                for run in self._runs(left / MANIFEST)[-1:]
-                for one in run["files"].items()
-            ):
-                if _is(self.home / name, mark):
-                    (self.home / name).unlink()
-            for old in (left / _OLD).glob("*"):
-                if not (self.home / old.name).exists():
-                    shutil.move(old, self.home / old.name)
-        shutil.rmtree(left, ignore_errors=True)
-
-    def _runs(self, path: Path) -> list[dict[str, Any]]:
-        """Earlier runs by a manifest, none if it cannot be read or names files
-        elsewhere.
-        """
-        with suppress(OSError, ValueError, TypeError, LookupError, AttributeError):
-            data = json.loads(path.read_text(encoding="utf-8"))
-            held = {one for run in data["runs"] for one in run["files"].items()}
-            read = {one["sha256"] for run in data["runs"] for one in run["inputs"]}
-            sound = (
-                data["schema"] == _SCHEMA
-                and None not in read
-                and all(Path(name).name == name for name, _ in held)
-            )
-            return data["runs"] if sound else []
-        return []
-
-    def _read(self, path: Path) -> bool:
-        """Whether a file is an input of the run, by this or another name."""
-        return any(one.exists() and one.samefile(path) for one in self.inputs)
-
-    def _refuse(self, names: Sequence[str]) -> None:
-        """Raise an NRFError if a file would be lost: an input, or what is no unchanged
-        result of an earlier run.
-        """
-        earlier = [
-            run["files"]
-            for path in self.home.glob(f"*{MANIFEST}")
-            for run in self._runs(path)
-        ]
-        for target in (self.home / name for name in names):
-            if not file_behind(target).exists() or self.force:
-                continue
-            read, made = (
-                self._read(target),
-                any(_is(target, files.get(target.name)) for files in earlier),
-            )
-            if read or not made:
-                what = (
-                    "an input of this run"
-                    if read
-                    else "no result of an earlier run, or changed since"
-                )
-                raise NRFError(
-                    f"{target} is {what}, and would be lost",
-                    "Give another output (-o), or say --force.",
-                )
+            self._refuse_losses([output.name])
 
     @cached_property
     def sources(self) -> list[dict[str, Any]]:
-        """The inputs as they are named in manifests and models: ``file``, ``bytes``,
-        ``sha256``.
-        """
-        files = [path for path in dict.fromkeys(self.inputs) if path.is_file()]
-        return [
-            {"file": str(path), "bytes": path.stat().st_size, "sha256": sha256(path)}
-            for path in files
-        ]
+        """The inputs as manifests and models name them: file, bytes, SHA-256."""
+        sources = []
+        for path in dict.fromkeys(self.inputs):
+            if path.is_file():
+                size = path.stat().st_size
+                source = {"file": str(path), "bytes": size, "sha256": sha256(path)}
+                sources.append(source)
+        return sources
 
     @contextmanager
     def aside(self, about: Mapping[str, Any]) -> Iterator[Path]:
-        """A folder for the files of the run, moved into place at the end; ``about``
-        goes into the manifest.
+        """A folder for the files of the run, which are moved into place at the end.
+
+        Parameters
+        ----------
+        about : mapping
+            What the manifest says of the run.
         """
-        made = [path for path in (self.home, *self.home.parents) if not path.exists()]
+        folders = (self.home, *self.home.parents)
+        made = [folder for folder in folders if not folder.exists()]
         self.home.mkdir(parents=True, exist_ok=True)
-        aside = Path(
-            tempfile.mkdtemp(dir=self.home, prefix=f".{self.output.name}.", suffix=PART)
-        )
+        prefix = f".{self.output.name}."
+        aside = Path(tempfile.mkdtemp(dir=self.home, prefix=prefix, suffix=PART))
         try:
             (aside / _LOCK).touch()
             with open(aside / _LOCK, "rb") as lock:
                 hold(lock.fileno())
                 yield aside
-                self._move(aside, about)
+                self._publish(aside, about)
         except OSError as error:
-            if (
-                error.filename is not None
-                and Path(error.filename).parent == aside.resolve()
-            ):
-                error.filename = str(self.home / Path(error.filename).name)
+            self._name_the_place(error, aside)
             raise
         finally:
-            if not any((aside / _OLD).glob("*")):  # else the next run brings them back
+            replaced = (aside / _REPLACED).glob("*")
+            if not any(replaced):  # else the next run brings them back
                 shutil.rmtree(aside, ignore_errors=True)
             with suppress(OSError):  # they hold results
-                for path in made:
-                    path.rmdir()
+                for folder in made:
+                    folder.rmdir()
 
-    def _move(self, aside: Path, about: Mapping[str, Any]) -> None:
-        """Move the files into place, the manifest last; what they replace comes back if
-        that fails.
-        """
-        new = {
-            path.name: sha256(path)
-            for path in sorted(aside.iterdir())
-            if path.name != _LOCK
-        }
-        self._refuse(list(new))
-        run = {**about, "versions": versions(), "inputs": self.sources, "files": new}
-        earlier = self._runs(self.manifest)
-        kept = [one for one in earlier if _beside(one, run)]
-        stale = {
-            self.home / name: mark
-            for one in earlier
-            if one not in kept
-            for name, mark in one["files"].items()
-        }
-        out = {
-            path
-            for path, mark in stale.items()
-            if _is(path, mark) and not self._read(path)
-        }
-        out |= {self.home / name for name in new}
+    def _name_the_place(self, error: OSError, aside: Path) -> None:
+        """Let an error name the file in its place, not where it is written aside."""
+        if error.filename is not None:
+            path = Path(error.filename)
+            if path.parent == aside.resolve():
+                error.filename = str(self.home / path.name)
+
+    # -- moving ----------------------------------------------------------------
+
+    def _publish(self, aside: Path, about: Mapping[str, Any]) -> None:
+        """Move the files into place; what they replace comes back if that fails."""
+        files = {}
+        for path in sorted(aside.iterdir()):
+            if path.name != _LOCK:
+                files[path.name] = sha256(path)
+        self._refuse_losses(list(files))
+
+        run: Run = {"inputs": self.sources, "files": files}
+        beside: list[Run] = []
+        stale: list[Run] = []
+        for other in _runs_of(self.manifest):
+            runs = beside if _stays_beside(other, run) else stale
+            runs.append(other)
+        described = {**about, "versions": versions(), **run}
+        manifest = {"schema": _SCHEMA, "version": _VERSION}
         with atomic_write(aside / MANIFEST) as file:
-            json.dump(
-                {"schema": _SCHEMA, "version": _VERSION, "runs": [*kept, run]},
-                file,
-                indent=2,
-            )
-        (aside / _OLD).mkdir()
-        done: list[tuple[Path, Path]] = []
+            json.dump({**manifest, "runs": [*beside, described]}, file, indent=2)
+
+        targets = {name: self.home / name for name in files}
+        replaced = [self.manifest, *targets.values(), *self._unchanged_files_of(stale)]
+        # the manifest is moved last: where it still is, the run was not finished
+        targets[MANIFEST] = self.manifest
+        self._exchange(aside, targets, replaced)
+
+    def _exchange(
+        self, aside: Path, targets: Mapping[str, Path], replaced: Iterable[Path]
+    ) -> None:
+        """Move replaced files away and new ones into place, or change nothing."""
+        (aside / _REPLACED).mkdir()
+        moves = _Moves()
         try:
-            for path in map(file_behind, (self.manifest, *out)):
+            for place in dict.fromkeys(replaced):
+                path = file_behind(place)
                 if path.exists():
-                    done.append(
-                        (path, Path(shutil.move(path, aside / _OLD / path.name)))
-                    )
-            for name, path in {
-                **{name: self.home / name for name in new},
-                MANIFEST: self.manifest,
-            }.items():
-                done.append(
-                    (aside / name, Path(shutil.move(aside / name, file_behind(path))))
-                )
+                    moves.move(path, aside / _REPLACED / path.name)
+            for name, place in targets.items():
+                moves.move(aside / name, file_behind(place))
         except BaseException:
-            for before, after in reversed(done):
-                shutil.move(after, before)
+            moves.undo()
             raise
-        shutil.rmtree(aside / _OLD)
+        shutil.rmtree(aside / _REPLACED)
+
+    def _unchanged_files_of(self, runs: Iterable[Run]) -> list[Path]:
+        """Files of earlier runs that nobody changed and this one does not read."""
+        files = []
+        for run in runs:
+            for name, mark in run["files"].items():
+                path = self.home / name
+                if _has_mark(path, mark) and not self._reads(path):
+                    files.append(path)
+        return files
+
+    def _undo(self, folder: Path) -> None:
+        """Remove what a killed run left behind.
+
+        If it was moving its results, the earlier ones come back.
+        """
+        unfinished = folder / MANIFEST
+        if unfinished.exists():
+            for run in _runs_of(unfinished)[-1:]:
+                for name, mark in run["files"].items():
+                    if _has_mark(self.home / name, mark):
+                        (self.home / name).unlink()
+            for path in (folder / _REPLACED).glob("*"):
+                if not (self.home / path.name).exists():
+                    shutil.move(path, self.home / path.name)
+        shutil.rmtree(folder, ignore_errors=True)
+
+    # -- what may not be lost --------------------------------------------------
+
+    def _reads(self, path: Path) -> bool:
+        """Whether a file is an input of the run, by this or another name."""
+        existing = [source for source in self.inputs if source.exists()]
+        return any(source.samefile(path) for source in existing)
+
+    def _refuse_losses(self, names: Iterable[str]) -> None:
+        """Raise an error if writing these files would lose one.
+
+        That is an input, or what is no unchanged result of an earlier run.
+        """
+        for name in names:
+            target = self.home / name
+            if not file_behind(target).exists() or self.force:
+                continue
+            if self._reads(target):
+                what = "an input of this run"
+            elif not self._is_result(target):
+                what = "no result of an earlier run, or changed since"
+            else:
+                continue
+            raise NRFError(
+                f"{target} is {what}, and would be lost",
+                "Give another output (-o), or say --force.",
+            )
+
+    def _is_result(self, path: Path) -> bool:
+        """Whether an earlier run made a file, and nobody changed it."""
+        for manifest in self.home.glob(f"*{MANIFEST}"):
+            for run in _runs_of(manifest):
+                if _has_mark(path, run["files"].get(path.name)):
+                    return True
+        return False
 
 
-def _is(path: Path, mark: str | None) -> bool:
+class _Moves:
+    """Files that were moved, and can be moved back."""
+
+    def __init__(self) -> None:
+        self._done: list[tuple[Path, Path]] = []
+
+    def move(self, source: Path, target: Path) -> None:
+        """Move one file."""
+        self._done.append((source, Path(shutil.move(source, target))))
+
+    def undo(self) -> None:
+        """Move all files back, the last first."""
+        for source, target in reversed(self._done):
+            shutil.move(target, source)
+
+
+def _runs_of(manifest: Path) -> list[Run]:
+    """Runs by a manifest; none if it cannot be read or names files elsewhere."""
+    with suppress(OSError, ValueError, TypeError, LookupError, AttributeError):
+        data = json.loads(manifest.read_text(encoding="utf-8"))
+        runs: list[Run] = data["runs"]
+        if data["schema"] == _SCHEMA and all(map(_is_sound, runs)):
+            return runs
+    return []
+
+
+def _is_sound(run: Run) -> bool:
+    """Whether a run names its inputs by their SHA-256, and no file elsewhere."""
+    in_folder = all(Path(name).name == name for name in run["files"].keys())
+    marked = all(source["sha256"] is not None for source in run["inputs"])
+    return in_folder and marked
+
+
+def _stays_beside(earlier: Run, run: Run) -> bool:
+    """Whether earlier results stay beside new ones.
+
+    They have no file in common, and the same inputs, or are inputs themselves.
+    """
+    before = {source["sha256"] for source in earlier["inputs"]}
+    now = {source["sha256"] for source in run["inputs"]}
+    related = before == now or not now.isdisjoint(earlier["files"].values())
+    return related and earlier["files"].keys().isdisjoint(run["files"])
+
+
+def _has_mark(path: Path, mark: str | None) -> bool:
     """Whether a file is there and has this SHA-256."""
     return mark is not None and path.is_file() and sha256(path) == mark
-
-
-def _beside(earlier: Mapping[str, Any], run: Mapping[str, Any]) -> bool:
-    """Whether earlier results stay beside new ones: no common file, and the same inputs
-    or results that are inputs.
-    """
-    had, used = ({one["sha256"] for one in each["inputs"]} for each in (earlier, run))
-    related = had == used or not used.isdisjoint(earlier["files"].values())
-    return related and earlier["files"].keys().isdisjoint(run["files"])
 
 
 def sha256(path: Path) -> str:

@@ -1,6 +1,4 @@
-"""Tools of all layers: late imports, files, random states, threads, settings, the
-jackknife.
-"""
+"""Tools of all layers: numbers, random states, imports, files, threads, settings."""
 
 import zlib
 from typing import Any
@@ -9,7 +7,7 @@ import numpy as np
 
 from ..exceptions import NRFError
 
-# DOFs of a chain; a larger number is a mistake, or a file that would exhaust the memory.
+# A larger number of DOFs is a mistake, or a file that would exhaust the memory.
 MOST_DOFS = 10_000
 
 
@@ -30,16 +28,19 @@ def positive(name: str, value: Any, cure: str, error: type[Exception]) -> float:
 
 
 def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
-    """A generator of random numbers for a seed, a generator or None; raises NRFError
-    for anything else.
+    """A generator of random numbers for a seed, a generator or None.
+
+    A purpose gives a seed a stream of its own: noise and excitation of one seed are
+    independent.
     """
+    seed = random_state
     try:
         if purpose and hasattr(random_state, "__index__"):
-            key = zlib.crc32(purpose.encode())
-            return np.random.default_rng(
-                np.random.SeedSequence(int(random_state), spawn_key=(key,))
-            )
-        return np.random.default_rng(random_state)
+            stream = zlib.crc32(purpose.encode())
+            seed = np.random.SeedSequence(int(random_state), spawn_key=(stream,))
+        return np.random.default_rng(seed)
     except (TypeError, ValueError) as error:
-        cure = "Give a whole number from 0, a numpy Generator, or None."
-        raise NRFError(f"random_state={random_state!r} is no seed", cure) from error
+        raise NRFError(
+            f"random_state={random_state!r} is no seed",
+            "Give a whole number from 0, a numpy Generator, or None.",
+        ) from error

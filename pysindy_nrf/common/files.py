@@ -1,6 +1,4 @@
-"""Files: atomic writing, strict JSON, and schemas of the files that this package
-writes.
-"""
+"""Files: atomic writing, strict JSON, and schemas of what this package writes."""
 
 import json
 import math
@@ -18,34 +16,34 @@ from ..exceptions import FileFormatError, NRFError
 
 try:
     import fcntl
-except (
-    ImportError
-):  # Windows, where nothing is locked and nothing left behind is removed
+except ImportError:
+    # On Windows nothing is locked, and nothing that was left behind is removed.
     fcntl = None  # type: ignore[assignment]
+
+PART = ".part"  # suffix of what is being written
+MAX_MESSAGE_LENGTH = 120
+# A name that UTF-8 cannot encode is written as its code, which JSON reads back as the
+# same name.
+_TEXT_OPTIONS: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
 
 
 @contextmanager
 def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
-    """Open a temporary file that replaces the target on success: a reader sees the old
-    or the complete new file.
+    """Open a temporary file that replaces the target on success.
+
+    A reader sees the old or the complete new file.
     """
     target = file_behind(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(
         dir=target.parent, prefix=f".{target.name}.", suffix=PART
     )
+    options = _TEXT_OPTIONS if mode == "w" else {}
     try:
-        # a name that UTF-8 cannot hold is written as its code, which JSON reads back as
-        # the same name
-        text: dict[str, Any] = (
-            {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
-            if mode == "w"
-            else {}
-        )
-        with os.fdopen(handle, mode, **text) as file:
+        with os.fdopen(handle, mode, **options) as file:
             hold(file.fileno())
-            for left in left_behind(target):
-                left.unlink(missing_ok=True)
+            for abandoned in left_behind(target):
+                abandoned.unlink(missing_ok=True)
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -59,12 +57,13 @@ def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]
         raise
 
 
-PART = ".part"  # suffix of what is being written
-
-
 def file_behind(path: Any) -> Path:
-    """The file that a path leads to, links followed; an NRFError for a device, a pipe
-    or a folder.
+    """The file that a path leads to, links followed.
+
+    Raises
+    ------
+    NRFError
+        If it is a device, a pipe or a folder.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
@@ -77,9 +76,7 @@ def file_behind(path: Any) -> Path:
 
 
 def hold(handle: int) -> bool:
-    """Lock an open file for as long as this process has it open; False if another
-    process does.
-    """
+    """Lock an open file until it is closed; False if another process has locked it."""
     if fcntl is None:
         return False
     try:
@@ -90,8 +87,9 @@ def hold(handle: int) -> bool:
 
 
 def left_behind(target: Path, lock: str = "") -> Iterator[Path]:
-    """What processes that were killed left beside a target; each holds its temporary
-    file (or ``lock`` in a folder).
+    """What processes that were killed left beside a target.
+
+    Each process locks its temporary file, or the file ``lock`` in a temporary folder.
     """
     for path in target.parent.glob(f".{escape(target.name)}.*{PART}"):
         with suppress(OSError), open(path / lock, "rb") as file:
@@ -111,55 +109,61 @@ def _permissions(target: Path) -> int:
 @cache
 def schema(name: str = "chain_model") -> dict[str, Any]:
     """A shipped schema (JSON Schema, draft 2020-12)."""
-    return json.loads(
-        (files(__package__) / "schemas" / f"{name}.schema.json").read_text(
-            encoding="utf-8"
-        )
-    )
+    file = files(__package__) / "schemas" / f"{name}.schema.json"
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def plain_json(text: str) -> Any:
-    """Parsed strict JSON; raises ValueError for NaN, infinity (also 1e999) and repeated
-    keys.
+    """Parsed strict JSON.
+
+    Raises
+    ------
+    ValueError
+        For NaN, infinity (also 1e999) and repeated keys.
     """
 
-    def constant(word: str) -> Any:
+    def refuse_constant(word: str) -> Any:
         raise ValueError(f"{word} is not a JSON number")
 
-    def number(word: str) -> float:
+    def finite_number(word: str) -> float:
         if not math.isfinite(float(word)):
             raise ValueError(f"{word} is beyond the range of a double")
         return float(word)
 
-    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        out = dict(pairs)
-        if len(out) < len(pairs):
+    def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        data = dict(pairs)
+        if len(data) < len(pairs):
             raise ValueError("a key occurs twice in one object")
-        return out
+        return data
 
     return json.loads(
-        text, parse_constant=constant, parse_float=number, object_pairs_hook=once
+        text,
+        parse_constant=refuse_constant,
+        parse_float=finite_number,
+        object_pairs_hook=unique_keys,
     )
 
 
 def check(data: Any, rules: dict[str, Any], where: str) -> None:
-    """Raise FileFormatError, naming the place, if the parsed JSON of the file ``where``
-    does not match a schema.
+    """Check the parsed JSON of a file against a schema.
+
+    Raises
+    ------
+    FileFormatError
+        If it does not match; the message names the place in the file.
     """
     from jsonschema import Draft202012Validator
     from jsonschema.exceptions import best_match
 
     fault = best_match(Draft202012Validator(rules).iter_errors(data))
-    if fault is not None:
-        title = rules["title"].partition(",")[0].lower()
-        said = (
-            fault.message
-            if len(fault.message) <= 120
-            else f"{fault.message[:60]} ... {fault.message[-55:]}"
-        )
-        cure = "Write the file again, or correct it there."
-        raise FileFormatError(
-            f"{where} is not a readable {title}: {fault.json_path[2:] or 'the whole'}:"
-            f" {said}",
-            cure,
-        )
+    if fault is None:
+        return
+    message = fault.message
+    if len(message) > MAX_MESSAGE_LENGTH:
+        message = f"{message[:60]} ... {message[-55:]}"
+    title = rules["title"].partition(",")[0].lower()
+    place = fault.json_path.removeprefix("$.").removeprefix("$") or "the whole"
+    raise FileFormatError(
+        f"{where} is not a readable {title}: {place}: {message}",
+        "Write the file again, or correct it there.",
+    )

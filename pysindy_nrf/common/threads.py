@@ -1,5 +1,6 @@
-"""Independent shares of one pass on all cores; compiled code releases the interpreter's
-lock.
+"""Independent shares of one pass on all cores.
+
+Compiled code releases the interpreter's lock.
 """
 
 import os
@@ -12,37 +13,43 @@ from typing import TypeVar
 Share = TypeVar("Share")
 Result = TypeVar("Result")
 
-_AHEAD = 2  # shares per thread that are queued or done; bounds the memory
+LIMITS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+SHARES_PER_THREAD = 2  # queued or done; bounds the memory
 
 
 def n_threads() -> int:
-    """Number of threads of a pass: the cores of this process, limited by
-    OMP_NUM_THREADS and NUMBA_NUM_THREADS.
+    """Number of threads of a pass: the cores of this process, or a lower limit.
+
+    The environment variables in ``LIMITS`` set such limits.
     """
     from joblib import cpu_count  # affinity and the limits of a container count
 
-    asked = [
-        os.environ.get(name, "").split(",")[0].strip()
-        for name in ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
-    ]
-    return min([cpu_count(), *(int(x) for x in asked if x.isdecimal() and int(x) > 0)])
+    count = cpu_count()
+    for name in LIMITS:
+        limit = os.environ.get(name, "").split(",")[0].strip()
+        if limit.isdecimal() and int(limit) > 0:
+            count = min(count, int(limit))
+    return count
 
 
 def in_threads(
     function: Callable[[Share], Result], shares: Iterable[Share]
 ) -> Iterator[Result]:
-    """Results of a function for each share, in order; shares are read on demand, one at
-    a time.
+    """Results of a function for each share, in order.
+
+    Shares are read on demand, one at a time.
     """
-    rest = iter(shares)
-    begun = list(islice(rest, 2))
-    threads, rest = n_threads() if len(begun) == 2 else 1, chain(begun, rest)
+    remaining = iter(shares)
+    first = list(islice(remaining, 2))
+    remaining = chain(first, remaining)
+    threads = n_threads() if len(first) == 2 else 1
     if threads == 1:
-        yield from map(function, rest)
+        yield from map(function, remaining)
         return
+
     with ThreadPoolExecutor(threads) as pool:
-        given = (pool.submit(function, share) for share in rest)
-        running = deque(islice(given, _AHEAD * threads))
+        submitted = (pool.submit(function, share) for share in remaining)
+        running = deque(islice(submitted, SHARES_PER_THREAD * threads))
         while running:
             yield running.popleft().result()
-            running.extend(islice(given, 1))
+            running.extend(islice(submitted, 1))

@@ -1,15 +1,20 @@
 """The bundled demonstration record, and the frame it was simulated with."""
 
-from importlib.resources import files
-from typing import Any
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..records.files import inspect_record
 from ..records.files.reading import Reading
 from ..records.record import Record
 
+if TYPE_CHECKING:
+    from ..chain.model import ChainModel
+
 __all__ = ["demo_truth", "load_demo"]
 
-FILE = "demo_record.csv"
+FILE = Path(__file__).with_name("demo_record.csv")
 
 
 def load_demo() -> Record:
@@ -43,10 +48,10 @@ def load_demo() -> Record:
 
 def read_demo() -> Reading:
     """The demonstration record with how its file was understood."""
-    return inspect_record(files(__package__) / FILE, name="demo")
+    return inspect_record(FILE, name="demo")
 
 
-def demo_truth() -> Any:
+def demo_truth() -> ChainModel:
     """The frame that the demonstration record was simulated with.
 
     Returns

@@ -2,6 +2,14 @@
 
 from ..common.lazy import public_names
 
-_NAMES = {"force_delay": "force_delays", "warn_of_bias": "bias"}
+_NAMES = {
+    "Facts": "facts",
+    "Verdict": "verdict",
+    "force_delay": "force_delays",
+    "residual_of": "residual",
+    "verdict_from": "verdict",
+    "warn_of_bias": "bias",
+}
 __all__ = [*_NAMES]
+
 __getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -1,474 +1,329 @@
-"""Diagnosis of what limits an estimate, and planning of the next test."""
+"""What limits the estimate of a fitted model, and what would help."""
 
-import itertools
+from __future__ import annotations
+
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
 
-from ..chain.sites import dofs_of
-from ..chain.structure import Chain
+from ..chain.model import ChainModel
 from ..exceptions import BiasWarning, NRFError
-from .bias import sentences_of, wrong_zeros
+from .bias import NoiseBias, sentences_of, wrong_zeros
 from .force_delays import force_delay
+from .verdict import creates_energy
 
-__all__ = ["diagnose", "plan"]
+__all__ = ["diagnose"]
 
-# rms drift of a storey as a share of the largest, below which its excitation is poor
-WEAK = 0.05
-ILL = 1e4  # scaled condition number from which on terms are hard to tell apart
-# half-width of a 95 % interval, as a share, from which on a parameter is uncertain
-WIDE = 0.05
-LARGE_ERROR = (
-    15.0  # percent of a balance unexplained, above which its estimates deserve a word
-)
-BIASED = 0.01  # expected relative bias of a mass from which on it is named
-
-Finding = tuple[
-    float, str, str, float, str
-]  # gravity; limit, where, size and message as in the table
+# Peak drift of a storey, as a share of the largest, below which it is hardly excited.
+LEAST_DRIFT = 0.05
+# Condition number of scaled terms from which on they are hard to tell apart.
+ILL_CONDITIONED = 1e4
+# Half-width of a 95 % interval, as a share, from which on a parameter is uncertain.
+WIDE_INTERVAL = 0.05
+# Percent of all balances unexplained, above which the estimate deserves a word.
+LARGE_ERROR = 15.0
+# Expected relative bias of a mass from which on it is named.
+NAMED_BIAS = 0.01
 
 
-@dataclass
+class Result(Protocol):
+    """What a diagnosis reads of the result of a fit."""
+
+    @property
+    def noise_biases(self) -> list[NoiseBias]:
+        """What noise in the motion does to the estimate."""
+
+
+class FittedModel(Protocol):
+    """What a diagnosis reads of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
+
+    model_: ChainModel
+    errors_: pd.DataFrame
+    missing_terms_: pd.DataFrame
+    jump_bias_: pd.DataFrame
+    condition_: pd.Series
+    data_warnings_: dict[str, list[str]]
+
+    @property
+    def result_(self) -> Result:
+        """The result of the fit."""
+
+    def confidence_intervals(
+        self, level: float = 0.95, *, of: Any = "parameters"
+    ) -> pd.DataFrame:
+        """Intervals of parameters or modes."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One limit of an estimate.
+
+    Parameters
+    ----------
+    gravity : float
+        The larger, the earlier it is named. A faulty channel causes many other
+        findings, so it stands first.
+    limit, where, message : str
+    size : float
+    """
+
+    gravity: float
+    limit: str
+    where: str
+    size: float
+    message: str
+
+
+@dataclass(frozen=True)
 class Diagnosis:
-    """The limits of an estimate, the gravest first."""
+    """The limits of an estimate, the gravest first.
 
-    table: pd.DataFrame  # limit, where, size and message of each finding
+    Parameters
+    ----------
+    table : DataFrame
+        ``limit``, ``where``, ``size`` and ``message`` of each finding.
+    """
+
+    table: pd.DataFrame
 
     def __str__(self) -> str:
-        return (
-            "\n".join(self.table["message"])
-            if len(self.table)
-            else "Nothing limits the estimate noticeably."
-        )
+        if self.table.empty:
+            return "Nothing limits the estimate noticeably."
+        return "\n".join(self.table["message"])
 
 
-def diagnose(model: Any) -> Diagnosis:
-    """Diagnosis of what limits the estimate of a fitted regressor.
+def diagnose(model: FittedModel) -> Diagnosis:
+    """Diagnose what limits the estimate of a fitted regressor.
 
     Parameters
     ----------
     model : fitted NRFRegressor
+
+    Returns
+    -------
+    Diagnosis
 
     Examples
     --------
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.diagnosis.planning import diagnose
+    >>> record = datasets.load_demo()  # its storey 1 is cubic
     >>> with warnings.catch_warnings(action="ignore"):
-    ...     linear = NRFRegressor(degree=1).fit(
-    ...         datasets.load_demo()
-    ...     )  # storey 1 is cubic
+    ...     linear = NRFRegressor(degree=1).fit(record)
     >>> "missing law" in diagnose(linear).table["limit"].tolist()
     True
     """
-    checks = (
-        _doubts,
-        _missing,
-        _jumping,
-        _excitation,
-        _conditioning,
-        _uncertainty,
-        _energy,
-        _estimation,
-        _delays,
-        _noise,
-        _unexplained,
-    )
-    rows = sorted(
-        (row for check in checks for row in check(model)), key=lambda row: -row[0]
-    )
-    return Diagnosis(
-        pd.DataFrame(
-            [row[1:] for row in rows], columns=["limit", "where", "size", "message"]
-        )
-    )
+    findings: list[Finding] = []
+    for check in _CHECKS:
+        findings += check(model)
+    findings.sort(key=lambda finding: -finding.gravity)
+
+    columns = ["limit", "where", "size", "message"]
+    return Diagnosis(pd.DataFrame(findings, columns=["gravity", *columns])[columns])
 
 
-def _doubts(model: Any) -> list[Finding]:
-    """Findings that ``fit`` warned of: faulty channels, contradicting balances,
-    implausible masses.
-    """
-    # a faulty channel causes many other findings; noise in the motion, if found,
-    # explains a doubtful mass
+def _warnings_of_fit(model: FittedModel) -> list[Finding]:
+    """Faulty channels, contradicting balances, implausible masses."""
+    # noise in the motion, if it is found, explains a doubtful mass: it stands first
     gravity = {"channels": 7.0, "records": 6.5, "forces": 6.0, "masses": 3.9}
-    return [
-        (gravity[key], "channel" if key == "channels" else "doubt", key, np.nan, text)
-        for key, held in model.data_warnings_.items()
-        for text in held
-    ]
+    findings = []
+    for key, messages in model.data_warnings_.items():
+        limit = "channel" if key == "channels" else "doubt"
+        for message in messages:
+            findings.append(Finding(gravity[key], limit, key, np.nan, message))
+    return findings
 
 
-def _missing(model: Any) -> list[Finding]:
-    if zeros := wrong_zeros(
-        model.missing_terms_
-    ):  # before they are right no law is missed
-        return [
-            (
-                6.0,
-                "wrong zero",
-                "sensors",
-                float(model.missing_terms_["lasting"].max()),
-                text,
-            )
-            for text in zeros
-        ]
-    out = []
-    for name, row in model.missing_terms_.iterrows():
-        if row["biased"]:
-            text = (
-                f"{name[0].upper()}{name[1:]}: {row['residual']:.2g} % is unexplained,"
-                f" and terms that the laws lack explain {row['gain']:.0f} % of that. A"
-                " law is missing, or the motion is noisy: fuse the channels, then add"
-                " the law (laws=) or search for it (close_loop)."
-            )
-            out.append(
-                (
-                    3.0 + row["missing"] / 100,
-                    "missing law",
-                    name,
-                    float(row["missing"]),
-                    text,
-                )
-            )
-    return out
+def _missing_laws(model: FittedModel) -> list[Finding]:
+    """Balances with terms that the laws lack; a wrong zero imitates such terms."""
+    zeros = wrong_zeros(model.missing_terms_)
+    if zeros:
+        size = float(model.missing_terms_["lasting"].max())
+        return [Finding(6.0, "wrong zero", "sensors", size, text) for text in zeros]
 
-
-def _jumping(model: Any) -> list[Finding]:
-    wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
-    return [
-        (
-            2.7,
-            "jump",
-            str(name),
-            float(wrong.loc[name, "lost"]),
-            f"{text[0].upper()}{text[1:]}",
+    findings = []
+    biased = model.missing_terms_["biased"].astype(bool)
+    for name, row in model.missing_terms_[biased].iterrows():
+        message = (
+            f"{_capital(name)}: {row['residual']:.2g} % is unexplained, and terms that"
+            f" the laws lack explain {row['gain']:.0f} % of that. A law is missing, or"
+            " the motion is noisy: fuse the channels, then add the law (laws=) or"
+            " search for it (close_loop)."
         )
-        for name, text in zip(wrong.index, sentences_of(wrong))
-    ]
+        size = float(row["missing"])
+        gravity = 3.0 + size / 100
+        findings.append(Finding(gravity, "missing law", name, size, message))
+    return findings
 
 
-def _excitation(model: Any) -> list[Finding]:
-    out = []
-    visited = (
-        (site, region)
-        for site, region in model.model_.visited.items()
-        if site.is_storey
-    )
-    sizes = {
-        site: max(abs(region.low[1]), abs(region.high[1])) for site, region in visited
-    }
-    top = max(sizes.values(), default=0.0)
-    for site, size in sizes.items():
-        if top and size < WEAK * top:
-            text = (
-                f"{site} moves {size:.2g} m at most, {100 * size / top:.1f} % of the"
+def _jumps(model: FittedModel) -> list[Finding]:
+    """Forces that jump, which a filter moves to other terms."""
+    wrong = model.jump_bias_[model.jump_bias_["wrong"].astype(bool)]
+    findings = []
+    for name, text in zip(wrong.index, sentences_of(wrong)):
+        lost = float(wrong.loc[name, "lost"])
+        findings.append(Finding(2.7, "jump", str(name), lost, _capital(text)))
+    return findings
+
+
+def _excitation(model: FittedModel) -> list[Finding]:
+    """Storeys that hardly move."""
+    peak_drifts = {}
+    for site, region in model.model_.visited.items():
+        if site.is_storey:
+            peak_drifts[site] = max(abs(region.low[1]), abs(region.high[1]))
+    largest = max(peak_drifts.values(), default=0.0)
+
+    findings = []
+    for site, drift in peak_drifts.items():
+        if drift < LEAST_DRIFT * largest:
+            share = drift / largest
+            message = (
+                f"{site} moves {drift:.2g} m at most, {100 * share:.1f} % of the"
                 f" largest drift: its law is poorly determined. Hit floor {site.p}, or"
                 " excite a mode that bends it."
             )
-            out.append((2.0 + WEAK - size / top, "excitation", str(site), size, text))
-    return out
+            gravity = 2.0 + LEAST_DRIFT - share
+            findings.append(Finding(gravity, "excitation", str(site), drift, message))
+    return findings
 
 
-def _conditioning(model: Any) -> list[Finding]:
-    return [
-        (
-            1.5,
-            "conditioning",
-            name,
-            float(value),
-            (
-                f"{name[0].upper()}{name[1:]}: condition number {value:.1e}; some of"
-                " its terms are nearly collinear. Excite more frequencies and"
-                " amplitudes, lower the degree, or give what is known (known_masses,"
-                " constraints)."
-            ),
-        )
-        for name, value in model.condition_.items()
-        if value > ILL
-    ]
+def _conditioning(model: FittedModel) -> list[Finding]:
+    """Balances whose terms are nearly collinear."""
+    findings = []
+    for name, number in model.condition_.items():
+        if number > ILL_CONDITIONED:
+            message = (
+                f"{_capital(name)}: condition number {number:.1e}; some of its terms"
+                " are nearly collinear. Excite more frequencies and amplitudes, lower"
+                " the degree, or give what is known (known_masses, constraints)."
+            )
+            findings.append(Finding(1.5, "conditioning", name, float(number), message))
+    return findings
 
 
-def _uncertainty(model: Any) -> list[Finding]:
+def _uncertainty(model: FittedModel) -> list[Finding]:
+    """Masses and stiffnesses with a wide interval, or why there is no interval."""
     try:
         with warnings.catch_warnings(action="error", category=BiasWarning):
-            ci = model.confidence_intervals()
+            table = model.confidence_intervals()
     except (NRFError, BiasWarning) as error:
-        return [
-            (1.0, "uncertainty", "data", np.nan, f"No interval can be given: {error}")
-        ]
-    out = []
-    for row in ci[ci["estimate"] != 0].itertuples():
-        share = (row.upper - row.lower) / 2 / abs(row.estimate)
-        stiffness_or_mass = row.parameter.startswith("m") or row.parameter.endswith(
-            ": s"
-        )
-        if share > WIDE and stiffness_or_mass:
-            out.append(
-                (
-                    1.0 + min(share, 1.0) / 2,
-                    "uncertainty",
-                    row.parameter,
-                    float(share),
-                    (
-                        f"{row.parameter} is known to +-{100 * share:.0f} % only (95"
-                        " %). Measure longer or hit harder nearer to it."
-                    ),
-                )
+        message = f"No interval can be given: {error}"
+        return [Finding(1.0, "uncertainty", "data", np.nan, message)]
+
+    findings = []
+    for row in table[table["estimate"] != 0].itertuples():
+        half_width = (row.upper - row.lower) / 2 / abs(row.estimate)
+        is_mass = row.parameter.startswith("m")
+        is_stiffness = row.parameter.endswith(": s")
+        if half_width > WIDE_INTERVAL and (is_mass or is_stiffness):
+            message = (
+                f"{row.parameter} is known to +-{100 * half_width:.0f} % only (95 %)."
+                " Measure longer or hit harder nearer to it."
             )
-    return out
+            gravity = 1.0 + min(half_width, 1.0) / 2
+            finding = Finding(
+                gravity, "uncertainty", row.parameter, float(half_width), message
+            )
+            findings.append(finding)
+    return findings
 
 
-def _energy(model: Any) -> list[Finding]:
+def _energy(model: FittedModel) -> list[Finding]:
     """Modes whose damping is negative beyond its error."""
     try:
         with warnings.catch_warnings(action="ignore", category=BiasWarning):
-            ci = model.confidence_intervals(of="modes").set_index("parameter")
+            table = model.confidence_intervals(of="modes").set_index("parameter")
     except (NRFError, np.linalg.LinAlgError):
         return []
-    return [
-        (
-            3.8,
-            "energy",
-            name,
-            float(row["estimate"]),
-            creates_energy(name.split()[-1], row["estimate"]),
-        )
-        for name, row in ci.iterrows()
-        if name.startswith("damping") and row["upper"] < 0
-    ]
+
+    findings = []
+    for name, row in table.iterrows():
+        if name.startswith("damping") and row["upper"] < 0:
+            damping = float(row["estimate"])
+            message = creates_energy(name.split()[-1], damping)
+            findings.append(Finding(3.8, "energy", name, damping, message))
+    return findings
 
 
-def creates_energy(mode: Any, damping: float) -> str:
-    """The verdict on a mode that grows by itself."""
-    return (
-        f"This model creates energy: mode {mode} has a damping of {100 * damping:.2g} %"
-        " of critical. No structure does so by itself: a sign, a unit, a delay or a"
-        " mass is wrong, a law is missing, or noise outweighs the damping."
-    )
-
-
-def _unexplained(model: Any) -> list[Finding]:
-    error = float(model.errors_.loc["pooled", "error"])
-    if not error > LARGE_ERROR:
+def _estimation(model: FittedModel) -> list[Finding]:
+    """Instrumental variables that were wanted and could not be used."""
+    facts: Mapping[str, Any] = model.model_.info.get("estimation", {})
+    notes = facts.get("notes", [])
+    wanted = bool(notes) or facts.get("asked") == "iv"
+    if not wanted or facts.get("found") != "ls":
         return []
-    text = (
-        f"{error:.0f} % of the balances is unexplained in all. Is it noise"
-        " (estimation='iv'), or is a law missing?"
+
+    why = " ".join(notes or ["see the warning of fit"]).rstrip(".")
+    message = (
+        f"Instrumental variables could not be used ({why}): noise in the motion biases"
+        " masses and stiffnesses low."
     )
-    return [(0.9, "unexplained", "all", error, text)]
+    return [Finding(2.5, "estimation", "all", np.nan, message)]
 
 
-def _estimation(model: Any) -> list[Finding]:
-    facts = model.model_.info.get("estimation", {})
-    if (facts.get("asked") == "iv" or facts.get("notes")) and facts.get(
-        "found"
-    ) == "ls":
-        why = " ".join(facts.get("notes", ["see the warning of fit"]))
-        text = (
-            f"Instrumental variables could not be used ({why.rstrip('.')}): noise in"
-            " the motion biases masses and stiffnesses low."
-        )
-        return [(2.5, "estimation", "all", np.nan, text)]
-    return []
-
-
-def _delays(model: Any) -> list[Finding]:
+def _delays(model: FittedModel) -> list[Finding]:
+    """Forces that are late against the motion."""
     try:
         table = force_delay(model)
     except NRFError:
         return []
-    return [
-        (2.6, "delay", name, float(row["samples"]), row["message"])
-        for name, row in table.iterrows()
-        if not row["aligned"]
-    ]
+    findings = []
+    for name, row in table[~table["aligned"].astype(bool)].iterrows():
+        samples = float(row["samples"])
+        findings.append(Finding(2.6, "delay", name, samples, row["message"]))
+    return findings
 
 
-def _noise(model: Any) -> list[Finding]:
-    """The bias that noise in the motions gives a least-squares mass, balance by
-    balance.
-    """
-    return [
-        (
-            4.0 + one.mass,
-            "noise",
-            f"m{one.dof}",
-            one.mass,
-            (
-                f"m{one.dof} is expected to come out {100 * one.mass:.0f} % low or"
+def _noise(model: FittedModel) -> list[Finding]:
+    """Masses that noise in the motion biases in least squares."""
+    findings = []
+    for bias in model.result_.noise_biases:
+        if bias.mass >= NAMED_BIAS:
+            message = (
+                f"m{bias.dof} is expected to come out {100 * bias.mass:.0f} % low or"
                 " more, and with it all that is solved from it: noise in the motion,"
-                f" most in {one.channel} ({100 * one.share:.1f} % of its rms). Give the"
-                " records so that the channels are fused, with estimation='iv'."
-            ),
-        )
-        for one in model._noise_bias()
-        if one.mass >= BIASED
-    ]
-
-
-@dataclass
-class Plan:
-    """Ranking of floors to hit, and sensors to add."""
-
-    table: (
-        pd.DataFrame
-    )  # by test: hit, identifies (share of masses and laws), depth, response, left
-    advice: list[str] = field(default_factory=list)
-
-    def __str__(self) -> str:
-        return "\n".join(self.advice)
-
-
-def plan(
-    chain: Chain,
-    *,
-    can_hit: int | Iterable[int] | None = None,
-    sensors: int | Iterable[int] | None = None,
-    unknown: int | Iterable[int] = (),
-    known_masses: int | Iterable[int] = (),
-    model: Any = None,
-    most: int = 2,
-) -> Plan:
-    """Plan of floors to hit and sensors to add so that masses and laws can be
-    identified.
-
-    Parameters
-    ----------
-    chain : Chain
-    can_hit, sensors : int or iterable of int, optional
-        Floors a hammer or shaker reaches, and whose motion is measured; all if None.
-    unknown, known_masses : int or iterable of int
-        DOFs on which an unmeasured force acts, and whose mass is known.
-    model : ChainModel, optional
-        A first guess; floors are then ranked by how well its modes respond to a blow
-        there.
-    most : int
-        Floors hit at most (in one record, or one after another).
-
-    Raises
-    ------
-    ChainError
-        If a floor that is named is not in the chain.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import Chain
-    >>> from pysindy_nrf.diagnosis.planning import plan
-    >>> print(plan(Chain(3), can_hit=[1, 3], unknown=[2]).advice[0])
-    Hit floor 1 and 3: out of reach remain m2.
-    """
-    every = tuple(range(1, chain.n_dof + 1))
-    reach, seen, unknown = (
-        (
-            every
-            if given is None
-            else tuple(sorted(set(dofs_of(name, given, chain.n_dof))))
-        )
-        for name, given in (
-            ("can_hit", can_hit),
-            ("sensors", sensors),
-            ("unknown", unknown),
-        )
-    )
-    blind = sorted(set(every) - set(seen))
-    total = chain.n_dof + len(chain.sites)
-    rows = []
-    for count in range(1, most + 1):
-        for floors in itertools.combinations(
-            [j for j in reach if j not in unknown], count
-        ):
-            order = chain.identifiability(
-                floors,
-                unknown=unknown,
-                known_masses=known_masses,
-                strategy="sequential",
+                f" most in {bias.channel} ({100 * bias.share:.1f} % of its rms). Give"
+                " the records so that the channels are fused, with estimation='iv'."
             )
-            left = [f"m{j}" for j in order.missing_masses] + [
-                str(s) for s in order.missing_sites
-            ]
-            rows.append(
-                (
-                    floors,
-                    1 - len(left) / total,
-                    _depth(order),
-                    _modal_response(model, floors),
-                    ", ".join(left),
-                )
-            )
-    table = pd.DataFrame(
-        rows, columns=["hit", "identifies", "depth", "response", "left"]
+            gravity = 4.0 + bias.mass
+            finding = Finding(gravity, "noise", f"m{bias.dof}", bias.mass, message)
+            findings.append(finding)
+    return findings
+
+
+def _unexplained(model: FittedModel) -> list[Finding]:
+    """A large share of all balances that nothing explains."""
+    error = float(model.errors_.loc["pooled", "error"])
+    if not error > LARGE_ERROR:
+        return []
+    message = (
+        f"{error:.0f} % of the balances is unexplained in all. Is it noise"
+        " (estimation='iv'), or is a law missing?"
     )
-    if not len(table):
-        return Plan(
-            table,
-            [
-                "No floor can be hit with a known force; give a mass (known_masses=) to"
-                " scale the chain."
-            ],
-        )
-    by = {"identifies": False, "count": True, "response": False, "depth": True}
-    table = table.assign(count=table["hit"].map(len)).sort_values(
-        [*by], ascending=[*by.values()], ignore_index=True
-    )
-    table = table.drop(columns="count")
-    best = table.iloc[0]
-    where = " and ".join(map(str, best["hit"]))
-    if best["identifies"] == 1:
-        once = ", with a sensor on every floor" if blind else ""
-        text = (
-            f"Hit floor {where}{once}: every mass and law can be found; an error"
-            f" travels through {best['depth']} balances at most."
-        )
-    else:
-        text = f"Hit floor {where}: out of reach remain {best['left']}."
-    if model is not None:
-        text += (
-            f" The weakest mode still gets {100 * best['response']:.0f} % of what the"
-            " best floor would give it."
-        )
-    advice = [text]
-    if blind:
-        advice.append(
-            f"Floor {', '.join(map(str, blind))} has no sensor: the free run is then"
-            " fitted to the others."
-        )
-        if seen:
-            advice.append(
-                str(
-                    chain.sensing(
-                        seen, best["hit"], known_masses=known_masses, model=model
-                    )
-                )
-            )
-    if len(best["hit"]) < chain.n_dof and best["identifies"] == 1:
-        advice.append(
-            "Hitting every floor once, each in a record of its own, lets each balance"
-            " be solved by itself, and the two estimates of each storey check each"
-            " other."
-        )
-    return Plan(table, advice)
+    return [Finding(0.9, "unexplained", "all", error, message)]
 
 
-def _depth(solve_order: Any) -> int:
-    """Most balances one after another through which an error travels."""
-    after: dict[Any, int] = {}
-    for step in solve_order.steps:
-        depth = 1 + max((after.get(s, 0) for s in step.known_sites), default=0)
-        after |= dict.fromkeys([*step.sites, step.name], depth)
-    return max(after.values(), default=0)
+def _capital(text: str) -> str:
+    """The text with a capital at its start."""
+    return text[:1].upper() + text[1:]
 
 
-def _modal_response(model: Any, floors: Iterable[int]) -> float:
-    """The weakest mode's response to blows on these floors, over that to a blow on the
-    best floor.
-    """
-    if model is None:
-        return np.nan
-    shapes = np.abs(model.modes().filter(like="dof ").to_numpy())
-    return float(
-        (shapes[:, [j - 1 for j in floors]].max(axis=1) / shapes.max(axis=1)).min()
-    )
+_CHECKS: tuple[Callable[[FittedModel], list[Finding]], ...] = (
+    _warnings_of_fit,
+    _missing_laws,
+    _jumps,
+    _excitation,
+    _conditioning,
+    _uncertainty,
+    _energy,
+    _estimation,
+    _delays,
+    _noise,
+    _unexplained,
+)

@@ -1,12 +1,14 @@
-"""Windows of consecutive samples with probe regressors, built once for all diagnostics
-of a fit.
+"""Windows of consecutive samples with probe regressors, built once for all diagnostics.
+
+Probe regressors are columns that the laws may lack: friction, quadratic damping and
+stiffness, a gap, three loops of hysteresis; and a constant and a ramp in time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
@@ -14,26 +16,47 @@ from ..chain.layout import Block, LawLayout
 from ..chain.sites import Site
 from ..equations.balances import blocks_of_segment
 from ..records.dataset import Dataset, Segment
-from ..records.zero_phase_filter import filters_of
+from ..records.zero_phase_filter import Band, ZeroPhaseFilter, filters_of
 
-# the windows are dealt out to that many, and there are twice as many of them at least
+# Folds to which windows are dealt out; there are twice as many windows at least.
 FOLDS = 4
-_WINDOW = 1024
-_WINDOWS = 32
-_ENOUGH = 8192  # samples of all windows where their order does not matter
-SCALE_ROWS = 2048  # are enough for the rms of a channel
+# Samples of a window at most.
+MAX_WINDOW = 1024
+# Windows that are used of all data, at most.
+MAX_WINDOWS = 32
+# Samples of all windows that are enough where their order does not matter.
+ENOUGH_SAMPLES = 8192
+# Samples that are enough for the rms of a channel.
+SCALE_ROWS = 2048
+
+# Probe regressors of each site; the last of them are a constant and a ramp in time,
+# which are no law.
+LASTING = 2
+OFFERED = 7 + LASTING
+# Rates at which the loops of hysteresis forget the last reversal, per rms drift.
+LOOP_RATES = (1, 5, 25)
 
 
 @dataclass(frozen=True)
 class Window:
-    """Consecutive samples: the block of the laws, and probe regressors by site of shape
-    (OFFERED, n_samples).
+    """Consecutive samples of one record.
+
+    Attributes
+    ----------
+    block : Block
+        Columns of the laws.
+    offered : dict of Site to ndarray of shape (OFFERED, n_samples)
+        Probe regressors.
+    thinning : int
+        One sample of so many is enough where their order does not matter.
+    record : int
+        Number of the segment.
     """
 
     block: Block
     offered: dict[Site, np.ndarray]
-    every: int = 1  # one sample of so many is enough where their order does not matter
-    record: int = 0  # number of the segment
+    thinning: int = 1
+    record: int = 0
 
     @property
     def n_samples(self) -> int:
@@ -41,149 +64,219 @@ class Window:
         return self.block.acceleration.shape[1]
 
     def rate(self, site: Site) -> np.ndarray:
-        """Rate of a site, divided by its rms: of the further columns, the first is its
-        sign, the second its square.
-        """
-        return self.offered[site][0] * np.sqrt(np.abs(self.offered[site][1]))
+        """Rate of a site over its rms, from its sign and its signed square."""
+        sign, square = self.offered[site][:2]
+        return sign * np.sqrt(np.abs(square))
 
-    def enough(self) -> Window:
+    def thinned(self) -> Window:
         """Samples that are enough where their order does not matter."""
-        if self.every == 1:
+        if self.thinning == 1:
             return self
-        some = slice(None, None, self.every)
-        return Window(
-            self.block.take(some),
-            {site: x[:, some] for site, x in self.offered.items()},
-            record=self.record,
-        )
+        rows = slice(None, None, self.thinning)
+        offered = {site: probes[:, rows] for site, probes in self.offered.items()}
+        return Window(self.block.take(rows), offered, record=self.record)
+
+
+class Diagnostic(Protocol):
+    """What adds windows up."""
+
+    def add(self, number: int, window: Window) -> None:
+        """Take a window in."""
 
 
 def collect(
-    layout: LawLayout, data: Dataset, band: Any, diagnostics: Sequence[Any]
+    layout: LawLayout, data: Dataset, band: Band, diagnostics: Sequence[Diagnostic]
 ) -> None:
-    """Pass the windows of some data once to all diagnostics, which ``add`` them up."""
-    if diagnostics:
-        for number, window in enumerate(windows(layout, data, band)):
-            for diagnostic in diagnostics:
-                diagnostic.add(number, window)
+    """Pass the windows of some data once to all diagnostics."""
+    if not diagnostics:
+        return
+    for number, window in enumerate(windows(layout, data, band)):
+        for diagnostic in diagnostics:
+            diagnostic.add(number, window)
 
 
-def windows(layout: LawLayout, data: Dataset, band: Any) -> Iterator[Window]:
-    """Some thousand rows in contiguous windows."""
-    total = sum(seg.n_valid for seg in data.segments)
-    size = min(_WINDOW, max(total // (2 * FOLDS), 1))
-    first = data.segments[0].valid
-    some = slice(
-        first.start, first.stop, max(1, (first.stop - first.start) // SCALE_ROWS)
-    )
-    motions = [data.segments[0].motion(site, some) for site in layout.acting]
-    scales = np.array([(m.v.std() or 1.0, m.s.std() or 1.0) for m in motions]).reshape(
-        -1, 2
-    )
-    whole = band is not None
-    every = max(1, -(-total // (size * _WINDOWS)))
-    thin = max(1, total // every // _ENOUGH)
-    count = 0
-    for record, (seg, filter) in enumerate(zip(data.segments, filters_of(band, data))):
-        if whole:
-            block = next(iter(blocks_of_segment(seg, layout, filter=filter)))
-            extra = list(
-                probe_regressors(
-                    *_motions(seg, layout),
-                    scales,
-                    _clock(seg.n_valid, slice(0, seg.n_valid)),
-                )
-            )
-            if filter is not None:
-                extra = [filter.apply(e.T).T for e in extra]
-        n = seg.n_valid
-        running = (
-            blocks_of_segment(seg, layout, size, states={})
-            if layout.has_memory and not whole
-            else None
-        )
-        for start in range(0, max(n - size // 2, 1), size):
-            count += 1
-            rows = slice(start, min(start + size, n))
-            window = (
-                None if running is None else next(running)
-            )  # a state needs all that lies before
-            if (count - 1) % every:
+def windows(layout: LawLayout, data: Dataset, band: Band) -> Iterator[Window]:
+    """Some thousand samples in contiguous windows.
+
+    Parameters
+    ----------
+    layout : LawLayout
+    data : Dataset
+    band : tuple of float or None
+        Hz; columns and probe regressors are filtered alike.
+    """
+    n_samples = sum(segment.n_valid for segment in data.segments)
+    size = min(MAX_WINDOW, max(n_samples // (2 * FOLDS), 1))
+    every_window = max(1, -(-n_samples // (size * MAX_WINDOWS)))
+    every_sample = max(1, n_samples // every_window // ENOUGH_SAMPLES)
+    scales = _scales_of(layout, data.segments[0])
+
+    n_passed = 0
+    filters = filters_of(band, data)
+    for number, (segment, band_filter) in enumerate(zip(data.segments, filters)):
+        spans = _spans(segment.n_valid, size, every_window, n_passed)
+        n_passed += len(spans)
+        source = _Source(segment, layout, scales)
+        if band is None:
+            parts = source.raw_parts(spans, size)
+        else:
+            parts = source.filtered_parts(spans, band_filter)
+        for block, offered in parts:
+            yield Window(block, offered, every_sample, number)
+
+
+def _scales_of(layout: LawLayout, segment: Segment) -> np.ndarray:
+    """Rms rate and drift of each acting site in some samples, (n_sites, 2)."""
+    step = max(1, segment.n_valid // SCALE_ROWS)
+    rows = slice(segment.valid.start, segment.valid.stop, step)
+    scales = []
+    for site in layout.acting:
+        motion = segment.motion(site, rows)
+        scales.append((motion.v.std() or 1.0, motion.s.std() or 1.0))
+    return np.array(scales).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class _Span:
+    """Rows of a window, from the first valid row on, and whether it is used."""
+
+    rows: slice
+    used: bool
+
+
+def _spans(n_rows: int, size: int, every_window: int, n_passed: int) -> list[_Span]:
+    """Windows of a record; a rest of less than half a window is left out."""
+    spans: list[_Span] = []
+    for start in range(0, max(n_rows - size // 2, 1), size):
+        rows = slice(start, min(start + size, n_rows))
+        number = n_passed + len(spans)
+        spans.append(_Span(rows, used=number % every_window == 0))
+    return spans
+
+
+_Part = tuple[Block, dict[Site, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Columns and probe regressors of one record."""
+
+    segment: Segment
+    layout: LawLayout
+    scales: np.ndarray
+
+    def filtered_parts(
+        self, spans: Sequence[_Span], band_filter: ZeroPhaseFilter | None
+    ) -> Iterator[_Part]:
+        """Windows cut from the whole record, which is filtered at once."""
+        blocks = blocks_of_segment(self.segment, self.layout, filter=band_filter)
+        block = next(iter(blocks))
+        all_rows = _Span(slice(0, self.segment.n_valid), used=True)
+        probes = list(self._probes(self.segment, all_rows))
+        if band_filter is not None:
+            probes = [band_filter.apply(columns.T).T for columns in probes]
+
+        for span in spans:
+            if span.used:
+                cut = [columns[:, span.rows] for columns in probes]
+                yield block.take(span.rows), dict(zip(self.layout.acting, cut))
+
+    def raw_parts(self, spans: Sequence[_Span], size: int) -> Iterator[_Part]:
+        """Windows one by one; laws with memory need all samples before them."""
+        running = None
+        if self.layout.has_memory:
+            running = blocks_of_segment(self.segment, self.layout, size, states={})
+
+        first = self.segment.valid.start
+        for span in spans:
+            block = None if running is None else next(running)
+            if not span.used:
                 continue
-            if whole:
-                probes = dict(zip(layout.acting, (e[:, rows] for e in extra)))
-                yield Window(block.take(rows), probes, thin, record)
-            else:
-                piece = replace(
-                    seg,
-                    valid=slice(
-                        seg.valid.start + rows.start, seg.valid.start + rows.stop
-                    ),
-                )
-                window = window or next(
-                    iter(blocks_of_segment(piece, layout, size=rows.stop - rows.start))
-                )
-                offered = probe_regressors(
-                    *_motions(piece, layout, window), scales, _clock(n, rows)
-                )
-                yield Window(window, dict(zip(layout.acting, offered)), thin, record)
+            rows = slice(first + span.rows.start, first + span.rows.stop)
+            piece = replace(self.segment, valid=rows)
+            if block is None:
+                blocks = blocks_of_segment(piece, self.layout, size=piece.n_valid)
+                block = next(iter(blocks))
+            probes = self._probes(piece, span, block)
+            yield block, dict(zip(self.layout.acting, probes))
 
-
-def _clock(n: int, rows: slice) -> np.ndarray:
-    """Time of some samples of a record, which lasts from -1 to 1."""
-    return np.arange(rows.start, rows.stop) * (2.0 / max(n - 1, 1)) - 1.0
+    def _probes(
+        self, piece: Segment, span: _Span, block: Block | None = None
+    ) -> np.ndarray:
+        """Probe regressors of a piece, (n_sites, OFFERED, n_samples)."""
+        v, s = _motions(piece, self.layout, block)
+        last = max(self.segment.n_valid - 1, 1)
+        clock = np.arange(span.rows.start, span.rows.stop) * (2.0 / last) - 1.0
+        return probe_regressors(v, s, self.scales, clock)
 
 
 def _motions(
-    piece: Segment, layout: LawLayout, block: Block | None = None
+    piece: Segment, layout: LawLayout, block: Block | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rates and drifts that the laws at each acting site see; of the block whose
-    columns were built from them.
+    """Rates and drifts of each acting site, (n_sites, n_samples).
+
+    Those from which the columns of a block were built, if the block has them.
     """
-    sites, recipe = layout.acting, None if block is None else block.recipe
-    if recipe is not None and recipe.motions == sites:
-        assert block is not None and block.source is not None  # no filter went over it
-        v, s = np.split(np.ascontiguousarray(block.source[: 2 * len(sites)]), 2)
-        return v, s
-    motions = [piece.motion(site, piece.valid) for site in sites]
-    v, s = (
-        np.array([getattr(m, key) for m in motions]).reshape(len(sites), -1)
-        for key in "vs"
-    )
+    sites = layout.acting
+    recipe = None if block is None else block.recipe
+    if block is not None and recipe is not None and recipe.motions == sites:
+        assert block.source is not None  # it was not filtered
+        motions = np.ascontiguousarray(block.source[: 2 * len(sites)])
+        return motions[: len(sites)], motions[len(sites) :]
+
+    v = np.empty((len(sites), piece.n_valid))
+    s = np.empty((len(sites), piece.n_valid))
+    for k, site in enumerate(sites):
+        motion = piece.motion(site, piece.valid)
+        v[k] = motion.v
+        s[k] = motion.s
     return v, s
-
-
-LASTING = 2  # columns that are no law: a constant, a ramp in time
-OFFERED = 7 + LASTING  # further columns of each site, those two last
 
 
 def probe_regressors(
     v: np.ndarray, s: np.ndarray, scales: np.ndarray, clock: np.ndarray
 ) -> np.ndarray:
-    """Friction, a quadratic damper and spring, a gap, three loops of hysteresis; a
-    constant and a ramp.
+    """Columns that the laws of some sites may lack.
+
+    Parameters
+    ----------
+    v, s : ndarray of shape (n_sites, n_samples)
+        Rates (m/s) and drifts (m).
+    scales : ndarray of shape (n_sites, 2)
+        Their rms.
+    clock : ndarray of shape (n_samples,)
+        Time, from -1 to 1 over the record.
+
+    Returns
+    -------
+    ndarray of shape (n_sites, OFFERED, n_samples)
+        Sign and signed square of the rate, signed square of the drift, a gap of the rms
+        drift, loops of hysteresis; a constant and a ramp.
     """
     out = np.empty((len(v), OFFERED, len(clock)))
-    if out.size:
-        forward, x, y = np.sign(v), v / scales[:, :1], s / scales[:, 1:]
-        turns = np.where(
-            np.diff(forward, axis=1, prepend=forward[:, :1]) != 0,
-            np.arange(len(clock)),
-            0,
-        )
-        path = np.abs(
-            y - np.take_along_axis(y, np.maximum.accumulate(turns, axis=1), axis=1)
-        )  # since the last turn
-        loops = (forward * (1.0 - 2.0 * np.exp(-k * path)) for k in (1, 5, 25))
-        columns = (
-            forward,
-            x * np.abs(x),
-            y * np.abs(y),
-            y - np.clip(y, -1.0, 1.0),
-            *loops,
-            1.0,
-            clock,
-        )
-        for k, column in enumerate(columns):
-            out[:, k] = column
+    if not out.size:
+        return out
+
+    forward = np.sign(v)
+    rate = v / scales[:, :1]
+    drift = s / scales[:, 1:]
+    out[:, 0] = forward
+    out[:, 1] = rate * np.abs(rate)
+    out[:, 2] = drift * np.abs(drift)
+    out[:, 3] = drift - np.clip(drift, -1.0, 1.0)
+
+    path = np.abs(drift - _at_last_reversal(drift, forward))
+    for k, loop_rate in enumerate(LOOP_RATES, 4):
+        out[:, k] = forward * (1.0 - 2.0 * np.exp(-loop_rate * path))
+
+    out[:, -2] = 1.0
+    out[:, -1] = clock
     return out
+
+
+def _at_last_reversal(drift: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Drift at the last reversal before each sample."""
+    reverses = np.diff(forward, axis=1, prepend=forward[:, :1]) != 0
+    numbers = np.where(reverses, np.arange(drift.shape[1]), 0)
+    last = np.maximum.accumulate(numbers, axis=1)
+    return np.take_along_axis(drift, last, axis=1)

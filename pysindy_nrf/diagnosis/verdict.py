@@ -1,58 +1,88 @@
-"""The verdict on a model: may it be used, what was found, and, where a balance does not
-close, which channels do.
+"""The verdict on a model: may it be used, what does it hold, and why not.
+
+A verdict is a pure function of :class:`~pysindy_nrf.diagnosis.facts.Facts`. Each rule
+looks at one kind of fact and returns the reasons that follow from it.
 """
 
-import itertools
-import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
-import pandas as pd
 
 from ..chain.model import ChainModel
-from ..equations.errors import balance_errors, free_run_by_either, squares_of
-from ..exceptions import NRFError, NRFWarning
-from ..records.checks.alignment import channel_alignment
-from ..records.dataset import Dataset, Segment
-from ..records.record import MATRICES, Record
-from .planning import creates_energy
+from .effects import Bounds as Bounds
+from .effects import Effect, law_at_site, plain_name
+from .effects import nonlinear_parts as nonlinear_parts
+from .effects import shares_of as shares_of
+from .facts import Facts, FreeRunFacts, Loop, facts_of_loop, facts_of_model
+from .free_run import FreeRuns as FreeRuns
+from .free_run import free_runs as free_runs
+from .wiring import LARGE, OPEN
+from .wiring import mapping_that_closes as mapping_that_closes
+from .wiring import suspect_channels as suspect_channels
 
-__all__ = ["Verdict"]
+__all__ = ["Verdict", "verdict_from"]
 
-# percent of a balance unexplained, above which nothing may be concluded from it
-OPEN = 50.0
-DOUBTFUL = 25.0  # and above which other mappings of the channels are tried
-# and above which its estimates deserve a word: as much as 5 % noise left of linear
-# chains (14.7 at most)
-LARGE = 15.0
-ASTRAY = 20.0  # percent of the measured motion by which a free run may miss it
-# ratios of two channels of one motion that no calibration has, and only a unit (the
-# nearest are cm and in) or column
-OFF, OTHER_UNIT = 1.2, 2.0
-# fall of an error that tells mappings apart: of two equally wrong, one leaves a third
-# of the other once in a thousand where a record holds ten independent cycles (0.999
-# quantile of the variance ratio F(10, 10): 8.8)
-FALL = 3.0
-NOTICED = 0.02  # share of the force of a site from which on a nonlinear term is named
-CARRIES = 0.25  # and from which on a negative stiffness is no error of a weak spring
-_TRIED = 6  # mappings of the channels that are fitted to fused motions
-# samples of all records that are enough to tell which channels close a balance
-_ROWS = 10_000
-_EXCHANGES = (
-    6  # DOFs up to which every pair of channels is exchanged; beyond, neighbours only
-)
+# Percent of a balance unexplained, above which other mappings of channels are tried.
+DOUBTFUL = 25.0
+# Percent of the measured motion by which a free run may miss it.
+ASTRAY = 20.0
+# Percent from which on a free run has nothing to do with the measured motion, and from
+# which on its size says nothing more.
+DIVERGED, BEYOND_NUMBERS = 100.0, 1e3
+# Factor by which a free run may get worse with an effect.
+WORSE_FREE_RUN = 1.1
 
-Bounds = Mapping[str, tuple[float, float]]
+Kind = Literal[
+    "unexplained",  # a balance keeps a part of its force
+    "mass",  # no structure has it
+    "stiffness",  # negative
+    "interval",  # the data do not determine a mass
+    "free run",  # the model alone leaves the measured motion
+    "damping",  # a mode grows by itself
+    "no claim",  # the search claims nothing
+    "channel",  # reversed, in another unit or in the wrong column
+    "wiring",  # with another mapping of the channels the balances close
+    "quality",  # what is known of a channel, a clock or a unit
+    "effect",  # an effect is not confirmed, or its name is not sure
+    "evidence",  # a question to the residual has no answer
+    "other",
+]
+Severity = Literal["amber", "red"]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a model is not simply to be used.
+
+    Parameters
+    ----------
+    kind : str
+    severity : {"amber", "red"}
+        Usable with care, or not to be used.
+    message : str
+        In a sentence.
+    place : str
+        DOF, site, channel or parameter; empty for the model as a whole.
+    size : float
+        How much, as the kind says: percent, kg, or a damping ratio.
+    """
+
+    kind: Kind
+    severity: Severity
+    message: str
+    place: str = ""
+    size: float = float("nan")
 
 
 @dataclass(frozen=True)
 class Verdict:
     """Whether a model may be used, in one sentence, and why.
 
-    Attributes
+    Parameters
     ----------
     state : {"green", "amber", "red"}
         Green: the balances close and the free run follows the motion. Amber: usable
@@ -60,15 +90,14 @@ class Verdict:
     sentence : str
     reasons : tuple of str
         What makes it amber or red, the gravest first.
+    grounds : tuple of Reason
+        All that speaks against the model, with kind, place and size.
 
     Examples
     --------
     >>> from pysindy_nrf.diagnosis.verdict import Verdict
-    >>> print(
-    ...     Verdict(
-    ...         "amber", "Linear storeys.", ("The intervals are withheld.",)
-    ...     )
-    ... )
+    >>> withheld = "The intervals are withheld."
+    >>> print(Verdict("amber", "Linear storeys.", (withheld,)))
     AMBER: Linear storeys.
       - The intervals are withheld.
     """
@@ -76,270 +105,402 @@ class Verdict:
     state: str
     sentence: str
     reasons: tuple[str, ...] = ()
+    grounds: tuple[Reason, ...] = ()
 
     def __str__(self) -> str:
-        return "\n".join(
-            [
-                f"{self.state.upper()}: {self.sentence}",
-                *(f"  - {one}" for one in self.reasons),
-            ]
-        )
+        lines = [f"{self.state.upper()}: {self.sentence}"]
+        lines += [f"  - {reason}" for reason in self.reasons]
+        return "\n".join(lines)
 
 
-@dataclass
-class FreeRuns:
-    """Free runs of a model over its records: percent NRMSE by record and DOF, the runs,
-    why one is missing.
-    """
-
-    table: pd.DataFrame
-    runs: list[tuple[Segment, Record]] = field(default_factory=list)
-    why_not: str = ""
-    failed: bool = False  # a run was tried and came to no end
-
-    @property
-    def error(self) -> float:
-        """Percent NRMSE of all records and DOFs; NaN without a run."""
-        return (
-            float(np.sqrt(np.mean(np.square(self.table.to_numpy()))))
-            if len(self.table)
-            else float("nan")
-        )
+# -- rules ---------------------------------------------------------------------
 
 
-def free_runs(
-    model: ChainModel,
-    data: Dataset,
-    filters: Sequence[Any] | None = None,
-    names: Sequence[str] | None = None,
-    dt: float | None = None,
-) -> FreeRuns:
-    """Run a model alone, from the first measured state, under the measured force of
-    every record.
-    """
-    out, rows = FreeRuns(pd.DataFrame()), {}
-    if (model.masses <= 0).any():
-        out.why_not = "a mass is not positive, as that of an element by itself"
-        return out
-    names = names or [seg.name for seg in data.segments]
-    for seg, filter, name in zip(data.segments, filters or [None] * len(names), names):
-        if np.isnan(seg.F[seg.valid]).any() or (dt is None and seg.dt is None):
-            out.why_not = (
-                f"a force of {name} is unknown"
-                if seg.dt or dt
-                else "the sampling step is not known"
+def unexplained_equations(facts: Facts) -> list[Reason]:
+    """Equations of motion of which the model leaves a large part."""
+    reasons = []
+    for j, percent in facts.unexplained.items():
+        if percent > OPEN:
+            message = _leaves(j, percent)
+            reasons.append(Reason("unexplained", "red", message, f"dof {j}", percent))
+        elif percent > LARGE:
+            message = (
+                f"{percent:.3g} % of the force in the balance of DOF {j} is"
+                " unexplained: a law is missing, or the channels are noisy."
             )
-            continue
-        try:
-            run = free_run_by_either(model, seg, seg.valid, dt)
-        except NRFError as error:
-            out.why_not, out.failed = str(error), True
-            continue
-        out.runs.append((seg, run))
-        missed, moved = squares_of(run, seg, seg.valid, filter)
-        number, label = 2, name
-        while label in rows:
-            label, number = f"{name} ({number})", number + 1
-        rows[label] = list(100.0 * np.sqrt(missed / moved))
-    out.table = pd.DataFrame.from_dict(
-        rows, orient="index", columns=[f"x{j + 1}" for j in range(model.n_dof)]
-    )
-    return out
+            reasons.append(Reason("unexplained", "amber", message, f"dof {j}", percent))
+    return reasons
 
 
-def rearranged(
-    record: Record, worst: Iterable[int] = ()
-) -> Iterator[tuple[str, Callable[[Record], Record]]]:
-    """Errors of wiring that a record may hold: in words, and as a function that
-    corrects a record.
-    """
-    n, unknown = record.n_dof, set(record.unknown)
-    measured = {
-        key: _columns(record, key)
-        for key in ("acceleration", "velocity", "displacement")
-    }
-    for j, k in itertools.product(record.forced, range(1, n + 1)):
-        if k not in unknown and (k not in record.forced or j <= k):
-            words = (
-                f"F{j} and F{k} exchanged"
-                if k in record.forced
-                else f"the force F{j} acting on floor {k}"
-            )
-            yield f"F{j} reversed" if j == k else words, _changed(("force",), j, k, n)
-    if len(record.forced) > 1:
-        yield "all forces reversed", lambda one: one.replace(force=-one.force)
-    for j, k in itertools.combinations_with_replacement(range(1, n + 1), 2):
-        if n > _EXCHANGES and k > j + 1 and not {j, k} <= set(worst):
-            continue
-        both = [key for key, held in measured.items() if {j, k} <= set(held)]
-        for keys in [(key,) for key in both] + ([tuple(both)] if len(both) > 1 else []):
-            words = " and ".join(
-                f"{MATRICES[key]}{j}" + f" with {MATRICES[key]}{k}" * (j != k)
-                for key in keys
-            )
-            yield (
-                f"{words} {'reversed' if j == k else 'exchanged'}",
-                _changed(keys, j, k, n),
-            )
-    if record.base_moves:
-        other = {"relative": "absolute", "absolute": "relative"}[record.coordinates]
-        if measured["displacement"] or measured["velocity"]:
-            words = "relative to the base" if other == "relative" else "absolute"
-            yield (
-                f"velocities and displacements taken as {words}",
-                lambda one: one.replace(coordinates=other),
-            )
-        if record.base_acceleration is not None:
-            yield (
-                "ag reversed",
-                lambda one: one.replace(
-                    base_acceleration=-np.asarray(one.base_acceleration)
-                ),
-            )
+def _leaves(dof: int, percent: float) -> str:
+    return f"The balance of DOF {dof} leaves {percent:.3g} % of its force unexplained."
 
 
-def _columns(record: Record, key: str) -> list[int]:
-    """DOFs at which a kind of channel was measured."""
-    held = getattr(record, key)
+def impossible_masses(facts: Facts) -> list[Reason]:
+    """Masses that no structure has."""
+    if not facts.impossible_masses:
+        return []
+    masses = [f"m{j} = {mass:.4g} kg" for j, mass in facts.impossible_masses.items()]
+    places = [f"m{j}" for j in facts.impossible_masses]
+    message = f"{', '.join(masses)}: no structure has a mass that is not positive."
+    smallest = min(facts.impossible_masses.values())
+    return [Reason("mass", "red", message, ", ".join(places), smallest)]
+
+
+def negative_stiffness(facts: Facts) -> list[Reason]:
+    """Storeys that push away from their rest."""
+    if not facts.negative_stiffness:
+        return []
+    storeys = ", ".join(facts.negative_stiffness)
+    message = f"The stiffness of {storeys} came out negative."
+    return [Reason("stiffness", "red", message, storeys)]
+
+
+def undetermined_masses(facts: Facts) -> list[Reason]:
+    """Masses whose interval holds zero."""
+    names = []
+    for name, (low, high) in facts.intervals.items():
+        if name.startswith("m") and low <= 0 < high:
+            names.append(name)
+    if not names:
+        return []
+    masses = ", ".join(names)
+    message = f"The data do not determine {masses}: the interval holds zero."
+    return [Reason("interval", "red", message, masses)]
+
+
+def diverging_free_run(facts: Facts) -> list[Reason]:
+    """A model that, alone, has nothing to do with the measured motion."""
+    run = facts.free_run
+    if facts.impossible_masses:
+        return []
+    if run.diverges:
+        message = run.why_not or "The free run diverges."
+        return [Reason("free run", "red", message, size=run.error)]
+
+    follows_at_first = run.over_periods < ASTRAY
+    if run.error > DIVERGED and not run.floats and not follows_at_first:
+        message = "The free run diverges."
+        if run.error < BEYOND_NUMBERS:
+            missed = f"it misses the motion by {run.error:.3g} %."
+            message = f"The free run diverges: {missed}"
+        return [Reason("free run", "red", message, size=run.error)]
+    return []
+
+
+def growing_mode(facts: Facts) -> list[Reason]:
+    """A mode that grows by itself, unless the free run follows all the same."""
+    mode = facts.growing_mode
+    if mode is None or _judged_error(facts.free_run) < ASTRAY:
+        return []
+    message = creates_energy(mode.number, mode.damping)
+    place = f"mode {mode.number}"
+    return [Reason("damping", "amber", message, place, mode.damping)]
+
+
+def creates_energy(mode: object, damping: float) -> str:
+    """The verdict on a mode that grows by itself."""
     return (
-        []
-        if held is None
-        else [j + 1 for j in range(held.shape[1]) if not np.isnan(held[:, j]).all()]
+        f"This model creates energy: mode {mode} has a damping of {100 * damping:.2g} %"
+        " of critical. No structure does so by itself: a sign, a unit, a delay or a"
+        " mass is wrong, a law is missing, or noise outweighs the damping."
     )
 
 
-def _changed(
-    keys: tuple[str, ...], j: int, k: int, n: int
-) -> Callable[[Record], Record]:
-    """A function that exchanges channels of two DOFs, or reverses those of one."""
-    order, signs = np.arange(n), np.ones(n)
-    order[[j - 1, k - 1]] = k - 1, j - 1
-    signs[j - 1] = -1.0 if j == k else 1.0
-    return lambda one: one.replace(
-        **{key: getattr(one, key)[:, order] * signs for key in keys}
+def straying_free_run(facts: Facts) -> list[Reason]:
+    """A free run that misses the measured motion."""
+    error = _judged_error(facts.free_run)
+    if not np.isfinite(error) or error <= ASTRAY:
+        return []
+    message = (
+        f"The free run misses the measured motion by {error:.3g} %. A model can be"
+        " right and still drift (a stage without a spring, a yielding storey, a record"
+        " that starts in motion); see its figure."
     )
+    return [Reason("free run", "amber", message, size=error)]
 
 
-def mapping_that_closes(
-    records: Sequence[Record],
-    solve: Callable[[list[Record]], Any],
-    quick: Callable[[list[Record]], Any],
-    known: Collection[int] = (),
-) -> str:
-    """The error of wiring without which balances close that did not, in words; empty if
-    there is none.
+def _judged_error(run: FreeRunFacts) -> float:
+    """Error of the free run, percent: over some periods where it drifts later."""
+    drifts_later = run.error > ASTRAY and run.over_periods < run.error
+    return run.over_periods if drifts_later else run.error
 
-    ``solve`` turns records into an estimate of a model, with its Gram matrices. So does
-    ``quick``, coarsely: by it and half of the samples mappings are put in order, and
-    only the best are solved. Masses of ``known`` DOFs are free.
-    """
-    records = [
-        rec if rec.n_samples <= _ROWS else rec.rows(_loudest(rec)) for rec in records
-    ]
-    records.sort(key=lambda rec: -_size(rec).max())
-    records = records[
-        : 1 + np.searchsorted(np.cumsum([rec.n_samples for rec in records]), _ROWS)
-    ]
 
-    def left(
-        change: Callable[[Record], Record] | None = None, solve: Any = solve
-    ) -> tuple[bool, float, np.ndarray]:
-        """Whether no structure has the masses, the size of the errors, and the error of
-        each balance.
-        """
-        with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            try:
-                some = [
-                    (
-                        rec.rows(slice(0, (rec.n_samples + 1) // 2))
-                        if solve is quick
-                        else rec
-                    )
-                    for rec in records
-                ]
-                found = solve([rec if change is None else change(rec) for rec in some])
-            except NRFError:
-                return True, np.inf, np.full(records[0].n_dof, np.inf)
-        table = balance_errors(found.model, found.grams)
-        errors = np.maximum(table["error"].drop("pooled").to_numpy(dtype=float), 1e-9)
-        unreal = any(
-            m <= 0 for j, m in enumerate(found.model.masses, 1) if j not in known
+def nothing_claimed(facts: Facts) -> list[Reason]:
+    """A search that claims nothing."""
+    if not facts.nothing_claimed:
+        return []
+    return [Reason("no claim", "red", as_sentence(facts.nothing_claimed))]
+
+
+def wiring(facts: Facts) -> list[Reason]:
+    """An error of wiring without which the balances close."""
+    if not facts.wiring:
+        return []
+    return [Reason("wiring", "red", facts.wiring)]
+
+
+def channel_faults(facts: Facts) -> list[Reason]:
+    """Channels that seem reversed, in another unit or in the wrong column."""
+    reasons = []
+    for message, sure in facts.channel_faults.items():
+        reasons.append(Reason("channel", "red" if sure else "amber", message))
+    return reasons
+
+
+def quality_notes(facts: Facts) -> list[Reason]:
+    """What is known of channels, clocks and units."""
+    named = {note.record for note in facts.quality}
+    several_records = facts.n_records > 1 or len(named) > 1
+    reasons = []
+    for note in facts.quality:
+        if _repeats_a_fault(note.message, facts):
+            continue
+        message = note.message
+        if several_records:
+            message = f"Record {note.record!r}: {message}"
+        reason = Reason("quality", "amber", message, note.channel, note.size)
+        reasons.append(reason)
+    return reasons
+
+
+def other_doubts(facts: Facts) -> list[Reason]:
+    """What else is doubtful."""
+    doubts = [text for text in facts.doubts if not _repeats_a_fault(text, facts)]
+    return [Reason("other", "amber", doubt) for doubt in doubts]
+
+
+def _repeats_a_fault(message: str, facts: Facts) -> bool:
+    """Whether the fault of a channel says the same and more."""
+    return any(message.rstrip(".") in fault for fault in facts.channel_faults)
+
+
+def doubtful_effects(facts: Facts) -> list[Reason]:
+    """Effects that are not confirmed, not sure by name, or bought with a free run."""
+    reasons = []
+    for effect in facts.effects:
+        for message in _doubts_of_effect(effect):
+            reasons.append(Reason("effect", "amber", message, effect.site))
+    return reasons
+
+
+def _doubts_of_effect(effect: Effect) -> list[str]:
+    """What is doubtful about one effect."""
+    name = law_at_site(effect)
+    begin = name[:1].upper() + name[1:]
+    if not effect.confirmed:
+        change = f"{effect.error_before:.3g} to {effect.error_after:.3g} %"
+        return [
+            f"{begin} is NOT CONFIRMED: the held-out error goes from {change}. The"
+            " model does not hold it."
+        ]
+
+    doubts = []
+    named_otherwise = effect.alternatives or effect.company
+    if not effect.sure and not named_otherwise:
+        doubts.append(
+            f"{begin} is only the closest law: {100 * effect.remainder:.0f} % of the"
+            f" effect stays unexplained, and the gain is {effect.gain:.2g} dB with a"
+            f" standard error of {effect.gain_error:.2g}."
         )
-        return unreal, float(np.log(errors).sum()), errors
-
-    unreal, most, given = left()
-    if not unreal and given.max() <= LARGE and not suspect_channels(records):
-        return ""
-    rows, tried = [], list(rearranged(records[0], np.flatnonzero(given > OPEN) + 1))
-    roughly = left(solve=quick)[:2]
-    if np.isfinite(roughly[1]):  # else motions are missing that only fusion fills in
-        rated = sorted(
-            ((left(one[1], quick)[:2], one) for one in tried), key=lambda pair: pair[0]
+    doubts += not_told_apart(effect)
+    if effect.free_run_after > WORSE_FREE_RUN * effect.free_run_before:
+        change = f"{effect.free_run_before:.3g} to {effect.free_run_after:.3g} %"
+        doubts.append(
+            f"With {name} the held-out free run is worse than before ({change}), though"
+            " the balances close better."
         )
-        tried = [one for size, one in rated[:_TRIED] if size < roughly]
-    for words, change in tried:
-        wrong, size, error = left(change)
-        closes = error <= np.minimum(OPEN, np.inf if unreal else given / FALL)
-        if not wrong and (closes.all() or closes.any() and size < most - np.log(FALL)):
-            rows.append((size, words, error, closes))
-    if not rows:
-        return ""
-    _, words, error, closes = min(rows, key=lambda row: row[0])
-    equal = [w for _, w, e, _ in rows if w != words and (e <= 1.1 * error).all()]
-    said = " or ".join([words, *equal[:2]])
-    shut = ", ".join(str(j) for j in np.flatnonzero(closes) + 1)
-    which = (
-        "every balance closes"
-        if error.max() <= OPEN
-        else f"the balance of DOF {shut} closes"
-    )
-    return (
-        f"With {said} {which} ({error[closes].max():.2g} % left at most): check the"
-        " mapping of the channels."
-    )
+    return doubts
 
 
-def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
-    """What says that a channel is reversed, in another unit or another column, by one
-    of its DOF; is it sure?
+def not_told_apart(effect: Effect) -> list[str]:
+    """What else the data allow instead of an effect."""
+    texts = []
+    if effect.alternatives:
+        others = ", ".join(map(plain_name, effect.alternatives))
+        family = plain_name(effect.family)
+        texts.append(f"At {effect.site} the data cannot tell {family} from {others}.")
+    if effect.company:
+        laws = sorted(map(plain_name, (effect.law, *effect.company)))
+        together = f"{', '.join(laws[:-1])} and {laws[-1]}"
+        texts.append(
+            f"At {effect.site} {together} may together stand for one law that is not in"
+            " the catalogue."
+        )
+    if effect.sensors:
+        sensors = " or ".join(effect.sensors)
+        texts.append(
+            f"The same fault, reversed, at {sensors} explains as much as"
+            f" {law_at_site(effect)}."
+        )
+    return texts
+
+
+def unanswered_questions(facts: Facts) -> list[Reason]:
+    """Questions to the residual that have no answer."""
+    reasons = []
+    for question, why in facts.unanswered.items():
+        message = as_sentence(f"{question} was not possible because {why}")
+        reasons.append(Reason("evidence", "amber", message, question))
+    return reasons
+
+
+def unknown_noise(facts: Facts) -> list[Reason]:
+    """It is not known what noise alone would leave."""
+    if facts.noise_is_known:
+        return []
+    message = (
+        "What noise alone would leave is not known here: an unmeasured force is not"
+        " told from noise."
+    )
+    return [Reason("evidence", "amber", message)]
+
+
+# In the order in which their reasons are listed.
+RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
+    unexplained_equations,
+    impossible_masses,
+    negative_stiffness,
+    undetermined_masses,
+    diverging_free_run,
+    growing_mode,
+    straying_free_run,
+    nothing_claimed,
+    wiring,
+    channel_faults,
+    quality_notes,
+    other_doubts,
+    doubtful_effects,
+    unanswered_questions,
+    unknown_noise,
+)
+# What speaks against the channels and the search, not against the model itself.
+_NOT_OF_THE_MODEL = ("no claim", "wiring", "channel")
+# What is no news beside a model that is not to be used.
+_OF_A_USABLE_MODEL = ("unexplained", "damping", "free run")
+# What leaves open whether anything else is missing in a linear model.
+_OF_THE_MOTION = ("damping", "free run")
+
+
+# -- verdict -------------------------------------------------------------------
+
+
+def verdict_from(facts: Facts) -> Verdict:
+    """The verdict that follows from facts, and from nothing else.
+
+    Parameters
+    ----------
+    facts : Facts
+
+    Returns
+    -------
+    Verdict
+
+    Examples
+    --------
+    >>> from pysindy_nrf.diagnosis.facts import Facts
+    >>> from pysindy_nrf.diagnosis.verdict import verdict_from
+    >>> verdict = verdict_from(Facts(unexplained={1: 2.0, 2: 61.0}))
+    >>> verdict.state, verdict.grounds[0].kind, verdict.grounds[0].place
+    ('red', 'unexplained', 'dof 2')
     """
-    out: dict[str, bool] = {}
-    for record in records:
-        with suppress(NRFError):  # no DOF has two kinds of channels
-            table = channel_alignment(record)
-            for _, row in table[~table["aligned"].astype(bool)].iterrows():
-                if row["sign"] < 0:
-                    out[f"{row['message']}: one of them is reversed."] = True
-                elif abs(np.log(row["gain"])) > np.log(OTHER_UNIT):
-                    out[
-                        f"{row['message']}: one of them is in another unit or another"
-                        " column."
-                    ] = True
-                elif not abs(np.log(row["gain"])) < np.log(
-                    OFF
-                ):  # another motion, or none that it resembles
-                    out[f"{row['message']}."] = False
-    return out
+    reasons = _reasons_of(facts)
+    if any(reason.severity == "red" for reason in reasons):
+        return _not_to_be_used(reasons, facts)
+
+    state = "amber" if reasons else "green"
+    messages = dict.fromkeys(reason.message for reason in reasons)
+    sentence = _what_it_holds(facts, reasons)
+    return Verdict(state, sentence, tuple(messages), tuple(reasons))
 
 
-def _size(record: Record) -> np.ndarray:
-    """Size of the force from sample to sample, or of the motion where no force was
-    measured.
+def _reasons_of(facts: Facts) -> list[Reason]:
+    reasons: list[Reason] = []
+    for rule in RULES:
+        reasons += rule(facts)
+    return reasons
+
+
+def _what_it_holds(facts: Facts, reasons: Sequence[Reason]) -> str:
+    """What a usable model holds, and how well it runs alone."""
+    holds = "Linear storeys"
+    if facts.holds:
+        holds = "; ".join([*facts.holds, "linear otherwise"])
+    elif all(reason.kind in _OF_THE_MOTION for reason in reasons):
+        holds = "Linear storeys, nothing else was found"
+
+    run = facts.free_run
+    error = _judged_error(run)
+    if np.isfinite(error):
+        over = " over ten periods" if error < run.error else ""
+        holds += f"; the free run predicts the motion to {error:.2g} %{over}"
+    return f"{holds[:1].upper()}{holds[1:]}."
+
+
+def _not_to_be_used(reasons: Sequence[Reason], facts: Facts) -> Verdict:
+    """A red verdict: the reason that explains most is named in its sentence."""
+    red = [reason for reason in reasons if reason.severity == "red"]
+    if any(reason.kind not in _NOT_OF_THE_MODEL for reason in red):
+        # the model itself says why nothing is claimed
+        red = [reason for reason in red if reason.kind != "no claim"]
+    # an error of wiring, else a faulty channel, explains the rest
+    named = min(red, key=_rank_of_cause)
+
+    messages = [reason.message for reason in red]
+    if red == [named] and named.kind == "wiring":
+        messages += _large_residuals(facts)
+    messages += [reason.message for reason in reasons if reason.kind == "channel"]
+    if named.kind != "wiring":
+        messages += [reason.message for reason in reasons if _is_doubt(reason)]
+    others = dict.fromkeys(messages)
+    del others[named.message]
+    sentence = f"Do not use this model. {named.message}"
+    return Verdict("red", sentence, tuple(others), tuple(reasons))
+
+
+def _rank_of_cause(reason: Reason) -> int:
+    """The lower, the more a reason explains."""
+    return {"wiring": 0, "channel": 1}.get(reason.kind, 2)
+
+
+def _is_doubt(reason: Reason) -> bool:
+    """Whether a reason tells more of a model that is not to be used."""
+    return reason.severity == "amber" and reason.kind not in _OF_A_USABLE_MODEL
+
+
+def _large_residuals(facts: Facts) -> list[str]:
+    """Balances that an error of wiring leaves open."""
+    large = {j: share for j, share in facts.unexplained.items() if share > LARGE}
+    return [_leaves(j, share) for j, share in large.items()]
+
+
+def suspects_wiring(facts: Facts) -> bool:
+    """Whether other mappings of the channels are worth a try."""
+    largest = max(facts.unexplained.values(), default=0.0)
+    red = any(reason.severity == "red" for reason in _reasons_of(facts))
+    return red or bool(facts.channel_faults) or largest > DOUBTFUL
+
+
+def verdict_after_search(
+    facts: Facts, search_wiring: Callable[[], str] | None
+) -> Verdict:
+    """The verdict, after a search for errors of wiring where the facts suggest one.
+
+    Parameters
+    ----------
+    facts : Facts
+    search_wiring : callable, optional
+        Gives the error of wiring without which the balances close, or an empty text.
+        It takes as long as many fits.
     """
-    lines = (
-        record.force
-        if record.forced
-        else next(iter(record.channels().values()))[:, None]
-    )
-    return np.abs(np.nan_to_num(lines)).max(axis=1)
+    if search_wiring is not None and suspects_wiring(facts):
+        facts = replace(facts, wiring=search_wiring())
+    return verdict_from(facts)
 
 
-def _loudest(record: Record) -> slice:
-    """Rows about the largest force, or motion where no force was measured."""
-    start = int(
-        np.clip(int(np.argmax(_size(record))) - _ROWS // 4, 0, record.n_samples - _ROWS)
-    )
-    return slice(start, start + _ROWS)
+def loop_verdict(report: Loop) -> Verdict:
+    """The verdict on the model of a closed loop."""
+    return verdict_after_search(facts_of_loop(report), lambda: report.wiring)
 
 
 def verdict_on(
@@ -352,265 +513,40 @@ def verdict_on(
     known_masses: Iterable[int] = (),
     doubts: Sequence[str] = (),
     faults: Mapping[str, bool] | None = None,
-    stopped: str = "",
-    follows: float = float("nan"),
     wiring: Callable[[], str] | None = None,
 ) -> Verdict:
-    """Verdict on a model.
+    """The verdict on a fitted model.
 
-    ``balances``: percent NRMSE by DOF. ``found``: what it holds beside linear storeys,
-    in words. ``bounds``: intervals by parameter (``"m1"``, ``"storey 2: s"``).
-    ``doubts``: what else is doubtful. ``faults``: channels that seem reversed or in the
-    wrong column, and whether that is sure. ``stopped``: why nothing may be claimed.
-    ``follows``: error of free runs over some periods. ``wiring`` gives the error of
-    wiring without which the balances close; it is asked where one does not close well.
+    Parameters
+    ----------
+    model : ChainModel
+    balances : mapping of int to float
+        Percent NRMSE of the balance of each DOF.
+    found : sequence of str
+        What the model holds beside linear storeys, in words.
+    free : FreeRuns, optional
+    bounds : mapping of str to (float, float), optional
+        95 % intervals by parameter (``"m1"``, ``"storey 2: s"``).
+    known_masses : iterable of int
+        DOFs whose mass was given.
+    doubts : sequence of str
+        What else is doubtful.
+    faults : mapping of str to bool, optional
+        As of :func:`suspect_channels`.
+    wiring : callable, optional
+        See :func:`verdict_after_search`.
     """
-    bounds, known = dict(bounds or {}), set(known_masses)
-    error = float("nan") if free is None else free.error
-    left = {
-        j: f"The balance of DOF {j} leaves {e:.3g} % of its force unexplained."
-        for j, e in balances.items()
-    }
-    red = [left[j] for j, e in balances.items() if e > OPEN]
-    wrong = [
-        f"m{j} = {m:.4g} kg"
-        for j, m in enumerate(model.masses, 1)
-        if m <= 0 and j not in known
-    ]
-    red += (
-        [f"{', '.join(wrong)}: no structure has a mass that is not positive."]
-        if wrong
-        else []
+    facts = replace(
+        facts_of_model(model, dict(bounds or {}), free, set(known_masses)),
+        unexplained=balances,
+        holds=tuple(found),
+        channel_faults=faults or {},
+        doubts=tuple(doubts),
     )
-    soft = [str(site) for site in _negative_stiffness(model, bounds)]
-    red += [f"The stiffness of {', '.join(soft)} came out negative."] if soft else []
-    if wide := [
-        name
-        for name, (low, high) in bounds.items()
-        if name[:1] == "m" and low <= 0 < high
-    ]:
-        red.append(
-            f"The data do not determine {', '.join(wide)}: the interval holds zero."
-        )
-    if free is not None and not wrong:
-        diverged = [
-            name
-            for name, row in free.table.iterrows()
-            if not np.isfinite(row.to_numpy()).all()
-        ]
-        if diverged or free.failed:
-            red.append(free.why_not or "The free run diverges.")
-        elif error > 100.0 and not _floats(model, free) and not follows < ASTRAY:
-            red.append(
-                "The free run diverges"
-                + (f": it misses the motion by {error:.3g} %." if error < 1e3 else ".")
-            )
-    red += [stopped] if stopped and not red else []
-    red += [text for text, sure in (faults or {}).items() if sure]
-    doubts = [
-        one
-        for one in doubts
-        if not any(one.rstrip(".") in fault for fault in faults or ())
-    ]
-    poor = {j: e for j, e in balances.items() if e > LARGE}
-    asked = red or faults or max(poor.values(), default=0.0) > DOUBTFUL
-    cause = wiring() if wiring is not None and asked else ""
-    if red or cause:
-        red = list(dict.fromkeys([*(red or [left[j] for j in poor]), *(faults or ())]))
-        more = red if cause else [*red, *doubts]
-        named = cause or next(
-            (text for text, sure in (faults or {}).items() if sure), red[0]
-        )
-        return Verdict(
-            "red",
-            f"Do not use this model. {named}",
-            tuple(x for x in dict.fromkeys(more) if x != named),
-        )
-    doubts = [*(faults or ()), *doubts]
-    amber = [
-        f"{e:.3g} % of the force in the balance of DOF {j} is unexplained: a law is"
-        " missing, or the channels are noisy."
-        for j, e in poor.items()
-    ]
-    alone = "Linear storeys" + ", nothing else was found" * (not amber and not doubts)
-    what = "; ".join([*found, "linear otherwise"]) if found else alone
-    shown = follows if error > ASTRAY and follows < error else error
-    damping = (
-        pd.Series([0.0])
-        if (model.total_masses <= 0).any()
-        else model.modes()["damping"]
-    )
-    if damping.min() < 0 and not shown < ASTRAY:
-        amber.append(creates_energy(damping.idxmin(), damping.min()))
-    if np.isfinite(shown):
-        what += (
-            f"; the free run predicts the motion to {shown:.2g}"
-            f" %{' over ten periods' if shown < error else ''}"
-        )
-        if shown > ASTRAY:
-            amber.append(
-                f"The free run misses the measured motion by {shown:.3g} %. A model can"
-                " be right and still drift (a stage without a spring, a yielding"
-                " storey, a record that starts in motion); see its figure."
-            )
-    reasons = [*amber, *doubts]
-    return Verdict(
-        "amber" if reasons else "green",
-        f"{what[:1].upper()}{what[1:]}.",
-        tuple(dict.fromkeys(reasons)),
-    )
+    return verdict_after_search(facts, wiring)
 
 
-def _negative_stiffness(model: ChainModel, bounds: Bounds) -> list[Any]:
-    """Storeys without memory whose stiffness is negative beyond its interval and
-    carries a part of their force.
-    """
-    out = []
-    for site, force in model.restoring_forces.items():
-        region, (c, k) = model.visited.get(site), force.linear_part()
-        if not site.is_storey or k >= 0 or force.has_memory or region is None:
-            continue
-        if bounds.get(f"{site}: s", (k, k))[1] >= 0 or not all(
-            set(t.label) <= {"s", "v", " ", "^", *"123456789"}
-            for law in force.laws
-            for t in law.terms()
-        ):
-            continue
-        rate, drift = (max(abs(region.low[i]), abs(region.high[i])) for i in (0, 1))
-        outwards = (
-            force(np.zeros(2), np.array([-drift, drift])) @ np.array([-1.0, 1.0]) < 0
-        )
-        if outwards and -k * drift > CARRIES * (-k * drift + abs(c) * rate):
-            out.append(site)
-    return out
-
-
-def _floats(model: ChainModel, free: FreeRuns) -> bool:
-    """Whether the chain has hardly a spring to the ground: its slowest mode takes
-    longer than a third of a record.
-    """
-    slowest = float(model.modes()["frequency"].min())
-    return (
-        not free.runs
-        or slowest * max(seg.n_valid * (seg.dt or 1.0) for seg, _ in free.runs) < 3.0
-    )
-
-
-def shares_of(model: ChainModel, data: Dataset) -> dict[str, pd.Series]:
-    """Rms of each term's force, percent of the rms of the site's force, by site and
-    largest first.
-    """
-    out = {}
-    for site, force in model.restoring_forces.items():
-        if not force.laws:
-            continue
-        terms, whole = np.zeros(len(force.coefficients)), 0.0
-        for seg in data.segments:
-            motion = seg.motion(site, seg.valid)
-            columns = np.hstack(
-                [law.features(motion) * law.coefficients for law in force.laws]
-            )
-            terms += (columns**2).sum(axis=0)
-            whole += (columns.sum(axis=1) ** 2).sum()
-        if whole:
-            shares = pd.Series(
-                100 * np.sqrt(terms / whole), index=force.coefficients.index
-            )
-            out[str(site)] = shares.sort_values(ascending=False)
-    return out
-
-
-def nonlinear_parts(
-    model: ChainModel, shares: Mapping[str, pd.Series], bounds: Bounds | None = None
-) -> dict[str, str]:
-    """What the laws of a model add to linear storeys, in words by site, where it
-    carries a part of the force.
-    """
-    out: dict[str, list[str]] = {}
-    for site, law in (
-        (str(site), law) for site, held in model.laws.items() for law in held
-    ):
-        terms = [t for t in law.terms() if t.label not in ("v", "s")]
-        own = shares.get(site, pd.Series(dtype=float))
-        seen = [t.label for t in terms if own.get(t.label, 0.0) > 100 * NOTICED]
-        if law.name == "power_series" and seen:
-            drift, rate = (
-                any("s" in label for label in seen),
-                any("v" in label for label in seen),
-            )
-            kind = (
-                "a nonlinear force"
-                if drift and rate
-                else "nonlinear stiffness"
-                if drift
-                else "nonlinear damping"
-            )
-            text = (
-                f"{kind} in {site} ({seen[0]} carries {own[seen[0]]:.2g} % of its"
-                " force)"
-            )
-            out.setdefault(site, []).append(text)
-        elif terms and law.name != "power_series" and (seen or not len(own)):
-            ends = {
-                t.symbol: (bounds or {}).get(f"{site}: {t.label}") for t in law.terms()
-            }
-            values = dict(
-                zip(
-                    (t.symbol for t in law.terms()),
-                    np.asarray(law.coefficients, dtype=float),
-                )
-            )
-            values = {
-                t.symbol: values[t.symbol] for t in terms
-            }  # what is linear is no effect
-            units = {t.symbol: t.unit for t in terms}
-            out.setdefault(site, []).append(
-                effect_words(law.name, site, values, ends, units)
-            )
-    return {site: ", ".join(texts) for site, texts in out.items()}
-
-
-def effect_words(
-    law: str,
-    site: str,
-    values: Mapping[str, Any],
-    ends: Mapping[str, Any],
-    units: Mapping[str, str],
-) -> str:
-    """An effect with its leading parameter and interval: ``"dry friction of 173 N (169
-    to 189 N) in storey 2"``.
-    """
-    name, unit = (
-        law.replace("_", " "),
-        {k: u.replace("^2", "²").replace("^3", "³") for k, u in units.items()},
-    )
-    name = "dry friction" if law == "coulomb_friction" else name.removeprefix("ground ")
-    kind, _, where = site.partition(" ")
-    place = {
-        "ground": f"between floor {where} and the ground",
-        "dof": f"on floor {where}",
-    }.get(kind, f"in {site}")
-    for key, x in values.items():
-        if x is not None and key in unit:
-            low, high = ends.get(key) or (np.nan, np.nan)
-            span = (
-                f" ({digits(low, high)} {unit[key]})" if np.isfinite(high - low) else ""
-            )
-            return f"{name} of {digits(low, high, float(x))} {unit[key]}{span} {place}"
-    return f"{name} {place}"
-
-
-def digits(low: float, high: float, *more: float) -> str:
-    """Two ends of an interval with the digits that tell them apart; or other numbers
-    with the same digits.
-    """
-    need, most = 3, max(abs(low), abs(high))
-    if high > low:
-        need = int(
-            np.clip(
-                np.floor(np.log10(most)) - np.floor(np.log10((high - low) / 2)) + 1,
-                3,
-                7,
-            )
-        )
-    return " to ".join(f"{x:.{need}g}" for x in more or (low, high))
+def as_sentence(text: str) -> str:
+    """Words with a capital and a full stop."""
+    text = text.strip().rstrip(".")
+    return f"{text[:1].upper()}{text[1:]}." if text else ""

@@ -1,6 +1,10 @@
 """Which laws are tried, and where."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from .. import laws
@@ -9,11 +13,24 @@ from ..chain.structure import Chain
 from ..exceptions import LawError
 from ..identification.problem import Problem, flexible_laws
 from ..laws.base import ForceLaw
+from .effects import Candidate
+from .search_data import SearchData
+
+# Laws that read a channel of the base, and those that read any other covariate.
+_LAWS_OF_BASE: dict[str, list[type[Any]]] = {
+    "ag": [laws.BaseMotion],
+    "vg": [laws.GroundFriction],
+}
+_LAWS_OF_COVARIATES: list[type[Any]] = [
+    laws.CovariateFriction,
+    laws.LaggedCovariateFriction,
+    laws.CovariateDahl,
+]
 
 
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
     """All laws of the package that can be an undeclared effect."""
-    plain: list[ForceLaw] = [
+    catalogue: list[ForceLaw] = [
         laws.CoulombFriction(),
         laws.RegularizedFriction(),
         laws.StribeckFriction(),
@@ -57,120 +74,242 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.GainError(),
         laws.SensorOffset(),
     ]
-    of_base: dict[str, list[type[Any]]] = {
-        "ag": [laws.BaseMotion],
-        "vg": [laws.GroundFriction],
-    }
-    usual = [laws.CovariateFriction, laws.LaggedCovariateFriction, laws.CovariateDahl]
-    return plain + [
-        law(covariate=name) for name in covariates for law in of_base.get(name, usual)
+    for name in covariates:
+        for law in _LAWS_OF_BASE.get(name, _LAWS_OF_COVARIATES):
+            catalogue.append(law(covariate=name))
+    return catalogue
+
+
+def short_catalogue() -> list[ForceLaw]:
+    """One law of each kind whose free run takes a second at most.
+
+    Tried where floors have no sensor; the run of a Bouc-Wen law may take minutes.
+    """
+    return [
+        laws.CoulombFriction(),
+        laws.QuadraticDamping(),
+        laws.DisplacementDependentDamping(),
+        laws.QuadraticStiffness(),
+        laws.CubicStiffness(),
+        laws.OneSidedGap(),
+        laws.OneSidedGap(side=-1),
+        laws.TwoSidedGap(),
+        laws.Jenkins(),
     ]
 
 
-def as_laws(
-    catalogue: Iterable[Any] | None, covariates: Sequence[str]
-) -> list[ForceLaw]:
-    """The catalogue a user passed, or the default one."""
-    if catalogue is None:
-        return default_catalogue(covariates)
+def as_laws(catalogue: Iterable[Any]) -> list[ForceLaw]:
+    """The laws of a catalogue that a user passed; classes become laws."""
     cure = "Use those of pysindy_nrf.laws, or your own."
     if not isinstance(catalogue, Iterable):
         raise LawError(f"catalogue={catalogue!r} is not a list of laws", cure)
-    chosen = [
-        item() if isinstance(item, type) and issubclass(item, ForceLaw) else item
-        for item in catalogue
-    ]
-    if wrong := [item for item in chosen if not isinstance(item, ForceLaw)]:
-        raise LawError(
-            f"The catalogue holds {wrong[0]!r}, which is not a force law", cure
-        )
+
+    chosen = []
+    for item in catalogue:
+        is_class = isinstance(item, type) and issubclass(item, ForceLaw)
+        law = item() if is_class else item
+        if not isinstance(law, ForceLaw):
+            raise LawError(
+                f"The catalogue holds {law!r}, which is not a force law", cure
+            )
+        chosen.append(law)
     return chosen
 
 
-def balances_of(site: Site) -> Site:
-    """One site for all that stand in the same balance with the same motion: on a DOF is
-    from it to the ground.
+def same_balance(site: Site) -> Site:
+    """One site for all that stand in the same balance with the same motion.
+
+    A DOF stands for its link to the ground.
     """
     return Site(f"ground {site.p}") if site.kind == "dof" else site
 
 
-def candidates(
-    catalogue: Iterable[ForceLaw],
-    chain: Chain,
-    known_masses: Iterable[int],
-    covariates: Sequence[str],
-    forced: Iterable[int],
-    n_records: int = 1,
-) -> Iterator[tuple[ForceLaw, Site]]:
-    """Every force law at every site where it makes sense."""
-    n = chain.n_dof
-    grounds = [
-        Site(f"ground {j}") for j in range(1, n + 1)
-    ]  # of DOF 1 it is storey 1, which a free chain has not
-    skips = [Site(f"link {p}-{q}") for p in range(3, n + 1) for q in range(1, p - 1)]
-    known, driven = set(known_masses), set(forced)
-    new_links = [s for s in grounds + skips if s not in chain.sites]
-    catalogue = list(catalogue)
-    # beside the plain tie that a slack or yielding one must excel; without a force a
-    # tie stands in for a storey
-    ties = bool(driven) and any("new link" in law.acts_at for law in catalogue)
-    for law in catalogue:
-        if (
-            any(name not in covariates for name in law.covariates)
-            or "sensor" in law.acts_at
-        ):
-            continue
-        if (law.permanent_change and n_records > 1) or (
-            law.mimics_inertia and not driven
-        ):
-            continue
-        places = []
-        if "dof" in law.acts_at:
-            places = [Site(f"dof {j}") for j in range(1, n + 1)]
-            if (
-                law.variable == "a"
-            ):  # above the highest force every balance is homogeneous
-                places = [
-                    site
-                    for site in places
-                    if site.p in known and site.p <= max(driven, default=0)
-                ]
-        if "link" in law.acts_at:
-            # on DOF 1 it is the same as in storey 1
-            places += [s for s in chain.sites if s.q > 0 or not places]
-        if "ground" in law.acts_at:
-            places += [s for s in grounds if s not in chain.sites]
-        link_only = "link" in law.acts_at and "dof" not in law.acts_at
-        anywhere = link_only and not (
-            law.permanent_change or law.mimics_inertia or law.covariates
-        )
-        if "new link" in law.acts_at or (ties and anywhere):
-            places += [s for s in new_links if s not in places]
-        if "two storeys" in law.acts_at:
-            places += [s for s in new_links if s.p - s.q == 2]
-        yield from ((law, site) for site in places)
+# -- where ---------------------------------------------------------------------
 
 
-def general_laws(work: Any, site: Site) -> tuple[ForceLaw, ForceLaw]:
-    """The general law without memory and the general hysteresis, by the size of the
-    motion at a site.
+@dataclass(frozen=True)
+class Experiment:
+    """What a test offers to a search.
+
+    Attributes
+    ----------
+    catalogue : sequence of ForceLaw
+        Laws that are tried.
+    chain : Chain
+    known_masses, forced : collection of int
+        DOFs with a known mass, and with a measured force.
+    covariates : sequence of str
+        Names of the channels that all records hold.
+    n_records : int
     """
-    drift, rate, *_ = work.scales(site)
-    return laws.SmoothSurface(S=drift, V=0.2 * rate), laws.PrandtlIshlinskii(
-        uy=2.0 * drift
+
+    catalogue: Sequence[ForceLaw]
+    chain: Chain
+    known_masses: Collection[int] = ()
+    forced: Collection[int] = ()
+    covariates: Sequence[str] = ()
+    n_records: int = 1
+
+    @cached_property
+    def dofs(self) -> list[Site]:
+        """All DOFs."""
+        return [Site(f"dof {j}") for j in range(1, self.chain.n_dof + 1)]
+
+    @cached_property
+    def grounds(self) -> list[Site]:
+        """Links to the ground that the chain lacks.
+
+        That of DOF 1 is storey 1, which a free chain has not.
+        """
+        every = [Site(f"ground {j}") for j in range(1, self.chain.n_dof + 1)]
+        return [site for site in every if site not in self.chain.sites]
+
+    @cached_property
+    def new_links(self) -> list[Site]:
+        """All links that the chain lacks: to the ground, and those that skip floors."""
+        links = list(self.grounds)
+        for p in range(3, self.chain.n_dof + 1):
+            for q in range(1, p - 1):
+                site = Site(f"link {p}-{q}")
+                if site not in self.chain.sites:
+                    links.append(site)
+        return links
+
+    @cached_property
+    def tries_ties(self) -> bool:
+        """Whether a plain tie is tried at new links.
+
+        Laws of a link are then tried there, too: one that slackens or yields must be
+        better than it. Without a force a tie stands in for a storey.
+        """
+        ties = any("new link" in law.acts_at for law in self.catalogue)
+        return ties and bool(self.forced)
+
+
+def candidates(experiment: Experiment) -> Iterator[Candidate]:
+    """Every law of the catalogue at every site where it makes sense."""
+    for law in experiment.catalogue:
+        if _can_be_distinguished(law, experiment):
+            for site in sites_of(law, experiment):
+                yield Candidate(law, (site,))
+
+
+def _can_be_distinguished(law: ForceLaw, experiment: Experiment) -> bool:
+    """Whether the test can show a law at all."""
+    if "sensor" in law.acts_at:
+        return False
+    if any(name not in experiment.covariates for name in law.covariates):
+        return False
+    if law.permanent_change and experiment.n_records > 1:
+        return False
+    return bool(experiment.forced) or not law.mimics_inertia
+
+
+def sites_of(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """Sites at which a search tries a law."""
+    sites: list[Site] = []
+    for kind, sites_of_kind in _SITES_OF_KIND.items():
+        ties = kind == "new link" and _may_tie(law, experiment)
+        if kind in law.acts_at or ties:
+            found = sites_of_kind(law, experiment)
+            sites += [site for site in found if site not in sites]
+    return sites
+
+
+def _dofs(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """All DOFs; for a law of the acceleration those of known mass, up to the force.
+
+    Above the highest force every balance is homogeneous.
+    """
+    if law.variable != "a":
+        return experiment.dofs
+    highest = max(experiment.forced, default=0)
+    known = set(experiment.known_masses)
+    return [s for s in experiment.dofs if s.p in known and s.p <= highest]
+
+
+def _links(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """The links of the chain.
+
+    On DOF 1 a law of the DOFs is the same as in storey 1.
+    """
+    links = list(experiment.chain.sites)
+    if "dof" in law.acts_at and _dofs(law, experiment):
+        return [site for site in links if site.q > 0]
+    return links
+
+
+def _grounds(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """Links to the ground that the chain lacks."""
+    return experiment.grounds
+
+
+def _new_links(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """All links that the chain lacks."""
+    return experiment.new_links
+
+
+def _over_two_storeys(law: ForceLaw, experiment: Experiment) -> list[Site]:
+    """Links over two storeys that the chain lacks."""
+    return [site for site in experiment.new_links if site.p - site.q == 2]
+
+
+_SITES_OF_KIND: dict[str, Callable[[ForceLaw, Experiment], list[Site]]] = {
+    "dof": _dofs,
+    "link": _links,
+    "ground": _grounds,
+    "new link": _new_links,
+    "two storeys": _over_two_storeys,
+}
+
+
+def _may_tie(law: ForceLaw, experiment: Experiment) -> bool:
+    """Whether a law of a link is tried at links that the chain lacks."""
+    only_links = "link" in law.acts_at and "dof" not in law.acts_at
+    special = law.permanent_change or law.mimics_inertia or bool(law.covariates)
+    return experiment.tries_ties and only_links and not special
+
+
+def with_all_storeys(
+    candidates: Iterable[Candidate], storeys: Sequence[Site]
+) -> list[Candidate]:
+    """Candidates, and every law of the storeys at all of them at once."""
+    alone = list(candidates)
+    if len(storeys) < 2:
+        return alone
+
+    sites: dict[ForceLaw, set[Site]] = {}
+    for candidate in alone:
+        sites.setdefault(candidate.law, set()).update(candidate.sites)
+    together = []
+    for law, tried in sites.items():
+        acts_on_storeys = "link" in law.acts_at and tried >= set(storeys)
+        if acts_on_storeys and law.variable != "1":
+            together.append(Candidate(law, tuple(storeys)))
+    return alone + together
+
+
+# -- general laws --------------------------------------------------------------
+
+
+def general_laws(data: SearchData, site: Site) -> tuple[ForceLaw, ForceLaw]:
+    """The general law without memory and the general hysteresis at a site.
+
+    Made by the size of its motion.
+    """
+    drift, rate, *_ = data.scales(site)
+    return (
+        laws.SmoothSurface(S=drift, V=0.2 * rate),
+        laws.PrandtlIshlinskii(uy=2.0 * drift),
     )
 
 
-def flexible(problem: Problem, work: Any) -> dict[Site, list[ForceLaw]]:
-    """The laws of a problem with friction, damping, springs and sliders in every
-    storey.
-    """
-    out = flexible_laws(
-        problem, {site: work.scales(site)[0] for site in problem.chain.sites}
-    )
-    if all("vg" in segment.covariates for segment in work.data.segments):
+def flexible(problem: Problem, data: SearchData) -> dict[Site, list[ForceLaw]]:
+    """The laws of a problem with friction, damping, springs and sliders everywhere."""
+    drifts = {site: data.scales(site)[0] for site in problem.chain.sites}
+    out = flexible_laws(problem, drifts)
+    if all("vg" in segment.covariates for segment in data.data.segments):
         for j in range(1, problem.chain.n_dof + 1):
-            out.setdefault(Site(f"dof {j}"), []).append(
-                laws.GroundFriction(covariate="vg")
-            )
+            friction = laws.GroundFriction(covariate="vg")
+            out.setdefault(Site(f"dof {j}"), []).append(friction)
     return out

@@ -1,162 +1,240 @@
-"""The judge: is an effect there, does it matter, which names cannot be told apart."""
+"""The judge: is an effect there, does it matter, which names are as good."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..chain.sites import Site
 from ..equations.normal_equations import variance
 from ..laws.base import ForceLaw
-from .constants import FAR, LARGE_GAIN, LEAST_GAIN, LEAST_SHARE, TENTH
-from .ruler import Gain, Trial
-from .state import Effect, Finding, State
+from .effects import Effect, Finding, RankedFinding, SearchState
+from .error_reduction import REDUCTION, ErrorReduction
+from .fitted_model import FittedModel
 
 
-def share_of(trial: Trial, without: Trial, site: Site) -> float:
-    """Rms of what an effect changes of the force at its site over that of the storey,
-    in the informative bands.
+@dataclass(frozen=True)
+class JudgeSettings:
+    """What is asked of an effect."""
+
+    # Least error reduction, dB. Where nothing is missing the best of all candidates
+    # comes to 0.1 dB at most; effects of the battery to 1.1 dB and more at 5 % noise.
+    least_reduction: float = 0.5
+    # The same without the fold that contributes most, dB.
+    least_without_fold: float = 0.25
+    # An effect matters if it changes the force at its site by 3 %, or lowers the
+    # residual by 2 dB (a fifth); a force of one frequency by 2 dB where it acts (seeds
+    # 1501, 1701: forces 5.3 dB and more, pink noise of sensors 1.1 and 1.4). One that
+    # does both beyond a standard error is not compared with chance.
+    least_share: float = 0.03
+    large_reduction: float = 2.0
+    # Findings are tied within a standard error, and the simplest is taken if it loses
+    # at most a tenth of the best.
+    loss_of_simplest: float = 0.1
+
+
+JUDGE = JudgeSettings()
+
+
+# -- is it there, does it matter -----------------------------------------------
+
+
+def is_there(
+    reduction: ErrorReduction,
+    law: ForceLaw | None = None,
+    least: float = JUDGE.least_reduction,
+) -> bool:
+    """Whether an error reduction of some size stands whichever fold is left out.
+
+    That of a force in one band is asked for where it acts.
     """
-    p = site.p
-    informative = trial.ruler.informative[min(p, len(trial.ruler.informative)) - 1]
-    grams = (trial.grams * informative[None, :, None, None]).sum(axis=(0, 1))
-    after, storey, before = np.zeros((3, len(grams)))
-    at = trial.layout.slices[site]
-    after[at] = storey[at] = trial.theta[0, at]
-    below = trial.layout.slices.get(Site(p), at)
-    storey[below] = trial.theta[0, below]
-    start, old, left = (
-        at.start,
-        without.layout.slices.get(site, at).start,
-        list(without.laws.get(site, ())),
-    )
-    for law in trial.laws[site]:
-        width = len(law.terms())
-        if law in left:
-            left.remove(law)
-            before[start : start + width] = without.theta[0, old : old + width]
-            old += width
-        start += width
-    change, whole = (max(float(c @ grams @ c), 0.0) for c in (after - before, storey))
-    return float(np.sqrt(change / whole)) if whole > 0 else 1.0
+    value, without_fold = reduction.value, reduction.least
+    if law is not None and law.narrow_band and value > 0:
+        value, without_fold = reduction.where_it_acts, reduction.least_where_it_acts
+    return value >= least and without_fold >= JUDGE.least_without_fold
 
 
-def is_there(gain: Gain, law: ForceLaw | None = None, size: float = LEAST_GAIN) -> bool:
-    """Whether a gain of some size stands whichever fold is left out; that of a force in
-    one band, where it acts.
+def differs_from_zero(model: FittedModel, effect: Effect) -> bool:
+    """Whether a coefficient of the last law at a site is known to two standard errors.
+
+    From fold to fold.
     """
-    narrow = law is not None and law.narrow_band and gain.value > 0
-    value, least = (
-        (gain.there, gain.there_least) if narrow else (gain.value, gain.least)
-    )
-    return value >= size and least >= 0.5 * LEAST_GAIN
+    stop = model.layout.slices[effect.site].stop
+    start = stop - len(effect.law.terms())
+    values = model.coefficients[:, start:stop]
+    errors = np.sqrt(variance(values[1:]))
+    return bool((np.abs(values[0]) > REDUCTION.sure_errors * errors).any())
 
 
-def differs_from_zero(trial: Trial, effect: Effect) -> bool:
-    """Whether a coefficient of the last law at a site is known to two standard errors
-    (95 %), from fold to fold.
-    """
-    stop = trial.layout.slices[effect.site].stop
-    parts = trial.theta[:, stop - len(effect.law.terms()) : stop]
-    return bool((np.abs(parts[0]) > FAR * np.sqrt(variance(parts[1:]))).any())
-
-
-def accepts(finding: Finding, state: State) -> bool:
+def accepts(finding: Finding, state: SearchState) -> bool:
     """Whether an effect is there and matters."""
-    gain, after = over(finding, state), finding.after
-    if after is None or gain is None or not is_there(gain, finding.proposal.law):
+    reduction = reduction_over(finding, state)
+    law = finding.candidate.law
+    if finding.after is None or reduction is None or not is_there(reduction, law):
         return False
     if finding.is_fault:
         return True
-    if not all(
-        differs_from_zero(after.trial, e)
-        for e in after.effects
-        if e not in state.effects
-    ):
+
+    model = finding.after.model
+    effects = finding.new_effects(state.effects)
+    if not all(differs_from_zero(model, effect) for effect in effects):
         return False
-    positive = (after.trial.masses[0] > 0) | (state.trial.masses[0] <= 0)
+
     shares = _shares(finding, state)
-    cancels = any(
-        share > 1 and not finding.state.trial.laws.get(site)
-        for site, share in shares.items()
+    positive = (model.masses[0] > 0) | (state.model.masses[0] <= 0)
+    return (
+        _is_large(reduction, law, shares.values())
+        and not _cancels_the_storey(finding, shares)
+        and bool(positive.all())
     )
-    wide = not finding.proposal.law.narrow_band
-    large = (
-        gain.value >= LARGE_GAIN or max(shares.values()) >= LEAST_SHARE
-        if wide
-        else gain.there >= LARGE_GAIN
-    )
-    return large and not cancels and bool(positive.all())
 
 
-def _shares(finding: Finding, state: State) -> dict[Site, float]:
-    """Share of the force that an effect changes at each of its sites; of a new tie,
-    beside the storey below it.
-    """
-    after = finding.after
-    assert after is not None
-    new = [e for e in after.effects if e not in state.effects]
-    return {e.site: share_of(after.trial, finding.state.trial, e.site) for e in new}
+def _is_large(
+    reduction: ErrorReduction, law: ForceLaw, shares: Iterable[float]
+) -> bool:
+    """Whether an effect changes its force, or the residual, by enough."""
+    if law.narrow_band:
+        return reduction.where_it_acts >= JUDGE.large_reduction
+    if reduction.value >= JUDGE.large_reduction:
+        return True
+    return max(shares) >= JUDGE.least_share
 
 
-def is_clear(finding: Finding, state: State) -> bool:
-    """Whether an effect need not be compared with chance: large by gain and share, or a
-    fault that channels witness.
+def _cancels_the_storey(finding: Finding, shares: dict[Site, float]) -> bool:
+    """Whether a new tie takes more force than the storey below it."""
+    laws = finding.before.model.laws
+    return any(share > 1 and not laws.get(site) for site, share in shares.items())
+
+
+def is_clear(finding: Finding, state: SearchState) -> bool:
+    """Whether an effect need not be compared with chance.
+
+    It is large by error reduction and share, or a fault that channels witness.
     """
     if finding.is_fault:
         return finding.witnessed
-    gain = over(finding, state)
-    return (
-        gain is not None
-        and gain.lower >= LARGE_GAIN
-        and max(_shares(finding, state).values()) >= LEAST_SHARE
-    )
+    reduction = reduction_over(finding, state)
+    if reduction is None or reduction.lower < JUDGE.large_reduction:
+        return False
+    return max(_shares(finding, state).values()) >= JUDGE.least_share
 
 
-def over(finding: Finding, state: State) -> Gain | None:
-    """Gain of a finding over a state, whatever effects it replaces."""
-    return None if finding.after is None else finding.after.trial.gain_over(state.trial)
+def reduction_over(finding: Finding, state: SearchState) -> ErrorReduction | None:
+    """Error reduction of a finding over a state, whatever effects it replaces."""
+    if finding.after is None:
+        return None
+    return finding.after.model.reduction_from(state.model)
 
 
-def ranked(found: Sequence[Finding], state: State) -> list[tuple[Finding, Gain]]:
-    """Findings with their gain over a state, the best first."""
-    pairs = [(f, over(f, state)) for f in found]
-    return sorted(
-        ((f, g) for f, g in pairs if g is not None), key=lambda pair: -pair[1].value
-    )
+# -- shares of the force -------------------------------------------------------
 
 
-def _near(
-    pairs: Sequence[tuple[Finding, Gain]], number: int, most: float = np.inf
+def share_of_force(model: FittedModel, without: FittedModel, site: Site) -> float:
+    """Rms of what an effect changes of the force at its site, over that of the storey.
+
+    In the informative bands.
+    """
+    rows = model.layout.slices[site]
+    storey_rows = model.layout.slices.get(Site(site.p), rows)
+    products = _products_of_balance(model, site)
+
+    after = np.zeros(len(products))
+    after[rows] = model.coefficients[0, rows]
+    storey = after.copy()
+    storey[storey_rows] = model.coefficients[0, storey_rows]
+    change = after - _coefficients_without(model, without, site)
+
+    changed = max(float(change @ products @ change), 0.0)
+    whole = max(float(storey @ products @ storey), 0.0)
+    return float(np.sqrt(changed / whole)) if whole > 0 else 1.0
+
+
+def _products_of_balance(model: FittedModel, site: Site) -> np.ndarray:
+    """Products over the informative bands of the balance of a site."""
+    informative = model.spectra.bands.informative
+    bands = informative[min(site.p, len(informative)) - 1]
+    return (model.products * bands[None, :, None, None]).sum(axis=(0, 1))
+
+
+def _coefficients_without(
+    model: FittedModel, without: FittedModel, site: Site
+) -> np.ndarray:
+    """Coefficients of the laws at a site that another model shares; zero elsewhere."""
+    out = np.zeros(model.products.shape[-1])
+    column = model.layout.slices[site].start
+    other = without.layout.slices.get(site, slice(column, column)).start
+    remaining = list(without.laws.get(site, ()))
+
+    for law in model.laws[site]:
+        width = len(law.terms())
+        if law in remaining:
+            remaining.remove(law)
+            values = without.coefficients[0, other : other + width]
+            out[column : column + width] = values
+            other += width
+        column += width
+    return out
+
+
+def _shares(finding: Finding, state: SearchState) -> dict[Site, float]:
+    """Share of the force that an effect changes at each of its sites.
+
+    That of a new tie is taken of the storey below it.
+    """
+    assert finding.after is not None
+    model, before = finding.after.model, finding.before.model
+    shares = {}
+    for effect in finding.new_effects(state.effects):
+        shares[effect.site] = share_of_force(model, before, effect.site)
+    return shares
+
+
+# -- which names are as good ---------------------------------------------------
+
+
+def ranked(findings: Iterable[Finding], state: SearchState) -> list[RankedFinding]:
+    """Findings with their error reduction over a state, the best first."""
+    out = []
+    for finding in findings:
+        reduction = reduction_over(finding, state)
+        if reduction is not None:
+            out.append(RankedFinding(finding, reduction))
+    return sorted(out, key=lambda one: -one.reduction.value)
+
+
+def _tied(
+    findings: Sequence[RankedFinding], number: int, limit: float = np.inf
 ) -> list[int]:
-    """Numbers of the findings whose gain is within a standard error (and so many dB) of
-    that of one of them.
+    """Numbers of the findings within a standard error of one of them.
+
+    And within a limit, dB.
     """
-    taken = pairs[number][1]
-    errors = [float(np.sqrt(variance(taken.parts - gain.parts))) for _, gain in pairs]
-    reach = [min(max(error, LEAST_GAIN), most) for error in errors]
-    return [
-        k for k, (_, gain) in enumerate(pairs) if taken.value - gain.value <= reach[k]
-    ]
+    reference = findings[number].reduction
+    tied = []
+    for k, other in enumerate(findings):
+        difference = reference.without_fold - other.reduction.without_fold
+        error = float(np.sqrt(variance(difference)))
+        reach = min(max(error, JUDGE.least_reduction), limit)
+        if reference.value - other.reduction.value <= reach:
+            tied.append(k)
+    return tied
 
 
-def chosen(pairs: Sequence[tuple[Finding, Gain]]) -> int:
-    """The simplest finding within a standard error of the best (a tenth of its gain at
-    most), linear first.
+def simplest(findings: Sequence[RankedFinding]) -> int:
+    """Number of the simplest finding within a standard error of the best.
+
+    It loses a tenth of the best at most; linear ones come first.
     """
-    near = _near(pairs, 0, TENTH * pairs[0][1].value)
-    return min(near, key=lambda k: (pairs[k][0].size, -pairs[k][1].value))
+    limit = JUDGE.loss_of_simplest * findings[0].reduction.value
+
+    def size(k: int) -> tuple[tuple[int, int], float]:
+        return findings[k].finding.n_parameters, -findings[k].reduction.value
+
+    return min(_tied(findings, 0, limit), key=size)
 
 
-def rivals(pairs: Sequence[tuple[Finding, Gain]], number: int) -> list[Finding]:
-    """Findings that the data cannot tell from the one that is taken: within a standard
-    error of it.
-    """
-    return [pairs[k][0] for k in _near(pairs, number) if k != number]
-
-
-def admissible(law: ForceLaw, forces: np.ndarray) -> np.ndarray:
-    """Where forces of the terms of an undeclared effect, (n_points, n_terms), can be
-    real: none is clearly negative.
-    """
-    held = forces[:, [term.symbol in law.nonnegative for term in law.terms()]]
-    return (held >= -TENTH * np.abs(forces).max(axis=1, keepdims=True)).all(axis=1)
+def rivals(findings: Sequence[RankedFinding], number: int) -> list[Finding]:
+    """Findings that explain the data as well as one of them."""
+    return [findings[k].finding for k in _tied(findings, number) if k != number]

@@ -1,28 +1,32 @@
 """The report of the loop: steps, table, reason to stop, model."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from os import PathLike
 
 import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..common.audit import constants_of, settings_of
-from ..common.lazy import Hook
-from ..diagnosis.verdict import FreeRuns, Verdict
+from ..diagnosis.site_loops import SiteLoop
+from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
 from ..records.checks.channel_checks import Measured
-from ..records.record import Record
-from . import constants, words
-from .evidence import Evidence
-from .residual import SiteLoop
+from ..records.quality import QualityNote
+from ..report import write_html
+from ..report.markdown import markdown
+from ..report.notebook import loop_html
+from . import wording
+from .residual import Evidence
 
 
-@dataclass
+@dataclass(frozen=True)
 class Step:
-    """One effect that the search found: what the search says, and what held-out data
-    say of it.
+    """One effect that the search found.
+
+    With its size and its effect on errors, in the search and on held-out data.
 
     Attributes
     ----------
@@ -39,7 +43,7 @@ class Step:
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str
-        Other families the data cannot tell from this one (at most two, three with its
+        Other families that explain the data as well (at most two, three with its
         own).
     error_before, error_after : float
         Pooled balance error on the held-out data, percent NRMSE.
@@ -50,30 +54,30 @@ class Step:
         Pooled balance error on the search data, each fold judged after fitting to the
         others, percent NRMSE.
     gain, gain_error, gain_least : float
-        Fall of the cross-validated residual, dB; its standard error over folds; the
-        gain without the fold that speaks most for the effect.
+        Reduction of the cross-validated residual, dB; its standard error over folds;
+        the reduction without the fold that contributes most.
     gain_heldout : float
-        The same fall on held-out data, dB.
+        The same reduction on held-out data, dB.
     share : float
         What the effect changes of the force at its site, as a share of the storey
         force; NaN for a sensor.
     confirmed : bool
         Whether held-out errors fall, and there or in the search by a tenth; the model
-        holds confirmed effects only.
+        has confirmed effects only.
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
         Whether the remainder is small enough for the name to be sure.
     evidence : str
-        Why the gate accepted it.
+        Why it was accepted.
     tied : list of (law, site, gain in dB)
-        Candidates that the data could not tell from this one when it was accepted.
+        Candidates that explained the data as well when it was accepted.
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
     company : list of str
         Other laws of the same variable (rate or drift) at this site: together they may
-        write a single law that the catalogue does not hold, so that no name is sure;
-        ``remainder`` is then what this one leaves alone.
+        stand for a single law that the catalogue lacks, so that no name is
+        sure; ``remainder`` is then what this one leaves alone.
 
     Examples
     --------
@@ -124,42 +128,17 @@ class Step:
     @property
     def sentence(self) -> str:
         """The step in words."""
-        held = (
-            (k, v, self.units.get(k, ""))
-            for k, v in self.parameters.items()
-            if v is not None
-        )
-        values = ", ".join(f"{k} = {v:.4g} {unit}".rstrip() for k, v, unit in held)
-        name = f"{self.law} at {self.site}"
-        if not self.sure:
-            name = (
-                f"closest law {name}, unexplained remainder"
-                f" {100 * self.remainder:.0f} %"
-            )
-        text = f"{name} ({values}): {self.evidence}; {words.confirmation(self)}."
-        if self.alternatives:
-            text += f" The data cannot tell it from: {', '.join(self.alternatives)}."
-        if self.company:
-            text += (
-                f" With {' and '.join(self.company)} there it may stand for one law"
-                " that is not in the catalogue."
-            )
-        if self.sensors:
-            text += (
-                f" The same fault, reversed, at {' or '.join(self.sensors)} explains as"
-                " much."
-            )
-        return text
+        return wording.step_sentence(self)
 
 
-class Whole(pd.DataFrame):
+class WholeTable(pd.DataFrame):
     """A table that is printed whole: no row and no column gives way to dots."""
 
     def __repr__(self) -> str:
         return self.to_string(float_format="{:.4g}".format)
 
 
-@dataclass
+@dataclass(frozen=True)
 class LoopReport:
     """What the loop found.
 
@@ -182,7 +161,7 @@ class LoopReport:
     evidence : list of Evidence
         What was left of the search data after the baseline and after each step: is it
         noise, where does it act, what is it like. See
-        :mod:`pysindy_nrf.discrepancy.evidence`.
+        :mod:`pysindy_nrf.discrepancy.residual`.
     measured : list of Measured
         What was measured, for the page.
     loops : list of SiteLoop
@@ -207,6 +186,11 @@ class LoopReport:
         The mapping of channels with which the balances close, where they do not;
         channels that seem to be reversed or in the wrong column, and whether that is
         sure.
+    quality : tuple of QualityNote
+        What is known of the quality of the records.
+    nothing_claimed : bool
+        Whether the model is too far from the data for any claim; ``stopped_because``
+        gives the reason.
 
     Examples
     --------
@@ -241,51 +225,52 @@ class LoopReport:
     ([('coulomb_friction', 'storey 1')], [31.0, 2.0])
     """
 
-    steps: list[Step]
+    steps: Sequence[Step]
     table: pd.DataFrame
     stopped_because: str
     model: ChainModel
-    band: Any = None
+    band: tuple[float | None, float | None] | None = None
     candidates: pd.DataFrame = field(default_factory=pd.DataFrame)
-    models: list[ChainModel] = field(default_factory=list)
-    evidence: list[Evidence] = field(default_factory=list)
-    measured: list[Measured] = field(default_factory=list)
-    loops: list[SiteLoop] = field(default_factory=list)
-    settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    models: Sequence[ChainModel] = ()
+    evidence: Sequence[Evidence] = ()
+    measured: Sequence[Measured] = ()
+    loops: Sequence[SiteLoop] = ()
+    settings: dict[str, dict[str, str]] = field(default_factory=dict)
     lack_of_fit: pd.DataFrame = field(default_factory=pd.DataFrame)
     bounds: dict[str, tuple[float, float]] = field(default_factory=dict)
     free_runs: FreeRuns | None = None
     beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
+    quality: tuple[QualityNote, ...] = ()
+    nothing_claimed: bool = False
 
     def __post_init__(self) -> None:
-        self.table = Whole(self.table)
+        object.__setattr__(self, "table", WholeTable(self.table))
 
     @property
     def final(self) -> pd.Series:
-        """The row of the table that belongs to the model: the last confirmed effect's,
-        or the baseline's.
+        """The row of the table that belongs to the model.
+
+        That of the last confirmed effect, or of the baseline.
         """
+        for row, model in enumerate(self.models):
+            if model is self.model:
+                return self.table.iloc[row]
         confirmed = [k for k, step in enumerate(self.steps, 1) if step.confirmed]
-        return self.table.iloc[
-            next(
-                (k for k, m in enumerate(self.models) if m is self.model),
-                max([0, *confirmed]),
-            )
-        ]
+        return self.table.iloc[max([0, *confirmed])]
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the model may be used, what was found, and why not; see
-        :mod:`pysindy_nrf.diagnosis.verdict`.
+        """Whether the model may be used, what was found, and why not.
+
+        See :mod:`pysindy_nrf.diagnosis.verdict`.
         """
-        return Hook.LOOP_VERDICT(self)
+        return loop_verdict(self)
 
     def __str__(self) -> str:
-        lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)] or [
-            "No effect was added."
-        ]
+        lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)]
+        lines = lines or ["No effect was added."]
         return "\n".join([*lines, f"Stopped: {self.stopped_because}."])
 
     def to_markdown(self) -> str:
@@ -295,9 +280,9 @@ class LoopReport:
         -------
         str
         """
-        return str(Hook.LOOP_MARKDOWN(self))
+        return markdown(self)
 
-    def to_html(self, path: Any) -> None:
+    def to_html(self, path: str | PathLike[str]) -> None:
         """Write the report as one self-contained page that works offline.
 
         What was measured, the model with its equations, surfaces and loops, the story
@@ -314,30 +299,7 @@ class LoopReport:
         MissingExtraError
             Without jinja2 or plotly, which the extra ``report`` brings.
         """
-        Hook.PAGE(path, self)
+        write_html(path, self)
 
     def _repr_html_(self) -> str:
-        return str(Hook.LOOP_HTML(self))
-
-
-def audit(
-    settings: Mapping[str, Any], heldout: Sequence[Record]
-) -> dict[str, dict[str, str]]:
-    """Every setting of a run of the loop: its arguments, the declared model, the
-    constants of the decisions.
-    """
-    band, names = settings["band"], [record.name for record in heldout]
-    return settings_of(
-        loop={
-            "band": "found from the data" if band is None else f"{band} Hz",
-            "random_state": settings["random_state"],
-            "max_steps": settings["max_steps"],
-            "calibration": settings["calibration"],
-            "held out": "; ".join(names) if names else "a quarter of every record",
-            "catalogue": ", ".join(
-                dict.fromkeys(law.name for law in settings["catalogue"])
-            ),
-        },
-        baseline=settings["baseline"].get_params(deep=False),
-        constants=constants_of(constants),
-    )
+        return loop_html(self)

@@ -1,25 +1,43 @@
-"""The pass over the samples: blocks of rows in, Gram matrices of the balances out, on
-all cores.
-"""
+"""Sums of products over the samples: blocks in, normal equations out, on all cores."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, islice
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
 from ..chain.layout import Block, Group, LawLayout, Layout, cut_at
 from ..common.threads import in_threads
 from ..records.dataset import Dataset, Segment
-from .balances import blocks_of_segment
-from .compiled_sums import Plan
-from .normal_equations import NormalEquations, root_of, width_of
+from ..records.zero_phase_filter import ZeroPhaseFilter
+from .balances import BalanceEquations, rows_of, whole_block
+from .compiled_sums import ProductPlan
+from .normal_equations import Dofs, NormalEquations, width_of
+from .triangular import root_of
 
-N_PIECES = 64  # over all records
-SHARE = 4  # blocks that a thread takes at once
+__all__ = [
+    "GramPass",
+    "ProductSums",
+    "pieces_of",
+    "rows_of",
+    "total_gram",
+    "whole_block",
+]
+
+# Pieces into which all records are cut.
+N_PIECES = 64
+# Blocks that a thread takes at once.
+BLOCKS_PER_THREAD = 4
+
+
+class Whitener(Protocol):
+    """A zero-phase filter of the rows of one equation of motion."""
+
+    def apply(self, rows: np.ndarray, dt: float) -> np.ndarray:
+        """Rows (n_rows, n_samples) of one record, filtered."""
 
 
 def total_gram(
@@ -29,19 +47,25 @@ def total_gram(
     known_masses: Mapping[int, float] | None = None,
     kind: str = "gram",
 ) -> NormalEquations:
-    """Gram matrices of all samples of some blocks; ``kind`` as for
-    :class:`GramPass`.
-    """
-    return (
-        GramPass(layout, groups, known_masses, kind)
-        .add_each((0, block) for block in blocks)
-        .total()
-    )
+    """Sums over all samples of some blocks; ``kind`` as of :class:`ProductSums`."""
+    sums = ProductSums(layout, groups, known_masses, kind)
+    return sums.add_each((0, block) for block in blocks).total()
 
 
-class GramPass:
-    """Running sums of the products of the columns; "root" keeps all digits, by a
-    streamed QR.
+class ProductSums:
+    """Running sums of products, of numbered blocks of samples.
+
+    Parameters
+    ----------
+    layout : Layout
+    groups : sequence of Group
+        Equations of motion, or several summed.
+    known_masses : mapping of int to float, optional
+        kg; those of sums of equations are needed.
+    kind : {"gram", "root"}
+        Sums of products, or triangular factors, which keep all digits (a streamed QR).
+    n_blocks : int
+        Numbers that exist from the start.
     """
 
     def __init__(
@@ -52,71 +76,51 @@ class GramPass:
         kind: str = "gram",
         n_blocks: int = 0,
     ) -> None:
-        self.layout, self.groups, self.kind = layout, {g.dofs: g for g in groups}, kind
+        self.layout = layout
+        self.groups = {group.dofs: group for group in groups}
         self.known_masses = dict(known_masses or {})
-        self._widths = {g.dofs: width_of(layout, g) for g in groups}
-        self.counts: list[float] = []  # samples of each number, by their weights
-        # products and samples by the known forces; for "root" roots and samples by
-        # balance
-        self._sums: list[dict[tuple, list[Any]]] = []
+        self.kind = kind
+        self.counts: list[float] = []
+        self._sums: list[_Products | _Roots] = []
         self._before: NormalEquations | None = None
-        self._plan: Plan | None = None
+        self._plan: ProductPlan | None = None
         self._open(n_blocks - 1)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_plan": None}
-
     @property
-    def plan(self) -> Plan:
-        """Which products are taken; shared by all passes that :meth:`empty` makes."""
+    def plan(self) -> ProductPlan:
+        """Which products are taken; shared by all sums that :meth:`empty` makes."""
         if self._plan is None:
-            self._plan = Plan(
-                self.layout, list(self.groups.values()), self.known_masses
-            )
+            groups = list(self.groups.values())
+            self._plan = ProductPlan(self.layout, groups, self.known_masses)
         return self._plan
 
-    def empty(self, before: NormalEquations | None = None) -> GramPass:
-        """A pass over the same columns that has seen nothing, or that goes on behind a
-        total.
-        """
-        out = GramPass(
-            self.layout, list(self.groups.values()), self.known_masses, self.kind
-        )
-        out._plan, out._before = (self.plan if self.kind == "gram" else None), before
-        return out
+    def empty(self, before: NormalEquations | None = None) -> ProductSums:
+        """Sums of the same columns that begin anew, or that go on behind a total."""
+        groups = list(self.groups.values())
+        sums = ProductSums(self.layout, groups, self.known_masses, self.kind)
+        sums._before = before
+        if self.kind == "gram":
+            sums._plan = self.plan
+        return sums
 
     @property
     def n_samples(self) -> int:
         """Samples of all numbers, by their weights."""
-        return int(
-            sum(self.counts) + (0 if self._before is None else self._before.n_samples)
-        )
+        total = sum(self.counts)
+        if self._before is not None:
+            total += self._before.n_samples
+        return int(total)
 
     def add(
         self, block: Block, number: int = 0, products: np.ndarray | None = None
-    ) -> GramPass:
+    ) -> ProductSums:
         """Add samples to a number, or their products if these are known; self."""
         self._open(number)
         self.counts[number] += block.weight
-        if self.kind == "root":
-            columns = block.weighted
-            for dofs, part in self._sums[number].items():
-                if all(block.known[j - 1] for j in dofs):
-                    rows = rows_of(
-                        self.layout, self.groups[dofs], columns, self.known_masses
-                    )
-                    part[0] = root_of(np.hstack([part[0].T, rows]).T)
-                    part[1] += block.weight
-            return self
-        held = self._sums[number].setdefault(block.known, [np.zeros(self.plan.size), 0])
-        held[1] += block.weight
-        if products is None:
-            self.plan.multiply(block.weighted, held[0])
-        else:
-            held[0] += products
+        self._sums[number].add(block, products)
         return self
 
-    def add_each(self, blocks: Iterable[tuple[int, Block]]) -> GramPass:
+    def add_each(self, blocks: Iterable[tuple[int, Block]]) -> ProductSums:
         """Add numbered blocks, on all cores; self."""
         for number, block, products in self.multiplied(blocks):
             self.add(block, number, products)
@@ -125,161 +129,265 @@ class GramPass:
     def multiplied(
         self, blocks: Iterable[tuple[int, Block]]
     ) -> Iterator[tuple[int, Block, np.ndarray | None]]:
-        """Numbered blocks with their products, which are found on all cores; none for
-        roots.
+        """Numbered blocks with their products, which are found on all cores.
+
+        Roots have no products.
         """
-        plan, rest = (
-            self.plan if self.kind == "gram" else None,
-            iter(blocks),
-        )  # made before the threads ask for it
+        if self.kind == "root":
+            return ((number, block, None) for number, block in blocks)
 
-        def product(number: int, block: Block) -> tuple[int, Block, np.ndarray | None]:
-            store = np.zeros(plan.size) if plan else None
-            if plan and store is not None:
-                plan.multiply(block.weighted, store)
-            return number, block, store
+        plan = self.plan  # made before the threads ask for it
 
-        def products(
+        def products_of(
             share: list[tuple[int, Block]],
         ) -> list[tuple[int, Block, np.ndarray | None]]:
-            return [product(*one) for one in share]
+            products: list[tuple[int, Block, np.ndarray | None]] = []
+            for number, block in share:
+                store = np.zeros(plan.size)
+                plan.multiply(block.weighted, store)
+                products.append((number, block, store))
+            return products
 
-        return chain.from_iterable(
-            in_threads(products, iter(lambda: list(islice(rest, SHARE)), []))
-        )
+        shares = _shares(blocks, BLOCKS_PER_THREAD)
+        return chain.from_iterable(in_threads(products_of, shares))
 
     def grams(self) -> NormalEquations:
-        """Gram matrices or roots of each number."""
-        shape = (len(self.counts),)
-        matrices = {dofs: np.zeros((*shape, p, p)) for dofs, p in self._widths.items()}
-        sizes = {dofs: np.zeros(shape) for dofs in matrices}
-        for number in range(len(self.counts)):
-            for dofs, matrix in matrices.items():
-                if self.kind == "root":
-                    matrix[number], sizes[dofs][number] = self._sums[number][dofs]
-                    continue
-                take = self.plan.take[dofs]
-                for known, (store, size) in self._sums[number].items():
-                    if all(known[j - 1] for j in dofs):
-                        matrix[number] += store[take]
-                        sizes[dofs][number] += size
-        counts = np.array(self.counts, dtype=float)
+        """The sums of each number."""
+        matrices = {}
+        sizes = {}
+        for dofs, group in self.groups.items():
+            p = width_of(self.layout, group)
+            matrices[dofs] = np.zeros((len(self.counts), p, p))
+            sizes[dofs] = np.zeros(len(self.counts))
+            for number, sums in enumerate(self._sums):
+                matrices[dofs][number], sizes[dofs][number] = sums.of_group(dofs)
         return NormalEquations(
             self.layout,
             self.groups,
             matrices,
             sizes,
-            counts,
+            np.array(self.counts, dtype=float),
             self.known_masses,
             self.kind,
         )
 
     def total(self) -> NormalEquations:
-        """Gram matrices or roots of all that was added under the number 0."""
+        """The sums of all that was added under the number 0."""
         self._open(0)
-        out = self.grams()[0]
-        return out if self._before is None else self._before.merge(out)
+        total = self.grams()[0]
+        return total if self._before is None else self._before.merge(total)
 
     def _open(self, number: int) -> None:
+        """Let all numbers up to this one exist."""
         while len(self.counts) <= number:
             self.counts.append(0)
-            roots = self._widths.items() if self.kind == "root" else ()
-            self._sums.append({dofs: [np.zeros((p, p)), 0.0] for dofs, p in roots})
+            if self.kind == "root":
+                self._sums.append(_Roots(self.layout, self.groups, self.known_masses))
+            else:
+                self._sums.append(_Products(self.plan))
 
 
-def rows_of(
-    layout: Layout, group: Group, block: Block, known_masses: Mapping[int, float]
-) -> np.ndarray:
-    """Rows ``[terms | a | F]`` of a balance, ``[terms | F - m a]`` of a sum of
-    balances, for all samples of a block.
-    """
-    own = [block.terms[layout.slices[s]] for s in group.sites]
-    index = [j - 1 for j in group.dofs]
-    if len(index) == 1:
-        return np.vstack([*own, block.acceleration[index], block.force[index]])
-    inertia = (
-        np.array([known_masses[j] for j in group.dofs]) @ block.acceleration[index]
-    )
-    return np.vstack([*own, block.force[index].sum(axis=0) - inertia])
+# the name by which other folders know it
+GramPass = ProductSums
+
+
+class _Products:
+    """Sums of products; those of samples with different unknown forces apart."""
+
+    def __init__(self, plan: ProductPlan) -> None:
+        self._plan = plan
+        self._stores: dict[tuple[bool, ...], np.ndarray] = {}
+        self._sizes: dict[tuple[bool, ...], float] = {}
+
+    def add(self, block: Block, products: np.ndarray | None) -> None:
+        """Add samples, or their products if these are known."""
+        known = block.known
+        if known not in self._stores:
+            self._stores[known] = np.zeros(self._plan.size)
+            self._sizes[known] = 0.0
+        self._sizes[known] += block.weight
+        if products is None:
+            self._plan.multiply(block.weighted, self._stores[known])
+        else:
+            self._stores[known] += products
+
+    def of_group(self, dofs: Dofs) -> tuple[np.ndarray, float]:
+        """Products and samples of one equation, where its forces are known."""
+        take = self._plan.take[dofs]
+        matrix = np.zeros(take.shape)
+        size = 0.0
+        for known, store in self._stores.items():
+            if _all_known(known, dofs):
+                matrix += store[take]
+                size += self._sizes[known]
+        return matrix, size
+
+
+class _Roots:
+    """Triangular factors of the samples in which the forces of a group are known."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        groups: Mapping[Dofs, Group],
+        known_masses: Mapping[int, float],
+    ) -> None:
+        self._layout = layout
+        self._groups = groups
+        self._known_masses = known_masses
+        self._roots: dict[Dofs, np.ndarray] = {}
+        self._sizes = dict.fromkeys(groups, 0.0)
+        for dofs, group in groups.items():
+            p = width_of(layout, group)
+            self._roots[dofs] = np.zeros((p, p))
+
+    def add(self, block: Block, products: np.ndarray | None) -> None:
+        """Add samples."""
+        columns = block.weighted
+        for dofs, group in self._groups.items():
+            if _all_known(block.known, dofs):
+                rows = rows_of(self._layout, group, columns, self._known_masses)
+                stacked = np.hstack([self._roots[dofs].T, rows]).T
+                self._roots[dofs] = root_of(stacked)
+                self._sizes[dofs] += block.weight
+
+    def of_group(self, dofs: Dofs) -> tuple[np.ndarray, float]:
+        """Triangular factor and samples of one equation."""
+        return self._roots[dofs], self._sizes[dofs]
+
+
+def _all_known(known: Sequence[bool], dofs: Dofs) -> bool:
+    """Whether the forces of some DOFs are known."""
+    return all(known[j - 1] for j in dofs)
+
+
+def _shares(
+    blocks: Iterable[tuple[int, Block]], size: int
+) -> Iterator[list[tuple[int, Block]]]:
+    """Numbered blocks, some at a time."""
+    rest = iter(blocks)
+    share = list(islice(rest, size))
+    while share:
+        yield share
+        share = list(islice(rest, size))
 
 
 def pieces_of(
     data: Dataset,
     layout: LawLayout,
     groups: Sequence[Group],
-    filters: Sequence[Any],
+    filters: Sequence[ZeroPhaseFilter | None],
     known_masses: Mapping[int, float],
     runs: Sequence[Segment | None] | None = None,
-    whiteners: Mapping[tuple[int, ...], Any] | None = None,
+    whiteners: Mapping[Dofs, Whitener] | None = None,
     edges: Sequence[np.ndarray] | None = None,
 ) -> NormalEquations:
-    """Gram matrices of consecutive pieces of the data."""
-    chosen = [
-        i for i in range(len(data.segments)) if runs is None or runs[i] is not None
-    ]
-    known = {int(j): float(m) for j, m in known_masses.items()}
-    if edges is None:
-        lengths = {i: data.segments[i].n_valid for i in chosen}
-        length = max(1, -(-sum(lengths.values()) // N_PIECES))
-        cuts = {
-            i: np.linspace(0, n, max(1, round(n / length)) + 1).astype(int)
-            for i, n in lengths.items()
-        }
-    else:
+    """Sums of products of consecutive pieces of the data.
+
+    ``runs`` are free runs of the records, whose columns are the instruments; a record
+    without one is left out. ``edges`` are the ends of the pieces of each record, equal
+    pieces if None.
+    """
+    equations = BalanceEquations(data, layout, filters)
+    chosen = list(range(len(data.segments)))
+    twins: dict[int, Segment] = {}
+    if runs is not None:
+        twins = {i: run for i, run in enumerate(runs) if run is not None}
+        chosen = list(twins)
+    cuts = _equal_pieces(data, chosen)
+    if edges is not None:
         cuts = {i: np.asarray(edges[i]) for i in chosen}
-    counts = [len(cuts[i]) - 1 for i in chosen]
-    record = np.repeat(chosen, counts)
+
     if runs is None and not whiteners:
-        numbered = (
-            pair
-            for i, first in zip(chosen, np.cumsum([0, *counts]).tolist())
-            for pair in cut_at(
-                cuts[i],
-                blocks_of_segment(data.segments[i], layout, filter=filters[i]),
-                first,
-            )
+        sums = ProductSums(layout, groups, known_masses)
+        pieces = sums.add_each(_numbered(equations, cuts)).grams()
+    else:
+        known = dict(known_masses)
+        rows = _PieceRows(equations, groups, known, twins, whiteners or {})
+        pieces = rows.sums(cuts)
+    counts = [len(ends) - 1 for ends in cuts.values()]
+    return replace(pieces, record=np.repeat(chosen, counts))
+
+
+def _equal_pieces(data: Dataset, chosen: Sequence[int]) -> dict[int, np.ndarray]:
+    """Ends of pieces of about equal length, by record."""
+    sizes = {i: data.segments[i].n_valid for i in chosen}
+    length = max(1, -(-sum(sizes.values()) // N_PIECES))
+    cuts = {}
+    for i, size in sizes.items():
+        count = max(1, round(size / length))
+        cuts[i] = np.linspace(0, size, count + 1).astype(int)
+    return cuts
+
+
+def _numbered(
+    equations: BalanceEquations, cuts: Mapping[int, np.ndarray]
+) -> Iterator[tuple[int, Block]]:
+    """Blocks of the records with the numbers of their pieces."""
+    first = 0
+    for i, ends in cuts.items():
+        yield from cut_at(ends, equations.blocks(i), first)
+        first += len(ends) - 1
+
+
+@dataclass(frozen=True)
+class _PieceRows:
+    """Rows of whole records with what stands behind or goes over them."""
+
+    equations: BalanceEquations
+    groups: Sequence[Group]
+    known_masses: Mapping[int, float]
+    # free runs by record: their columns, without the right-hand side, are instruments
+    twins: Mapping[int, Segment]
+    whiteners: Mapping[Dofs, Whitener]
+
+    def sums(self, cuts: Mapping[int, np.ndarray]) -> NormalEquations:
+        """Sums of products of the pieces of all records."""
+        matrices: dict[Dofs, list[np.ndarray]] = {g.dofs: [] for g in self.groups}
+        sizes: dict[Dofs, list[np.ndarray]] = {g.dofs: [] for g in self.groups}
+        for i, ends in cuts.items():
+            lengths = np.diff(ends)
+            for group, rows, known in self._rows(i):
+                sizes[group.dofs].append(lengths * known)
+                for low, high in zip(ends[:-1], ends[1:]):
+                    piece = rows[:, low:high]
+                    matrices[group.dofs].append(piece @ piece.T)
+
+        n_samples = np.concatenate([np.diff(ends) for ends in cuts.values()])
+        counted = {dofs: np.concatenate(n).astype(float) for dofs, n in sizes.items()}
+        return NormalEquations(
+            self.equations.layout,
+            {group.dofs: group for group in self.groups},
+            {dofs: np.array(products) for dofs, products in matrices.items()},
+            counted,
+            n_samples.astype(float),
+            self.known_masses,
+            instrumented=bool(self.twins),
         )
-        return replace(
-            GramPass(layout, groups, known).add_each(numbered).grams(), record=record
-        )
-    grams: dict[tuple[int, ...], list[np.ndarray]] = {g.dofs: [] for g in groups}
-    sizes: dict[tuple[int, ...], list[int]] = {g.dofs: [] for g in groups}
-    for i in chosen:
-        block = whole_block(data.segments[i], layout, filters[i])
-        twin = None if runs is None else whole_block(runs[i], layout, filters[i])
-        spans = [slice(lo, hi) for lo, hi in zip(cuts[i][:-1], cuts[i][1:])]
-        for group in groups:
-            width = width_of(layout, group) * (1 if twin is None else 2) - (
-                twin is not None
-            )
-            if not all(block.known[j - 1] for j in group.dofs):
-                grams[group.dofs] += [np.zeros((width, width))] * len(spans)
-                sizes[group.dofs] += [0] * len(spans)
-                continue
-            rows = rows_of(layout, group, block, known)
+
+    def _rows(self, record: int) -> Iterator[tuple[Group, np.ndarray, bool]]:
+        """Rows of each group along a record, and whether its forces are known.
+
+        Rows of unknown forces are zero.
+        """
+        layout = self.equations.layout
+        block = self.equations.whole(record)
+        twin = None
+        run = self.twins.get(record)
+        if run is not None:
+            twin = whole_block(run, layout, self.equations.filters[record])
+
+        for group in self.groups:
+            rows = rows_of(layout, group, block, self.known_masses)
             if twin is not None:
-                rows = np.vstack([rows, rows_of(layout, group, twin, known)[:-1]])
-            if whiteners is not None and whiteners.get(group.dofs) is not None:
-                rows = whiteners[group.dofs].apply(rows, data.segments[i].dt)
-            grams[group.dofs] += [(part := rows[:, span]) @ part.T for span in spans]
-            sizes[group.dofs] += [span.stop - span.start for span in spans]
-    return NormalEquations(
-        layout,
-        {g.dofs: g for g in groups},
-        {dofs: np.array(held) for dofs, held in grams.items()},
-        {dofs: np.array(held, dtype=float) for dofs, held in sizes.items()},
-        np.concatenate([np.diff(cuts[i]) for i in chosen]).astype(float),
-        known,
-        instrumented=runs is not None,
-        record=record,
-    )
-
-
-def whole_block(segment: Any, layout: LawLayout, filter: Any) -> Block:
-    """All valid rows of a record as one block, its arrays our own."""
-    parts = list(blocks_of_segment(segment, layout, filter=filter))
-    whole = [
-        np.concatenate([getattr(p, k) for p in parts], axis=1)
-        for k in ("terms", "acceleration", "force")
-    ]
-    return Block(whole[0], whole[1], whole[2])
+                instruments = rows_of(layout, group, twin, self.known_masses)[:-1]
+                rows = np.concatenate([rows, instruments])
+            known = _all_known(block.known, group.dofs)
+            if not known:
+                rows = np.zeros_like(rows)
+            whitener = self.whiteners.get(group.dofs)
+            if whitener is not None:
+                step = self.equations.data.segments[record].dt
+                assert step is not None  # a whitener was made of spectra
+                rows = whitener.apply(rows, step)
+            yield group, rows, known

@@ -1,151 +1,226 @@
-"""Compiled: the pass over samples, each pair of sites that meets multiplied once; the
-solve of many Gram matrices.
+"""Compiled: products of the columns of all equations of motion, summed over samples.
+
+Each pair of sites that meet in an equation is multiplied once.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cache
 from threading import local
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..chain.layout import Group, Layout, Recipe
+from ..chain.recipe import ONES
 
 if TYPE_CHECKING:
     from ..chain.layout import Block
 
-TILE = 256  # samples whose columns stay in the first and second cache
-_ROW = (
-    TILE + 8
-    # rows of the scratch are not a power of two apart, which would map them onto one
-    # cache line
-)
+# Samples whose columns stay in the first and second cache.
+TILE = 256
+# Samples that a row of the scratch has room for: rows are not a power of two apart,
+# which would map them onto one cache line.
+_ROW = TILE + 8
 
 
-class Plan:
-    """Rows ``[a_1, F_1, 0, a_2, ... | sums of balances | terms | helpers]``: how they
-    are built and multiplied.
+class _Unit(NamedTuple):
+    """Columns that are always multiplied together: a DOF's, a sum's, or a site's."""
+
+    first: int  # row
+    width: int  # columns
+    size: int  # rows: a multiple of three, the last ones zero
+
+
+class ProductPlan:
+    """Rows of all columns, and which of them are multiplied.
+
+    The rows are ``[a_1, F_1, 0, a_2, ... | sums of equations | terms | helpers]``.
+
+    Attributes
+    ----------
+    size : int
+        Number of products.
+    take : dict of tuple of int to ndarray
+        By the DOFs of an equation, or of several summed: where the products of its
+        columns stand, (n_columns, n_columns).
     """
 
     def __init__(
         self, layout: Layout, groups: Sequence[Group], masses: Mapping[int, float]
     ) -> None:
-        n = layout.n_dof
-        self.masses = np.array([masses.get(j, 0.0) for j in range(1, n + 1)])
-        sums = sorted(
-            (g.dofs for g in groups if len(g.dofs) > 1), key=len
-        )  # of all DOFs from one on
-        self.sums = np.array([dofs[0] - 1 for dofs in sums], dtype=np.int64)
-        # rows of DOFs, sums and sites; each begins at a multiple of three, with rows of
-        # zeros behind it
-        counts: dict[object, int] = {j: 2 for j in range(1, n + 1)}
-        counts |= {dofs: 1 for dofs in sums} | {
-            s: layout.counts[s] for s in layout.acting
-        }
-        ends = np.cumsum([0, *(-(-k // 3) * 3 for k in counts.values())]).tolist()
-        units = {unit: (at, end - at) for unit, at, end in zip(counts, ends, ends[1:])}
-        self.terms = np.array(
-            [units[s][0] + k for s in layout.acting for k in range(layout.counts[s])],
-            dtype=int,
-        )
-        place: dict[tuple, int] = {}
-        pairs, size = [], 0
+        dofs = range(1, layout.n_dof + 1)
+        # a sum has all DOFs from one on
+        summed = [group.dofs for group in groups if len(group.dofs) > 1]
+        summed.sort(key=len)
+        widths: dict[Hashable, int] = dict.fromkeys(dofs, 2)
+        widths.update(dict.fromkeys(summed, 1))
+        for site in layout.acting:
+            widths[site] = layout.counts[site]
+        units = _placed_units(widths)
+
+        self.masses = np.array([masses.get(dof, 0.0) for dof in dofs])
+        self.sums = np.array([group[0] - 1 for group in summed], dtype=np.int64)
+        self.terms = np.zeros(0, dtype=int)
+        for site in layout.acting:
+            rows = units[site].first + np.arange(units[site].width)
+            self.terms = np.concatenate([self.terms, rows])
+        last = list(units.values())[-1]
+        self.n_rows = last.first + last.size
+
+        products = _Products()
         self.take: dict[tuple[int, ...], np.ndarray] = {}
         for group in groups:
-            own = [*group.sites, group.dofs[0] if len(group.dofs) == 1 else group.dofs]
-            ends = np.cumsum([0, *(counts[u] for u in own)]).tolist()
-            index = np.zeros((ends[-1], ends[-1]), dtype=np.int64)
-            for i, left in enumerate(own):
-                for j, right in enumerate(own[: i + 1]):
-                    low, high = sorted((left, right), key=units.__getitem__)
-                    (x, m), (y, k) = units[high], units[low]
-                    if x != y and counts[low] == 2:
-                        k = 2  # acceleration and force of a DOF need no third column
-                    if (x, y) not in place:
-                        place[x, y] = size
-                        pairs.append((x, m, y, k, size))
-                        size += m * k
-                    block = (
-                        place[x, y]
-                        + np.arange(m)[: counts[high], None] * k
-                        + np.arange(counts[low])
-                    )
-                    if i == j:  # only what is on and below the diagonal is multiplied
-                        line = np.arange(counts[low])
-                        block = np.where(line[:, None] >= line, block, block.T)
-                    block = block if high == left else block.T
-                    index[ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
-                    index[ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.T
-            self.take[group.dofs] = index
-        self.pairs = np.array(pairs, dtype=np.int64).reshape(-1, 5)
-        self.size = size
-        self.n_rows = sum(size for _, size in units.values())
-        self._channels = np.r_[3 * np.arange(n), 3 * np.arange(n) + 1]
-        self._placed: tuple[Recipe | None, np.ndarray, np.ndarray, int] | None = None
-        self._own = local()  # each thread's scratch
+            sides = group.dofs[0] if len(group.dofs) == 1 else group.dofs
+            own = [units[site] for site in group.sites]
+            self.take[group.dofs] = products.places([*own, units[sides]])
+        self.pairs = np.array(products.pairs, dtype=np.int64).reshape(-1, 5)
+        self.size = products.size
+
+        first_rows = 3 * np.arange(layout.n_dof)
+        self._channels = np.concatenate([first_rows, first_rows + 1])
+        self._steps: tuple[Recipe | None, _Steps] | None = None
+        self._scratch = local()
+
+    def __getstate__(self) -> dict[str, object]:
+        """The plan without the scratch of its threads."""
+        state = dict(self.__dict__)
+        del state["_scratch"]
+        return state
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._scratch = local()
 
     def multiply(self, block: Block, store: np.ndarray) -> None:
-        """Add the products of the columns of a block to ``store``, shape (size,); see
-        ``take`` for its order.
-        """
-        recipe, placed = block.recipe, self._placed
-        if placed is None or placed[0] is not recipe:
-            self._placed = placed = recipe, *self._rows(recipe)
-        _, places, steps, n_rows = placed
-        scratch = getattr(self._own, "scratch", None)
-        if scratch is None or len(scratch) < n_rows:
-            self._own.scratch = scratch = np.zeros((n_rows, _ROW))
-        source = block.terms if recipe is None else block.source
-        given = (
-            np.asarray(x, dtype=np.float64)
-            for x in (block.acceleration, block.force, source)
-        )
+        """Add the products of the columns of a block to ``store``, shape (size,)."""
+        if self._steps is None or self._steps[0] is not block.recipe:
+            self._steps = block.recipe, self._steps_of(block.recipe)
+        steps = self._steps[1]
+
+        scratch = getattr(self._scratch, "rows", None)
+        if scratch is None or len(scratch) < steps.n_rows:
+            scratch = np.zeros((steps.n_rows, _ROW))
+            self._scratch.rows = scratch
+
+        source = block.terms if block.recipe is None else block.source
         _kernel()(
-            *given, places, steps, self.sums, self.masses, self.pairs, scratch, store
+            np.asarray(block.acceleration, dtype=np.float64),
+            np.asarray(block.force, dtype=np.float64),
+            np.asarray(source, dtype=np.float64),
+            steps.places,
+            steps.steps,
+            self.sums,
+            self.masses,
+            self.pairs,
+            scratch,
+            store,
         )
 
-    def _rows(self, recipe: Recipe | None) -> tuple[np.ndarray, np.ndarray, int]:
-        """Rows of the channels of a block, how those of the terms are built from them,
-        and how many there are.
-        """
+    def _steps_of(self, recipe: Recipe | None) -> _Steps:
+        """Where the channels of a block go, and how the terms are built from them."""
         if recipe is None:
-            return (
-                np.concatenate([self._channels, self.terms]),
-                np.zeros((0, 3), dtype=np.int64),
-                self.n_rows,
-            )
-        helpers = max(0, int(recipe.steps[:, 0].max(initial=-1)) + 1 - len(self.terms))
-        size = self.n_rows + helpers
-        rows = np.concatenate([self.terms, np.arange(self.n_rows, size)])
-        row, x, p = recipe.steps.T
-        copied = p < 0
-        at = np.full(recipe.n_source, -1)
-        at[x[copied]] = rows[row[copied]]  # put where the (last) term stands
-        beside = np.flatnonzero(at < 0)
-        at[beside] = size + np.arange(len(beside))
-        steps = np.column_stack([rows[row], at[x], np.where(copied, -1, rows[p])])
-        return (
-            np.concatenate([self._channels, at]),
-            steps[steps[:, 0] != steps[:, 1]],
-            size + len(beside),
-        )
+            places = np.concatenate([self._channels, self.terms])
+            return _Steps(places, np.zeros((0, 3), dtype=np.int64), self.n_rows)
+
+        n_helpers = max(0, recipe.n_rows - len(self.terms))
+        n_rows = self.n_rows + n_helpers
+        rows = np.concatenate([self.terms, np.arange(self.n_rows, n_rows)])
+        row, x, factor = recipe.steps.T
+        copied = factor == ONES
+
+        # a channel that is a term goes where the (last) term stands
+        place = np.full(recipe.n_source, -1)
+        place[x[copied]] = rows[row[copied]]
+        beside = np.flatnonzero(place < 0)
+        place[beside] = n_rows + np.arange(len(beside))
+
+        factors = np.where(copied, ONES, rows[factor])
+        steps = np.column_stack([rows[row], place[x], factors])
+        steps = steps[steps[:, 0] != steps[:, 1]]
+        places = np.concatenate([self._channels, place])
+        return _Steps(places, steps, n_rows + len(beside))
+
+
+class _Steps(NamedTuple):
+    """Rows of the channels of a block, and the steps that build the terms."""
+
+    places: np.ndarray  # (n_channels,)
+    steps: np.ndarray  # (n_steps, 3), as of a recipe, in rows of the scratch
+    n_rows: int
+
+
+def _placed_units(widths: Mapping[Hashable, int]) -> dict[Hashable, _Unit]:
+    """Rows of units of so many columns."""
+    units = {}
+    first = 0
+    for name, width in widths.items():
+        size = -(-width // 3) * 3
+        units[name] = _Unit(first, width, size)
+        first += size
+    return units
+
+
+class _Products:
+    """Pairs of units that are multiplied, each once, and where their products stand."""
+
+    def __init__(self) -> None:
+        # first row and rows of one unit, of the other, and the place of their products
+        self.pairs: list[tuple[int, int, int, int, int]] = []
+        self.size = 0
+        self._place: dict[tuple[int, int], int] = {}
+
+    def places(self, units: Sequence[_Unit]) -> np.ndarray:
+        """Where the products of the columns of some units stand."""
+        rows = []
+        for left in units:
+            rows.append(np.hstack([self._block(left, right) for right in units]))
+        return np.vstack(rows)
+
+    def _block(self, left: _Unit, right: _Unit) -> np.ndarray:
+        """Where the products of two units stand, (left.width, right.width)."""
+        low, high = min(left, right), max(left, right)
+        n_columns = low.size
+        if low != high and low.width == 2:
+            # acceleration and force of a DOF need no third column
+            n_columns = 2
+
+        key = (high.first, low.first)
+        if key not in self._place:
+            pair = (high.first, high.size, low.first, n_columns, self.size)
+            self.pairs.append(pair)
+            self._place[key] = self.size
+            self.size += high.size * n_columns
+
+        row = np.arange(high.width)[:, None] * n_columns
+        places = self._place[key] + row + np.arange(low.width)
+        if low == high:
+            # only what is on and below the diagonal is multiplied
+            return np.where(np.tri(low.width, dtype=bool), places, places.T)
+        return places if high == left else places.T
 
 
 @cache
 def _kernel() -> Callable[..., None]:
-    """The compiled pass."""
+    """The compiled pass: one machine code, however the user's arrays lie in memory.
+
+    All arrays are addressed by their first number: bounds are not checked, and rows of
+    the scratch are ``_ROW`` numbers apart.
+    """
     from numba import types
 
     from ..common.compiled import address_of, addresses, inline, jit
 
-    def dot33(x, y, b, out, step):
+    def multiply_3_by_3(x, y, count, out, stride):
         s00 = s01 = s02 = s10 = s11 = s12 = s20 = s21 = s22 = 0.0
-        for t in range(b):
-            a0, a1, a2 = x[t], x[t + _ROW], x[t + 2 * _ROW]
-            b0, b1, b2 = y[t], y[t + _ROW], y[t + 2 * _ROW]
+        for t in range(count):
+            a0 = x[t]
+            a1 = x[t + _ROW]
+            a2 = x[t + 2 * _ROW]
+            b0 = y[t]
+            b1 = y[t + _ROW]
+            b2 = y[t + 2 * _ROW]
             s00 += a0 * b0
             s01 += a0 * b1
             s02 += a0 * b2
@@ -155,241 +230,146 @@ def _kernel() -> Callable[..., None]:
             s20 += a2 * b0
             s21 += a2 * b1
             s22 += a2 * b2
-        out[0], out[1], out[2] = out[0] + s00, out[1] + s01, out[2] + s02
-        out[step], out[step + 1], out[step + 2] = (
-            out[step] + s10,
-            out[step + 1] + s11,
-            out[step + 2] + s12,
-        )
-        step *= 2
-        out[step], out[step + 1], out[step + 2] = (
-            out[step] + s20,
-            out[step + 1] + s21,
-            out[step + 2] + s22,
-        )
+        out[0] += s00
+        out[1] += s01
+        out[2] += s02
+        out[stride] += s10
+        out[stride + 1] += s11
+        out[stride + 2] += s12
+        out[2 * stride] += s20
+        out[2 * stride + 1] += s21
+        out[2 * stride + 2] += s22
 
-    def dot32(x, y, b, out):
+    def multiply_3_by_2(x, y, count, out):
         s00 = s01 = s10 = s11 = s20 = s21 = 0.0
-        for t in range(b):
-            a0, a1, a2, b0, b1 = x[t], x[t + _ROW], x[t + 2 * _ROW], y[t], y[t + _ROW]
+        for t in range(count):
+            a0 = x[t]
+            a1 = x[t + _ROW]
+            a2 = x[t + 2 * _ROW]
+            b0 = y[t]
+            b1 = y[t + _ROW]
             s00 += a0 * b0
             s01 += a0 * b1
             s10 += a1 * b0
             s11 += a1 * b1
             s20 += a2 * b0
             s21 += a2 * b1
-        out[0], out[1], out[2] = out[0] + s00, out[1] + s01, out[2] + s10
-        out[3], out[4], out[5] = out[3] + s11, out[4] + s20, out[5] + s21
+        out[0] += s00
+        out[1] += s01
+        out[2] += s10
+        out[3] += s11
+        out[4] += s20
+        out[5] += s21
 
+    # sums of products in any order, so that they are taken several at a time
     fast = {"reassoc", "contract", "nsz"}
-    threes, twos = inline(dot33, fastmath=fast), inline(dot32, fastmath=fast)
+    by_threes = inline(multiply_3_by_3, fastmath=fast)
+    by_twos = inline(multiply_3_by_2, fastmath=fast)
 
-    def load(x, places, channels, start, b):
-        if abs(channels.strides[0]) < abs(
-            channels.strides[1]
-        ):  # the channels of a sample lie side by side
-            for t in range(b):
+    def load(rows, places, channels, start, count):
+        """Copy channels into their rows, in the order in which they lie in memory."""
+        if abs(channels.strides[0]) < abs(channels.strides[1]):
+            for t in range(count):
                 for j in range(channels.shape[0]):
-                    x[places[j] * _ROW + t] = channels[j, start + t]
+                    rows[places[j] * _ROW + t] = channels[j, start + t]
         else:
             for j in range(channels.shape[0]):
-                row = address_of(x, places[j] * _ROW)
-                for t in range(b):
+                row = address_of(rows, places[j] * _ROW)
+                for t in range(count):
                     row[t] = channels[j, start + t]
 
+    def add_up(rows, sums, n_sums, masses, n_dof, count):
+        """F - m a of all DOFs above each cut, from the sum above the one before."""
+        top = n_dof
+        for i in range(n_sums):
+            row = address_of(rows, 3 * (n_dof + i) * _ROW)
+            before = address_of(row, -3 * _ROW)
+            for t in range(count):
+                row[t] = before[t] if i > 0 else 0.0
+            for j in range(sums[i], top):
+                a = address_of(rows, 3 * j * _ROW)
+                force = address_of(a, _ROW)
+                for t in range(count):
+                    row[t] += force[t] - masses[j] * a[t]
+            top = sums[i]
+
+    def build(rows, steps, n_steps, count):
+        """Terms by one multiplication each."""
+        for k in range(n_steps):
+            row = address_of(rows, steps[3 * k] * _ROW)
+            channel = address_of(rows, steps[3 * k + 1] * _ROW)
+            if steps[3 * k + 2] < 0:
+                for t in range(count):
+                    row[t] = channel[t]
+            else:
+                factor = address_of(rows, steps[3 * k + 2] * _ROW)
+                for t in range(count):
+                    row[t] = factor[t] * channel[t]
+
+    def multiply(rows, pairs, n_pairs, store, count):
+        """Rows i..i+m times rows j..j+c, row-major; equal rows up to the diagonal."""
+        for k in range(n_pairs):
+            pair = address_of(pairs, 5 * k)
+            i = pair[0]
+            m = pair[1]
+            j = pair[2]
+            c = pair[3]
+            out = address_of(store, pair[4])
+            for p in range(0, m, 3):
+                left = address_of(rows, (i + p) * _ROW)
+                if c == 2:
+                    right = address_of(rows, j * _ROW)
+                    by_twos(left, right, count, address_of(out, 2 * p))
+                else:
+                    for q in range(0, p + 3 if i == j else c, 3):
+                        right = address_of(rows, (j + q) * _ROW)
+                        by_threes(left, right, count, address_of(out, p * c + q), c)
+
     loaded = inline(load)
+    added_up = inline(add_up)
+    built = inline(build)
+    multiplied = inline(multiply)
 
-    def gram_pass(a, force, source, places, steps, sums, masses, pairs, x, store):
-        n, size, n_sums, n_steps, n_pairs = (
-            a.shape[0],
-            a.shape[1],
-            sums.size,
-            steps.shape[0],
-            pairs.shape[0],
+    def gram_pass(a, force, source, places, steps, sums, masses, pairs, scratch, store):
+        n_dof = a.shape[0]
+        n_samples = a.shape[1]
+        n_sums = sums.size
+        n_steps = steps.shape[0]
+        n_pairs = pairs.shape[0]
+        rows, store, steps, pairs, sums, masses, of_a = addresses(
+            (scratch, store, steps, pairs, sums, masses, places)
         )
-        x, store, steps, pairs, sums, masses, of_a = addresses(
-            (x, store, steps, pairs, sums, masses, places)
-        )
-        of_force, of_source = address_of(of_a, n), address_of(of_a, 2 * n)
-        for start in range(0, size, TILE):
-            b = min(TILE, size - start)
-            loaded(x, of_a, a, start, b)
-            loaded(x, of_force, force, start, b)
-            loaded(x, of_source, source, start, b)
-            end = n
-            for i in range(n_sums):
-                row = address_of(x, 3 * (n + i) * _ROW)
-                before = address_of(row, -3 * _ROW)
-                for t in range(b):
-                    row[t] = before[t] if i > 0 else 0.0
-                for j in range(sums[i], end):
-                    given = address_of(x, 3 * j * _ROW)
-                    for t in range(b):
-                        row[t] += given[t + _ROW] - masses[j] * given[t]
-                end = sums[i]
-            for k in range(n_steps):
-                row, of = (
-                    address_of(x, steps[3 * k] * _ROW),
-                    address_of(x, steps[3 * k + 1] * _ROW),
-                )
-                if steps[3 * k + 2] < 0:
-                    for t in range(b):
-                        row[t] = of[t]
-                else:
-                    by = address_of(x, steps[3 * k + 2] * _ROW)
-                    for t in range(b):
-                        row[t] = by[t] * of[t]
-            for k in range(
-                n_pairs
-                # rows i..i+m times rows j..j+c, row-major; only once for a pair of
-                # equal rows
-            ):
-                pair = address_of(pairs, 5 * k)
-                i, m, j, c, out = (
-                    pair[0],
-                    pair[1],
-                    pair[2],
-                    pair[3],
-                    address_of(store, pair[4]),
-                )
-                for p in range(0, m, 3):
-                    left = address_of(x, (i + p) * _ROW)
-                    if c == 2:
-                        twos(left, address_of(x, j * _ROW), b, address_of(out, 2 * p))
-                    else:
-                        for q in range(0, p + 3 if i == j else c, 3):
-                            threes(
-                                left,
-                                address_of(x, (j + q) * _ROW),
-                                b,
-                                address_of(out, p * c + q),
-                                c,
-                            )
+        of_force = address_of(of_a, n_dof)
+        of_source = address_of(of_a, 2 * n_dof)
 
-    multiply_all = jit(
-        gram_pass
-    )  # one machine code, however the user's arrays lie in memory
-    given, whole = (
-        types.Array(types.float64, 2, "A", readonly=True),
-        types.Array(types.float64, 2, "C"),
+        for start in range(0, n_samples, TILE):
+            count = min(TILE, n_samples - start)
+            loaded(rows, of_a, a, start, count)
+            loaded(rows, of_force, force, start, count)
+            loaded(rows, of_source, source, start, count)
+            added_up(rows, sums, n_sums, masses, n_dof, count)
+            built(rows, steps, n_steps, count)
+            multiplied(rows, pairs, n_pairs, store, count)
+
+    compiled = jit(gram_pass)
+    channels = types.Array(types.float64, 2, "A", readonly=True)
+    numbers = types.Array(types.int64, 1, "C")
+    table = types.Array(types.int64, 2, "C")
+    line = types.Array(types.float64, 1, "C")
+    matrix = types.Array(types.float64, 2, "C")
+    compiled.compile(
+        (
+            channels,
+            channels,
+            channels,
+            numbers,
+            table,
+            numbers,
+            line,
+            table,
+            matrix,
+            line,
+        )
     )
-    kinds = (types.int64, 2), (types.int64, 1), (types.float64, 1)
-    table, starts, line = (types.Array(kind, n, "C") for kind, n in kinds)
-    multiply_all.compile(
-        (given, given, given, starts, table, starts, line, table, whole, line)
-    )
-    multiply_all.disable_compile()
-    return multiply_all
-
-
-OWN, KNOWN, MASS = range(3)  # roles of a column in a step of the solve order
-
-
-@cache
-def compiled_solve() -> Callable[..., None]:
-    """Masses (known ones preset) and coefficients by fit; dependent columns: NaN if
-    strict, else zero for one.
-    """
-    from ..common.compiled import address_of, addresses, jit, part
-
-    def least_squares(gram, p, columns, width, target, values, work, strict):
-        """Solve for columns scaled to unit length; False where they depend on each
-        other.
-        """
-        scale = address_of(work, p * p)
-        for i in range(width):
-            size = gram[columns[i] * (p + 1)]
-            if not (size < np.inf and (size > 0.0 or not strict)):
-                return False
-            scale[i] = 1.0 / math.sqrt(size) if size > 0.0 else 0.0
-        for i in range(width):
-            row, products = address_of(work, i * p), address_of(gram, columns[i] * p)
-            dot = 0.0
-            for j in range(p):
-                if target[j] != 0.0:
-                    dot += products[j] * target[j]
-            values[i] = dot * scale[i]
-            for j in range(i + 1):
-                above = address_of(work, j * p)
-                part = products[columns[j]] * scale[i] * scale[j]
-                for k in range(j):
-                    part -= row[k] * above[k]
-                if i != j:
-                    row[j] = part / above[j]
-                elif part > 9e-16 * (width + 1):
-                    row[i] = math.sqrt(part)
-                elif not strict:
-                    row[i] = np.inf  # its coefficient becomes zero
-                else:
-                    return False
-            for k in range(i):
-                values[i] -= row[k] * values[k]
-            values[i] /= row[i]
-        for i in range(width - 1, -1, -1):
-            for k in range(i + 1, width):
-                values[i] -= work[k * p + i] * values[k]
-            values[i] /= work[i * p + i]
-        for i in range(width):
-            values[i] *= scale[i]
-        return True
-
-    solved = part(least_squares)
-
-    def chain(
-        fit, strict, n, at, steps, entries, dofs, masses, theta, scratch, columns
-    ):
-        n_fits, n_groups, p, n_steps = (
-            fit.shape[0],
-            fit.shape[1],
-            fit.shape[2],
-            steps.shape[0],
-        )
-        fit, steps, entries, dofs, masses, theta, target, columns = addresses(
-            (fit, steps, entries, dofs, masses, theta, scratch, columns)
-        )
-        values, work = address_of(target, p), address_of(target, 2 * p)
-        for b in range(n_fits):
-            own, weights = address_of(theta, b * p), address_of(masses, b * n)
-            for i in range(n_steps):
-                step = address_of(
-                    steps,
-                    6 * i,
-                    # group, entries from and to, DOFs from and to, whether masses are
-                    # free
-                )
-                for k in range(p):
-                    target[k] = 0.0
-                for d in range(step[3], step[4]):
-                    target[at + n + dofs[d]] += 1.0
-                    if not step[5]:
-                        target[at + dofs[d]] -= weights[dofs[d]]
-                width = np.int64(0)
-                for e in range(step[1], step[2]):
-                    entry = address_of(entries, 4 * e)  # column, sign, role, DOF
-                    if entry[2] == KNOWN:
-                        target[entry[0]] -= entry[1] * own[entry[0]]
-                    else:
-                        columns[width] = entry[0]
-                        width += 1
-                gram = address_of(fit, (b * n_groups + step[0]) * p * p)
-                if not solved(gram, p, columns, width, target, values, work, strict):
-                    for k in range(p):
-                        own[k] = np.nan
-                    break
-                width = np.int64(0)
-                for e in range(step[1], step[2]):
-                    entry = address_of(entries, 4 * e)
-                    if entry[2] == OWN:
-                        own[entry[0]] = entry[1] * values[width]
-                    elif entry[2] == MASS:
-                        weights[entry[3]] = values[width]
-                    if entry[2] != KNOWN:
-                        width += 1
-
-    compiled = jit(chain)
-
-    def solve(fit: np.ndarray, *given: Any) -> None:
-        p = fit.shape[2]
-        compiled(fit, *given, np.empty(p * (p + 3)), np.empty(p, dtype=np.int64))
-
-    return solve
+    compiled.disable_compile()
+    return compiled

@@ -1,13 +1,16 @@
-"""PySINDy optimizers on the sub-problems of a chain, each given as the triangular
-factor of all its samples.
+"""PySINDy optimizers on the sub-problems of a chain.
+
+Each sub-problem is given as the triangular factor of all its samples.
 """
 
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 from sklearn.base import clone
+from sklearn.utils import check_random_state
 
 from ..exceptions import NRFError, NRFWarning
 
@@ -26,19 +29,25 @@ _SWITCHES = (
         "Set trimming_fraction=0, and cut outliers out of the records.",
     ),
 )
-_USE = (
+_USE_ANOTHER = (
     "Use STLSQ, SR3, SSR or FROLS of PySINDy, or scikit-learn's"
     " Ridge(fit_intercept=False)."
 )
-# coefficients from 200 rows and from their factor agree to some 1e-12, or differ by
-# more than 1e-3
-_SAME = 1e-6
+# Coefficients from 200 rows and from their factor agree to some 1e-12, or differ by
+# more than 1e-3.
+SAME_COEFFICIENTS = 1e-6
+N_TEST_ROWS = 200
+N_TEST_COLUMNS = 4
+
+# By class, settings and number of columns; a shape search solves thousands of
+# sub-problems with one optimizer, and a verdict takes two fits.
 _verdicts: dict[tuple[type, str, int], bool | None] = {}
 
 
 def balance_optimizer(optimizer: Any) -> Any:
-    """The PySINDy optimizer that runs on every balance: that inside a chain optimizer,
-    or the given one itself.
+    """The PySINDy optimizer that runs on every equation.
+
+    It is that inside a chain optimizer, or the given one itself.
     """
     inside = getattr(optimizer, "balance_optimizer", None)
     return optimizer if inside is None else inside()
@@ -46,14 +55,14 @@ def balance_optimizer(optimizer: Any) -> Any:
 
 def fit_inner(
     optimizer: Any, columns: np.ndarray, target: np.ndarray
-) -> tuple[np.ndarray, Any, tuple]:
-    """Coefficients of a sub-problem, the clone of the optimizer that found them, and
-    what it warned of.
-    """
-    name, p = type(optimizer).__name__, columns.shape[1]
+) -> tuple[np.ndarray, Any, tuple[tuple[type[Warning], str], ...]]:
+    """Coefficients of a sub-problem, the fitted clone, and what it warned of."""
+    name = type(optimizer).__name__
+    p = columns.shape[1]
     if not hasattr(optimizer, "fit") or isinstance(optimizer, type):
-        cure = "Give an instance, e.g. pysindy.STLSQ(threshold=0.01)."
-        raise NRFError(f"optimizer={optimizer!r} is not an optimizer", cure)
+        what = f"optimizer={optimizer!r} is not an optimizer"
+        raise NRFError(what, "Give an instance, e.g. pysindy.STLSQ(threshold=0.01).")
+
     try:
         require_quadratic(optimizer, p)
         with warnings.catch_warnings(record=True, action="always") as caught:
@@ -61,92 +70,126 @@ def fit_inner(
     except NRFError:
         raise
     except Exception as error:
+        cure = _USE_ANOTHER
         inside = getattr(getattr(optimizer, "optimizer", None), "estimator", None)
-        cure = (
-            _USE if inside is None else f"Give what is inside it: optimizer={inside!r}."
+        if inside is not None:
+            cure = f"Give what is inside it: optimizer={inside!r}."
+        what = f"{name} cannot fit one balance of {p} terms ({error})"
+        raise NRFError(what, cure) from error
+
+    n_finite = int(np.isfinite(coefficients).sum())
+    if coefficients.size != p or n_finite != p:
+        what = (
+            f"{name} returned {n_finite} finite coefficients of {coefficients.size} for"
+            f" {p} terms"
         )
-        raise NRFError(
-            f"{name} cannot fit one balance of {p} terms ({error})", cure
-        ) from error
-    if coefficients.size != p or not np.isfinite(coefficients).all():
-        good = np.isfinite(coefficients).sum()
-        raise NRFError(
-            f"{name} returned {good} finite coefficients of {coefficients.size} for {p}"
-            " terms",
-            _USE,
-        )
-    said = ((w.category, f"{name}: {w.message}") for w in caught)
-    none = NRFWarning, f"{name}: no term reached the threshold; the law is zero"
-    return (
-        coefficients,
-        fitted,
-        tuple(
-            none if "eliminated all" in text else (kind, text) for kind, text in said
-        ),
-    )
+        raise NRFError(what, _USE_ANOTHER)
+    return coefficients, fitted, tuple(_in_our_words(caught, name))
+
+
+def _in_our_words(
+    caught: list[warnings.WarningMessage], name: str
+) -> Iterator[tuple[type[Warning], str]]:
+    """Kinds and texts of warnings, with the name of the optimizer."""
+    for warning in caught:
+        text = f"{name}: {warning.message}"
+        if "eliminated all" in text:
+            yield NRFWarning, f"{name}: no term reached the threshold; the law is zero"
+        else:
+            yield warning.category, text
 
 
 def _fit(
     optimizer: Any, columns: np.ndarray, target: np.ndarray
 ) -> tuple[Any, np.ndarray]:
+    """A fitted clone, and its coefficients."""
     fitted = clone(optimizer)
     fitted.fit(columns, target.reshape(-1, 1))
     return fitted, np.asarray(fitted.coef_, dtype=float).ravel()
 
 
 def require_quadratic(optimizer: Any, p: int) -> None:
-    """Refuse an optimizer that answers otherwise on the triangular factor of its data
-    than on the data.
-    """
+    """Refuse an optimizer that reads more of its data than their products."""
     if _is_quadratic(optimizer, p):
         return
-    given = optimizer.get_params(deep=False)
-    cures = (
-        cure
-        for switch, off, cure in _SWITCHES
-        if given.get(switch)
-        and (off is None or _is_quadratic(type(optimizer)(**{**given, switch: off}), p))
-    )
-    raise NRFError(
+
+    cure = _USE_ANOTHER
+    settings = optimizer.get_params(deep=False)
+    for switch, harmless, own_cure in _SWITCHES:
+        if not settings.get(switch):
+            continue
+        other = {**settings, switch: harmless}
+        if harmless is None or _is_quadratic(type(optimizer)(**other), p):
+            cure = own_cure
+            break
+    what = (
         f"{optimizer!r} finds other coefficients from the triangular factor of the"
         " samples, which a sub-problem is, than from the samples: it shifts, drops,"
-        " draws or counts rows",
-        next(cures, _USE),
+        " draws or counts rows"
     )
+    raise NRFError(what, cure)
 
 
 def _is_quadratic(optimizer: Any, p: int) -> bool:
-    """Whether random rows and their triangular factor give the same coefficients; True
-    where the rows fail.
+    """Whether rows and their triangular factor give the same coefficients.
+
+    True where the rows cannot be fitted. Settings may be for p columns.
     """
-    verdict = _verdict(optimizer, 4)
-    return (
-        _verdict(optimizer, p) if verdict is None else verdict
-    ) is not False  # None: settings for p columns
+    verdict = _verdict(optimizer, N_TEST_COLUMNS)
+    if verdict is None:
+        verdict = _verdict(optimizer, p)
+    return verdict is not False
 
 
 def _verdict(optimizer: Any, p: int) -> bool | None:
+    """Whether random rows and their factor give the same; None if the rows fail."""
     key = type(optimizer), str(optimizer.get_params()), p
     if key not in _verdicts:
-        rng = np.random.default_rng(p)
-        found: list[np.ndarray] = []
-        rows = rng.standard_normal((200 + p, p + 1))
-        rows[:, p] += rows[:, :p] @ (
-            np.geomspace(1e3, 1e-2, p) * rng.choice([-1.0, 1.0], p)
-        )
-        # noqa: NPY002 - of the generator from which PySINDy draws; left as it was
-        state = np.random.get_state()
-        with warnings.catch_warnings(action="ignore"):
-            for data in (rows, np.asarray(np.linalg.qr(rows, mode="r"))):
-                with suppress(Exception):
-                    found.append(_fit(optimizer, data[:, :p], data[:, p])[1])
-                np.random.set_state(state)  # noqa: NPY002
-                if not found:
-                    break
-        _verdicts[key] = False if found else None
-        if len(found) == 2 and found[0].shape == found[1].shape:
-            size = np.abs(found[0]).max(initial=0.0)
-            _verdicts[key] = bool(
-                np.allclose(found[0], found[1], rtol=_SAME, atol=1e-9 * size)
-            )
+        _verdicts[key] = _compared(optimizer, p)
     return _verdicts[key]
+
+
+def _compared(optimizer: Any, p: int) -> bool | None:
+    rng = np.random.default_rng(p)
+    rows = rng.standard_normal((N_TEST_ROWS + p, p + 1))
+    rows[:, p] += rows[:, :p] @ (
+        np.geomspace(1e3, 1e-2, p) * rng.choice([-1.0, 1.0], p)
+    )
+    factor = np.asarray(np.linalg.qr(rows, mode="r"))
+
+    of_rows = _coefficients(optimizer, rows)
+    if of_rows is None:
+        return None
+    of_factor = _coefficients(optimizer, factor)
+    if of_factor is None or of_factor.shape != of_rows.shape:
+        return False
+    size = np.abs(of_rows).max(initial=0.0)
+    return bool(
+        np.allclose(of_rows, of_factor, rtol=SAME_COEFFICIENTS, atol=1e-9 * size)
+    )
+
+
+def _coefficients(optimizer: Any, rows: np.ndarray) -> np.ndarray | None:
+    """Coefficients of the last column on the others; None if the fit fails."""
+    with (
+        same_draws(),
+        warnings.catch_warnings(action="ignore"),
+        suppress(Exception),
+    ):
+        return _fit(optimizer, rows[:, :-1], rows[:, -1])[1]
+    return None
+
+
+@contextmanager
+def same_draws() -> Iterator[None]:
+    """Leave NumPy's global generator as it was, whatever is drawn from it.
+
+    PySINDy draws from it. So two fits draw the same, and the user's own draws do not
+    depend on our tests.
+    """
+    generator = check_random_state(None)  # the global one
+    state = generator.get_state()
+    try:
+        yield
+    finally:
+        generator.set_state(state)

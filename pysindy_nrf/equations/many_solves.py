@@ -1,32 +1,54 @@
-"""The chain solve on many Gram matrices at once: what ranks the candidates.
+"""The compiled solve: many sums of products at once, which ranks candidates.
 
-The equations are those of :mod:`pysindy_nrf.equations.chain_solve` with plain least
-squares, compiled, so that every law, site, shape and fold costs microseconds. The model
-that is reported is solved by ``chain_solve.solve`` itself, with which this agrees to
-round-off (tested).
+It solves the equations of :mod:`pysindy_nrf.equations.chain_solve` by plain least
+squares, so that every law, site, shape and fold costs microseconds. The model that is
+reported is solved by ``chain_solve.solve`` itself, with which this agrees to round-off
+(tested).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from ..chain.identifiability import SolveOrder, Step
-from ..chain.layout import Layout
+from ..chain.identifiability import SolveOrder
+from ..chain.layout import Group, Layout
 from ..chain.sites import Site
-from .chain_solve import groups_of
-from .compiled_sums import KNOWN, MASS, OWN, compiled_solve
+from .compiled_solve import KNOWN, MASS, OWN, compiled_solve
+from .normal_equations import groups_of
 
-RIDGE = (
-    1e-12  # of scaled Gram matrices: above round-off, far below what any channel tells
-)
+# Ridge of scaled products: above round-off, far below what any channel determines.
+RIDGE = 1e-12
 
 
-class ChainFit:
-    """Masses and coefficients of one set of columns from Gram matrices, and the rows of
-    residuals.
+class CompiledChainSolve:
+    """Masses and coefficients of one set of columns, from many sums of products.
 
-    ``where`` are the rows of the Gram matrices that hold the terms of each site; ``at``
-    is that of a_1; F_1.. follow.
+    Parameters
+    ----------
+    layout : Layout
+    order : SolveOrder
+        Every equation by itself, complete or sequential.
+    known_masses : mapping of int to float
+        kg.
+    where : mapping of Site to sequence of int
+        Rows of the products that hold the terms of each site.
+    at : int
+        Row of a_1; those of a_2.. and F_1.. follow.
+    forced : sequence of int
+        DOFs on which a force acts.
+
+    Attributes
+    ----------
+    groups : list of Group
+        Equations, and sums of equations, of which products are needed.
+    own : list of list of int
+        By group the rows that stand in it.
+    judged : list of int
+        By equation the group that is judged: itself, or with all above it where they
+        are solved together.
     """
 
     def __init__(
@@ -38,141 +60,198 @@ class ChainFit:
         at: int,
         forced: Sequence[int],
     ) -> None:
-        self.layout, self.order, self.known_masses, self.where, self.at = (
-            layout,
-            order,
-            dict(known_masses),
-            where,
-            at,
-        )
-        n = self.n = layout.n_dof
+        self.layout = layout
+        self.order = order
+        self.known_masses = dict(known_masses)
+        self.where = where
+        self.at = at
+        self.forced = forced
+        self.n = layout.n_dof
+
         self.groups = groups_of(layout, order)
-        # Rows that stand in each group of balances.
-        self.own = [
-            [
-                *(at + k + j - 1 for k in (0, n) for j in g.dofs),
-                *(int(c) for s in g.sites for c in where[s]),
-            ]
-            for g in self.groups
-        ]
-        index = {g.dofs: u for u, g in enumerate(self.groups)}
-        self._known = np.array([self.known_masses.get(j, 0.0) for j in range(1, n + 1)])
-        entries: list[tuple[int, int, int, int]] = []
+        number = {group.dofs: k for k, group in enumerate(self.groups)}
+        self.judged = []
+        for dof in range(1, self.n + 1):
+            above = tuple(range(dof, self.n + 1))
+            self.judged.append(number[above] if above in number else number[(dof,)])
+
+        self.own = [self._rows_in(group) for group in self.groups]
+        self._tables = self._solve_tables(number)
+        self._preset = _mass_line(self.known_masses, self.n)
+        self._combinations = self._combination_table()
+
+    def _rows_in(self, group: Group) -> list[int]:
+        """Rows that stand in an equation."""
+        rows = [self.at + dof - 1 for dof in group.dofs]
+        rows.extend(self.at + self.n + dof - 1 for dof in group.dofs)
+        for site in group.sites:
+            rows.extend(map(int, self.where[site]))
+        return rows
+
+    def _solve_tables(self, number: Mapping[tuple[int, ...], int]) -> _SolveTables:
+        """The steps of the order in numbers, as the compiled solve reads them."""
         steps: list[tuple[int, ...]] = []
+        entries: list[tuple[int, int, int, int]] = []
         dofs: list[int] = []
-        for step in order.steps:
-            signs = {
-                s: sum(s.incidence(j) for j in step.dofs)
-                for s in (*step.sites, *step.known_sites)
-            }
-            begin, first = len(entries), len(dofs)
-            entries += [(at + j - 1, 1, MASS, j - 1) for j in step.masses]
-            entries += [
-                (int(c), signs[s], OWN, 0) for s in step.sites for c in where[s]
-            ]
-            entries += [
-                (int(c), signs[s], KNOWN, 0) for s in step.known_sites for c in where[s]
-            ]
-            dofs += [j - 1 for j in step.dofs]
-            steps.append(
-                (
-                    index[step.dofs],
-                    begin,
-                    len(entries),
-                    first,
-                    len(dofs),
-                    int(bool(step.masses)),
-                )
-            )
-        self._plan = (
+        for step in self.order.steps:
+            first_entry, first_dof = len(entries), len(dofs)
+            for dof in step.masses:
+                entries.append((self.at + dof - 1, 1, MASS, dof - 1))
+            for role, sites in ((OWN, step.sites), (KNOWN, step.known_sites)):
+                for row, sign in self._signed_terms(sites, step.dofs):
+                    entries.append((row, sign, role, 0))
+            dofs.extend(dof - 1 for dof in step.dofs)
+            free_mass = int(bool(step.masses))
+            spans = (first_entry, len(entries), first_dof, len(dofs))
+            steps.append((number[step.dofs], *spans, free_mass))
+        return _SolveTables(
             np.array(steps, dtype=np.int64).reshape(-1, 6),
             np.array(entries, dtype=np.int64).reshape(-1, 4),
             np.array(dofs, dtype=np.int64),
         )
-        # Balance j is judged by itself, or with all above it where they are solved
-        # together.
-        above = [tuple(range(j, n + 1)) for j in range(1, n + 1)]
-        self.judged = [
-            index[a] if a in index else index[j + 1,] for j, a in enumerate(above)
-        ]
-        given = {
-            step.dofs: [
-                (int(c), sum(s.incidence(j) for j in step.dofs))
-                for s in step.known_sites
-                for c in where[s]
-            ]
-            for step in order.steps
-        }
-        # What rows of residuals and, n below, references hold: row, column, place in
-        # masses and coefficients, factor.
-        held: list[tuple[int, int, int, int]] = []
-        for i, group in enumerate(self.groups[u] for u in self.judged):
-            seen, below = group.dofs, n + i
-            held += [
-                (i, int(c), n + 1 + int(c), sign)
-                for s, sign in zip(group.sites, group.signs)
-                for c in where[s]
-            ]
-            held += [
-                entry
-                for j in seen
-                for entry in ((i, at + j - 1, j - 1, 1), (i, at + n + j - 1, n, -1))
-            ]
-            if len(seen) > 1 or (
-                seen[0] not in forced and seen[0] in self.known_masses
-            ):
-                held += [(below, at + j - 1, j - 1, 1) for j in seen]
-            if len(seen) > 1 or seen[0] in forced:
-                held += [
-                    (below, at + n + j - 1, n, -1 if len(seen) > 1 else 1) for j in seen
-                ]
-            # what was known before: the inertia, or the storey above; a free mass may
-            # vanish
-            else:
-                held += [(below, c, n + 1 + c, sign) for c, sign in given.get(seen, [])]
-        self._held = np.array(held, dtype=int).T
+
+    def _signed_terms(
+        self, sites: Sequence[Site], dofs: Sequence[int]
+    ) -> list[tuple[int, int]]:
+        """Rows of the terms at some sites, with their signs in a sum of equations."""
+        terms = []
+        for site in sites:
+            sign = sum(map(site.incidence, dofs))
+            for row in self.where[site]:
+                terms.append((int(row), sign))
+        return terms
+
+    def _combination_table(self) -> np.ndarray:
+        """How residuals and references follow from masses and coefficients.
+
+        Columns are the equation (references n further), the row of the products, the
+        place among ``[masses | 1 | coefficients]``, and the factor.
+        """
+        known_terms = {}
+        for step in self.order.steps:
+            known_terms[step.dofs] = self._signed_terms(step.known_sites, step.dofs)
+
+        table: list[tuple[int, int, int, int]] = []
+        for equation, number in enumerate(self.judged):
+            group = self.groups[number]
+            terms = self._signed_terms(group.sites, group.dofs)
+            residual = self._term_entries(terms)
+            residual.extend(self._inertia_entries(group.dofs))
+            residual.extend(self._force_entries(group.dofs, -1))
+            known = known_terms.get(group.dofs, [])
+            reference = self._reference_entries(group.dofs, known)
+
+            table.extend((equation, *entry) for entry in residual)
+            table.extend((self.n + equation, *entry) for entry in reference)
+        return np.array(table, dtype=np.int64).T
+
+    def _reference_entries(
+        self, dofs: tuple[int, ...], known_terms: list[tuple[int, int]]
+    ) -> list[tuple[int, int, int]]:
+        """What an equation was known by: its force, its inertia, or the storey above.
+
+        A free mass is no reference: it may vanish.
+        """
+        summed = len(dofs) > 1
+        is_forced = dofs[0] in self.forced
+        if summed:
+            return self._inertia_entries(dofs) + self._force_entries(dofs, -1)
+        if is_forced:
+            return self._force_entries(dofs, 1)
+
+        entries = self._term_entries(known_terms)
+        if dofs[0] in self.known_masses:
+            entries.extend(self._inertia_entries(dofs))
+        return entries
+
+    def _term_entries(self, terms: list[tuple[int, int]]) -> list[tuple[int, int, int]]:
+        return [(row, self.n + 1 + row, sign) for row, sign in terms]
+
+    def _inertia_entries(self, dofs: Sequence[int]) -> list[tuple[int, int, int]]:
+        return [(self.at + dof - 1, dof - 1, 1) for dof in dofs]
+
+    def _force_entries(
+        self, dofs: Sequence[int], sign: int
+    ) -> list[tuple[int, int, int]]:
+        first = self.at + self.n
+        return [(first + dof - 1, self.n, sign) for dof in dofs]
 
     def beside(self, rows: Sequence[int]) -> list[int]:
-        """The rows that stand in a balance with some of these."""
-        return sorted(
-            set().union(*(own for own in self.own if not set(own).isdisjoint(rows)))
-        )
+        """Rows that stand in an equation together with some of these."""
+        return _beside(rows, self.own)
 
     def solve(
         self, fit: np.ndarray, strict: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices
-        (n_fits, n_groups, p, p).
+        """Masses (n_fits, n_dof) and coefficients (n_fits, p).
+
+        ``fit`` are sums of products (n_fits, n_groups, p, p). Where columns depend on
+        each other coefficients are NaN if ``strict``; else one of them is zero.
         """
-        masses = np.tile(self._known, (len(fit), 1))
+        masses = np.tile(self._preset, (len(fit), 1))
         theta = np.zeros((len(fit), fit.shape[2]))
-        compiled_solve()(
-            np.ascontiguousarray(fit),
-            strict,
-            self.n,
-            self.at,
-            *self._plan,
-            masses,
-            theta,
-        )
+        sums = np.ascontiguousarray(fit)
+        compiled_solve()(sums, strict, self.n, self.at, *self._tables, masses, theta)
         return masses, theta
 
     def rows(
         self, masses: np.ndarray, theta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Combinations of columns that are the residual and the reference of each
-        judged balance, (n_fits, n, p).
+        """Combinations of rows that are residual and reference of each equation.
+
+        Both are (n_fits, n_dof, p).
         """
-        row, column, place, factor = self._held
-        values = np.concatenate([masses, np.ones((len(masses), 1)), theta], axis=1)
+        row, column, place, factor = self._combinations
+        ones = np.ones((len(masses), 1))
+        values = np.concatenate([masses, ones, theta], axis=1)
         out = np.zeros((len(masses), 2 * self.n, theta.shape[1]))
         out[:, row, column] = factor * values[:, place]
         return out[:, : self.n], out[:, self.n :]
 
 
-class ChannelFit(ChainFit):
-    """Masses and coefficients from measured channels: one sum of all columns, whatever
-    balances they stand in.
+class _SolveTables(NamedTuple):
+    """A solve order in numbers.
+
+    ``steps`` are group, entries from and to, DOFs from and to, whether the mass is
+    free; ``entries`` are row, sign, role and DOF of a column; ``dofs`` count from 0.
+    """
+
+    steps: np.ndarray
+    entries: np.ndarray
+    dofs: np.ndarray
+
+
+def _beside(rows: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
+    """Rows of the groups in which some rows stand."""
+    wanted = set(rows)
+    beside: set[int] = set()
+    for own in groups:
+        if not wanted.isdisjoint(own):
+            beside.update(own)
+    return sorted(beside)
+
+
+def _mass_line(known_masses: Mapping[int, float], n_dof: int) -> np.ndarray:
+    """Known masses by DOF, zero where they are not known."""
+    return np.array([known_masses.get(dof, 0.0) for dof in range(1, n_dof + 1)])
+
+
+class ChannelSolve(CompiledChainSolve):
+    """Masses and coefficients from measured channels, where floors have no sensor.
+
+    All columns stand in one sum of products, whatever equations their forces enter. It
+    shares nothing with its base but what is asked of both, :class:`ManySolver`.
+
+    Parameters
+    ----------
+    layout : Layout
+    known_masses : mapping of int to float
+        kg.
+    where : mapping of Site to sequence of int
+        Rows of the products that hold the terms of each site.
+    at : int
+        Row of what the inertia of DOF 1 does to the channels; those of the other DOFs,
+        of the forces, and the channels themselves follow.
     """
 
     def __init__(
@@ -182,53 +261,62 @@ class ChannelFit(ChainFit):
         where: Mapping[Site, Sequence[int]],
         at: int,
     ) -> None:
-        n = self.n = layout.n_dof
-        self.groups, self.judged, self.at = [Step((1,), (), ())], [0], at  # type: ignore[list-item]
-        self._known = np.array([known_masses.get(j, 0.0) for j in range(1, n + 1)])
-        self._terms = [int(c) for s in layout.sites for c in where[s]]
-        self._free = [j for j in range(n) if j + 1 not in known_masses]
-        self.own = [[*range(at, at + n + 2), *self._terms]]
+        self.n = layout.n_dof
+        self.at = at
+        self.groups = [Group((1,), (), ())]
+        self.judged = [0]
+        self._preset = _mass_line(known_masses, self.n)
+        self._free = [j for j in range(self.n) if j + 1 not in known_masses]
+        self._terms: list[int] = []
+        for site in layout.sites:
+            self._terms.extend(map(int, where[site]))
+        self.own = [[*range(at, at + self.n + 2), *self._terms]]
+
+    def beside(self, rows: Sequence[int]) -> list[int]:
+        """Rows that stand in an equation together with some of these: all of them."""
+        return _beside(rows, self.own)
 
     def solve(
         self, fit: np.ndarray, strict: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Masses (n_fits, n_dof) and coefficients (n_fits, p) from Gram matrices
-        (n_fits, 1, p, p).
+        """Masses (n_fits, n_dof) and coefficients (n_fits, p).
+
+        ``fit`` are sums of products (n_fits, 1, p, p).
         """
-        grams, at, n = fit[:, 0], self.at, self.n
-        columns = self._terms + [at + j for j in self._free]
+        grams = fit[:, 0]
+        inertia = slice(self.at, self.at + self.n)
+        columns = self._terms + [self.at + j for j in self._free]
         size = np.sqrt(np.einsum("kii->ki", grams)[:, columns])
         size[size == 0] = 1.0
-        right = (
-            grams[:, columns, at + n] - grams[:, columns, at : at + n] @ self._known
-        ) / size
-        left = grams[:, columns][:, :, columns] / size[:, :, None] / size[
-            :, None
-        ] + RIDGE * np.eye(len(columns))
-        found = np.linalg.solve(left, right[:, :, None])[:, :, 0] / size
-        masses, theta = (
-            np.tile(self._known, (len(fit), 1)),
-            np.zeros((len(fit), fit.shape[2])),
-        )
-        theta[:, self._terms], masses[:, self._free] = np.split(
-            found, [len(self._terms)], axis=1
-        )
+
+        known = grams[:, columns, inertia] @ self._preset
+        vector = (grams[:, columns, self.at + self.n] - known) / size
+        matrix = grams[:, columns][:, :, columns] / size[:, :, None] / size[:, None]
+        matrix = matrix + RIDGE * np.eye(len(columns))
+        values = np.linalg.solve(matrix, vector[:, :, None])[:, :, 0] / size
+
+        masses = np.tile(self._preset, (len(fit), 1))
+        theta = np.zeros((len(fit), fit.shape[2]))
+        theta[:, self._terms] = values[:, : len(self._terms)]
+        masses[:, self._free] = values[:, len(self._terms) :]
         return masses, theta
 
     def rows(
         self, masses: np.ndarray, theta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Combinations of columns that are the residual and the measured channels,
-        (n_fits, 1, p).
+        """Combinations of rows that are the residual and the measured channels.
+
+        Both are (n_fits, 1, p).
         """
-        at, end = self.at, self.at + self.n
-        residual, reference = (
-            theta[:, None].copy(),
-            np.zeros((len(theta), 1, theta.shape[1])),
-        )
-        residual[:, 0, at:end], residual[:, 0, end], reference[:, 0, end + 1] = (
-            masses,
-            -1.0,
-            1.0,
-        )
+        forces = self.at + self.n
+        residual = theta[:, None].copy()
+        residual[:, 0, self.at : forces] = masses
+        residual[:, 0, forces] = -1.0
+        reference = np.zeros_like(residual)
+        reference[:, 0, forces + 1] = 1.0
         return residual, reference
+
+
+# the names by which other folders know them
+ChainFit = CompiledChainSolve
+ChannelFit = ChannelSolve

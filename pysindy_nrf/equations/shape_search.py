@@ -1,6 +1,9 @@
-"""Shape parameters of laws by variable projection: coefficients eliminated on Gram
-matrices.
+"""Shape parameters of laws by variable projection.
+
+Coefficients are eliminated on sums of products: a point of the search is one solve.
 """
+
+from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -8,23 +11,49 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
-from scipy.signal import find_peaks
 
-from ..chain.layout import LawLayout, Layout
+from ..chain.laws_by_site import coefficients_by_law
+from ..chain.layout import LawLayout
 from ..chain.sites import Site
 from ..exceptions import IdentifiabilityError, LawError, RankWarning
+from ..laws.base import ForceLaw
 from ..laws.shape import Scales, Shape, ShapeScale
-from ..records.dataset import Dataset, Segment, half_the_rate
-from .balances import blocks_of_segment
-from .chain_solve import Solution
+from ..records.dataset import Dataset, half_the_rate
+from ..records.zero_phase_filter import ZeroPhaseFilter
+from .balances import States, blocks_of_segment
+from .solution import Solution
+from .spectral_lines import (
+    balance_lines,
+    driven_at,
+    driving_frequency,
+    spectral_lines,
+)
 
-_SCAN = 13
-# Part of the spacing 1/T of the frequencies that a record of T seconds tells apart
+__all__ = [
+    "ShapeSearch",
+    "balance_lines",
+    "driven_at",
+    "driving_frequency",
+    "estimate_shapes",
+    "spectral_lines",
+]
+
+# Points of a scan over the bounds of a parameter.
+N_SCANNED = 13
+# Parts of the spacing 1/T of the frequencies that a record of T seconds separates:
 # within which a line is looked for, and with which the refinement begins.
-_WITHIN, _STEP = 0.6, 0.1
+WITHIN_LINE = 0.6
+FIRST_STEP_AT_LINE = 0.1
+# Iterations of the search within a line, and its tolerance in parts of the spacing.
+MAX_LINE_STEPS = 20
+LINE_TOLERANCE = 1e-3
+# Cost of a point that has no solution, where a search needs a number.
+WORST_COST = 1e6
+# Solves of the joint refinement for each parameter.
+MAX_SOLVES_PER_PARAMETER = 120
 
 Free = list[tuple[Site, int, Shape]]
-Solve = Callable[[LawLayout], tuple[Any, Any]]
+Solve = Callable[[LawLayout], tuple[Solution, Any]]
 
 
 def estimate_shapes(
@@ -32,311 +61,224 @@ def estimate_shapes(
     scales: Mapping[Site, Scales],
     solve: Solve,
     data: Dataset,
-    filters: Sequence[Any],
+    filters: Sequence[ZeroPhaseFilter | None],
 ) -> LawLayout:
-    """Values for every shape parameter that has none."""
-    search = ShapeSearch(layout, scales, solve, half_the_rate(data.segments))
-    unheard = [place for place in search.free if search.heard(place)]
-    for k in sorted(
-        range(len(search.free)), key=lambda k: search.heard(search.free[k])
-    ):
-        place = search.free[k]
-        if search.heard(place):
-            lines = _lines(
-                search.trial(search.u), unheard, place[0], solve, data, filters
-            )
-            unheard = [other for other in unheard if other is not place]
-            if search.tune(k, lines, scales[place[0]][2]):
+    """Values for every shape parameter that has none.
+
+    Parameters are scanned one after the other, then refined together. Frequencies come
+    last: they are tried where the equation of motion lacks a line.
+    """
+    fastest = half_the_rate(data.segments)
+    search = ShapeSearch(layout, scales, solve, fastest)
+    numbers = range(len(search.free))
+    unheard = [search.free[k] for k in numbers if search.is_line(k)]
+
+    for k in sorted(numbers, key=search.is_line):
+        if search.is_line(k):
+            site = search.free[k][0]
+            trial = search.trial(search.u)
+            lines = _lacking_lines(trial, unheard, site, solve, data, filters)
+            unheard = [place for place in unheard if place is not search.free[k]]
+            if search.tune(k, lines, duration=scales[site][2]):
                 continue
-        search.scan(k, np.linspace(search.low[k], search.high[k], _SCAN))
+        search.scan(k, np.linspace(search.low[k], search.high[k], N_SCANNED))
     return search.refined()
 
 
 class ShapeSearch:
-    """The shape parameters without a value, and where their search stands."""
+    """The shape parameters without a value, and the point that a search has reached.
+
+    Parameters
+    ----------
+    layout : LawLayout
+    scales : mapping of Site to Scales
+    solve : callable, optional
+        From a layout with values to its solution and normal equations.
+    fastest : float
+        Highest frequency, Hz, that the records show.
+
+    Attributes
+    ----------
+    free : list of (Site, int, Shape)
+        The parameters: site, number of the law there, parameter.
+    u, low, high, step : ndarray
+        The point, its bounds and first steps, in the coordinates of the search.
+    """
 
     def __init__(
         self,
         layout: LawLayout,
         scales: Mapping[Site, Scales],
-        solve: Any = None,
+        solve: Solve | None = None,
         fastest: float = np.inf,
     ) -> None:
-        self.layout, self.solve, self._fastest = layout, solve, fastest
-        self.free: Free = [
-            (site, i, p)
-            for site, held in layout.laws.items()
-            for i, law in enumerate(held)
-            for p in law.shapes
-            if law.shape[p.name] is None
-        ]
-        self.scale = ShapeScale(
-            [p for *_, p in self.free],
-            [scales[site] for site, *_ in self.free],
-            fastest,
-        )
+        self.layout = layout
+        self.solve = solve
+        self._fastest = fastest
+        self.free: Free = []
+        for site, group in layout.laws.items():
+            for number, law in enumerate(group):
+                for shape in law.shapes:
+                    if law.shape[shape.name] is None:
+                        self.free.append((site, number, shape))
+
+        shapes = [shape for _, _, shape in self.free]
+        sizes = [scales[site] for site, _, _ in self.free]
+        self.scale = ShapeScale(shapes, sizes, fastest)
         self.low, self.high = self.scale.low, self.scale.high
         self.u = 0.5 * (self.low + self.high)
-        self.step = (self.high - self.low) / (_SCAN - 1)
+        self.step = (self.high - self.low) / (N_SCANNED - 1)
 
-    def heard(self, place: tuple[Site, int, Shape]) -> bool:
+    def is_line(self, k: int) -> bool:
         """Whether a parameter is a frequency that is looked for in the records."""
-        return bool(np.isfinite(self._fastest)) and place[2].is_frequency
+        return bool(np.isfinite(self._fastest)) and self.free[k][2].is_frequency
 
     def trial(self, u: np.ndarray) -> LawLayout:
         """The laws with shape parameters at a point of the search."""
-        laws = {site: list(held) for site, held in self.layout.laws.items()}
-        for (site, i, p), value in zip(
-            self.free, self.scale.values(np.clip(u, self.low, self.high))
-        ):
-            laws[site][i] = laws[site][i].with_values(shape={p.name: float(value)})
+        laws = {site: list(group) for site, group in self.layout.laws.items()}
+        values = self.scale.values(np.clip(u, self.low, self.high))
+        for (site, number, shape), value in zip(self.free, values):
+            law = laws[site][number]
+            laws[site][number] = law.with_values(shape={shape.name: float(value)})
         return LawLayout(self.layout.chain, laws)
 
     def cost(self, u: np.ndarray) -> float:
-        """Sum of the squared shares that the steps leave unexplained."""
+        """Sum of the squared shares that the steps leave unexplained.
+
+        Infinite where there is no solution, e.g. for a loop like a spring.
+        """
+        assert self.solve is not None
         try:
             with warnings.catch_warnings(action="ignore", category=RankWarning):
                 solution, _ = self.solve(self.trial(u))
-        except (
-            IdentifiabilityError,
-            LawError,
-        ):  # no answer for these values, e.g. a loop like a spring
+        except (IdentifiabilityError, LawError):
             return np.inf
         return float(sum(fit.share**2 for fit in solution.fits))
 
-    def at(self, k: int, value: float) -> np.ndarray:
-        """Where the search stands, but for one parameter."""
+    def _cost_along(self, k: int, value: float) -> float:
+        """The cost at the point reached, but for one parameter."""
         u = self.u.copy()
         u[k] = value
-        return u
+        return self.cost(u)
 
     def scan(self, k: int, points: np.ndarray) -> None:
         """Go to the best of some values of one parameter."""
-        self.u[k] = points[
-            int(np.argmin([self.cost(self.at(k, point)) for point in points]))
-        ]
+        costs = [self._cost_along(k, point) for point in points]
+        self.u[k] = points[int(np.argmin(costs))]
 
     def tune(self, k: int, lines: Sequence[float], duration: float) -> bool:
-        """Go to the best of some frequencies, Hz, and to the bottom of its valley;
+        """Go to the best of some frequencies, Hz, and to the bottom of its valley.
+
         False if none is within bounds.
         """
         points = self.scale.point(np.array(lines, dtype=float), k)
         points = points[(points >= self.low[k]) & (points <= self.high[k])]
         if not len(points):
             return False
+
         self.scan(k, points)
-        apart = (
-            1.0
-            / duration
-            / (self.scale.values(self.u)[k] if self.scale.log[k] else 1.0)
-        )
-        ends = self.u[k] + _WITHIN * apart * np.array([-1.0, 1.0])
-        best = minimize_scalar(
-            lambda value: min(self.cost(self.at(k, value)), 1e6),
-            bounds=ends,
-            method="bounded",
-            options={"xatol": 1e-3 * apart, "maxiter": 20},
-        )
+        spacing = 1.0 / duration
+        if self.scale.log[k]:
+            spacing /= self.scale.values(self.u)[k]
+        ends = self.u[k] + WITHIN_LINE * spacing * np.array([-1.0, 1.0])
+
+        def cost(value: float) -> float:
+            return min(self._cost_along(k, value), WORST_COST)
+
+        options = {"xatol": LINE_TOLERANCE * spacing, "maxiter": MAX_LINE_STEPS}
+        best = minimize_scalar(cost, bounds=ends, method="bounded", options=options)
         if best.fun < self.cost(self.u):
             self.u[k] = best.x
-        self.step[k] = _STEP * apart
+        self.step[k] = FIRST_STEP_AT_LINE * spacing
         return True
 
     def refined(self) -> LawLayout:
-        """All parameters refined together, from where the search stands."""
-        away = np.where(self.u + 0.5 * self.step > self.high, -self.step, self.step)
+        """All parameters refined together, from the point reached."""
+        near_end = self.u + 0.5 * self.step > self.high
+        away = np.where(near_end, -self.step, self.step)
+        simplex = np.vstack([self.u, self.u + np.diag(0.5 * away)])
         best = minimize(
             self.cost,
             self.u,
             method="Nelder-Mead",
             bounds=list(zip(self.low, self.high)),
             options={
-                "initial_simplex": np.vstack([self.u, self.u + np.diag(0.5 * away)]),
+                "initial_simplex": simplex,
                 "xatol": 1e-10,
                 "fatol": 1e-18,
-                "maxfev": 120 * len(self.free),
+                "maxfev": MAX_SOLVES_PER_PARAMETER * len(self.free),
             },
         )
         return self.trial(best.x)
 
 
-def _lines(
+def _lacking_lines(
     layout: LawLayout,
     unheard: Free,
     site: Site,
     solve: Solve,
     data: Dataset,
-    filters: Sequence[Any],
+    filters: Sequence[ZeroPhaseFilter | None],
 ) -> list[float]:
-    """Frequencies, Hz, that the balance at a site lacks without the laws whose
-    frequency is not known yet.
+    """Frequencies, Hz, that the equation of motion at a site lacks.
+
+    It is solved with all laws; those whose frequency is not known yet are then left
+    out, and the others stay what they are.
     """
-    known = [
-        i
-        for i, seg in enumerate(data.segments)
-        if seg.dt and not np.isnan(seg.F[seg.valid.start, site.p - 1])
-    ]
-    if not known:
+    longest = _longest_record(data, site.p)
+    if longest is None:
         return []
-    longest = max(
-        known, key=lambda i: data.segments[i].valid.stop - data.segments[i].valid.start
-    )
     try:
         with warnings.catch_warnings(action="ignore", category=RankWarning):
             solution, _ = solve(layout)
     except (IdentifiabilityError, LawError):
         return []
-    # their coefficients are left out, the others stay what they are
-    out, laws, coefficients = {(place, i) for place, i, _ in unheard}, {}, {}
-    for place, held in layout.laws.items():
-        parts = np.split(
-            solution.coefficients[place],
-            np.cumsum([len(law.terms()) for law in held])[:-1],
-        )
-        kept = [
-            (law, part)
-            for i, (law, part) in enumerate(zip(held, parts))
-            if (place, i) not in out
-        ]
-        laws[place] = tuple(law for law, _ in kept)
-        coefficients[place] = np.concatenate([np.zeros(0), *(part for _, part in kept)])
-    without, left = (
-        LawLayout(layout.chain, laws),
-        Solution(solution.masses, coefficients),
-    )
-    seg, filter = data.segments[longest], filters[longest]
-    blocks = blocks_of_segment(
-        seg, without, filter=filter, states={} if filter is None else None
-    )
-    rows = np.hstack(
-        [np.vstack([b.terms, b.acceleration, np.nan_to_num(b.force)]) for b in blocks]
-    )
+
+    without, rest = _without_laws(layout, solution, unheard)
+    segment, filter = data.segments[longest], filters[longest]
+    states: States | None = {} if filter is None else None
+    rows = []
+    for block in blocks_of_segment(segment, without, filter=filter, states=states):
+        force = np.nan_to_num(block.force)
+        rows.append(np.vstack([block.terms, block.acceleration, force]))
     return balance_lines(
-        rows,
+        np.hstack(rows),
         without,
-        left,
+        rest,
         site.p,
-        seg.step,
-        site.p in data.forced,
-        False,
-        driven_at(seg),
+        segment.step,
+        scaled=site.p in data.forced,
+        weighed=False,
+        driven=driven_at(segment),
     )
 
 
-# Share of a drive's power in one line that makes a test harmonic; bins of the record a
-# line is wide.
-_ONE_LINE = 0.6
-_BINS = 4.0
-# Lines tried of each kind; frequencies at which the columns are looked at for it, in
-# halves of a bin of the record.
-_MOST, _LOOKED_AT, _PADDED = 3, 2000, 2
+def _longest_record(data: Dataset, dof: int) -> int | None:
+    """The longest record with a clock and the force on a DOF, if there is one."""
+    longest = None
+    n_samples = 0
+    for i, segment in enumerate(data.segments):
+        unknown = np.isnan(segment.F[segment.valid.start, dof - 1])
+        if segment.dt and not unknown and segment.n_valid > n_samples:
+            longest = i
+            n_samples = segment.n_valid
+    return longest
 
 
-def driving_frequency(drive: np.ndarray, dt: float) -> float:
-    """Frequency of a test that is driven by one line, Hz; NaN if the drive is anything
-    else.
-    """
-    drive = drive - drive.mean(axis=1, keepdims=True)
-    power = (np.abs(np.fft.rfft(drive * np.hanning(drive.shape[1]))) ** 2).sum(axis=0)
-    top = int(np.argmax(power))
-    if not power[max(top - 3, 0) : top + 4].sum() > _ONE_LINE * power.sum():
-        return float("nan")
-    return top / (drive.shape[1] * dt)
-
-
-def spectral_lines(
-    residual: np.ndarray, dt: float, most: int = _MOST, driven: float = float("nan")
-) -> list[float]:
-    """Frequencies at which a residual has its highest peaks, Hz, by the periodogram of
-    a Hann window.
-    """
-    n, size = len(residual), 4 * len(residual)
-    power = np.abs(np.fft.rfft(residual * np.hanning(n), size)) ** 2
-    peaks, _ = find_peaks(power, distance=8)
-    peaks = peaks[_away(peaks / (size * dt), driven) * n * dt > _BINS]
-    return [
-        float(k / (size * dt)) for k in peaks[np.argsort(-power[peaks])][:most] if k > 0
-    ]
-
-
-def hidden_lines(
-    columns: Sequence[np.ndarray], target: np.ndarray, dt: float, driven: float
-) -> list[float]:
-    """Frequencies without which a refitted balance closes best, Hz."""
-    rows = np.vstack([*columns, target])
-    n = rows.shape[1]
-    seen = int(np.count_nonzero(rows.any(axis=0)))
-    size = np.sqrt(np.mean(rows**2, axis=1, keepdims=True))
-    rows /= np.where(size > 0, size, 1.0)
-    gram = rows @ rows.T
-    lines = np.empty((len(rows), _PADDED * n // 2 + 1), dtype=np.complex64)
-    for row, line in zip(
-        rows, lines
-    ):  # one at a time: padded, the rows of long records are large
-        line[:] = np.fft.rfft(row, _PADDED * n)
-    values, vectors = np.linalg.eigh(gram)
-    use = values > 1e-12 * values[-1]
-    leverage: Any = sum(
-        np.abs(y @ lines) ** 2
-        for y in (vectors[:, use] / np.sqrt(values[use])).T.astype(np.float32)
-    )
-    bins = np.arange(1, len(leverage))
-    bins = bins[_away(bins / (_PADDED * n * dt), driven) * n * dt > _BINS]
-    bins = bins[np.argsort(-leverage[bins])][:_LOOKED_AT]
-    # a sine and a cosine of each frequency, taken out of all columns
-    near = lines[:, bins].T.astype(complex)
-    left = gram - (2.0 / max(seen, 1)) * (near[:, :, None] * near[:, None].conj()).real
-    x, xy = left[:, :-1, :-1], left[:, :-1, -1:]
-    rest = left[:, -1, -1] - (
-        xy * (np.linalg.pinv(x, rcond=1e-12, hermitian=True) @ xy)
-    ).sum(axis=(1, 2))
-    found: list[int] = []
-    for k in bins[np.argsort(rest)].tolist():
-        if len(found) < _MOST and all(abs(k - other) > _PADDED for other in found):
-            found.append(k)
-    return [k / (_PADDED * n * dt) for k in found]
-
-
-def balance_lines(
-    rows: np.ndarray,
-    layout: Layout,
-    solution: Solution,
-    dof: int,
-    dt: float,
-    scaled: bool,
-    weighed: bool,
-    driven: float = float("nan"),
-) -> list[float]:
-    """Frequencies at which a force may be missing from one balance, Hz: lines of its
-    residual, and hidden ones.
-    """
-    a, force = (
-        rows[layout.n_terms + dof - 1],
-        rows[layout.n_terms + layout.n_dof + dof - 1],
-    )
-    left = solution.masses[dof] * a - force
-    own: list[np.ndarray] = []
-    others: list[np.ndarray] = []
-    for site in layout.group((dof,)).sites:
-        columns = rows[layout.slices[site]]
-        left = left + site.incidence(dof) * (solution.coefficients[site] @ columns)
-        (own if str(site) == f"storey {dof}" else others).append(columns)
-    free = [*own, *others, *([] if weighed else [a[None]])] if scaled else own
-    found = spectral_lines(left, dt, driven=driven)
-    return found + hidden_lines(free, left, dt, driven) if free else found
-
-
-def driven_at(segment: Segment, rows: slice = slice(None)) -> float:
-    """Frequency of a harmonic test, Hz; NaN for any other."""
-    drive = np.nan_to_num(segment.F[segment.valid][rows].T.astype(float))
-    drive = drive[drive.any(axis=1)]
-    if not len(drive) and segment.ag is not None:
-        drive = segment.ag[segment.valid].astype(float)[None, rows]
-    return driving_frequency(drive, segment.dt) if len(drive) and segment.dt else np.nan
-
-
-def _away(f: np.ndarray, driven: float) -> np.ndarray:
-    """Distance from the multiples of a frequency, Hz."""
-    if not 0.0 < driven < np.inf:
-        return np.full(len(f), np.inf)
-    return np.abs(f / driven - np.round(f / driven)) * driven
+def _without_laws(
+    layout: LawLayout, solution: Solution, left_out: Free
+) -> tuple[LawLayout, Solution]:
+    """The layout without some laws, and the coefficients of the others."""
+    gone = {(site, number) for site, number, _ in left_out}
+    laws: dict[Site, list[ForceLaw]] = {}
+    coefficients: dict[Site, np.ndarray] = {}
+    for site, group in layout.laws.items():
+        parts = coefficients_by_law(group, solution.coefficients[site])
+        laws[site] = []
+        coefficients[site] = np.zeros(0)
+        for number, (law, part) in enumerate(zip(group, parts)):
+            if (site, number) not in gone:
+                laws[site].append(law)
+                coefficients[site] = np.append(coefficients[site], part)
+    rest = Solution(solution.masses, coefficients)
+    return LawLayout(layout.chain, laws), rest

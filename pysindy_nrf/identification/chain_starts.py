@@ -1,69 +1,72 @@
-"""Starting values of a linear chain from the data of a few channels, by way of its
-modes.
+"""Starting values of a linear chain from the data of a few channels, by its modes.
 
-The spectra of the measured channels are fitted with rational functions of common poles
-(vector fitting: Gustavsen and Semlyen, IEEE Trans. Power Delivery 14, 1999), the effect
-of initial and final state among them. Where the force acts on an end of a plain chain
-and the same end is measured, poles and residues give all masses and stiffnesses
-(inverse problem of Jacobi matrices: Hochstadt, 1974; Gladwell, Inverse problems in
-vibration, 2004). Otherwise, and against noise, chains drawn at random are fitted to
-poles and residues.
+Where the force acts on an end of a plain chain and the same end is measured, poles and
+residues give all masses and stiffnesses (inverse problem of Jacobi matrices: Hochstadt,
+1974; Gladwell, Inverse problems in vibration, 2004). Otherwise, and against noise,
+chains drawn at random are fitted to poles and residues.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from operator import attrgetter
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
 
 from ..chain.sites import Site
 from ..chain.structure import Chain
 from ..exceptions import IdentifiabilityError
-from .output_error import DIFFERENCE, LONGEST, Shot, lengths
+from .shots import Shot
+from .vector_fitting import Modes, Residue, modes_of
 
-ROUNDS = 8  # of the poles, with those of noise and without
-EXTRA = (0, 2)  # poles for noise
-DRAWS, STEPS = 40, 80  # chains drawn at random for a set of modes; iterations of each
-ALIKE, MOST = (
-    0.3,
-    16,
-)  # starting values whose logarithms differ by less are one; their number at most
-WIDTH, FLOOR = (
-    9,
-    0.05,
-)  # lines of a local mean of the response; part of its rms below which weights are even
-POWER = 1e-3  # of the spectrum's largest line, smoothed, above which lines are used
-NEAR, SHARE = (
-    5e-3,
-    0.05,
-)  # relative errors of a frequency and of a residue that count as one at least
-# times the logarithm of their number: the power of the largest of some rows of noise
-# (2), twice
-NOISE = 4.0
+# Starting values whose logarithms differ by less are one.
+SAME_LOGARITHM = 0.3
+MAX_STARTS = 16
+# Chains drawn at random for a set of modes, and the spread of their logarithms.
+N_DRAWS = 40
+SPREAD_OF_DRAWS = 0.7
+# Relative errors of a frequency and of a residue that count as one at least.
+FREQUENCY_ERROR = 5e-3
+RESIDUE_ERROR = 0.05
+# Damping of a link at least, as a share of that of the typical mode.
+LEAST_DAMPING = 0.2
+# Iterations from each drawn chain, their first damping, and its limits.
+MAX_STEPS = 80
+FIRST_DAMPING = 1e-3
+DAMPING_UP = 3.0
+DAMPING_DOWN = 10.0
+DAMPING_LIMITS = (1e-12, 1e3)
+# Step of the differences, largest step, and largest way of a logarithm.
+DIFFERENCE = 1e-6
+MAX_STEP = 2.0
+MAX_WAY = 12.0
 
 
-@dataclass
-class Modes:
-    """Poles (1/s) of a chain, and its displacement residues: channel (DOF from 0),
-    input (DOF; n_dof: base), value.
+@dataclass(frozen=True)
+class LinearChain:
+    """A chain of masses with a spring and a dashpot in each link.
+
+    Attributes
+    ----------
+    masses : ndarray of shape (n_dof,)
+        kg.
+    stiffness, damping : ndarray of shape (n_links,)
+        N/m and N s/m.
+    misfit : float
+        Half the sum of squared errors of its modes, over their standard errors.
     """
-
-    poles: np.ndarray
-    residues: list[tuple[int, int, np.ndarray]]
-    # relative standard errors of the residues; inf: noise alone may look like this mode
-    errors: np.ndarray
-
-
-@dataclass
-class Linear:
-    """Masses (kg), stiffnesses (N/m) and damping (N s/m) of the links of a chain."""
 
     masses: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
     misfit: float
+
+    @property
+    def logarithms(self) -> np.ndarray:
+        """Logarithms of masses and stiffnesses."""
+        return np.log(np.concatenate([self.masses, self.stiffness]))
 
 
 def chain_starts(
@@ -73,339 +76,303 @@ def chain_starts(
     known: Mapping[int, float],
     band: tuple[float, float] = (0.0, np.inf),
     random_state: int = 0,
-) -> list[Linear]:
-    """Starting values of the masses and of the springs and dampers in some links, the
-    best first.
+) -> list[LinearChain]:
+    """Starting values of masses and of the springs and dashpots in some links.
+
+    Parameters
+    ----------
+    shots : sequence of Shot
+    chain : Chain
+    links : sequence of Site
+    known : mapping of int to float
+        Masses that are known, kg, by DOF.
+    band : tuple of float
+        Hz; lines outside are not used.
+    random_state : int
+
+    Returns
+    -------
+    list of LinearChain
+        The best first.
+
+    Raises
+    ------
+    IdentifiabilityError
+        If no chain has the modes of the channels.
     """
     rng = np.random.default_rng(random_state)
-    sets = [
-        list(_matched(found, chain, links, known, rng))
-        for found in modes_of(shots, chain.n_dof, band)
-    ]
-    # of each set of modes the chain nearest to it; then all: below one modes tell none
-    # apart, the most even come first
-    first = [min(own, key=lambda one: one.misfit) for own in sets if own]
-    every = sorted(
-        sum(sets, []),
-        key=lambda one: (max(one.misfit, 1.0), np.ptp(np.log(one.masses))),
-    )
-    kept: list[Linear] = []
-    for one in first + every:
-        new = np.log(np.concatenate([one.masses, one.stiffness]))
-        if all(
-            np.abs(new - np.log(np.concatenate([k.masses, k.stiffness]))).max() > ALIKE
-            for k in kept[:MOST]
-        ):
-            kept.append(one)
-    if not kept:
+    nearest = []
+    matches = []
+    for modes in modes_of(shots, chain.n_dof, band):
+        matched = list(_matched_chains(modes, chain, links, known, rng))
+        matches += matched
+        if matched:
+            nearest.append(min(matched, key=attrgetter("misfit")))
+
+    # behind the nearest chain of each set of modes come all: those that fit to the
+    # noise, which the modes do not tell apart, the most even first
+    matches.sort(key=_misfit_beyond_noise_and_unevenness)
+    starts: list[LinearChain] = []
+    for candidate in nearest + matches:
+        if len(starts) < MAX_STARTS and _differs_from_all(candidate, starts):
+            starts.append(candidate)
+
+    if not starts:
         raise IdentifiabilityError(
             "No chain has the modes of the channels",
             "Check units and DOFs, or add a sensor.",
         )
-    return kept[:MOST]
+    return starts
 
 
-def _spectra(
-    shots: Sequence[Shot], band: tuple[float, float]
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Imaginary frequencies (1/s), channels as accelerations, and inputs of every shot,
-    line by line.
-    """
-    for shot in shots:
-        seg, rows = shot.segment, shot.segment.valid
-        ag = np.zeros(seg.n_valid) if seg.ag is None else seg.ag[rows]
-        Y, U = (
-            np.fft.rfft(part, axis=0)[1:]
-            for part in (shot.measured, np.column_stack([seg.F[rows], ag]))
-        )
-        f = np.fft.rfftfreq(seg.n_valid, seg.step)[1:]
-        width = max(3, len(f) // 200)
-        power = (np.abs(Y) ** 2 / (np.abs(Y) ** 2).max(axis=0)).sum(axis=1)
-        driven = (
-            np.abs(U) ** 2 / np.maximum((np.abs(U) ** 2).max(axis=0), 1e-300)
-        ).sum(axis=1)
-        smooth = [
-            np.convolve(part, np.ones(width) / width, "same")
-            for part in (power, driven)
-        ]
-        use = (smooth[0] > POWER * smooth[0].max()) & (
-            smooth[1] > POWER * smooth[1].max()
-        )
-        use &= (f >= band[0]) & (f <= band[1])
-        inside = slice(int(np.argmax(use)), len(use) - int(np.argmax(use[::-1])))
-        s = 2j * np.pi * f[inside]
-        orders = [{"x": 2, "v": 1, "a": 0}[channel[0]] for channel in shot.channels]
-        yield s, Y[inside] * s[:, None] ** orders, U[inside]
+def _misfit_beyond_noise_and_unevenness(chain: LinearChain) -> tuple[float, float]:
+    return max(chain.misfit, 1.0), float(np.ptp(np.log(chain.masses)))
 
 
-def _basis(s: np.ndarray, poles: np.ndarray) -> np.ndarray:
-    """Partial fractions with real coefficients, two for each pole, shape (len(s), 2
-    n_poles).
-    """
-    a, b = 1 / (s[:, None] - poles), 1 / (s[:, None] - poles.conj())
-    return np.stack([a + b, 1j * (a - b)], axis=2).reshape(len(s), -1)
+def _differs_from_all(chain: LinearChain, others: Sequence[LinearChain]) -> bool:
+    for other in others:
+        distance = np.abs(chain.logarithms - other.logarithms).max()
+        if not distance > SAME_LOGARITHM:
+            return False
+    return True
 
 
-def modes_of(
-    shots: Sequence[Shot], n: int, band: tuple[float, float] = (0.0, np.inf)
-) -> list[Modes]:
-    """Poles and residues of n modes by vector fitting, from several first poles."""
-    data, channels = list(_spectra(shots, band)), shots[0].channels
-    inputs = [u for u in range(n + 1) if any(np.any(U[:, u]) for *_, U in data)]
-    ends = np.array([[abs(s[0]), abs(s[-1])] for s, *_ in data])
-    low, high = ends[:, 0].min(), ends[:, 1].max()
-    every = np.abs(np.concatenate([Y for _, Y, _ in data]))
-    # a noisy force errs in proportion to the response
-    weights = 1 / (
-        uniform_filter1d(every, WIDTH, axis=0)
-        + FLOOR * np.sqrt(np.mean(every**2, axis=0))
-    )
-    weights /= np.sqrt(((weights * every) ** 2).sum(axis=0))
-    force = [
-        np.sqrt(sum((np.abs(U[:, u]) ** 2).sum() for *_, U in data)) for u in inputs
-    ]
-
-    def columns(poles: np.ndarray, c: int) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of residues, direct terms and transients of one channel, and the
-        channel.
-        """
-        wide = []
-        for r, (s, _, U) in enumerate(data):
-            fractions = np.column_stack([_basis(s, poles), np.ones(len(s))])
-            parts = [
-                fractions * (U[:, u] / force[i])[:, None] for i, u in enumerate(inputs)
-            ]
-            ends_too = np.column_stack([fractions, s / abs(s[-1])]) / np.sqrt(len(s))
-            parts += [ends_too * (k == r) for k in range(len(data))]
-            wide.append(np.hstack(parts))
-        both = np.column_stack(
-            [np.vstack(wide), np.concatenate([Y[:, c] for _, Y, _ in data])]
-        )
-        both = _real(both * weights[:, c, None])
-        return both[:, :-1], both[:, -1]
-
-    def relocated(poles: np.ndarray) -> np.ndarray:
-        """Zeros of the common denominator."""
-        gram, right = [], []
-        for c in range(len(channels)):
-            own, y = columns(poles, c)
-            shared = (
-                np.vstack([_basis(s, poles) * Y[:, c, None] for s, Y, _ in data])
-                * weights[:, c, None]
-            )
-            wide = np.column_stack([own / lengths(own), -_real(shared), y])
-            R = np.asarray(np.linalg.qr(wide, mode="r"))[own.shape[1] :, own.shape[1] :]
-            gram.append(R[:, :-1])
-            right.append(R[:, -1])
-        sigma = np.linalg.lstsq(np.vstack(gram), np.concatenate(right), rcond=None)[0]
-        m = len(poles)
-        A, b = np.zeros((2 * m, 2 * m)), np.tile([2.0, 0.0], m)
-        for k, pole in enumerate(poles):
-            A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [
-                [pole.real, pole.imag],
-                [-pole.imag, pole.real],
-            ]
-        found = np.linalg.eigvals(A - np.outer(b, sigma))
-        found = found[np.argsort(-found.imag)][:m]  # two real ones become a pair
-        return -np.abs(found.real) + 1j * np.clip(
-            np.abs(found.imag), 0.5 * low, 1.5 * high
-        )
-
-    def fitted(poles: np.ndarray) -> tuple[float, list[np.ndarray], np.ndarray]:
-        """What is left, the values of every channel, and the energy of every mode in
-        all channels.
-        """
-        left, values, energy = 0.0, [], np.zeros(len(poles))
-        for c in range(len(channels)):
-            own, y = columns(poles, c)
-            x, *_ = np.linalg.lstsq(own, y, rcond=None)
-            left += float(((y - own @ x) ** 2).sum())
-            values.append(x)
-            for i in range(len(inputs)):
-                part = slice(
-                    i * (2 * len(poles) + 1), i * (2 * len(poles) + 1) + 2 * len(poles)
-                )
-                energy += (
-                    (own[:, part] * x[part]).reshape(len(y), -1, 2).sum(axis=2) ** 2
-                ).sum(axis=0)
-        return left, values, energy
-
-    out: list[Modes] = []
-    for spread, extra in product((np.linspace, np.geomspace), EXTRA):
-        poles, tried = (
-            spread(max(low, high / 300), high, n + extra + 2)[1:-1] * (-0.01 + 1j),
-            [],
-        )
-        for number in range(2 * ROUNDS):
-            poles = relocated(poles)
-            if number == ROUNDS:  # poles of noise hold little energy
-                poles = poles[np.argsort(-fitted(poles)[2])[:n]]
-            if number >= ROUNDS:
-                tried.append((*fitted(poles)[:2], poles))
-        left, values, poles = min(tried, key=lambda one: one[0])
-        rows, order = 2 * every.shape[0], np.argsort(np.abs(poles))
-        shown = fitted(poles)[2] / (
-            left / rows / len(channels)
-        )  # over the variance of one row
-        errors = np.where(shown < NOISE * np.log(rows), np.inf, 1 / np.sqrt(shown))[
-            order
-        ]
-        if any(np.allclose(poles[order], other.poles, rtol=1e-3) for other in out):
-            continue
-        residues = []
-        for channel, x in zip(channels, values):
-            for i, u in enumerate(inputs):
-                part = (
-                    x[i * (2 * n + 1) :][: 2 * n].reshape(n, 2)
-                    @ [1, 1j]
-                    / force[i]
-                    / poles**2
-                )
-                residues.append((int(channel[1:]) - 1, u, part[order]))
-        out.append(Modes(poles[order], residues, errors))
-    return out
-
-
-def _real(values: np.ndarray) -> np.ndarray:
-    return np.concatenate([values.real, values.imag])
-
-
-def _from_end(found: Modes, n: int) -> np.ndarray | None:
-    """Logarithms of masses and stiffnesses of a plain chain from the response at a
-    forced end; None if none has it.
-    """
-    for j, u, residues in found.residues:
-        if j != u or j not in (0, n - 1):
-            continue
-        weights = (
-            residues * 2j * found.poles.imag
-        ).real  # squared mode shapes, for unit modal masses
-        if (weights <= 0).any():
-            return None
-        mass, first = 1.0 / weights.sum(), np.sqrt(weights / weights.sum())
-        J, Q = np.zeros((n, n)), [first]  # Lanczos from the forced end
-        for k in range(n):
-            along = np.abs(found.poles) ** 2 * Q[k]
-            J[k, k] = Q[k] @ along
-            along = along - np.array(Q).T @ (np.array(Q) @ along)
-            along = along - np.array(Q).T @ (np.array(Q) @ along)
-            if k + 1 < n:
-                J[k, k + 1] = J[k + 1, k] = -np.linalg.norm(along)
-                Q.append(along / np.linalg.norm(along))
-        if j == n - 1:
-            J = J[::-1, ::-1]
-        roots = np.linalg.solve(
-            J, np.eye(n)[0]
-        )  # roots of the masses, up to a factor: the free end bears no force
-        if (roots <= 0).any() and (roots >= 0).any():
-            return None
-        roots = np.abs(roots / roots[j]) * np.sqrt(mass)
-        above = -np.diag(J, 1) * roots[1:] * roots[:-1]
-        springs = np.append(J[0, 0] * roots[0] ** 2 - above[:1].sum(), above)
-        return (
-            np.log(np.concatenate([roots**2, springs])) if (springs > 0).all() else None
-        )
-    return None
-
-
-def _matched(
-    found: Modes,
+def _matched_chains(
+    modes: Modes,
     chain: Chain,
     links: Sequence[Site],
     known: Mapping[int, float],
     rng: np.random.Generator,
-) -> Iterator[Linear]:
-    """Chains whose frequencies and residues are those found, from the Jacobi matrix and
-    from chains drawn at random.
+) -> Iterator[LinearChain]:
+    """Chains with the frequencies and residues of some modes."""
+    match = _ModeMatch(modes, chain, links, known)
+    starts = [match.drawn(rng) for _ in range(N_DRAWS)]
+    inverse = _chain_from_forced_end(modes, chain, links)
+    if inverse is not None:
+        starts.insert(0, match.free_of(inverse))
+
+    # where modes contradict each other, the chain of the lowest frequency
+    x = np.vstack([_nearest(match, np.array(starts)), match.even()])
+    misfit = (match.errors(x) ** 2).sum(axis=1) / 2
+    chains = match.chains(x)
+
+    ratio = -2 * modes.poles.real / np.abs(modes.poles) ** 2
+    for row in np.flatnonzero(np.isfinite(misfit)):
+        drifts = (match.incidence.T @ chains.shapes[row]).T
+        damping = nnls(drifts**2, 2 * np.abs(modes.poles.real))[0]
+        least = LEAST_DAMPING * np.median(ratio) * chains.stiffness[row]
+        yield LinearChain(
+            masses=chains.masses[row],
+            stiffness=chains.stiffness[row],
+            damping=np.maximum(damping, least),
+            misfit=float(misfit[row]),
+        )
+
+
+@dataclass(frozen=True)
+class _Chains:
+    """Several undamped chains, one a row."""
+
+    masses: np.ndarray  # (n_chains, n_dof)
+    stiffness: np.ndarray  # (n_chains, n_links)
+    frequencies: np.ndarray  # (n_chains, n_dof), 1/s
+    shapes: np.ndarray  # (n_chains, n_dof, n_modes), of unit modal masses
+
+
+class _ModeMatch:
+    """How far the modes of chains are from those found.
+
+    Chains are rows of logarithms: of the masses that are not known, then of the
+    stiffnesses.
     """
-    n, signs, w = chain.n_dof, chain.incidence(links), np.abs(found.poles)
-    free = [j for j in range(n) if j + 1 not in known]
-    fixed = np.array([known.get(j + 1, 1.0) for j in range(n)], dtype=float)
-    aim = [(j, u, (r * 2j * found.poles.imag).real) for j, u, r in found.residues]
-    near = np.maximum(
-        NEAR, found.errors * -found.poles.real / w
-    )  # an error of amplitude is one of phase
-    sizes = [np.maximum(SHARE, found.errors) * np.abs(values) for *_, values in aim]
 
-    def built(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Masses, stiffnesses, natural frequencies (1/s) and mode shapes of a unit
-        modal mass, of each row of x.
-        """
-        masses, k = np.tile(fixed, (len(x), 1)), np.exp(x[:, len(free) :])
-        masses[:, free] = np.exp(x[:, : len(free)])
+    def __init__(
+        self,
+        modes: Modes,
+        chain: Chain,
+        links: Sequence[Site],
+        known: Mapping[int, float],
+    ) -> None:
+        n = chain.n_dof
+        self.n_dof = n
+        self.incidence = chain.incidence(links)
+        self.free = [j for j in range(n) if j + 1 not in known]
+        self.known = np.array([known.get(j + 1, 1.0) for j in range(n)], dtype=float)
+
+        self.frequencies = np.abs(modes.poles)
+        # an error of amplitude is one of phase
+        of_noise = modes.errors * -modes.poles.real / self.frequencies
+        self.frequency_errors = np.maximum(FREQUENCY_ERROR, of_noise)
+
+        # products of mode shapes, as of an undamped chain
+        self.places = [(r.channel, r.input) for r in modes.residues]
+        self.products = []
+        self.product_errors = []
+        for residue in modes.residues:
+            values = (residue.values * 2j * modes.poles.imag).real
+            error = np.maximum(RESIDUE_ERROR, modes.errors) * np.abs(values)
+            self.products.append(values)
+            self.product_errors.append(error)
+
+        self.typical_mass = self._typical_mass(known)
+
+    def _typical_mass(self, known: Mapping[int, float]) -> float:
+        """Size of a mass, kg: that of what is known, or of force over acceleration."""
+        if known:
+            return float(np.median(list(known.values())))
+        masses = []
+        for (_, drive), values in zip(self.places, self.products):
+            if drive < self.n_dof:
+                masses.append(1.0 / max(np.abs(values).sum(), 1e-300))
+        return float(np.median(masses or [1.0]))
+
+    def drawn(self, rng: np.random.Generator) -> np.ndarray:
+        """A chain drawn at random."""
+        stiffness = self.typical_mass * np.median(self.frequencies) ** 2
+        n_links = self.incidence.shape[1]
+        k = stiffness * rng.lognormal(0, SPREAD_OF_DRAWS, n_links)
+        m = self.typical_mass * rng.lognormal(0, SPREAD_OF_DRAWS, len(self.free))
+        return np.log(np.concatenate([m, k]))
+
+    def even(self) -> np.ndarray:
+        """Equal masses and springs with the lowest frequency of the modes."""
+        n_links = self.incidence.shape[1]
+        even = np.full(len(self.free) + n_links, np.log(self.typical_mass))
+        lowest = self.chains(even[None]).frequencies.min()
+        even[len(self.free) :] += 2 * np.log(self.frequencies.min() / lowest)
+        return even
+
+    def free_of(self, chain: LinearChain) -> np.ndarray:
+        """The row of a chain."""
+        masses = np.log(chain.masses)[self.free]
+        return np.concatenate([masses, np.log(chain.stiffness)])
+
+    def chains(self, x: np.ndarray) -> _Chains:
+        """Chains of the rows of x, and their modes."""
+        masses = np.tile(self.known, (len(x), 1))
+        masses[:, self.free] = np.exp(x[:, : len(self.free)])
+        stiffness = np.exp(x[:, len(self.free) :])
+
         root = np.sqrt(masses)[:, :, None]
-        values, vectors = np.linalg.eigh(
-            (signs * k[:, None]) @ signs.T / root / root.transpose(0, 2, 1)
-        )
-        return (
-            masses,
-            k,
-            np.sqrt(np.maximum(values, 1e-12 * values[:, -1:])),
-            vectors / root,
-        )
+        K = (self.incidence * stiffness[:, None]) @ self.incidence.T
+        squares, vectors = np.linalg.eigh(K / root / root.transpose(0, 2, 1))
+        positive = np.maximum(squares, 1e-12 * squares[:, -1:])
+        return _Chains(masses, stiffness, np.sqrt(positive), vectors / root)
 
-    def gaps(x: np.ndarray) -> np.ndarray:
-        masses, _, own, phi = built(x)
-        driven = np.concatenate([phi, -masses[:, None] @ phi], axis=1)
-        wrong = [
-            (phi[:, j] * driven[:, u] - values) / size
-            for (j, u, values), size in zip(aim, sizes)
-        ]
-        return np.hstack([np.log(own / w) / near, *wrong])
+    def errors(self, x: np.ndarray) -> np.ndarray:
+        """Errors of frequencies and residues of the rows of x, over standard errors."""
+        chains = self.chains(x)
+        of_base = -chains.masses[:, None] @ chains.shapes
+        driven = np.concatenate([chains.shapes, of_base], axis=1)
 
-    first = (
-        _from_end(found, n)
-        if list(links) == [Site(j) for j in range(1, n + 1)]
-        else None
-    )
-    draws = [] if first is None else [np.concatenate([first[:n][free], first[n:]])]
-    # the size of a mass: that of the force or of what is known
-    forced = [1.0 / max(np.abs(values).sum(), 1e-300) for _, u, values in aim if u < n]
-    size = float(np.median(list(known.values()) if known else forced or [1.0]))
-    for _ in range(DRAWS):
-        k = size * np.median(w) ** 2 * rng.lognormal(0, 0.7, signs.shape[1])
-        draws.append(
-            np.log(np.concatenate([size * rng.lognormal(0, 0.7, len(free)), k]))
-        )
-    even = np.full(
-        len(draws[-1]), np.log(size)
-    )  # where modes contradict each other, the chain of the lowest frequency
-    even[len(free) :] += 2 * np.log(w.min() / built(even[None])[2].min())
-    x = np.vstack([_nearest(gaps, np.array(draws)), even])
-    cost, (masses, k, _, phi) = (gaps(x) ** 2).sum(axis=1) / 2, built(x)
-    for row in np.flatnonzero(np.isfinite(cost)):
-        damping = nnls((signs.T @ phi[row]).T ** 2, 2 * np.abs(found.poles.real))[0]
-        floor = 0.2 * np.median(-2 * found.poles.real / w**2) * k[row]
-        yield Linear(masses[row], k[row], np.maximum(damping, floor), float(cost[row]))
+        parts = [np.log(chains.frequencies / self.frequencies) / self.frequency_errors]
+        for (channel, drive), products, errors in zip(
+            self.places, self.products, self.product_errors
+        ):
+            product = chains.shapes[:, channel] * driven[:, drive]
+            parts.append((product - products) / errors)
+        return np.hstack(parts)
 
 
-def _nearest(gaps: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    """Least squares from each row of x, all rows in step (Levenberg)."""
-    low, high, damping, p, left = (
-        x - 12.0,
-        x + 12.0,
-        np.full(len(x), 1e-3),
-        x.shape[1],
-        gaps(x),
-    )
-    for _ in range(STEPS):
-        beside = gaps((x[:, None] + DIFFERENCE * np.eye(p)).reshape(-1, p)).reshape(
-            len(x), p, -1
-        )
-        J = (beside - left[:, None]) / DIFFERENCE
+def _nearest(match: _ModeMatch, x: np.ndarray) -> np.ndarray:
+    """Least squares from each row of x (Levenberg), all rows in step.
+
+    scipy.optimize.least_squares takes one start at a time; the modes of all chains are
+    found at once here.
+    """
+    n_rows, p = x.shape
+    low = x - MAX_WAY
+    high = x + MAX_WAY
+    damping = np.full(n_rows, FIRST_DAMPING)
+
+    errors = match.errors(x)
+    for _ in range(MAX_STEPS):
+        beside = (x[:, None] + DIFFERENCE * np.eye(p)).reshape(-1, p)
+        moved = match.errors(beside).reshape(n_rows, p, -1)
+        J = (moved - errors[:, None]) / DIFFERENCE
         normal = J @ J.transpose(0, 2, 1)
-        ridge = np.maximum(
-            damping * np.trace(normal, axis1=1, axis2=2), 1e-300
-        )  # modes may tell nothing
-        step = np.linalg.solve(
-            normal + ridge[:, None, None] * np.eye(p), J @ left[:, :, None]
-        )[:, :, 0]
-        new = np.clip(x - np.clip(step, -LONGEST, LONGEST), low, high)
-        now = gaps(new)
-        better = (now**2).sum(axis=1) < (left**2).sum(axis=1)
-        x, left = (
-            np.where(better[:, None], new, x),
-            np.where(better[:, None], now, left),
-        )
-        damping = np.clip(np.where(better, damping / 10, damping * 3), 1e-12, 1e3)
+        # modes may determine nothing
+        ridge = np.maximum(damping * np.trace(normal, axis1=1, axis2=2), 1e-300)
+        damped = normal + ridge[:, None, None] * np.eye(p)
+        step = np.linalg.solve(damped, J @ errors[:, :, None])[:, :, 0]
+
+        trial = np.clip(x - np.clip(step, -MAX_STEP, MAX_STEP), low, high)
+        trial_errors = match.errors(trial)
+        better = (trial_errors**2).sum(axis=1) < (errors**2).sum(axis=1)
+        x = np.where(better[:, None], trial, x)
+        errors = np.where(better[:, None], trial_errors, errors)
+        damping = np.where(better, damping / DAMPING_DOWN, damping * DAMPING_UP)
+        damping = np.clip(damping, *DAMPING_LIMITS)
     return x
+
+
+def _chain_from_forced_end(
+    modes: Modes, chain: Chain, links: Sequence[Site]
+) -> LinearChain | None:
+    """The plain chain with the modes of the response at its forced end.
+
+    Squared mode shapes there are the first components of the eigenvectors of a Jacobi
+    matrix, which Lanczos' method builds from them. None if no end is forced and
+    measured, or no chain has these modes.
+    """
+    n = chain.n_dof
+    if list(links) != [Site(j) for j in range(1, n + 1)]:
+        return None
+    response = _response_at_end(modes, n)
+    if response is None:
+        return None
+
+    # squared mode shapes, for unit modal masses
+    squares = (response.values * 2j * modes.poles.imag).real
+    if (squares <= 0).any():
+        return None
+    J = _jacobi_matrix(np.abs(modes.poles) ** 2, np.sqrt(squares / squares.sum()))
+    if response.channel == n - 1:
+        J = J[::-1, ::-1]
+    return _chain_of_jacobi_matrix(J, response.channel, 1.0 / squares.sum())
+
+
+def _response_at_end(modes: Modes, n: int) -> Residue | None:
+    """Residues of a channel at an end of the chain, from the force there."""
+    for residue in modes.residues:
+        if residue.channel == residue.input and residue.channel in (0, n - 1):
+            return residue
+    return None
+
+
+def _chain_of_jacobi_matrix(
+    J: np.ndarray, end: int, mass_of_end: float
+) -> LinearChain | None:
+    """The chain whose stiffness over the roots of its masses is a Jacobi matrix."""
+    n = len(J)
+    # roots of the masses, up to a factor: the free end bears no force
+    roots = np.linalg.solve(J, np.eye(n)[0])
+    if (roots <= 0).any() and (roots >= 0).any():
+        return None
+    roots = np.abs(roots / roots[end]) * np.sqrt(mass_of_end)
+
+    above = -np.diag(J, 1) * roots[1:] * roots[:-1]
+    lowest = J[0, 0] * roots[0] ** 2 - above[:1].sum()
+    springs = np.append(lowest, above)
+    if not (springs > 0).all():
+        return None
+    return LinearChain(roots**2, springs, np.zeros(n), 0.0)
+
+
+def _jacobi_matrix(eigenvalues: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """The Jacobi matrix with given eigenvalues and first components of eigenvectors."""
+    n = len(eigenvalues)
+    J = np.zeros((n, n))
+    basis = [first]
+    for k in range(n):
+        image = eigenvalues * basis[k]
+        J[k, k] = basis[k] @ image
+        # twice, as rounding spoils the first
+        for _ in range(2):
+            image = image - np.array(basis).T @ (np.array(basis) @ image)
+        if k + 1 < n:
+            length = np.linalg.norm(image)
+            J[k, k + 1] = -length
+            J[k + 1, k] = -length
+            basis.append(image / length)
+    return J

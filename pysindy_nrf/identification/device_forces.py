@@ -1,6 +1,8 @@
 """Nonlinear devices: their forces and energy, and the linear part of a model."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -8,11 +10,16 @@ from scipy.integrate import cumulative_trapezoid
 
 from ..chain.model import ChainModel, as_model, as_segments, frame, storey_names
 from ..laws import PowerSeries
+from ..records.dataset import Segment
+
+if TYPE_CHECKING:
+    from .regressor import NRFRegressor
 
 
-def linear_part(model: Any) -> ChainModel:
-    """A model with only the terms v and s of every site: the tangent at rest, not the
-    best line through a loop.
+def linear_part(model: ChainModel | NRFRegressor) -> ChainModel:
+    """A model with only the terms v and s of every site.
+
+    That is the tangent at rest, not the best line through a loop.
 
     Parameters
     ----------
@@ -21,27 +28,28 @@ def linear_part(model: Any) -> ChainModel:
     Examples
     --------
     >>> from pysindy_nrf import ChainModel, identification, laws
-    >>> print(
-    ...     identification.linear_part(
-    ...         ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})
-    ...     )
-    ... )
+    >>> duffing = ChainModel([10.0], {1: laws.Duffing(k=4e4, k3=1e9)})
+    >>> print(identification.linear_part(duffing))
     m1 = 10 kg  (R in N, s in m, v in m/s)
     R1 = 0 v1 + 4e+04 s1
     """
     model = as_model(model)
-    forces = {
-        site: force.linear_part()
-        for site, force in model.restoring_forces.items()
-        if force.laws
-    }
-    held = {site: (PowerSeries(1, part.to_numpy()),) for site, part in forces.items()}
-    return ChainModel(model.masses, held, model.chain, model.visited)
+    linear = {}
+    for site, force in model.restoring_forces.items():
+        if force.laws:
+            linear[site] = (PowerSeries(1, force.linear_part().to_numpy()),)
+    return ChainModel(model.masses, linear, model.chain, model.visited)
 
 
-def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFrame:
-    """Identified force of every storey less that of the bare structure (paper eq. 21),
-    :math:`R^{non} - R^{lin}`.
+def damper_force(
+    model: ChainModel | NRFRegressor,
+    linear: ChainModel | NRFRegressor,
+    X: Any,
+    **options: Any,
+) -> pd.DataFrame:
+    r"""Force of every storey less that of the bare structure.
+
+    :math:`R^{non} - R^{lin}`, equation 21 of the paper.
 
     Parameters
     ----------
@@ -58,6 +66,8 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
 
     Examples
     --------
+    The device adds 50 v + 1e9 s^3:
+
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws
     >>> from pysindy_nrf.identification import damper_force
@@ -66,23 +76,22 @@ def damper_force(model: Any, linear: Any, X: Any, **options: Any) -> pd.DataFram
     ...     [10.0],
     ...     {1: [laws.PowerSeries(1, [150.0, 1e5]), laws.CubicStiffness(1e9)]},
     ... )
-    >>> damper_force(damped, bare, np.array([[0.0, 0.1, 0.001]]))[
-    ...     "storey 1"
-    ... ].round(6).tolist()  # 50 v + 1e9 s^3
+    >>> force = damper_force(damped, bare, np.array([[0.0, 0.1, 0.001]]))
+    >>> force["storey 1"].round(6).tolist()
     [6.0]
     """
-    whole, bare = as_model(model), as_model(linear)
+    with_devices = as_model(model)
     data = as_segments(model, X, **options)
-    forces = whole.restoring_force(data) - bare.restoring_force(data)
-    return frame(
-        data,
-        [forces[seg.rows][seg.valid] for seg in data.segments],
-        storey_names(whole),
-    )
+    forces = with_devices.restoring_force(data) - as_model(linear).restoring_force(data)
+    parts = [_in_record(forces, segment) for segment in data.segments]
+    return frame(data, parts, storey_names(with_devices))
 
 
 def dissipated_energy(
-    model: Any, X: Any, without: Any = None, **options: Any
+    model: ChainModel | NRFRegressor,
+    X: Any,
+    without: ChainModel | NRFRegressor | None = None,
+    **options: Any,
 ) -> pd.DataFrame:
     """Energy dissipated in every storey over time.
 
@@ -103,43 +112,56 @@ def dissipated_energy(
 
     Examples
     --------
+    A dashpot dissipates c times the integral of v^2, here 30 times 2 pi:
+
     >>> import numpy as np
     >>> from pysindy_nrf import ChainModel, laws
     >>> from pysindy_nrf.identification import dissipated_energy
     >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [30.0, 4e4])})
     >>> t = np.linspace(0, 4 * np.pi, 4001)
-    >>> energy = dissipated_energy(
-    ...     model, np.column_stack([-np.sin(t), np.cos(t), np.sin(t)]), time=t
-    ... )  # a, v, s
-    >>> float(
-    ...     energy["storey 1"].iloc[-1].round(1)
-    ... )  # c times the integral of v^2: 30 times 2 pi
+    >>> motion = np.column_stack([-np.sin(t), np.cos(t), np.sin(t)])
+    >>> energy = dissipated_energy(model, motion, time=t)
+    >>> float(energy["storey 1"].iloc[-1].round(1))
     188.5
     """
-    whole = as_model(model)
+    storeys = as_model(model)
     data = as_segments(model, X, **options)
-    forces = whole.restoring_force(data)
-    if without is not None:
-        forces = forces - as_model(without).restoring_force(data)
-        stiffness = np.zeros(whole.n_dof)
+    forces = storeys.restoring_force(data)
+    if without is None:
+        stiffness = _linear_stiffness(storeys)
     else:
-        linear = linear_part(whole).restoring_forces
-        stiffness = np.array(
-            [
-                linear[i].linear_part()["k"] if i in linear else 0.0
-                for i in range(1, whole.n_dof + 1)
-            ]
-        )
+        forces = forces - as_model(without).restoring_force(data)
+        stiffness = np.zeros(storeys.n_dof)
+
     parts = []
-    for seg in data.segments:
-        s = seg.s[seg.valid].astype(float)
-        stored = 0.5 * stiffness * (s**2 - s[0] ** 2)
-        R = forces[seg.rows][seg.valid]
-        if seg.t is None:
-            work = cumulative_trapezoid(R, s, axis=0, initial=0.0)
-        else:  # more exact than the area of the sampled loops
-            work = cumulative_trapezoid(
-                R * seg.v[seg.valid], seg.t[seg.valid], axis=0, initial=0.0
-            )
+    for segment in data.segments:
+        drift = segment.s[segment.valid].astype(float)
+        stored = 0.5 * stiffness * (drift**2 - drift[0] ** 2)
+        work = _work(_in_record(forces, segment), segment)
         parts.append(work - stored)
-    return frame(data, parts, storey_names(whole))
+    return frame(data, parts, storey_names(storeys))
+
+
+def _in_record(forces: np.ndarray, segment: Segment) -> np.ndarray:
+    """Storey forces in the valid rows of one record."""
+    return forces[segment.rows][segment.valid]
+
+
+def _linear_stiffness(model: ChainModel) -> np.ndarray:
+    """Tangent stiffness at rest of every storey, N/m."""
+    stiffness = np.zeros(model.n_dof)
+    forces = linear_part(model).restoring_forces
+    for storey in range(1, model.n_dof + 1):
+        if storey in forces:
+            stiffness[storey - 1] = forces[storey].linear_part()["k"]
+    return stiffness
+
+
+def _work(forces: np.ndarray, segment: Segment) -> np.ndarray:
+    """Work of storey forces since the start of a record, J."""
+    if segment.t is None:
+        drift = segment.s[segment.valid].astype(float)
+        return cumulative_trapezoid(forces, drift, axis=0, initial=0.0)
+    # more exact than the area of the sampled loops
+    power = forces * segment.v[segment.valid]
+    return cumulative_trapezoid(power, segment.t[segment.valid], axis=0, initial=0.0)

@@ -1,71 +1,49 @@
-"""Results of a fitted estimator: forces, errors, intervals, modes, free runs."""
+"""What a fitted regressor gives: forces, errors, intervals, free runs, the verdict."""
 
-import warnings
-from collections.abc import Callable, Mapping
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import norm
-from sklearn.base import clone
 from sklearn.utils.validation import check_is_fitted
 
-from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
-from ..chain.structure import Chain
-from ..common.lazy import Hook
-from ..diagnosis import verdict as verdicts
-from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
+from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.planning import Diagnosis, diagnose
+from ..diagnosis.site_loops import loops_of
+from ..diagnosis.verdict import Verdict
 from ..equations.errors import explained_accelerations, judge
-from ..exceptions import (
-    BiasWarning,
-    ChannelError,
-    DataQualityWarning,
-    NRFError,
-    NRFWarning,
-)
+from ..exceptions import ChannelError
 from ..records.channels import require_two_dimensions, sample_weights
 from ..records.dataset import Dataset, feature_names
-from ..records.input_arrays import from_arrays, holds_records
+from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
+from ..records.named_columns import forces_by_name
 from ..records.record import Record
-from . import intervals
-from .problem import Estimate, Problem, blocks_of, flexible_laws
-
-# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave;
-# below, the rest is arithmetic and interpolation, which no further sample averages out.
-EXACT = 0.01
-CURE = "Give the Records themselves, with estimation='auto' or 'iv'."
+from ..report.figures.forces import loop_figures
+from ..report.figures.matplotlib_renderer import Drawing
+from ..report.figures.motion import free_run_figure
+from ..simulation.api import simulate
+from .problem import Problem, blocks_of
+from .result import IdentificationResult
 
 
 class FittedChain:
     """Methods of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
 
+    result_: IdentificationResult
     model_: ChainModel
-    chain_: Chain
-    solve_order_: SolveOrder
     problem_: Problem
-    masses_: np.ndarray
     errors_: pd.DataFrame
     missing_terms_: pd.DataFrame
+    jump_bias_: pd.DataFrame
+    condition_: pd.Series
     data_warnings_: dict[str, list[str]]
-    n_samples_: int
-    band: tuple[float | None, float | None] | None
     coordinates: str
     dt: float | None
-    _resolver: intervals.Resolver | None
-    _measured = False  # whether they were records
-    _records: Dataset | None = (
-        None  # data of the fit; None after a fit in chunks or a load
-    )
-    _fused_separately: Callable[[], Dataset] | None = (
-        None  # the motions fused DOF by DOF, if records were given
-    )
-    _separate_resolver: intervals.Resolver | None = None
-    _fused_jointly: bool = False  # True if X was fused jointly over the DOFs
-    _given: Any = None  # the records of the fit, if records were given
-    _free: verdicts.FreeRuns | None = None
-    _verdict: verdicts.Verdict | None = None
+    _one_force: bool = False
 
     def fit_data(self, cure: str) -> Dataset:
         """Data of the fit.
@@ -80,14 +58,10 @@ class FittedChain:
         ChannelError
             If the model was fitted in chunks, or loaded without the data.
         """
-        if self._records is None:
-            raise ChannelError(
-                "The model was loaded without the data it was fitted to", cure
-            )
-        return self._records
+        check_is_fitted(self)
+        return self.result_.require_data(cure)
 
-    def _data(self, X: Any, y: Any, **options: Any) -> Dataset:
-        return from_arrays(X, y, coordinates=self.coordinates, dt=self.dt, **options)
+    # -- other data ------------------------------------------------------------------
 
     def predict(
         self,
@@ -98,8 +72,9 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> np.ndarray:
-        """Forces on the DOFs that the measured motion implies (left-hand sides of the
-        balances), for data as in :meth:`fit`.
+        """Forces that the measured motion implies, for data as in :meth:`fit`.
+
+        They are the left-hand sides of the balances.
 
         Returns
         -------
@@ -107,15 +82,16 @@ class FittedChain:
             N; NaN at masked edges. Of shape (n_samples,) if ``fit`` got forces of this
             shape.
         """
-        given = dict(
+        data = self.dataset(
+            X,
             record=record,
             time=time,
             base_acceleration=base_acceleration,
             covariates=covariates,
+            every_row=True,
         )
-        data = self._judged(X, None, every_row=True, **given)
-        out = data.scatter(self.model_.balance_forces(data))
-        return out[:, 0] if getattr(self, "_one_force", False) else out
+        forces = data.scatter(self.model_.balance_forces(data))
+        return forces[:, 0] if self._one_force else forces
 
     def restoring_force(self, X: Any, **given: Any) -> np.ndarray:
         """Storey forces along data, given as for :meth:`fit`.
@@ -130,9 +106,8 @@ class FittedChain:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        return self.model_.restoring_force(
-            self._judged(X, None, every_row=True, **given)
-        )
+        data = self.dataset(X, every_row=True, **given)
+        return self.model_.restoring_force(data)
 
     def score(
         self,
@@ -145,63 +120,113 @@ class FittedChain:
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> float:
-        """R^2 of the accelerations the model predicts, variance-weighted over the DOFs,
-        on data as for :meth:`fit`.
+        """R^2 of the accelerations of the model, for data as in :meth:`fit`.
 
-        It is comparable under any excitation; ``scoring="r2"`` of scikit-learn uses the
-        forces, which are zero on unforced DOFs.
+        It is weighted by the variances of the DOFs, and comparable under any
+        excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are zero on
+        unforced DOFs.
 
         Parameters
         ----------
         sample_weight : array-like of shape (n_samples,), optional
             Weights of the samples; equal if None.
         """
-        given = dict(
+        data = self.dataset(
+            X,
+            y,
             record=record,
             time=time,
             base_acceleration=base_acceleration,
             covariates=covariates,
         )
-        data = self._judged(X, y, **given)
         weights = sample_weights(sample_weight, data.n_samples)
-        judged = []
-        for seg, part, filter in zip(
-            data.segments, self.model_.balance_forces(data), self.problem_.filters(data)
-        ):
-            a, gap = (
-                seg.a[seg.valid].astype(float),
-                (seg.F[seg.valid] - part) / self.masses_,
-            )
-            a, gap = (
-                (a, gap) if filter is None else (filter.apply(a), filter.apply(gap))
-            )
-            judged.append((a, gap, weights[seg.rows][seg.valid]))
-        return explained_accelerations(judged)
+        filters = self.result_.problem.filters(data)
+        left_hand_sides = self.model_.balance_forces(data)
+
+        parts = []
+        for segment, force, band_pass in zip(data.segments, left_hand_sides, filters):
+            rows = segment.valid
+            acceleration = segment.a[rows].astype(float)
+            missed = (segment.F[rows] - force) / self.model_.masses
+            if band_pass is not None:
+                acceleration = band_pass.apply(acceleration)
+                missed = band_pass.apply(missed)
+            parts.append((acceleration, missed, weights[segment.rows][rows]))
+        return explained_accelerations(parts)
 
     def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
-        """Balance errors (one step) in the same band on other data, as for :meth:`fit`
-        and :meth:`restoring_force`.
+        """Balance errors on data as in :meth:`fit` and :meth:`restoring_force`.
+
+        They are those of one step, in the band of the fit.
 
         Returns
         -------
         DataFrame
             Percent NRMSE, one row for each balance; as ``errors_``.
         """
-        data = self._judged(X, y, **given)
-        layout, filters = self.problem_.layout, self.problem_.filters(data)
+        data = self.dataset(X, y, **given)
+        problem = self.result_.problem
+        layout, filters = problem.layout, problem.filters(data)
         return judge(
             self.model_,
             layout,
-            self.solve_order_,
+            self.result_.order,
             lambda: blocks_of(data, filters, layout),
         )
 
-    def modes(self) -> pd.DataFrame:
-        """Frequencies (Hz), damping ratios and shapes of the linear part; see
-        :meth:`ChainModel.modes`.
+    def dataset(
+        self, X: Any, y: Any = None, *, every_row: bool = False, **given: Any
+    ) -> Dataset:
+        """Other data, read as those of the fit.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of them
+            Motions, or records, as in :meth:`fit`.
+        y : array-like of shape (n_samples, n_dof), optional
+            Forces, N.
+        every_row : bool
+            Keep the short pieces between gaps of the clock that a fit leaves out.
+        **given
+            Record, time, base_acceleration and covariates, as in :meth:`fit`.
+
+        Returns
+        -------
+        Dataset
+            One motion for each record.
         """
         check_is_fitted(self)
-        return self.model_.modes()
+        if not hasattr(X, "columns") and records_in(X) is None:
+            self._require_width(X)
+        settings = replace(
+            self._input_settings(X),
+            n_dof=self.model_.n_dof,
+            has_memory=self.model_.has_memory,
+            every_row=every_row,
+        )
+        return as_dataset(Input(X, y, **given), settings)
+
+    def _input_settings(self, X: Any) -> InputSettings:
+        """How data are read; the estimator has its own way."""
+        return InputSettings(coordinates=self.coordinates, dt=self.dt)
+
+    def _require_width(self, X: Any) -> None:
+        """Refuse an array with another number of columns, in scikit-learn's words."""
+        if isinstance(X, Dataset):
+            return
+        require_two_dimensions(X)
+        needed = 3 * self.model_.n_dof
+        is_sparse = hasattr(X, "nnz")
+        if is_sparse or np.ndim(X) != 2 or np.shape(X)[-1] == needed:
+            return
+        names = feature_names(self.model_.n_dof, self.coordinates)
+        raise ChannelError(
+            f"X has {np.shape(X)[-1]} features, but {type(self).__name__} is expecting"
+            f" {needed} features as input; {needed} columns are needed",
+            f"Give {', '.join(names[:9])}.",
+        )
+
+    # -- intervals and diagnosis -----------------------------------------------------
 
     def confidence_intervals(
         self,
@@ -210,8 +235,7 @@ class FittedChain:
         of: Any = "parameters",
         calibration: Mapping[str, float] | None = None,
     ) -> pd.DataFrame:
-        """Confidence intervals of masses and coefficients, or of anything that follows
-        from the model.
+        """Intervals of masses and coefficients, or of what follows from the model.
 
         The whole chain is solved again without each of some 64 consecutive pieces of
         the data (jackknife, neighbours correlated: Newey and West), so an error in one
@@ -251,28 +275,7 @@ class FittedChain:
             table of tolerances.
         """
         check_is_fitted(self)
-        resolver, data = self._interval_resolver(), self._records
-        table = intervals.parameter_intervals(resolver, self.model_, level, of, data)
-        if calibration is None:
-            return table
-        if isinstance(of, Mapping):
-            raise ChannelError(
-                "calibration does not go with a mapping of sites",
-                "Give of= a function of the model.",
-            )
-        data = self.fit_data("Fit again, or ask for intervals before saving.")
-        statistic = intervals.statistic_of(
-            of, resolver.known_masses, resolver.pieces.layout, data
-        )
-        spread = intervals.calibration_spread(
-            self.problem_, self.solve_order_, data, statistic, calibration
-        )
-        for end, sign in (("lower", -1), ("upper", 1)):
-            half = np.hypot(
-                table[end] - table["estimate"], norm.ppf((1 + level) / 2) * spread
-            )
-            table[f"combined_{end}"] = table["estimate"] + sign * half
-        return table
+        return self.result_.confidence_intervals(level, of=of, calibration=calibration)
 
     def force_intervals(
         self, site: Any, v: Any, s: Any, level: float = 0.95
@@ -295,59 +298,30 @@ class FittedChain:
             ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
         """
         check_is_fitted(self)
-        return intervals.force_intervals(
-            self._interval_resolver(), self.model_, site, v, s, level
-        )
+        return self.result_.intervals.forces(site, v, s, level)
+
+    def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
+        """95 % intervals by parameter, and why there are none."""
+        check_is_fitted(self)
+        return self.result_.bounds
 
     def diagnose(self) -> Diagnosis:
-        """Diagnose what limits the estimate; see
-        :func:`pysindy_nrf.diagnosis.planning.diagnose`.
-        """
+        """What limits the estimate; see :func:`diagnosis.planning.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 
-    def verdict(self) -> verdicts.Verdict:
-        """Whether the model may be used, what it holds, and why not; see
-        :mod:`pysindy_nrf.diagnosis.verdict`.
+    def verdict(self) -> Verdict:
+        """Whether the model may be used, what it holds, and why not.
 
         Reads the balances, the intervals, the warnings of the fit and a free run over
         the data of the fit. Where a balance does not close, the fit is repeated with
-        other mappings of the channels, and the one that closes named.
+        other mappings of the channels, and the one that closes named. See
+        :mod:`pysindy_nrf.diagnosis.verdict`.
         """
         check_is_fitted(self)
-        if self._verdict is not None:
-            return self._verdict
-        bounds, doubts = self.bounds()
-        missing = self.missing_terms_[self.missing_terms_["biased"].astype(bool)]
-        doubts = [
-            text for held in self.data_warnings_.values() for text in held
-        ] + doubts
-        doubts += [
-            f"{name[0].upper()}{name[1:]}: a law is missing, or the motion is noisy."
-            for name in missing.index
-        ]
-        free, shares = None, {}
-        if self._records is not None:
-            free, shares = (
-                self.free_runs(),
-                verdicts.shares_of(self.model_, self._records),
-            )
-        errors = self.errors_["error"].drop("pooled")
-        found = list(verdicts.nonlinear_parts(self.model_, shares, bounds).values())
-        self._verdict = verdicts.verdict_on(
-            self.model_,
-            {int(k[4:]): float(e) for k, e in errors.items()},
-            found,
-            free,
-            bounds,
-            known_masses=self.problem_.known_masses,
-            doubts=doubts,
-            faults=verdicts.suspect_channels(self._given or []),
-            wiring=self._wiring,
-        )
-        return self._verdict
+        return self.result_.verdict
 
-    def free_runs(self) -> verdicts.FreeRuns:
+    def free_runs(self) -> FreeRuns:
         """Free runs of the model over the data of the fit, in the band of the fit.
 
         Returns
@@ -355,21 +329,15 @@ class FittedChain:
         FreeRuns
             ``.error``, ``.table``, ``.runs``, ``.why_not``.
         """
-        if self._free is None:
-            data = self.fit_data("Fit again to run the model over its data.")
-            dt = self.dt if any(seg.dt is None for seg in data.segments) else None
-            self._free = verdicts.free_runs(
-                self.model_, data, self.problem_.filters(data), dt=dt
-            )
-        return self._free
+        check_is_fitted(self)
+        return self.result_.free_runs
 
-    def summary(self) -> str:
-        """The verdict with its reasons, the masses and the equations, as text."""
-        return f"{self.verdict()}\n{self.model_}"
+    # -- the model -------------------------------------------------------------------
 
-    def print(self) -> None:
-        """Print :meth:`summary`."""
-        print(self.summary())
+    def modes(self) -> pd.DataFrame:
+        """Modes of the linear part; see :meth:`ChainModel.modes`."""
+        check_is_fitted(self)
+        return self.model_.modes()
 
     def equations(self, digits: int = 4) -> list[str]:
         """The restoring forces as text; see :meth:`ChainModel.equations`."""
@@ -381,9 +349,16 @@ class FittedChain:
         check_is_fitted(self)
         return self.model_.to_latex()
 
+    def summary(self) -> str:
+        """The verdict with its reasons, the masses and the equations, as text."""
+        return f"{self.verdict()}\n{self.model_}"
+
+    def print(self) -> None:
+        """Print :meth:`summary`."""
+        print(self.summary())
+
     def plot(self, ax: Any = None) -> Any:
-        """Draw the force of every site over its drift, and the free run over the
-        measured motion (matplotlib).
+        """Draw the force of every site over its drift, and the free run (matplotlib).
 
         Parameters
         ----------
@@ -396,44 +371,10 @@ class FittedChain:
             With ``ax_`` and ``figure_``.
         """
         check_is_fitted(self)
-        return Hook.MODEL_FIGURE(self).plot(ax)
-
-    def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
-        """95 % intervals by parameter, and why there are none."""
-        try:
-            with warnings.catch_warnings(action="ignore", category=NRFWarning):
-                warnings.simplefilter("error", BiasWarning)
-                table = self.confidence_intervals()
-        except BiasWarning as withheld:
-            return {}, [str(withheld)]
-        except NRFError as error:
-            return {}, [f"No intervals: {error}"]
-        return {
-            str(r.parameter): (float(r.lower), float(r.upper))
-            for r in table.itertuples()
-        }, []
-
-    def _wiring(self) -> str:
-        """The mapping of channels that closes the balances, in words."""
-        given = self._given
-        if given is None and self._records is not None:
-            given = [
-                Record(
-                    seg.F[seg.valid],
-                    seg.a[seg.valid],
-                    np.cumsum(seg.v[seg.valid], axis=1),
-                    np.cumsum(seg.s[seg.valid], axis=1),
-                    1.0 / (seg.dt or self.dt or 1.0),
-                    name=seg.name,
-                    base_acceleration=None if seg.ag is None else seg.ag[seg.valid],
-                )
-                for seg in self._records.segments
-            ]
-        return (
-            ""
-            if given is None
-            else wiring_of(self, self.problem_, self.model_, list(given))
-        )
+        data = self.fit_data("Fit again to draw the model over its data.")
+        loops = loops_of(self.model_, data, self.problem_.filters(data))
+        figures = loop_figures(self.model_, loops) + free_run_figure(self.free_runs())
+        return Drawing(figures).plot(ax)
 
     def simulate(
         self,
@@ -444,11 +385,12 @@ class FittedChain:
         v0: Any = None,
         **options: Any,
     ) -> Record:
-        """Free run of the identified model; parameters as of
-        :func:`pysindy_nrf.simulate`.
+        """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
 
         Parameters
         ----------
+        F : array-like of shape (n_samples, n_dof) or DataFrame
+            N; a table with columns ``F1..`` in any order.
         dt : float, optional
             s; the estimator's ``dt`` if None.
         **options
@@ -465,158 +407,6 @@ class FittedChain:
             raise ChannelError(
                 "The free run needs the sampling step of F", "Pass dt= in s."
             )
-        return self.model_.simulate(F, step, x0=x0, v0=v0, **options)
-
-    def to_sindy(self) -> Any:
-        """The identified model as a fitted ``ps.SINDy``; see
-        :meth:`ChainModel.to_sindy`.
-        """
-        check_is_fitted(self)
-        return self.model_.to_sindy(1.0 if self.dt is None else self.dt)
-
-    def _judged(self, X: Any, y: Any, **given: Any) -> Dataset:
-        check_is_fitted(self)
-        if not (hasattr(X, "columns") or isinstance(X, Record) or holds_records(X)):
-            require_two_dimensions(X)
-            width = (
-                np.shape(np.asarray(X))[-1]
-                if not hasattr(X, "nnz")
-                else 3 * self.model_.n_dof
-            )
-            if np.ndim(np.asarray(X)) == 2 and width != 3 * self.model_.n_dof:
-                raise ChannelError(
-                    f"X has {width} features, but {type(self).__name__} is expecting"
-                    f" {3 * self.model_.n_dof} features as input;"
-                    f" {3 * self.model_.n_dof} columns are needed",
-                    "Give"
-                    f" {', '.join(feature_names(self.model_.n_dof, self.coordinates)[:9])}.",
-                )
-        return self._data(
-            X, y, has_memory=self.model_.has_memory, n_dof=self.model_.n_dof, **given
-        )
-
-    def _resolving(self) -> intervals.Resolver:
-        """Resolver of the chain on parts of the data, made at the first use."""
-        if self._resolver is None:
-            data = self.fit_data("Fit again, or ask for intervals before saving.")
-            self._resolver = intervals.least_squares_resolver(
-                self.problem_, self.solve_order_, data
-            )
-        return self._resolver
-
-    def _interval_resolver(self) -> intervals.Resolver:
-        """Resolver for intervals, on motions whose errors are independent between
-        pieces.
-        """
-        if self._fused_jointly:
-            warnings.warn(
-                "The motions in X were fused jointly over the DOFs; their remaining"
-                " noise is correlated over the whole record, so the intervals are up to"
-                " three times too narrow. Give the records themselves, or make X with"
-                " record.to_features(smooth=KinematicSmoother(joint=False)).",
-                DataQualityWarning,
-                stacklevel=3,
-            )
-        resolver = self._resolving()
-        resolver.withheld = self._withheld()
-        if self.errors_.loc["pooled", "error"] < EXACT:
-            resolver.repeats = self.n_samples_
-        if self._fused_separately is None or resolver.withheld:
-            return resolver
-        if self._separate_resolver is None:
-            apart = self._fused_separately()
-            self._separate_resolver = intervals.least_squares_resolver(
-                self.problem_, self.solve_order_, apart
-            )
-            self._separate_resolver.constrain, self._separate_resolver.repeats = (
-                resolver.constrain,
-                resolver.repeats,
-            )
-        return self._separate_resolver
-
-    def _noise_bias(self) -> list[NoiseBias]:
-        """What noise in the motion does to least squares, by balance; empty for other
-        estimates, or without data.
-        """
-        if self.model_.info["estimation"]["found"] != "ls" or self._records is None:
-            return []
-        shares = noise_shares(self._records, self.problem_.filters(self._records))
-        return noise_bias(
-            self.model_, self.solve_order_, self._resolving().pieces.sum(), shares
-        )
-
-    def _withheld(self) -> str:
-        """Why these data give no valid interval; empty if noise does not bias least
-        squares and no chain is as good.
-        """
-        bias = max((one.errors for one in self._noise_bias()), default=0.0)
-        if bias <= NEGLIGIBLE:
-            return " ".join(self.model_.info["estimation"].get("doubts", ()))
-        return (
-            f"noise in the motion may bias least squares by {bias:.2g} standard errors;"
-            f" up to {NEGLIGIBLE:g} leave 95 % intervals valid."
-            f" {' '.join(self.model_.info['estimation'].get('notes', ())) or CURE}"
-        )
-
-
-def wiring_of(
-    estimator: Any, problem: Problem, model: ChainModel, records: list[Record]
-) -> str:
-    """The error of wiring without which the balances close, in words, whatever law the
-    storeys have.
-
-    A chain wired wrongly does not close with any law; a law that is missing is no error
-    of wiring.
-    """
-    # the rms of a drift about a third of its peak, as of Gaussian motion
-    drifts = {
-        site: max(abs(box.low[1]), abs(box.high[1])) / 3
-        for site, box in model.visited.items()
-    }
-    again = clone(estimator).set_params(
-        estimation="ls",
-        constraints=None,
-        optimizer=None,
-        orders=None,
-        chain=problem.chain,
-        laws=flexible_laws(problem, drifts),
-    )
-
-    asked = again.problem(problem.chain.n_dof)
-    options = {
-        "n_dof": problem.chain.n_dof,
-        "has_memory": asked.layout.has_memory,
-        "check": False,
-    }
-
-    def coarse(some: list[Record]) -> Estimate:
-        """An estimate from channels as they are; rates that were not measured are
-        differences.
-        """
-        pairs = (
-            (
-                one,
-                (
-                    {}
-                    if one.velocity is not None or one.displacement is None
-                    else {
-                        "velocity": np.gradient(one.displacement, 1.0 / one.fs, axis=0)
-                    }
-                ),
-            )
-            for one in some
-        )
-        return asked.solve(
-            from_arrays(
-                [one.replace(**rates) for one, rates in pairs],
-                smooth=False,
-                check=False,
-            )
-        )
-
-    def solved(some: list[Record]) -> Estimate:
-        return asked.solve(again._data(some, None, **options))
-
-    return verdicts.mapping_that_closes(
-        records, solved, coarse, estimator.known_masses or ()
-    )
+        if hasattr(F, "columns"):
+            F = forces_by_name(F, self.model_.n_dof)
+        return simulate(self.model_, F, step, x0=x0, v0=v0, **options)

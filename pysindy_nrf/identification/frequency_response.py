@@ -1,5 +1,4 @@
-"""Frequency responses: their noise, whether a chain can hold them, and a fit that noise
-does not bias.
+"""Frequency responses: their noise, a fit that noise does not bias, and what is wrong.
 
 Over a few lines a response is a ratio of low polynomials, with one denominator for all
 DOFs; what is left is noise (local rational method, McKelvey and Guerin, IFAC SYSID
@@ -9,236 +8,353 @@ is one where noise is all there is. Their rows are the instruments of the fit, w
 then one of total least squares.
 """
 
-import warnings
-from dataclasses import replace
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy import linalg
 
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, solve
-from ..exceptions import BiasWarning, ChainError, DataQualityWarning
+from ..equations.errors import judge
+from ..exceptions import ChainError, DataQualityWarning
+from ..records.dataset import Dataset
 from ..records.files import frf_to_features
 from ..records.files.frequency_response import FrequencyResponse, in_band
-from ..records.input_arrays import from_arrays
+from ..records.input_arrays import Input, InputSettings, from_arrays
+from ..records.quality import QualityNote
+from .examination import Examination, Finding
 from .intervals import Resolver
+from .methods import RESPONSES, IdentificationMethod, finite_band, result_of
+from .problem import Problem, blocks_of, least_squares
+from .result import IdentificationResult
 
-# lines on each side, of a polynomial of degree 2 over one of degree 2: 9 n values for 3
-# n + 2 unknowns
-HALF = 4
-ROUNDS = 6  # of weights: they settle to 1 % within four
-# variances of noise; at 0.2, 1 and 5 % noise the largest of 1,200 simulated responses
-# is 3.7
-BEYOND = 9.0
-# of the responses; Hann's window leaves less, a gain that is 20 % wrong and 2 ms at 4
-# Hz leave more
-MATTERS = 0.01
-
-
-def noise_of(H: np.ndarray) -> np.ndarray:
-    """Variance of each line of each DOF, from the lines beside it; shape of ``H``."""
-    n_lines, n = H.shape
-    d = np.arange(-HALF, HALF + 1) / HALF
-    near = np.clip(np.arange(n_lines), HALF, n_lines - 1 - HALF)[:, None] + np.arange(
-        -HALF, HALF + 1
-    )
-    Y = H[near].transpose(0, 2, 1)
-    numerator, denominator = np.vander(d, 3), np.vander(d, 3)[:, :2]
-    rest = np.eye(len(d)) - numerator @ np.linalg.pinv(numerator)
-    size = np.sqrt((np.abs(Y) ** 2).mean(axis=2, keepdims=True)) + np.finfo(float).tiny
-    columns = np.einsum("ij,jp,lkj->lkip", rest, denominator, Y / size).reshape(
-        n_lines, -1, 2
-    )
-    target = ((Y / size) @ rest).reshape(n_lines, -1, 1)
-    q = -np.linalg.pinv(columns) @ target
-    left = (np.abs(columns @ q + target) ** 2).reshape(n_lines, n, -1).sum(axis=2)
-    shape = (np.abs(1 + denominator @ q[:, :, 0].T) ** 2).mean(axis=0)[:, None]
-    floor = (1e-9 * size[:, :, 0]) ** 2
-    return np.maximum(left / shape / (len(d) - 3 - 2 / n) * size[:, :, 0] ** 2, floor)
+# Lines on each side of one over which a response is a polynomial of degree 2 over one
+# of degree 2: 9 n values for 3 n + 2 unknowns.
+HALF_WIDTH = 4
+_DEGREE = 2
+# Smallest noise, as a share of the response: round-off of the polynomials.
+_SMALLEST_NOISE = 1e-9
+# Rounds of the weights of lines, which settle to 1 % within four.
+_ROUNDS = 6
+# Distance, in variances of noise, above which responses cannot obey a balance. At 0.2,
+# 1 and 5 % noise the largest of 1,200 simulated responses is 3.7.
+_FAR = 9.0
+# Change of the responses, as a share, that matters: Hann's window leaves less, a gain
+# that is 20 % wrong and 2 ms at 4 Hz leave more.
+_MATTERS = 0.01
+# Standard errors of a power that a force puts into a structure, which is not negative.
+_SURELY_NEGATIVE = -3.0
 
 
-def nearest(
-    frf: FrequencyResponse, noise: np.ndarray, sites: Any, j: int, free: int = 0
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Distance, in variances of noise, of responses that obey a balance (with any gain
-    of DOF free); they; weights.
-    """
-    unit, iw = np.eye(frf.n_dof + 1)[:, 1:], 2j * np.pi * frf.f[:, None, None]
-    drifts = np.array(
-        [unit[s.p] - unit[s.q or 0] for s in sites if j in (s.p, s.q)]
-    ).reshape(-1, frf.n_dof)
-    masses = unit[[j]]
-    more = np.vstack([drifts, unit[[free]]])
-    if free and drifts[:, free - 1].any() and np.linalg.matrix_rank(more) == len(more):
-        drifts, masses = more, unit[sorted({j, free})]
-    T = np.concatenate(
-        [
-            np.broadcast_to(masses.T, (len(iw), *masses.T.shape)),
-            drifts.T / iw,
-            drifts.T / iw**2,
-        ],
-        axis=2,
-    )
-    X = np.einsum("lk,lkc->lc", frf.H, T)
-    if j == frf.excited:
-        X, T = (
-            np.append(y, np.full((*y.shape[:-1], 1), value), axis=-1)
-            for y, value in ((X, 1.0), (T, 0.0))
+class FrequencyResponseFit(IdentificationMethod):
+    """Total least squares of the balances, with the noise that the lines show."""
+
+    name = "iv"
+    label = "a fit of frequency responses"
+    requires = frozenset({RESPONSES})
+    uses = frozenset({"optimizer", "strategy", "constraints", "band"})
+
+    def read(self, given: Input, settings: InputSettings) -> FrequencyResponse:
+        """The responses as they are."""
+        return given.X
+
+    def identify(
+        self, problem: Problem, data: FrequencyResponse
+    ) -> IdentificationResult:
+        """Masses and linear laws of a problem; its band chooses lines."""
+        used = _lines_in_band(data, problem.band)
+        unfiltered = replace(problem, band=None)
+        noise = noise_of(used.H)
+        sites = problem.layout.acting
+        nearest = {}
+        for j in range(1, data.n_dof + 1):
+            nearest[j] = nearest_responses(used, noise, sites, j)
+        doubts = responses_in_doubt(used, noise, sites, nearest)
+        measured = _balances(used, nearest)
+        instruments = _balances(used, nearest, of_nearest=True)
+        start = least_squares(unfiltered, measured)
+        layout, order = start.problem.layout, start.order
+        known_masses = dict(problem.known_masses)
+        pieces = pieces_of(
+            measured,
+            layout,
+            groups_of(layout, order),
+            [None] * data.n_dof,
+            known_masses,
+            instruments.segments,
         )
-    w = np.ones(len(X))
-    for _ in range(ROUNDS):
-        G = ((w[:, None] * X).conj().T @ (w[:, None] * X)).real
-        N = np.einsum(
-            "lkc,lkd,lk->cd", T.conj(), T, noise * w[:, None] ** 2, optimize=True
-        ).real
-        size = np.sqrt(np.diag(G))
-        G, N = G / size[:, None] / size, N / size[:, None] / size
-        values, vectors = linalg.eigh(N, G + 1e-13 * np.eye(len(G)))
-        theta = vectors[:, -1] / size
-        passed = T @ theta
-        power = (np.abs(passed) ** 2 * noise).sum(axis=1)
-        w = np.sqrt(power.min() / power)
-    return (
-        1.0 / float(values[-1]),
-        frf.H + -passed.conj() * noise * ((X @ theta) / power)[:, None],
-        w,
-    )
+        total = pieces.sum().projected()
+        solution = solve(total, order, known_masses, problem.optimizer)
 
-
-def doubts(
-    frf: FrequencyResponse, noise: np.ndarray, sites: Any, found: dict[int, Any]
-) -> list[str]:
-    """Sentences on responses that no chain of these sites has, whatever its masses and
-    laws.
-    """
-    out, e = [], frf.excited
-    if (frf.H[:, e - 1].imag / frf.f).sum() < -3 * np.sqrt(
-        (noise[:, e - 1] / 2 / frf.f**2).sum()
-    ):
-        out.append(
-            f"H{e}, where the force acts, gives energy back: its sign, that of the"
-            " imaginary parts, or kind= is wrong."
+        facts = {
+            "asked": self.asked,
+            "found": self.name,
+            "notes": ["nearest responses"],
+        }
+        resolver = Resolver(pieces, order, known_masses, problem.optimizer)
+        estimate = start._replace(model=model_of(layout, solution))
+        result = result_of(Finding(estimate, measured, facts, resolver))
+        notes = tuple(QualityNote("other", doubt, record=data.name) for doubt in doubts)
+        if doubts:
+            warn_user(f"{data.name}: {' '.join(doubts)}", DataQualityWarning)
+        return replace(
+            result,
+            model=_without_motion(result.model, problem.band),
+            errors=judge(
+                result.model,
+                layout,
+                order,
+                lambda: blocks_of(measured, [None] * data.n_dof, layout),
+            ),
+            unknown_forces=pd.DataFrame(),
+            examination=Examination(quality=notes),
         )
-    whole = linalg.norm(frf.H, axis=1)
-    sizes = {
-        j: np.median(linalg.norm(H - frf.H, axis=1) / whole)
-        for j, (_, H, _) in found.items()
-    }
-    bad = [
-        j
-        for j, (distance, *_) in found.items()
-        if distance > BEYOND and sizes[j] > MATTERS
-    ]
-    if not bad:
-        return out
-    worst = max(bad, key=lambda j: sizes[j])
-    level = sizes[worst] / np.sqrt(found[worst][0])
-    limit = max(BEYOND, max(found[j][0] for j in bad) / BEYOND)
-    causes = ["the force (is it late, and kind= right?)"] if bad == [e] else []
-    if (
-        bad == [worst] != [e]
-        and nearest(replace(frf, excited=worst), noise, sites, worst)[0] < limit
-    ):
-        causes.append(f"whether the force acts on DOF {worst} (excited={worst})")
-    free = {
-        k: [nearest(frf, noise, sites, j, k)[0] for j in bad]
-        for k in range(1, frf.n_dof + 1)
-    }
-    if alone := [f"H{k}" for k, left in free.items() if max(left) < limit]:
-        causes.append(f"the gain, sign, unit or delay of {' or '.join(alone)}")
-    cause = (
-        " or ".join(causes)
-        or "the order of the channels, or a link that the chain lacks"
-    )
-    return [
-        *out,
-        (
-            f"No masses and laws fit the balance of DOF {', '.join(map(str, bad))}: the"
-            f" responses would have to differ by {100 * sizes[worst]:.2g} %, their"
-            f" noise is {100 * level:.2g} %. Check {cause}."
-        ),
-    ]
 
 
-def fit_frequency_response(estimator: Any, frf: FrequencyResponse) -> Any:
-    """Fit a regressor to measured frequency responses; its band chooses lines."""
-    band, asked = (
-        estimator.band,
-        {
-            "band": estimator.band,
-            "estimation": estimator.estimation,
-        },
-    )
-    use = in_band(frf.f, band)
-    n_lines, n = int(use.sum()), frf.n_dof
-    if estimator.estimation == "simulation":
-        raise ChainError(
-            "estimation='simulation' does not work on frequency responses",
-            "Use 'ls' or 'iv'.",
-        )
-    if n_lines <= 2 * HALF:
+def _lines_in_band(frf: FrequencyResponse, band: Any) -> FrequencyResponse:
+    inside = in_band(frf.f, band)
+    n_lines = int(inside.sum())
+    if n_lines <= 2 * HALF_WIDTH:
         raise ChainError(
             f"{n_lines} lines of {frf.name} do not tell noise from motion",
             "Give more lines.",
         )
-    part = FrequencyResponse(frf.f[use], frf.H[use], frf.excited, frf.name)
-    noise, problem = noise_of(part.H), estimator.problem(n)
-    sites = problem.layout.acting
-    found = {j: nearest(part, noise, sites, j) for j in range(1, n + 1)}
-    said = doubts(part, noise, sites, found)
-    ids = np.repeat(np.arange(n), 2 * n_lines)
+    return FrequencyResponse(frf.f[inside], frf.H[inside], frf.excited, frf.name)
 
-    def rows(responses: Any) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """One record for each balance, whose lines have the weights of this balance."""
-        pairs = [
-            frf_to_features(part.f, H, frf.excited, weight=w)
-            for H, (*_, w) in zip(responses, found.values())
-        ]
-        X, F = (pd.concat(tables, ignore_index=True) for tables in zip(*pairs))
-        return X, F.where(ids[:, None] == np.arange(n))
 
-    X, F = rows([part.H] * n)
-    try:
-        with warnings.catch_warnings(
-            action="ignore", category=BiasWarning
-        ):  # there is no time, and no bias is left
-            estimator.set_params(band=None, estimation="ls").fit(X, F, record=ids)
-    finally:
-        estimator.set_params(**asked)
-    data, near = (
-        from_arrays(x, F, n_dof=n, record=ids)
-        for x in (X, rows([H for _, H, _ in found.values()])[0])
+def _balances(
+    frf: FrequencyResponse,
+    nearest: Mapping[int, NearestResponses],
+    of_nearest: bool = False,
+) -> Dataset:
+    """One record for each balance, whose lines have the weights of this balance.
+
+    It holds the measured responses, or those that obey the balance.
+    """
+    motions, forces = [], []
+    for dof, one in nearest.items():
+        H = one.H if of_nearest else frf.H
+        X, F = frf_to_features(frf.f, H, frf.excited, weight=one.weights)
+        # the force on any other DOF is unknown, so that its balance is not used
+        F.loc[:, F.columns != f"F{dof}"] = np.nan
+        motions.append(X)
+        forces.append(F)
+    record = np.repeat(list(nearest), 2 * len(frf.f))
+    return from_arrays(
+        pd.concat(motions, ignore_index=True),
+        pd.concat(forces, ignore_index=True),
+        n_dof=frf.n_dof,
+        record=record,
     )
-    layout, order, known = (
-        estimator.problem_.layout,
-        estimator.solve_order_,
-        dict(problem.known_masses),
+
+
+def _without_motion(model: ChainModel, band: Any) -> ChainModel:
+    """The model without visited regions: steady-state amplitudes are no motion."""
+    info = model.info | {"band": finite_band(band)}
+    return ChainModel(model.masses, model.laws, model.chain, info=info)
+
+
+# -- noise and nearest responses -----------------------------------------------------
+
+
+def noise_of(H: np.ndarray) -> np.ndarray:
+    """Variance of each line of each DOF, from the lines beside it.
+
+    Parameters
+    ----------
+    H : ndarray of complex, shape (n_lines, n_dof)
+
+    Returns
+    -------
+    ndarray of shape (n_lines, n_dof)
+    """
+    n_lines, n = H.shape
+    offset = np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
+    centre = np.clip(np.arange(n_lines), HALF_WIDTH, n_lines - 1 - HALF_WIDTH)
+    near = H[centre[:, None] + offset].transpose(0, 2, 1)
+    rms = np.sqrt((np.abs(near) ** 2).mean(axis=2, keepdims=True))
+    size = rms + np.finfo(float).tiny
+
+    # what the numerator leaves, for every power of the denominator
+    numerator = np.vander(offset / HALF_WIDTH, _DEGREE + 1)
+    denominator = numerator[:, :_DEGREE]
+    leave = np.eye(len(offset)) - numerator @ np.linalg.pinv(numerator)
+    columns = np.einsum("ij,jp,lkj->lkip", leave, denominator, near / size)
+    columns = columns.reshape(n_lines, -1, _DEGREE)
+    target = ((near / size) @ leave).reshape(n_lines, -1, 1)
+
+    poles = -np.linalg.pinv(columns) @ target
+    left = np.abs(columns @ poles + target) ** 2
+    left = left.reshape(n_lines, n, -1).sum(axis=2)
+    of_denominator = np.abs(1 + denominator @ poles[:, :, 0].T) ** 2
+    freedom = len(offset) - (_DEGREE + 1) - _DEGREE / n
+    variance = left / of_denominator.mean(axis=0)[:, None] / freedom
+    variance = variance * size[:, :, 0] ** 2
+    return np.maximum(variance, (_SMALLEST_NOISE * size[:, :, 0]) ** 2)
+
+
+@dataclass(frozen=True)
+class NearestResponses:
+    """Responses that obey a balance, nearest to the measured ones.
+
+    Attributes
+    ----------
+    distance : float
+        Mean square, in variances of noise.
+    H : ndarray of complex, shape (n_lines, n_dof)
+    weights : ndarray of shape (n_lines,)
+        One over the noise of the balance, largest one.
+    """
+
+    distance: float
+    H: np.ndarray
+    weights: np.ndarray
+
+
+def nearest_responses(
+    frf: FrequencyResponse,
+    noise: np.ndarray,
+    sites: Sequence[Site],
+    dof: int,
+    free: int | None = None,
+) -> NearestResponses:
+    """Responses that obey the balance of a DOF, with any gain of the DOF ``free``."""
+    terms = _terms_of_balance(frf, sites, dof, free)
+    columns = np.einsum("lk,lkc->lc", frf.H, terms)
+    if dof == frf.excited:
+        # the force is exact: one at every line, without noise
+        ones, zeros = np.ones((len(columns), 1)), np.zeros((*terms.shape[:2], 1))
+        columns = np.append(columns, ones, axis=1)
+        terms = np.append(terms, zeros, axis=2)
+
+    weights = np.ones(len(columns))
+    for _ in range(_ROUNDS):
+        squared = weights**2
+        weighted = weights[:, None] * columns
+        gram = (weighted.conj().T @ weighted).real
+        of_noise = np.einsum(
+            "lkc,lkd,lk->cd",
+            terms.conj(),
+            terms,
+            noise * squared[:, None],
+            optimize=True,
+        ).real
+        size = np.sqrt(np.diag(gram))
+        gram = gram / size[:, None] / size
+        of_noise = of_noise / size[:, None] / size
+        values, vectors = linalg.eigh(of_noise, gram + 1e-13 * np.eye(len(gram)))
+
+        theta = vectors[:, -1] / size
+        passed = terms @ theta
+        power = (np.abs(passed) ** 2 * noise).sum(axis=1)
+        weights = np.sqrt(power.min() / power)
+
+    correction = passed.conj() * noise * ((columns @ theta) / power)[:, None]
+    return NearestResponses(1.0 / float(values[-1]), frf.H - correction, weights)
+
+
+def _terms_of_balance(
+    frf: FrequencyResponse, sites: Sequence[Site], dof: int, free: int | None
+) -> np.ndarray:
+    """What the accelerances are multiplied by in every term of a balance.
+
+    Shape (n_lines, n_dof, n_terms): masses, then dampers and springs of the drifts.
+    """
+    n = frf.n_dof
+    unit = np.eye(n + 1)[:, 1:]  # row 0 is the ground
+    joined = [site for site in sites if dof in (site.p, site.q)]
+    drifts = np.array([unit[site.p] - unit[site.q or 0] for site in joined])
+    drifts = drifts.reshape(-1, n)
+    masses = unit[[dof]]
+    if free is not None and drifts[:, free - 1].any():
+        more = np.vstack([drifts, unit[[free]]])
+        if np.linalg.matrix_rank(more) == len(more):
+            drifts = more
+            masses = unit[sorted({dof, free})]
+
+    iw = 2j * np.pi * frf.f[:, None, None]
+    inertia = np.broadcast_to(masses.T, (len(iw), *masses.T.shape))
+    return np.concatenate([inertia, drifts.T / iw, drifts.T / iw**2], axis=2)
+
+
+# -- what is wrong with responses ----------------------------------------------------
+
+
+def responses_in_doubt(
+    frf: FrequencyResponse,
+    noise: np.ndarray,
+    sites: Sequence[Site],
+    nearest: Mapping[int, NearestResponses],
+) -> list[str]:
+    """Sentences on responses that no chain of these sites has, whatever its masses."""
+    sentences = []
+    driven = frf.excited - 1
+    power = (frf.H[:, driven].imag / frf.f).sum()
+    error = np.sqrt((noise[:, driven] / 2 / frf.f**2).sum())
+    if power < _SURELY_NEGATIVE * error:
+        sentences.append(
+            f"H{frf.excited}, where the force acts, gives energy back: its sign, that"
+            " of the imaginary parts, or kind= is wrong."
+        )
+
+    of_lines = linalg.norm(frf.H, axis=1)
+    changes = {}
+    farthest = 0.0
+    for j, one in nearest.items():
+        change = np.median(linalg.norm(one.H - frf.H, axis=1) / of_lines)
+        if one.distance > _FAR and change > _MATTERS:
+            changes[j] = change
+            farthest = max(farthest, one.distance)
+    if not changes:
+        return sentences
+
+    bad = list(changes)
+    worst = max(bad, key=changes.__getitem__)
+    level = changes[worst] / np.sqrt(nearest[worst].distance)
+    limit = max(_FAR, farthest / _FAR)
+    cause = _cause_of(frf, noise, sites, bad, worst, limit)
+    sentences.append(
+        f"No masses and laws fit the balance of DOF {', '.join(map(str, bad))}: the"
+        f" responses would have to differ by {100 * changes[worst]:.2g} %, their noise"
+        f" is {100 * level:.2g} %. Check {cause}."
     )
-    pieces = pieces_of(
-        data, layout, groups_of(layout, order), [None] * n, known, near.segments
+    return sentences
+
+
+def _cause_of(
+    frf: FrequencyResponse,
+    noise: np.ndarray,
+    sites: Sequence[Site],
+    bad: list[int],
+    worst: int,
+    limit: float,
+) -> str:
+    """What may be wrong where balances leave more than a limit, in words."""
+    causes = []
+    if bad == [frf.excited]:
+        causes.append("the force (is it late, and kind= right?)")
+    elif bad == [worst]:
+        elsewhere = replace(frf, excited=worst)
+        if nearest_responses(elsewhere, noise, sites, worst).distance < limit:
+            causes.append(f"whether the force acts on DOF {worst} (excited={worst})")
+
+    with_free_gain = []
+    for k in range(1, frf.n_dof + 1):
+        left = [nearest_responses(frf, noise, sites, j, k).distance for j in bad]
+        if max(left) < limit:
+            with_free_gain.append(f"H{k}")
+    if with_free_gain:
+        named = " or ".join(with_free_gain)
+        causes.append(f"the gain, sign, unit or delay of {named}")
+    return (
+        " or ".join(causes)
+        or "the order of the channels, or a link that the chain lacks"
     )
-    solution = solve(pieces.sum().projected(), order, known, problem.optimizer)
-    how = {"asked": asked["estimation"], "found": "iv", "notes": ["nearest responses"]}
-    lines = (
-        None
-        if band is None
-        else [None if b is None or np.isinf(b) else b for b in band]
-    )
-    model = model_of(
-        layout, solution
-    )  # amplitudes of a steady state are no visited motion
-    model.info = estimator.model_.info | {"estimation": how, "band": lines}
-    estimator.model_, estimator.masses_, estimator.restoring_forces_ = (
-        model,
-        model.masses,
-        model.restoring_forces,
-    )
-    estimator._resolver = Resolver(pieces, order, known, problem.optimizer)
-    estimator.errors_ = estimator.balance_errors(X, F, record=ids)
-    estimator.missing_terms_ = estimator.missing_terms_.iloc[:0]
-    estimator.data_warnings_ = {"channels": said}
-    if said:
-        warnings.warn(f"{frf.name}: {' '.join(said)}", DataQualityWarning, stacklevel=3)
-    return estimator

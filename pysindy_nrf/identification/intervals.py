@@ -1,12 +1,12 @@
-"""Confidence intervals: the whole chain is solved again without each piece of the
-data.
-"""
+"""Confidence intervals: the chain is solved again without each piece of the data."""
+
+from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..common import number_of
+from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import Solution, groups_of, model_of, solve
 from ..equations.normal_equations import NormalEquations
@@ -27,78 +28,76 @@ from ..exceptions import (
     IdentifiabilityError,
     RankWarning,
 )
-from ..records.dataset import Dataset
-from .problem import Problem
+from ..records.dataset import Dataset, Segment
 
-FEWEST = 8  # pieces
+if TYPE_CHECKING:
+    from .problem import Problem
+
+# Pieces of data, below which their scatter is no standard error.
+MIN_PIECES = 8
+# Kurtosis of Gaussian influences; it makes the degrees of freedom those of all pieces.
+_GAUSSIAN_KURTOSIS = 3.0
+# The variance of neighbouring pieces together has fewer degrees of freedom than that of
+# single ones, by this factor.
+_FREEDOM_OF_NEIGHBOURS = 1.5
+
 Statistic = Callable[[ChainModel], pd.Series]
 
 
-def newey_west(
-    influences: np.ndarray, record: np.ndarray | None = None, lags: int = 1
-) -> np.ndarray:
-    r"""Heteroscedasticity and autocorrelation consistent covariance (Newey and West,
-    1987).
-    """
-    u = influences - influences.mean(axis=0)
-    total = u.T @ u
-    for lag in range(1, min(lags, len(u) - 1) + 1):
-        same = (
-            np.ones(len(u) - lag)
-            if record is None
-            else (record[lag:] == record[:-lag]).astype(float)
-        )
-        cross = (u[lag:] * same[:, None]).T @ u[:-lag]
-        total += (1 - lag / (lags + 1)) * (cross + cross.T)
-    return total
+# -- statistics of a model -----------------------------------------------------------
 
 
 def parameters_of(
     model: ChainModel, known_masses: Mapping[int, float] | None = None
 ) -> pd.Series:
     """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
+    known = known_masses or {}
     values = {
-        f"m{j + 1}": m
-        for j, m in enumerate(model.masses)
-        if j + 1 not in (known_masses or {})
+        f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
     }
     for site, force in model.restoring_forces.items():
         if force.laws:
-            values |= {f"{site}: {term}": c for term, c in force.coefficients.items()}
+            for term, coefficient in force.coefficients.items():
+                values[f"{site}: {term}"] = coefficient
     return pd.Series(values, dtype=float)
 
 
 def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
-    """A function of a model: the energy (J) that every site dissipates along the data,
-    ``energy of storey 1``, ...
-    """
-    sites = [s for s in layout.acting if s.kind == "link"]
-    work = {s: np.zeros(layout.counts[s]) for s in sites}
+    """Energy that every site dissipates along the data, J, as a function of a model."""
+    sites = [site for site in layout.acting if site.kind == "link"]
+    work = {site: np.zeros(layout.counts[site]) for site in sites}
     stored = dict.fromkeys(sites, 0.0)
-    for seg in data.segments:
-        if seg.dt is None:
-            cure = (
-                "Pass dt= (s) to the estimator, time= to fit, or X with a time index."
+    for segment in data.segments:
+        if segment.dt is None:
+            raise ChannelError(
+                "Energies need the sampling step",
+                "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
             )
-            raise ChannelError("Energies need the sampling step", cure)
         for site in sites:
-            motion = seg.motion(site, seg.valid)
-            work[site] += np.trapezoid(
-                layout.columns(site, motion) * motion.v[:, None], dx=seg.dt, axis=0
-            )
+            motion = segment.motion(site, segment.valid)
+            power = layout.columns(site, motion) * motion.v[:, None]
+            work[site] += np.trapezoid(power, dx=segment.dt, axis=0)
             stored[site] += 0.5 * float(motion.s[-1] ** 2 - motion.s[0] ** 2)
 
     def energies(model: ChainModel) -> pd.Series:
-        own, forces = model.coefficients, model.restoring_forces
-        lost = {
-            f"energy of {s}": (
-                own[s] @ work[s] - forces[s].linear_part()["k"] * stored[s]
-            )
-            for s in sites
-        }
+        coefficients, forces = model.coefficients, model.restoring_forces
+        lost = {}
+        for site in sites:
+            elastic = forces[site].linear_part()["k"] * stored[site]
+            lost[f"energy of {site}"] = coefficients[site] @ work[site] - elastic
         return pd.Series(lost, dtype=float)
 
     return energies
+
+
+def _modes_of(model: ChainModel) -> pd.Series:
+    """Frequencies, Hz, and damping ratios by name."""
+    modes = model.modes()
+    values = {}
+    for name in ("frequency", "damping"):
+        for number, value in modes[name].items():
+            values[f"{name} {number}"] = value
+    return pd.Series(values, dtype=float)
 
 
 def statistic_of(
@@ -107,20 +106,21 @@ def statistic_of(
     layout: LawLayout,
     data: Dataset | None = None,
 ) -> Statistic:
-    """The function of a model that a user requests."""
+    """The function of a model whose intervals a user asks for."""
+
+    def some_parameters(model: ChainModel) -> pd.Series:
+        values = parameters_of(model, known_masses)
+        has_site = values.index.str.contains(":")
+        return values[has_site == (of == "coefficients")]
+
     if callable(of):
-        return lambda m: pd.Series(of(m), dtype=float)
+        return lambda model: pd.Series(of(model), dtype=float)
     if of == "parameters":
-        return lambda m: parameters_of(m, known_masses)
+        return lambda model: parameters_of(model, known_masses)
     if of in ("masses", "coefficients"):
-        return lambda m: parameters_of(m, known_masses)[
-            lambda p: p.index.str.contains(":") == (of == "coefficients")
-        ]
+        return some_parameters
     if of == "modes":
-        names = ("frequency", "damping")  # Hz, and ratio
-        return lambda m: pd.Series(
-            {f"{k} {i}": x for k in names for i, x in m.modes()[k].items()}, dtype=float
-        )
+        return _modes_of
     if of == "energies":
         if data is None:
             raise ChannelError(
@@ -135,10 +135,24 @@ def statistic_of(
     )
 
 
-@dataclass
+# -- estimates from pieces of the data -----------------------------------------------
+
+
+@dataclass(frozen=True)
 class Resolver:
-    """Solves the chain again on any choice of pieces; ``constrain`` maps a model to one
-    that obeys the constraints.
+    """Solves the chain again on any choice of pieces of the data.
+
+    Parameters
+    ----------
+    pieces : NormalEquations
+        Sums of consecutive pieces.
+    solve_order : SolveOrder
+    known_masses : mapping of int to float
+        kg, by DOF.
+    inner : PySINDy optimizer, optional
+        Solves the balances.
+    constrain : callable, optional
+        Turns a model into one that obeys what is known of the parameters.
     """
 
     pieces: NormalEquations
@@ -146,9 +160,6 @@ class Resolver:
     known_masses: Mapping[int, float]
     inner: Any = None
     constrain: Callable[[ChainModel], ChainModel] | None = None
-    withheld: str = ""  # why no interval can be given
-    # samples that share one error: all of them where no noise is left, only arithmetic
-    repeats: float = 1.0
 
     @property
     def record(self) -> np.ndarray:
@@ -156,53 +167,71 @@ class Resolver:
         assert self.pieces.record is not None
         return self.pieces.record
 
+    def without_constraints(self) -> Resolver:
+        """The same without what is known of the parameters."""
+        return replace(self, constrain=None)
+
+    def solve(self, total: NormalEquations) -> Solution:
+        """Masses and coefficients of a sum of pieces."""
+        return solve(total.projected(), self.solve_order, self.known_masses, self.inner)
+
     def model(self, total: NormalEquations) -> ChainModel:
         """Model of a sum of pieces."""
         with warnings.catch_warnings(action="ignore", category=RankWarning):
             model = model_of(self.pieces.layout, self.solve(total))
         return model if self.constrain is None else self.constrain(model)
 
-    def solve(self, total: NormalEquations) -> Solution:
-        """Masses and coefficients of a sum of pieces."""
-        return solve(total.projected(), self.solve_order, self.known_masses, self.inner)
-
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
     def influences(self, statistic: Statistic) -> np.ndarray:
-        """Influence of each piece on the statistics, shape (n_pieces, n_statistics):
-        what they are without it.
+        """Influence of each piece, shape (n_pieces, n_statistics).
+
+        It is what the statistics are without the piece, less their mean.
+
+        Raises
+        ------
+        ChannelError
+            If there are too few pieces.
+        IdentifiabilityError
+            If one piece alone determines the estimate.
         """
-        n = len(self.record)
-        if n < FEWEST:
-            cure = "Use a longer record, or more records."
-            raise ChannelError(f"{n} pieces of data are too few for an interval", cure)
-        try:
-            values = np.array(
-                [statistic(self.at(w)).to_numpy(float) for w in 1.0 - np.eye(n)]
+        n_pieces = len(self.record)
+        if n_pieces < MIN_PIECES:
+            raise ChannelError(
+                f"{n_pieces} pieces of data are too few for an interval",
+                "Use a longer record, or more records.",
             )
+        try:
+            models = [self.at(weights) for weights in 1.0 - np.eye(n_pieces)]
         except IdentifiabilityError as error:
-            what = f"A single part of the data determines the estimate ({error.what})"
             raise IdentifiabilityError(
-                what, "Excite the structure more than once."
+                f"A single part of the data determines the estimate ({error.what})",
+                "Excite the structure more than once.",
             ) from error
-        return (values - values.mean(axis=0)) * np.sqrt((n - 1) / n)
+
+        values = np.array([statistic(model).to_numpy(float) for model in models])
+        return (values - values.mean(axis=0)) * np.sqrt((n_pieces - 1) / n_pieces)
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
-        """Covariance of statistics: delete-one-block jackknife, correlated neighbours
-        included.
-        """
+        """Covariance of statistics: delete-one-block jackknife with neighbours."""
         return newey_west(self.influences(statistic), self.record)
 
 
-@dataclass
+@dataclass(frozen=True)
 class InfluenceResolver(Resolver):
-    """Resolver of an estimate that is the optimum of a free run: every piece moves it
-    by its influence.
+    """Resolver of an estimate whose pieces move it by known influences.
+
+    Parameters
+    ----------
+    best : output_error.Solution
+        The optimum of a free run, and the influence of each piece on it.
+    rebuild : callable
+        Makes a model of a vector of parameters.
     """
 
-    best: Any = field(kw_only=True)  # the optimum, and what each piece moves it by
+    best: Any = field(kw_only=True)
     rebuild: Callable[[np.ndarray], ChainModel] = field(kw_only=True)
 
     @property
@@ -212,10 +241,8 @@ class InfluenceResolver(Resolver):
 
     def at(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
-        model = self.rebuild(
-            self.best.u
-            + weights @ (self.best.influences - self.best.influences.mean(axis=0))
-        )
+        influences = self.best.influences - self.best.influences.mean(axis=0)
+        model = self.rebuild(self.best.u + weights @ influences)
         return model if self.constrain is None else self.constrain(model)
 
 
@@ -223,15 +250,207 @@ def least_squares_resolver(
     problem: Problem, solve_order: SolveOrder, data: Dataset
 ) -> Resolver:
     """Resolver of a least-squares estimate; one pass over the data."""
-    layout, known = problem.layout, dict(problem.known_masses)
-    pieces = pieces_of(
-        data, layout, groups_of(layout, solve_order), problem.filters(data), known
-    )
-    return Resolver(pieces, solve_order, known, problem.optimizer)
+    layout, known_masses = problem.layout, dict(problem.known_masses)
+    groups = groups_of(layout, solve_order)
+    pieces = pieces_of(data, layout, groups, problem.filters(data), known_masses)
+    return Resolver(pieces, solve_order, known_masses, problem.optimizer)
 
 
-# Tolerances of a channel where none are given: gain and part of another DOF's channel
-# that it reads; delay, s.
+def newey_west(
+    influences: np.ndarray, record: np.ndarray | None = None, lags: int = 1
+) -> np.ndarray:
+    """Covariance that is consistent where neighbours are correlated.
+
+    Newey and West (1987); pieces of different records are independent.
+    """
+    u = influences - influences.mean(axis=0)
+    total = u.T @ u
+    for lag in range(1, min(lags, len(u) - 1) + 1):
+        same_record = np.ones(len(u) - lag)
+        if record is not None:
+            same_record = (record[lag:] == record[:-lag]).astype(float)
+        cross = (u[lag:] * same_record[:, None]).T @ u[:-lag]
+        total += (1 - lag / (lags + 1)) * (cross + cross.T)
+    return total
+
+
+# -- intervals -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class IntervalMaker:
+    """What the intervals of one estimate are made from.
+
+    Parameters
+    ----------
+    resolver : Resolver
+    model : ChainModel
+        The estimate.
+    withheld : str
+        Why no interval can be given; empty if it can.
+    repeats : float
+        Samples that share one error: all of them where no noise is left, but only
+        arithmetic, which no further sample averages out.
+    """
+
+    resolver: Resolver
+    model: ChainModel
+    withheld: str = ""
+    repeats: float = 1.0
+
+    def parameters(
+        self, of: Any, level: float, data: Dataset | None = None
+    ) -> pd.DataFrame:
+        """Intervals of anything that follows from a model.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``parameter``, ``estimate``, ``lower``, ``upper``.
+        """
+        level = _checked_level(level)
+        if isinstance(of, Mapping):
+            return self._of_points(of, level)
+        known_masses, layout = self.resolver.known_masses, self.resolver.pieces.layout
+        statistic = statistic_of(of, known_masses, layout, data)
+        estimate = statistic(self.model)
+        lower, upper = self._bounds(statistic, estimate.to_numpy(float), level)
+        columns = {
+            "parameter": estimate.index,
+            "estimate": estimate.to_numpy(),
+            "lower": lower,
+            "upper": upper,
+        }
+        return pd.DataFrame(columns)
+
+    def _of_points(self, points: Mapping[Any, Any], level: float) -> pd.DataFrame:
+        """Intervals of forces at points (v, s) of some sites."""
+        tables = []
+        for site, pair in points.items():
+            if not hasattr(pair, "__len__") or len(pair) != 2:
+                raise ChainError(
+                    f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m."
+                )
+            forces = self.forces(site, pair[0], pair[1], level)
+            name = self.model.chain.site(site)
+            table = forces[["force", "lower", "upper"]]
+            table = table.rename(columns={"force": "estimate"})
+            where = [
+                f"{name} at v = {v:.4g} m/s, s = {s:.4g} m"
+                for v, s in zip(forces["v"], forces["s"])
+            ]
+            table.insert(0, "parameter", where)
+            tables.append(table)
+        return pd.concat(tables, ignore_index=True)
+
+    def forces(self, site: Any, v: Any, s: Any, level: float) -> pd.DataFrame:
+        """Force of a site at points (v, s) with its interval.
+
+        Outside the region that the data visited the interval is widened, with an
+        ExtrapolationWarning.
+
+        Returns
+        -------
+        DataFrame
+            Columns ``v``, ``s``, ``force``, ``lower``, ``upper``, ``visited``.
+        """
+        site = self.model.chain.site(site)
+        points = np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float))
+        rate, drift = (np.ravel(x).astype(float) for x in points)
+
+        def statistic(model: ChainModel) -> pd.Series:
+            return pd.Series(model.restoring_forces[site](rate, drift))
+
+        force = statistic(self.model).to_numpy()
+        lower, upper = self._bounds(statistic, force, _checked_level(level))
+        visited, reach = self._extrapolation(site, rate, drift, force)
+        columns = {
+            "v": rate,
+            "s": drift,
+            "force": force,
+            "lower": lower - reach,
+            "upper": upper + reach,
+            "visited": visited,
+        }
+        return pd.DataFrame(columns)
+
+    def _extrapolation(
+        self, site: Any, rate: np.ndarray, drift: np.ndarray, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which points the data visited, and how the force changes up to the others."""
+        visited = np.ones(len(rate), dtype=bool)
+        reach = np.zeros(len(rate))
+        region = self.model.visited.get(site)
+        if region is None:
+            return visited, reach
+
+        visited = region.contains(rate, drift)
+        if visited.all():
+            return visited, reach
+
+        nearest = region.nearest(rate[~visited], drift[~visited])
+        at_the_edge = self.model.restoring_forces[site](*nearest)
+        reach[~visited] = np.abs(force[~visited] - at_the_edge)
+        warn_user(
+            f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie"
+            f" outside the region the data visited (v {region.low[0]:.3g} to"
+            f" {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to {region.high[1]:.3g}"
+            " m); the force there is an extrapolation of the law, and its interval is"
+            " widened.",
+            ExtrapolationWarning,
+        )
+        return visited, reach
+
+    def _bounds(
+        self, statistic: Statistic, estimate: np.ndarray, level: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ends of the intervals of statistics."""
+        if self.withheld:
+            warn_user(f"Intervals are withheld: {self.withheld}", BiasWarning)
+            unknown = np.full(len(estimate), np.nan)
+            return unknown, unknown.copy()
+
+        influences = self.resolver.influences(statistic)
+        quantile = stats.t.ppf(0.5 + level / 2, _degrees_of_freedom(influences))
+        error = np.sqrt(self.repeats) * self._standard_errors(influences)
+        return estimate - quantile * error, estimate + quantile * error
+
+    def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
+        """Standard errors; correlated neighbours count if they increase them."""
+        record, n = self.resolver.record, len(influences)
+        alone = np.diag(newey_west(influences, record, lags=0))
+        with_neighbours = np.diag(newey_west(influences, record, lags=1))
+        # corrected for the mean that was subtracted
+        return np.sqrt(np.maximum(alone, with_neighbours) * n / (n - 2))
+
+
+def _degrees_of_freedom(influences: np.ndarray) -> np.ndarray:
+    """Degrees of freedom of each variance (Satterthwaite).
+
+    They are fewer if few pieces determine the estimate.
+    """
+    second = (influences**2).sum(axis=0)
+    fourth = (influences**4).sum(axis=0)
+    moves = fourth > 0
+    ratio = _GAUSSIAN_KURTOSIS * second**2 / np.where(moves, fourth, 1.0)
+    freedom = np.minimum(np.where(moves, ratio, np.inf), len(influences) - 1)
+    return np.clip(freedom / _FREEDOM_OF_NEIGHBOURS, 2.0, None)
+
+
+def _checked_level(level: Any) -> float:
+    value = number_of(level)
+    if not 0 < value < 1:
+        raise ChainError(
+            f"level={level!r} is not a level of confidence",
+            "Give a share between 0 and 1, e.g. 0.95.",
+        )
+    return value
+
+
+# -- calibration of the channels -----------------------------------------------------
+
+# Tolerances of a channel where none are given: its gain and the part of another DOF's
+# channel that it reads, as shares, and its delay, s.
 CALIBRATION = {"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}
 
 
@@ -240,19 +459,72 @@ def tolerances_of(
 ) -> dict[str, float]:
     """Tolerances of channels as given, the rest as known otherwise."""
     tolerances = {**otherwise, **(given or {})}
-    if wrong := [
-        key
-        for key, size in tolerances.items()
-        if key not in CALIBRATION or not 0 <= size < np.inf
-    ]:
-        what = (
-            f"calibration[{wrong[0]!r}]={tolerances[wrong[0]]!r} is not a tolerance of"
-            " a channel"
-        )
-        raise ChannelError(
-            what, "Give gain and cross_axis as shares, delay in s, none below zero."
-        )
+    for name, size in tolerances.items():
+        if name not in CALIBRATION or not 0 <= size < np.inf:
+            raise ChannelError(
+                f"calibration[{name!r}]={size!r} is not a tolerance of a channel",
+                "Give gain and cross_axis as shares, delay in s, none below zero.",
+            )
     return tolerances
+
+
+@dataclass(frozen=True)
+class _CalibrationError:
+    """An error of one channel: a gain, a delay, or a part of another DOF's channel.
+
+    ``kind`` is ``"a"``, ``"x"`` or ``"F"``; DOFs count from zero.
+    """
+
+    kind: str
+    dof: int
+    tolerance: str
+    size: float
+    read_dof: int
+
+    def applied_to(self, segment: Segment) -> Segment:
+        """The segment as it would be with the error."""
+        channels = {
+            "a": segment.a,
+            "v": np.cumsum(segment.v, axis=1),
+            "x": np.cumsum(segment.s, axis=1),
+            "F": segment.F,
+        }
+        changes = {}
+        for key in self._moved_channels(segment):
+            values = channels[key].astype(float)
+            if self.tolerance == "delay":
+                change = np.gradient(values[:, self.dof], segment.step)
+            else:
+                change = values[:, self.read_dof]
+            changes[key] = self.size * change
+        return segment.moved(self.dof + 1, **changes)
+
+    def _moved_channels(self, segment: Segment) -> str:
+        """The channels of the fused motion that follow the one with the error."""
+        follows_acceleration = (
+            bool(segment.noise) and f"x{self.dof + 1}" not in segment.noise
+        )
+        if self.kind == "F":
+            return "F"
+        if self.kind == "x":
+            return "" if follows_acceleration else "vx"
+        return "avx" if follows_acceleration else "a"
+
+
+def _calibration_errors(
+    data: Dataset, tolerances: Mapping[str, float]
+) -> Iterator[_CalibrationError]:
+    """Every error that the tolerances allow, at its limit."""
+    dofs, forced = range(data.n_dof), data.forced
+    for kind, dof, (name, size) in product("axF", dofs, tolerances.items()):
+        if not size or (kind == "F" and dof + 1 not in forced):
+            continue
+        if name != "cross_axis":
+            yield _CalibrationError(kind, dof, name, size, dof)
+        elif kind != "F":
+            for other in dofs:
+                if other != dof:
+                    yield _CalibrationError(kind, dof, name, size, other)
 
 
 def calibration_spread(
@@ -262,190 +534,21 @@ def calibration_spread(
     statistic: Statistic,
     given: Mapping[str, float],
 ) -> np.ndarray:
-    """Standard uncertainty of statistics by errors of each channel within tolerances
-    (GUM, type B, rectangular).
+    """Standard uncertainty of statistics by errors of each channel within tolerances.
+
+    Type B of the GUM, with rectangular distributions.
     """
     tolerances = tolerances_of(given, CALIBRATION)
 
-    def found(kind: str = "", j: int = 0, name: str = "", other: int = 0) -> np.ndarray:
-        """Statistics by least squares of motions and forces with an error in one
-        channel.
-        """
-        segments = []
-        for seg in data.segments:
-            channels = {
-                "a": seg.a,
-                "v": np.cumsum(seg.v, axis=1),
-                "x": np.cumsum(seg.s, axis=1),
-                "F": seg.F,
-            }
-            derived = (
-                bool(seg.noise) and f"x{j + 1}" not in seg.noise
-            )  # the motion then follows the acceleration
-            hit = {
-                "": "",
-                "F": "F",
-                "x": "" if derived else "vx",
-                "a": "avx" if derived else "a",
-            }[kind]
-            changes = {}
-            for key in hit:
-                y = channels[key].astype(float)
-                rate = (
-                    np.gradient(y[:, j], seg.step) if name == "delay" else y[:, other]
-                )
-                changes[key] = tolerances[name] * rate
-            segments.append(seg.moved(j + 1, **changes))
-        resolver = least_squares_resolver(
-            problem, solve_order, Dataset(segments, data.n_samples)
-        )
-        return statistic(resolver.model(resolver.pieces.sum())).to_numpy(float)
+    def estimate(segments: Sequence[Segment]) -> np.ndarray:
+        changed = Dataset(segments, data.n_samples)
+        resolver = least_squares_resolver(problem, solve_order, changed)
+        model = resolver.model(resolver.pieces.sum())
+        return statistic(model).to_numpy(float)
 
-    cases = []
-    for kind, j, name in product(
-        "axF", range(data.n_dof), (name for name, size in tolerances.items() if size)
-    ):
-        others = (
-            [k for k in range(data.n_dof) if k != j and kind != "F"]
-            if name == "cross_axis"
-            else [j]
-        )
-        cases += [
-            (kind, j, name, k) for k in others if kind != "F" or j + 1 in data.forced
-        ]
-    moved = [found(*case) for case in cases]
-    return np.sqrt(
-        np.sum(np.square(np.array(moved).reshape(len(cases), -1) - found()), axis=0) / 3
-    )
-
-
-def parameter_intervals(
-    resolver: Resolver,
-    model: ChainModel,
-    level: float,
-    of: Any = "parameters",
-    data: Dataset | None = None,
-) -> pd.DataFrame:
-    """Confidence intervals of anything that follows from a model."""
-    level = _share(level)
-    if isinstance(of, Mapping):
-        return _forces_table(resolver, model, of, level)
-    statistic = statistic_of(of, resolver.known_masses, resolver.pieces.layout, data)
-    estimate = statistic(model)
-    low, high = _bounds(resolver, statistic, estimate.to_numpy(float), level)
-    return pd.DataFrame(
-        {
-            "parameter": estimate.index,
-            "estimate": estimate.to_numpy(),
-            "lower": low,
-            "upper": high,
-        }
-    )
-
-
-def _forces_table(
-    resolver: Resolver, model: ChainModel, points: Mapping[Any, Any], level: float
-) -> pd.DataFrame:
-    parts = []
-    for site, pair in points.items():
-        if not hasattr(pair, "__len__") or len(pair) != 2:
-            raise ChainError(
-                f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m."
-            )
-        table = force_intervals(resolver, model, site, pair[0], pair[1], level)
-        name = [
-            f"{model.chain.site(site)} at v = {v:.4g} m/s, s = {s:.4g} m"
-            for v, s in zip(table["v"], table["s"])
-        ]
-        parts.append(
-            table[["force", "lower", "upper"]].rename(columns={"force": "estimate"})
-        )
-        parts[-1].insert(0, "parameter", name)
-    return pd.concat(parts, ignore_index=True)
-
-
-def force_intervals(
-    resolver: Resolver, model: ChainModel, site: Any, v: Any, s: Any, level: float
-) -> pd.DataFrame:
-    """Restoring force of a site at points (v, s) with its interval."""
-    site = model.chain.site(site)
-    rate, drift = (
-        np.ravel(x).astype(float)
-        for x in np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float))
-    )
-
-    def statistic(m: ChainModel) -> pd.Series:
-        return pd.Series(m.restoring_forces[site](rate, drift))
-
-    force = statistic(model).to_numpy()
-    low, high = _bounds(resolver, statistic, force, _share(level))
-    region = model.visited.get(site)
-    visited = (
-        np.ones(len(rate), dtype=bool)
-        if region is None
-        else region.contains(rate, drift)
-    )
-    if region is not None and not visited.all():
-        near = region.nearest(rate[~visited], drift[~visited])
-        reach = np.abs(force[~visited] - model.restoring_forces[site](*near))
-        low[~visited] -= reach
-        high[~visited] += reach
-        warnings.warn(
-            f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie"
-            f" outside the region the data visited (v {region.low[0]:.3g} to"
-            f" {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to {region.high[1]:.3g}"
-            " m); the force there is an extrapolation of the law, and its interval is"
-            " widened.",
-            ExtrapolationWarning,
-            stacklevel=3,
-        )
-    return pd.DataFrame(
-        {
-            "v": rate,
-            "s": drift,
-            "force": force,
-            "lower": low,
-            "upper": high,
-            "visited": visited,
-        }
-    )
-
-
-def _bounds(
-    resolver: Resolver, statistic: Statistic, estimate: np.ndarray, level: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the intervals of statistics."""
-    if resolver.withheld:
-        warnings.warn(
-            f"Intervals are withheld: {resolver.withheld}", BiasWarning, stacklevel=5
-        )
-        return np.full(len(estimate), np.nan), np.full(len(estimate), np.nan)
-    influences = resolver.influences(statistic)
-    # standard errors; correlated neighbours count if they increase them; corrected for
-    # the subtracted mean
-    n = len(influences)
-    own, both = (
-        np.diag(newey_west(influences, resolver.record, lags)) for lags in (0, 1)
-    )
-    deviation = np.sqrt(np.maximum(own, both) * n / (n - 2))
-    # degrees of freedom of each variance (Satterthwaite): fewer if few pieces determine
-    # the estimate
-    fourth = (influences**4).sum(axis=0)
-    freedom = np.where(
-        fourth > 0,
-        3 * (influences**2).sum(axis=0) ** 2 / np.where(fourth > 0, fourth, 1.0),
-        np.inf,
-    )
-    freedom = np.clip(np.minimum(freedom, n - 1) / 1.5, 2.0, None)
-    half = np.sqrt(resolver.repeats) * stats.t.ppf(0.5 + level / 2, freedom) * deviation
-    return estimate - half, estimate + half
-
-
-def _share(level: Any) -> float:
-    value = number_of(level)
-    if not 0 < value < 1:
-        raise ChainError(
-            f"level={level!r} is not a level of confidence",
-            "Give a share between 0 and 1, e.g. 0.95.",
-        )
-    return value
+    nominal = estimate(data.segments)
+    variance = np.zeros_like(nominal)
+    for error in _calibration_errors(data, tolerances):
+        moved = estimate([error.applied_to(segment) for segment in data.segments])
+        variance += (moved - nominal) ** 2 / 3.0
+    return np.sqrt(variance)

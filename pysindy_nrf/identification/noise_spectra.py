@@ -1,12 +1,11 @@
-r"""Noise spectra of motions, noise levels of forces, the corrected force, and weights
-of the balances by frequency.
+r"""Noise of motions and forces, from what a model misses of the measured motion.
 
-A model misses the motion by :math:`R(f) = E_x(f) - G(f) E_u(f)` under the measured
-force u, G the model linearised along its run, of covariance :math:`S = \Sigma_x + G
-\Sigma_u G^*`; its balances leave :math:`e = -G^{-1} R`. The best estimate of the force,
-:math:`\hat u = u + \Sigma_u G^* S^{-1} R`, has an error uncorrelated with R
-(Soederstrom, Errors-in-variables methods in system identification, 2007), so runs under
-it can be instruments. Densities: unit^2/Hz.
+Under the measured force u a model misses the motion by :math:`R(f) = E_x(f) - G(f)
+E_u(f)`, with G the model linearised along its run; R has the covariance :math:`S =
+\Sigma_x + G \Sigma_u G^*`, and its equations of motion leave :math:`e = -G^{-1} R`. The
+best estimate of the force, :math:`\hat u = u + \Sigma_u G^* S^{-1} R`, has an error
+that is uncorrelated with R (Soederstrom, Errors-in-variables methods in system
+identification, 2007), so runs under it can be instruments.
 """
 
 from __future__ import annotations
@@ -15,240 +14,158 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import dct, idct
 
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
-from ..records.dataset import Dataset, Segment
-from ..records.fusion.noise_levels import white_level
-from ..records.zero_phase_filter import Band
+from ..records.dataset import Segment
+from .linear_response import Matrices, blocks_of_lines, equivalent_matrices
+from .linear_response import transfer as transfer
+from .spectra import (
+    MEDIAN_OVER_MEAN,
+    MIN_LINES_PER_BIN,
+    SmoothSpectrum,
+    common_band,
+    fourier_lines,
+    line_frequencies,
+    mean_spectrum,
+    median_spectrum,
+    relative_velocities,
+    white_density,
+)
 
-BINS = 28
-# share of the drifts' power below the lowest line used, and of the accelerations' above
-# the highest
-EDGE_SHARE = 5e-4
-FEWEST = 12  # lines in a bin
-LEAST = 0.1  # smallest share of the error in a bin that is noise of the motion
-# Least share of what a model misses of a channel that is no force on a floor: a tenth
-# of it, squared. (Hidden floors of three_storey_frf and nees_three_storey: 7 to 15 %
-# off; 10 to 17 with a hundredth of this, 6 to 18 with ten times it.)
-OWN = 0.01
-LINES = 4096  # processed at a time; bounds the memory
-_LN2 = float(np.log(2.0))  # median over mean of an exponential variable
+# Share of the drifts' power below the lowest line used, and of the accelerations' above
+# the highest.
+POWER_OUTSIDE = 5e-4
+# Smallest share of the gap in a bin that is noise of the motion.
+LEAST_MOTION_NOISE = 0.1
+# Gap over motion (rms) below which the free run is exact to round-off.
+ROUND_OFF = 1e-6
+# Smallest share of what a model misses of a channel that is no force on a floor: a
+# tenth of it, squared. Hidden floors of three_storey_frf and nees_three_storey come out
+# 7 to 15 % off; 10 to 17 % with a hundredth of this, 6 to 18 % with ten times it.
+LEAST_CHANNEL_NOISE = 0.01
+# Rounds in which the noise of the motion and that of the forces are told apart.
+SEPARATION_ROUNDS = 2
 
 
-@dataclass
-class Smooth:
-    """Spectra that vary slowly with frequency: ``f`` in Hz, ``values`` of shape
-    (n_bins, p).
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of motions and forces, and the structure between them.
+
+    Attributes
+    ----------
+    matrices : tuple of ndarray of shape (n_dof, n_dof)
+        Mass, damping and stiffness of the model, linearised along its run.
+    motion : SmoothSpectrum
+        Density of the noise of every channel.
+    force : ndarray of shape (n_dof + 1,)
+        Density of the white noise of every force, and of the base acceleration.
+    share : SmoothSpectrum
+        Share of the simulated motion's density, by DOF, that the noise of the forces
+        did not make.
+    signal_band : tuple of float
+        Hz; frequencies in which the run moves and the filters of the motions pass.
+    channels : tuple of str
+        a1, x2, ... whose noise it is; the relative velocities of all DOFs if empty.
     """
 
-    f: np.ndarray
-    values: np.ndarray
-
-    def __call__(self, f: np.ndarray) -> np.ndarray:
-        """Values at frequencies, shape (len(f), p); constant beyond the ends."""
-        at = np.log(np.maximum(f, 1e-300))
-        logs = np.log(np.maximum(self.values, 1e-300))
-        return np.exp(
-            np.column_stack([np.interp(at, np.log(self.f), y) for y in logs.T])
-        )
-
-
-@dataclass
-class NoiseModel:
-    """Noise of motions and forces, and the structure between them."""
-
-    # (n_dof, n_dof); mass, damping and stiffness of the model, linearised along its run
-    matrices: tuple[np.ndarray, np.ndarray, np.ndarray]
-    motion: Smooth  # density of the noise of the relative velocity of every DOF
-    # (n_dof + 1,); density of the white noise of every force, and of the base
-    # acceleration
+    matrices: Matrices
+    motion: SmoothSpectrum
     force: np.ndarray
-    # share of the simulated motion's density, by DOF, that the force's noise did not
-    # make
-    share: Smooth
-    # hz; frequencies in which the run moves and the filters of the motions pass; only
-    # these are used
+    share: SmoothSpectrum
     signal_band: tuple[float, float]
-    channels: tuple[
-        str, ...
-        # a1, x2, ... whose noise it is; the relative velocities of all DOFs if empty
-    ] = ()
+    channels: tuple[str, ...] = ()
 
     def transfer(self, f: np.ndarray) -> np.ndarray:
-        """Channels from forces and base acceleration, shape (len(f), n_channels, n_dof
-        + 1).
-        """
+        """Channels from forces and base acceleration, (len(f), n_channels, n + 1)."""
         return transfer(self.matrices, f, self.channels)
 
-    def of(self, rows: Sequence[int]) -> NoiseModel:
+    def of_channels(self, columns: Sequence[int]) -> NoiseModel:
         """The noise of some of the channels."""
-        motion = Smooth(self.motion.f, self.motion.values[:, rows])
-        return replace(
-            self, motion=motion, channels=tuple(self.channels[k] for k in rows)
-        )
+        motion = SmoothSpectrum(self.motion.f, self.motion.values[:, columns])
+        channels = tuple(self.channels[k] for k in columns)
+        return replace(self, motion=motion, channels=channels)
 
     def with_model_error(self, segment: Segment, measured: np.ndarray) -> NoiseModel:
-        """What a model misses of its channels beyond their white noise, as forces of
-        equal power on all floors.
+        """Explain gaps beyond the channels' white noise by equal forces on all floors.
+
+        Parameters
+        ----------
+        segment : Segment
+        measured : ndarray of shape (n_valid, n_channels)
         """
-        levels = np.array([white_density(line, segment.step) for line in measured.T])
-        (low, high), f, own = self.signal_band, lines_of(segment), self.motion.values
+        levels = [white_density(channel, segment.step) for channel in measured.T]
+        low, high = self.signal_band
+        f = line_frequencies(segment)
         f = f[(f >= low) & (f <= high)]
-        size = (np.abs(self.transfer(f)[:, :, :-1]) ** 2).sum(axis=(0, 2))
+
+        beyond_noise = np.maximum(self.motion(f) - levels, 0.0).sum(axis=0)
+        response = np.abs(self.transfer(f)[:, :, :-1]) ** 2
         force = self.force.copy()
-        force[:-1] += np.mean(
-            np.maximum(self.motion(f) - levels, 0.0).sum(axis=0) / size
-        )
+        force[:-1] += np.mean(beyond_noise / response.sum(axis=(0, 2)))
+
+        missed = self.motion.values
+        own_noise = np.clip(levels, LEAST_CHANNEL_NOISE * missed, missed)
         return replace(
-            self,
-            force=force,
-            motion=Smooth(self.motion.f, np.clip(levels, OWN * own, own)),
+            self, force=force, motion=SmoothSpectrum(self.motion.f, own_noise)
         )
 
-    def blocks(self, f: np.ndarray) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Rows of f, the transfer G there and the covariance S of the free run's
-        error.
-        """
-        for start in range(0, len(f), LINES):
-            rows = slice(start, start + LINES)
+    def covariances(
+        self, f: np.ndarray
+    ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """Lines of f, the transfer G there, and the covariance S of the gaps."""
+        for rows in blocks_of_lines(len(f)):
             G = self.transfer(f[rows])
             S = (G * self.force) @ G.conj().transpose(0, 2, 1)
             diagonal = np.arange(S.shape[1])
-            S[:, diagonal, diagonal] *= (
-                1.0 + 1e-12
-            )  # near an undamped resonance rounding makes S singular
+            # near an undamped resonance rounding makes S singular
+            S[:, diagonal, diagonal] *= 1.0 + 1e-12
             S[:, diagonal, diagonal] += self.motion(f[rows])
             yield rows, G, S
 
+    def likely_forces(
+        self, f: np.ndarray, gaps: np.ndarray
+    ) -> Iterator[tuple[slice, np.ndarray]]:
+        """Lines of f, and the forces beside the measured ones that explain the gaps."""
+        for rows, G, S in self.covariances(f):
+            weighted = np.linalg.solve(S, gaps[rows][:, :, None])
+            yield rows, self.force[:, None] * (G.conj().transpose(0, 2, 1) @ weighted)
 
-def common_band(data: Sequence[Segment], band: Band = None) -> tuple[float, float]:
-    """Frequency band common to all records, Hz."""
-    bands = [b for b in (band, *(seg.band for seg in data)) if b is not None]
-    low = max((lo for lo, _ in bands if lo is not None), default=0.0)
-    return float(low), float(
-        min((hi for _, hi in bands if hi is not None), default=np.inf)
-    )
 
+@dataclass(frozen=True)
+class _Lines:
+    """Fourier lines of several records: gaps and velocities of the runs."""
 
-def linearised(
-    model: ChainModel, layout: LawLayout, runs: Sequence[Segment]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mass, damping and stiffness matrices that fit the forces along free runs best."""
-    n = model.n_dof
-    C, K = np.zeros((n, n)), np.zeros((n, n))
-    theta = model.coefficients
-    for site in layout.acting:
-        if site.kind == "dof":
-            continue
-        gram, right = np.zeros((2, 2)), np.zeros(2)
-        for run in runs:
-            motion = run.motion(site, run.valid)
-            both = np.stack([motion.v, motion.s])
-            gram += both @ both.T
-            right += both @ (layout.columns(site, motion) @ theta[site])
-        size = np.sqrt(np.diag(gram))
-        size[size == 0] = 1.0
-        c, k = (
-            np.linalg.lstsq(gram / size[:, None] / size, right / size, rcond=1e-12)[0]
-            / size
+    f: list[np.ndarray]
+    gaps: list[np.ndarray]
+    velocities: list[np.ndarray]
+
+    def __len__(self) -> int:
+        return sum(map(len, self.f))
+
+    def within(self, band: tuple[float, float]) -> _Lines:
+        """The lines inside a band."""
+        inside = [(f >= band[0]) & (f <= band[1]) for f in self.f]
+        return _Lines(
+            _chosen(self.f, inside),
+            _chosen(self.gaps, inside),
+            _chosen(self.velocities, inside),
         )
-        ends = np.array([site.incidence(j) for j in range(1, n + 1)], dtype=float)
-        C, K = C + c * np.outer(ends, ends), K + k * np.outer(ends, ends)
-    return np.diag(model.masses), C, K
 
 
-def transfer(
-    matrices: Sequence[np.ndarray], f: np.ndarray, channels: Sequence[str] = ()
-) -> np.ndarray:
-    """Relative velocities (or channels) from forces and base acceleration, shape
-    (len(f), n_dof, n_dof + 1).
-    """
-    M, C, K = matrices
-    w = 2 * np.pi * np.asarray(f)[:, None, None]
-    H = np.linalg.inv(K + 1j * w * C - w**2 * M)
-    G = 1j * w * np.concatenate([H, -H @ M.sum(axis=1)[None, :, None]], axis=2)
-    if not channels:
-        return G
-    out = np.empty((len(G), len(channels), G.shape[2]), dtype=complex)
-    for k, channel in enumerate(channels):
-        out[:, k] = (
-            G[:, int(channel[1:]) - 1]
-            * (1j * w[:, 0]) ** {"x": -1, "v": 0, "a": 1}[channel[0]]
-        )
-        out[:, k, -1] += channel[0] == "a"  # accelerations are absolute
-    return out
+def _chosen(
+    arrays: Sequence[np.ndarray], masks: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    return [array[mask] for array, mask in zip(arrays, masks)]
 
 
-def lines_of(segment: Segment) -> np.ndarray:
-    """Frequencies of a record's Fourier lines without the first, Hz."""
-    return np.fft.rfftfreq(segment.n_valid, segment.step)[1:]
+def _powers(lines: Sequence[np.ndarray]) -> list[np.ndarray]:
+    return [np.abs(values) ** 2 for values in lines]
 
 
-def spectrum(values: np.ndarray, dt: float, taper: bool = False) -> np.ndarray:
-    """Fourier lines of columns without the first, scaled so that |.|^2 is a two-sided
-    density.
-    """
-    n = len(values)
-    if taper:
-        values = (
-            values
-            * (np.sqrt(2 / 3) * (1 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)))[
-                :, None
-            ]
-        )
-    return np.fft.rfft(values, axis=0)[1:] * np.sqrt(dt / n)
-
-
-def velocities(segment: Segment) -> np.ndarray:
-    """Velocities of the DOFs relative to the base, shape (n_valid_rows, n_dof)."""
-    return np.cumsum(segment.v[segment.valid], axis=1, dtype=float)
-
-
-def smoothed(
-    f: Sequence[np.ndarray], density: Sequence[np.ndarray], typical: bool = False
-) -> Smooth:
-    """Densities of several records averaged over bins of equal width in log f."""
-    at, values = np.concatenate(f), np.concatenate(density)
-    order = np.argsort(at, kind="stable")
-    at, values = at[order], values[order]
-    wanted = np.searchsorted(at, np.geomspace(at[0], at[-1], BINS + 1)[1:-1])
-    edges = [0]
-    for edge in wanted:
-        if edge - edges[-1] >= FEWEST and len(at) - edge >= FEWEST:
-            edges.append(int(edge))
-    edges.append(len(at))
-    pairs = list(zip(edges[:-1], edges[1:]))
-    middle = np.array([np.exp(np.log(at[lo:hi]).mean()) for lo, hi in pairs])
-    if typical:
-        return Smooth(
-            middle,
-            np.array([np.median(values[lo:hi], axis=0) for lo, hi in pairs]) / _LN2,
-        )
-    return Smooth(middle, np.array([values[lo:hi].mean(axis=0) for lo, hi in pairs]))
-
-
-def unbalanced(
-    model: ChainModel, matrices: Sequence[np.ndarray], segment: Segment
-) -> np.ndarray:
-    """Relative velocities by which a run would miss the motion for what the balances
-    leave, (n_valid_rows, n_dof).
-
-    Of a linear model these are the gaps of its free run. That of a nonlinear one may
-    lose the motion without any noise.
-    """
-    left = (
-        segment.F[segment.valid]
-        - model.balance_forces(Dataset([segment], segment.n_samples))[0]
-    )
-    f, lines = lines_of(segment), np.fft.rfft(left, axis=0)
-    lines[0] = 0.0
-    for start in range(0, len(f), LINES):
-        rows = slice(start, start + LINES)
-        G = transfer(matrices, f[rows])[:, :, : segment.n_dof]
-        lines[1:][rows] = -(G @ lines[1:][rows][:, :, None])[:, :, 0]
-    return np.fft.irfft(lines, len(left), axis=0)
+def _size(lines: Sequence[np.ndarray]) -> np.ndarray:
+    """Root of the power of each column in all records."""
+    return np.sqrt(sum(power.sum(axis=0) for power in _powers(lines)))
 
 
 def noise_model(
@@ -259,212 +176,240 @@ def noise_model(
     gaps: Sequence[np.ndarray],
     channels: tuple[str, ...] = (),
 ) -> NoiseModel | None:
-    """Noise of motions (or channels) and forces from what a model misses under measured
-    forces; None without gaps.
+    """Noise of motions (or channels) and forces, from the gaps of free runs.
+
+    Parameters
+    ----------
+    model, layout
+        The model and the columns of its laws.
+    data, runs : sequence of Segment
+        The records, and the free runs under their measured forces.
+    gaps : sequence of ndarray
+        Measured less simulated velocities (or channels) of every record.
+    channels : tuple of str
+        Names of the channels of the gaps; velocities of all DOFs if empty.
+
+    Returns
+    -------
+    NoiseModel or None
+        None if there are no gaps beyond round-off, or too few lines.
     """
-    n = model.n_dof
-    matrices = linearised(model, layout, runs)
-    every = [lines_of(seg) for seg in data]
-    R = [spectrum(gap, seg.step, taper=True) for seg, gap in zip(data, gaps)]
-    V = [spectrum(velocities(run), run.step, taper=True) for run in runs]
-    missed, whole = (
-        np.sqrt(sum((np.abs(y) ** 2).sum(axis=0) for y in part)) for part in (R, V)
+    matrices = equivalent_matrices(model, layout, runs)
+    lines = _Lines(
+        [line_frequencies(segment) for segment in data],
+        [fourier_lines(gap, seg.step, taper=True) for seg, gap in zip(data, gaps)],
+        [fourier_lines(relative_velocities(r), r.step, taper=True) for r in runs],
     )
-    whole = np.full(len(missed), 0.0) if channels else whole
-    if not np.all(missed > 1e-6 * whole):
+    missed = _size(lines.gaps)
+    # gaps of channels have other units than the velocities of the run
+    motion_size = np.zeros(len(missed)) if channels else _size(lines.velocities)
+    if not np.all(missed > ROUND_OFF * motion_size):
         return None
-    force = np.array([_force_density(data, j) for j in range(n + 1)])
-    low, high = common_band(data)
-    signal_band = _signal_band(
-        every, V, [_response_to_force_noise(matrices, lines, force) for lines in every]
-    )
-    signal_band = max(signal_band[0], low), min(signal_band[1], high)
-    inside = [(f >= signal_band[0]) & (f <= signal_band[1]) for f in every]
-    f, R, V = ([y[use] for y, use in zip(part, inside)] for part in (every, R, V))
-    if sum(map(len, f)) < 2 * FEWEST:
+
+    force = _force_noise_levels(data, model.n_dof)
+    low, high = _signal_band(matrices, lines, force)
+    lowest, highest = common_band(data)
+    signal_band = max(low, lowest), min(high, highest)
+    lines = lines.within(signal_band)
+    if len(lines) < 2 * MIN_LINES_PER_BIN:
         return None
-    floor = 1e-12 * (whole**2 / sum(map(len, f)))
-    motion = smoothed(f, [np.abs(r) ** 2 for r in R], typical=True)
-    floor = np.maximum(floor, LEAST * motion.values)
-    motion.values = np.maximum(motion.values, floor)
-    for _ in range(2):
-        force = np.minimum(
-            force, _force_noise_bound(matrices, f, R, motion, force > 0, channels)
-        )
-        response = [
-            _response_to_force_noise(matrices, lines, force, channels) for lines in f
-        ]
-        motion = smoothed(
-            f, [np.abs(r) ** 2 - _LN2 * q for r, q in zip(R, response)], typical=True
-        )
-        motion.values = np.maximum(motion.values, floor)
-    response = [_response_to_force_noise(matrices, lines, force) for lines in f]
-    own, made = smoothed(f, [np.abs(v) ** 2 for v in V]), smoothed(f, response)
-    share = Smooth(
-        own.f, np.clip(1 - made.values / np.maximum(own.values, 1e-300), 1e-6, 1.0)
-    )
+
+    floor = ROUND_OFF**2 * (motion_size**2 / len(lines))
+    motion, force = _separated(matrices, lines, force, floor, channels)
+    share = _share_of_signal(matrices, lines, force)
     return NoiseModel(matrices, motion, force, share, signal_band, channels)
 
 
+def _force_noise_levels(data: Sequence[Segment], n_dof: int) -> np.ndarray:
+    """Density of the white noise of every force and of the base acceleration."""
+    densities = np.zeros(n_dof + 1)
+    for j in range(n_dof + 1):
+        of_records = []
+        for segment in data:
+            channel = segment.ag if j == n_dof else segment.F[:, j]
+            if channel is None or not np.any(channel[segment.valid]):
+                continue
+            of_records.append(white_density(channel[segment.valid], segment.step))
+        if of_records:
+            densities[j] = np.mean(of_records)
+    return densities
+
+
 def _signal_band(
-    f: Sequence[np.ndarray], V: Sequence[np.ndarray], response: Sequence[np.ndarray]
+    matrices: Matrices, lines: _Lines, force: np.ndarray
 ) -> tuple[float, float]:
-    """Band that holds nearly all of the run's drift (lower edge) and acceleration
-    (upper edge), Hz.
+    """Band that holds nearly all power of the run's drifts and accelerations, Hz.
+
+    The lower edge leaves out a share of the drifts' power, the upper edge of that of
+    the accelerations.
     """
-    at = np.sort(np.concatenate(f), kind="stable")
-    own, made = (
-        smoothed(f, part)(at) for part in ([np.abs(v) ** 2 for v in V], response)
-    )
-    ends = []
-    for weight, share in ((at**-2.0, EDGE_SHARE), (at**2, 1 - EDGE_SHARE)):
-        whole = own * weight[:, None]
-        signal = np.maximum(own - made, 0) * weight[:, None]
-        # a white force cannot be told from noise: its motion then counts without
-        # correction
-        good = signal.sum(axis=0) > 0.5 * whole.sum(axis=0)
-        power = np.where(good, signal, whole)
-        total = np.cumsum((power / np.maximum(power.sum(axis=0), 1e-300)).sum(axis=1))
-        ends.append(
-            float(at[min(np.searchsorted(total, share * total[-1]), len(at) - 1)])
-        )
-    return ends[0], ends[1]
+    f = np.sort(np.concatenate(lines.f), kind="stable")
+    from_noise = [_response_to_force_noise(matrices, x, force) for x in lines.f]
+    velocity = mean_spectrum(lines.f, _powers(lines.velocities))(f)
+    noise = mean_spectrum(lines.f, from_noise)(f)
+
+    drifts = _power_up_to_each_line(f**-2.0, velocity, noise)
+    accelerations = _power_up_to_each_line(f**2, velocity, noise)
+    low = np.searchsorted(drifts, POWER_OUTSIDE * drifts[-1])
+    high = np.searchsorted(accelerations, (1 - POWER_OUTSIDE) * accelerations[-1])
+    last = len(f) - 1
+    return float(f[min(low, last)]), float(f[min(high, last)])
 
 
-def _force_density(data: Sequence[Segment], j: int) -> float:
-    """Density of the white noise of a force; 0 without a force."""
-    channels = ((seg, seg.ag if j == seg.n_dof else seg.F[:, j]) for seg in data)
-    lines = [
-        (line[seg.valid], seg.step)
-        for seg, line in channels
-        if line is not None and np.any(line[seg.valid])
-    ]
-    found = [white_density(line, step) for line, step in lines]
-    return float(np.mean(found)) if found else 0.0
+def _power_up_to_each_line(
+    weight: np.ndarray, velocity: np.ndarray, noise: np.ndarray
+) -> np.ndarray:
+    """Cumulated power of the signal, every DOF with equal weight."""
+    total = velocity * weight[:, None]
+    signal = np.maximum(velocity - noise, 0) * weight[:, None]
+    # a white force cannot be told from noise: its motion then counts without correction
+    has_signal = signal.sum(axis=0) > 0.5 * total.sum(axis=0)
+    power = np.where(has_signal, signal, total)
+    shares = power / np.maximum(power.sum(axis=0), 1e-300)
+    return np.cumsum(shares.sum(axis=1))
 
 
-def white_density(line: np.ndarray, dt: float) -> float:
-    """Density of the white noise of a channel, from its differences: high ones hold
-    little of the motion.
-    """
-    return min(white_level(line.astype(float), order) for order in (4, 10)) ** 2 * dt
+def _separated(
+    matrices: Matrices,
+    lines: _Lines,
+    force: np.ndarray,
+    floor: np.ndarray,
+    channels: Sequence[str],
+) -> tuple[SmoothSpectrum, np.ndarray]:
+    """Densities of the noise of the motion and of the forces, each less the other."""
+    gap_power = _powers(lines.gaps)
+    motion = median_spectrum(lines.f, gap_power)
+    floor = np.maximum(floor, LEAST_MOTION_NOISE * motion.values)
+    motion = replace(motion, values=np.maximum(motion.values, floor))
+
+    for _ in range(SEPARATION_ROUNDS):
+        bound = _force_noise_bound(matrices, lines, motion, force > 0, channels)
+        force = np.minimum(force, bound)
+
+        of_motion = []
+        for f, power in zip(lines.f, gap_power):
+            of_force = _response_to_force_noise(matrices, f, force, channels)
+            of_motion.append(power - MEDIAN_OVER_MEAN * of_force)
+        motion = median_spectrum(lines.f, of_motion)
+        motion = replace(motion, values=np.maximum(motion.values, floor))
+    return motion, force
 
 
 def _response_to_force_noise(
-    matrices: Sequence[np.ndarray],
+    matrices: Matrices,
     f: np.ndarray,
     force: np.ndarray,
     channels: Sequence[str] = (),
 ) -> np.ndarray:
+    """Density of the velocities (or channels) that the noise of the forces makes."""
     out = np.empty((len(f), len(channels) or len(matrices[0])))
-    for start in range(0, len(f), LINES):
-        rows = slice(start, start + LINES)
+    for rows in blocks_of_lines(len(f)):
         out[rows] = (np.abs(transfer(matrices, f[rows], channels)) ** 2) @ force
     return out
 
 
 def _force_noise_bound(
-    matrices: Sequence[np.ndarray],
-    f: Sequence[np.ndarray],
-    R: Sequence[np.ndarray],
-    motion: Smooth,
+    matrices: Matrices,
+    lines: _Lines,
+    motion: SmoothSpectrum,
     noisy: np.ndarray,
-    channels: Sequence[str] = (),
+    channels: Sequence[str],
 ) -> np.ndarray:
-    """Upper bound of every force's noise density, from its share in the motion's
-    error.
-    """
+    """Upper bound of the density of every noisy force, from its share in the gaps."""
     bound = np.full(len(noisy), np.inf)
     if not noisy.any():
         return bound
-    sizes, blurs = [], []
-    for lines, r in zip(f, R):
-        for start in range(0, len(lines), LINES):
-            rows = slice(start, start + LINES)
-            G = transfer(matrices, lines[rows], channels)[:, :, noisy]
-            W = G.conj().transpose(0, 2, 1) / motion(lines[rows])[:, None, :]
-            inverse = np.linalg.pinv(W @ G, hermitian=True)
-            sizes.append(np.abs((inverse @ (W @ r[rows][:, :, None]))[:, :, 0]) ** 2)
-            blurs.append(np.einsum("ijj->ij", inverse).real)
-    size, blur = np.concatenate(sizes), np.concatenate(blurs)
+
+    estimates = []
+    variances = []
+    for f, gaps in zip(lines.f, lines.gaps):
+        for rows in blocks_of_lines(len(f)):
+            G = transfer(matrices, f[rows], channels)[:, :, noisy]
+            weighted = G.conj().transpose(0, 2, 1) / motion(f[rows])[:, None, :]
+            inverse = np.linalg.pinv(weighted @ G, hermitian=True)
+            force = inverse @ (weighted @ gaps[rows][:, :, None])
+            estimates.append(np.abs(force[:, :, 0]) ** 2)
+            variances.append(np.einsum("ijj->ij", inverse).real)
+    estimate = np.concatenate(estimates)
+    variance = np.concatenate(variances)
+
+    # only lines in which the noise of the motion blurs the force least
+    share = np.clip(2 * MIN_LINES_PER_BIN / len(variance), 0.1, 1.0)
     for i, j in enumerate(np.flatnonzero(noisy)):
-        clear = blur[:, i] <= np.quantile(
-            blur[:, i], min(1.0, max(0.1, 2 * FEWEST / len(blur)))
-        )
-        bound[j] = np.median(size[clear, i]) / _LN2
+        clear = variance[:, i] <= np.quantile(variance[:, i], share)
+        bound[j] = np.median(estimate[clear, i]) / MEDIAN_OVER_MEAN
     return bound
 
 
-def expected(
+def _share_of_signal(
+    matrices: Matrices, lines: _Lines, force: np.ndarray
+) -> SmoothSpectrum:
+    """Share of the simulated motion that the noise of the forces did not make."""
+    from_noise = [_response_to_force_noise(matrices, f, force) for f in lines.f]
+    motion = mean_spectrum(lines.f, _powers(lines.velocities))
+    noise = mean_spectrum(lines.f, from_noise)
+    share = 1 - noise.values / np.maximum(motion.values, 1e-300)
+    return SmoothSpectrum(motion.f, np.clip(share, 1e-6, 1.0))
+
+
+def expected_gaps(
     noise: NoiseModel, names: tuple[str, ...], gap: np.ndarray, dt: float
 ) -> np.ndarray:
-    """What a run misses of all channels, given what it misses of the measured ones,
-    (n_samples, n_names).
+    """What a run misses of some channels, given what it misses of the measured ones.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+        Of the measured channels.
+    names : tuple of str
+        The channels that are asked for.
+    gap : ndarray of shape (n_samples, n_channels)
+        What the run misses of the measured channels.
+    dt : float
+        s.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_names)
     """
-    f, R = np.fft.rfftfreq(len(gap), dt), np.fft.rfft(gap, axis=0)
+    f = np.fft.rfftfreq(len(gap), dt)
+    # of a constant force a free chain moves without bound
     f[0] = 1e-3 * f[1]
-    out = np.empty((len(f), len(names)), dtype=complex)
-    for rows, forces in _forces(noise, f, R):
-        out[rows] = (transfer(noise.matrices, f[rows], names) @ forces)[:, :, 0]
-    return np.fft.irfft(out, len(gap), axis=0)
-
-
-def _forces(
-    noise: NoiseModel, f: np.ndarray, R: np.ndarray
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """Rows of f, and the forces beside the measured ones that the lines R of what a run
-    misses tell there.
-    """
-    for rows, G, S in noise.blocks(f):
-        yield (
-            rows,
-            noise.force[:, None]
-            * (G.conj().transpose(0, 2, 1) @ np.linalg.solve(S, R[rows][:, :, None])),
-        )
+    lines = np.empty((len(f), len(names)), dtype=complex)
+    for rows, forces in noise.likely_forces(f, np.fft.rfft(gap, axis=0)):
+        lines[rows] = (transfer(noise.matrices, f[rows], names) @ forces)[:, :, 0]
+    return np.fft.irfft(lines, len(gap), axis=0)
 
 
 def corrected(segment: Segment, gap: np.ndarray, noise: NoiseModel) -> Segment:
-    """The record with the force (and base acceleration) corrected by what a model
-    misses of the measured motion.
+    """The record with its force and base acceleration corrected by the measured motion.
+
+    Parameters
+    ----------
+    segment : Segment
+    gap : ndarray of shape (n_valid, n_channels)
+        What the free run of a model misses of the measured motion.
+    noise : NoiseModel
     """
-    rows, n = segment.valid, segment.n_dof
-    f = lines_of(segment)
+    n = segment.n_dof
+    rows = segment.valid
+    f = line_frequencies(segment)
     first, last = np.searchsorted(f, noise.signal_band, side="left")
-    R = spectrum(gap, segment.step)[first:last]
-    more = np.zeros((len(f) + 1, n + 1), dtype=complex)
-    for part, forces in _forces(noise, f[first:last], R):
-        more[1 + first : 1 + last][part] = forces[:, :, 0]
-    length = rows.stop - rows.start
-    # the free run misses E_x - G E_u, so the estimated noise of the force enters with a
-    # minus sign
-    more = np.fft.irfft(more, length, axis=0) / np.sqrt(segment.step / length)
+    gap_lines = fourier_lines(gap, segment.step)[first:last]
+
+    correction = np.zeros((len(f) + 1, n + 1), dtype=complex)
+    inside = correction[1 + first : 1 + last]
+    for lines, forces in noise.likely_forces(f[first:last], gap_lines):
+        inside[lines] = forces[:, :, 0]
+    # the free run misses E_x - G E_u, so the noise of the force enters with a minus
+    # sign: its estimate is added
+    scale = np.sqrt(segment.step / segment.n_valid)
+    change = np.fft.irfft(correction, segment.n_valid, axis=0) / scale
+
     F = np.array(segment.F, dtype=float)
-    F[rows] += more[:, :n]
-    ag = segment.ag
-    if ag is not None:
-        ag = np.array(ag, dtype=float)
-        ag[rows] += more[:, n]
+    F[rows] += change[:, :n]
+    if segment.ag is None:
+        return replace(segment, F=F)
+    ag = np.array(segment.ag, dtype=float)
+    ag[rows] += change[:, n]
     return replace(segment, F=F, ag=ag)
-
-
-@dataclass
-class Whitener:
-    """A zero-phase filter of given squared amplitude in a band (Hz), the same for every
-    row of a balance.
-    """
-
-    weight: Smooth
-    band: tuple[float | None, float | None] = (None, None)
-
-    def amplitude(self, f: np.ndarray) -> np.ndarray:
-        """Amplitude at frequencies in Hz."""
-        low, high = self.band
-        inside = (f >= (low or 0.0)) & (f <= (np.inf if high is None else high))
-        return np.where(inside, np.sqrt(self.weight(f)[:, 0]), 0.0)
-
-    def apply(self, rows: np.ndarray, dt: float) -> np.ndarray:
-        """Filter rows of one record."""
-        n = rows.shape[1]
-        return idct(
-            dct(rows, axis=1) * self.amplitude(np.arange(n) / (2 * n * dt)), axis=1
-        )

@@ -1,18 +1,14 @@
-"""The identification problem: a chain, its force laws, what is known, and its
-least-squares solve.
-"""
+"""The identification problem: a chain, its force laws and all that is known of them."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from .. import laws
+from .. import laws as catalogue
 from ..chain.identifiability import SolveOrder, plan_solve_order
 from ..chain.layout import Block, LawLayout, declared_laws, power_series_laws
 from ..chain.model import ChainModel
@@ -20,30 +16,28 @@ from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of, masses_of
 from ..equations import chain_solve
 from ..equations.balances import blocks_of_segment
-from ..equations.errors import balance_errors
 from ..equations.inner_optimizer import balance_optimizer
 from ..equations.normal_equations import NormalEquations
 from ..equations.shape_search import estimate_shapes
-from ..exceptions import ChainError, NRFError, NRFWarning
+from ..exceptions import ChainError
 from ..laws import ForceLaw
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
 from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
+from .constraints import constrained
+from .intervals import least_squares_resolver
+from .parameters import Parameter, as_parameters
 
 DEFAULT_DEGREE = 3
-# Of 36 shaken chains with one mass 20 % wrong all are named, of 18 with right ones
-# none: freed, a right mass leaves what was left or more, a wrong one among right ones
-# at most 74 %.
-SHRINKS, ANOTHER = 0.8, 0.03
-# Settings of ``estimation`` that begin with least squares and need no motion made for
-# them.
+# Settings of ``estimation`` that begin with least squares.
 LEAST_SQUARES = ("auto", "ls")
+
+Filters = list[ZeroPhaseFilter | None]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """An identification problem: the chain, its laws, and all that is known; it does
-    not change.
+    """An identification problem; it does not change.
 
     .. math:: m_j a_j + R_j(v_j, s_j) - R_{j+1}(v_{j+1}, s_{j+1}) = F_j
 
@@ -59,7 +53,7 @@ class Problem:
     excited : int or iterable of int, optional
         DOFs whose measured force scales the chain; those with a force that is not zero
         if None.
-    known_masses, band, strategy, optimizer
+    known_masses, band, strategy, optimizer, constraints
         See :class:`NRFRegressor`.
 
     Raises
@@ -86,48 +80,51 @@ class Problem:
     strategy: str = "auto"
     excited: int | tuple[int, ...] | None = None
     optimizer: Any = None
+    constraints: Mapping[str, Parameter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         chain = chain_of(self.chain, 0).with_links(self.laws)
-        given = {chain.site(s): tuple(held) for s, held in self.laws.items()}
-        laws = {s: given.get(s, ()) for s in chain.sites} | given
-        for name, value in (
-            ("chain", chain),
-            ("laws", MappingProxyType(laws)),
-            ("known_masses", MappingProxyType(masses_of(self.known_masses, chain))),
-            (
-                "excited",
-                (
-                    None
-                    if self.excited is None
-                    else dofs_of("excited", self.excited, chain.n_dof)
-                ),
-            ),
-            ("optimizer", balance_optimizer(self.optimizer)),
-        ):
-            object.__setattr__(self, name, value)
+        laws: dict[Site, tuple[ForceLaw, ...]] = dict.fromkeys(chain.sites, ())
+        laws |= _by_site(chain, self.laws)
+        known_masses = masses_of(self.known_masses, chain)
+
+        self._set("chain", chain)
+        self._set("laws", MappingProxyType(laws))
+        self._set("known_masses", MappingProxyType(known_masses))
+        self._set("optimizer", balance_optimizer(self.optimizer))
+        self._set("constraints", MappingProxyType(as_parameters(self.constraints)))
+        if self.excited is not None:
+            self._set("excited", dofs_of("excited", self.excited, chain.n_dof))
+
+    def _set(self, name: str, value: Any) -> None:
+        """Store a value in its canonical form, once, after construction."""
+        object.__setattr__(self, name, value)
 
     def __reduce__(self) -> Any:
-        held = (getattr(self, one.name) for one in fields(self))
-        return type(self), tuple(
-            dict(value) if isinstance(value, MappingProxyType) else value
-            for value in held
-        )
-
-    @property
-    def needs_clock(self) -> bool:
-        """False for an element without mass whose laws depend on the path alone."""
-        massless = all(
-            self.known_masses.get(j) == 0 for j in range(1, self.chain.n_dof + 1)
-        )
-        return not massless or any(
-            law.rate_dependent for held in self.laws.values() for law in held
-        )
+        values = []
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, MappingProxyType):
+                value = dict(value)
+            values.append(value)
+        return type(self), tuple(values)
 
     @cached_property
     def layout(self) -> LawLayout:
         """Columns of the laws, site by site."""
         return LawLayout(self.chain, self.laws)
+
+    @property
+    def every_law(self) -> list[ForceLaw]:
+        """The laws of all sites."""
+        return [law for group in self.laws.values() for law in group]
+
+    @property
+    def needs_clock(self) -> bool:
+        """False for an element without mass whose laws depend on the path alone."""
+        known = [self.known_masses.get(j + 1) for j in range(self.chain.n_dof)]
+        massless = known == [0] * self.chain.n_dof
+        return not massless or any(law.rate_dependent for law in self.every_law)
 
     def with_laws(self, laws: Mapping[Any, Iterable[ForceLaw]]) -> Problem:
         """The same problem with other laws at some sites.
@@ -136,13 +133,7 @@ class Problem:
         ----------
         laws : mapping of str to sequence of ForceLaw
         """
-        return replace(
-            self,
-            laws={
-                **self.laws,
-                **{self.chain.site(s): tuple(held) for s, held in laws.items()},
-            },
-        )
+        return replace(self, laws=dict(self.laws) | _by_site(self.chain, laws))
 
     def with_known_masses(self, known_masses: Mapping[int, float]) -> Problem:
         """The same problem with these masses known, and no other.
@@ -171,16 +162,18 @@ class Problem:
             If nothing scales the chain (no force and no known mass), or a mass or a law
             is out of reach.
         """
-        forced = forced if self.excited is None else self.excited
-        given = (
+        order = plan_solve_order(
+            self.chain,
+            forced if self.excited is None else self.excited,
+            unknown,
             self.known_masses,
             self.strategy,
             self.layout.acting,
             self.optimizer is not None,
         )
-        return plan_solve_order(self.chain, forced, unknown, *given).require_complete()
+        return order.require_complete()
 
-    def filters(self, data: Dataset) -> list[ZeroPhaseFilter | None]:
+    def filters(self, data: Dataset) -> Filters:
         """Zero-phase filters of the band, one for each record; None without a band.
 
         Parameters
@@ -188,6 +181,17 @@ class Problem:
         data : Dataset
         """
         return filters_of(self.band, data)
+
+    def normal_equations(self, data: Dataset, order: SolveOrder) -> NormalEquations:
+        """Sums of the balances over the data.
+
+        Parameters
+        ----------
+        data : Dataset
+        order : SolveOrder
+            Its balances are summed up; all shape parameters have values.
+        """
+        return _solution(self, self.layout, order, data, self.filters(data))[1]
 
     def solve(self, data: Any) -> Estimate:
         """Masses, shape parameters and coefficients by least squares.
@@ -205,41 +209,79 @@ class Problem:
         data = from_arrays(
             data, n_dof=self.chain.n_dof, has_memory=self.layout.has_memory
         )
-        order = self.solve_order(data.forced, data.unknown)
-        chain_solve.require_samples(data, order, self.layout)
-        chain_solve.require_moving(data, self.layout)
-        chain_solve.require_clock(data, self.layout)
-        filters = self.filters(data)
-        problem = self
-        if any(law.free_shape for held in self.laws.values() for law in held):
-            scales = chain_solve.scales_of(data, self.layout)
-            # noqa: E731
-            tried = lambda laws: _least_squares(self, laws, order, data, filters)
-            problem = self.with_laws(
-                estimate_shapes(self.layout, scales, tried, data, filters).laws
-            )
-        solution, grams = _least_squares(problem, problem.layout, order, data, filters)
-        solution.pass_on(stacklevel=4)
-        model = chain_solve.model_of(problem.layout, solution)
-        return Estimate(problem, solution.followed(order), model, solution, grams)
+        estimate = least_squares(self, data)
+        if not self.constraints:
+            return estimate
+        resolver = least_squares_resolver(estimate.problem, estimate.order, data)
+        model, _ = constrained(estimate.model, self.constraints, resolver)
+        return estimate._replace(model=model)
+
+
+def _by_site(
+    chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]
+) -> dict[Site, tuple[ForceLaw, ...]]:
+    """Laws by the sites of the chain, however they are spelled."""
+    return {chain.site(site): tuple(group) for site, group in laws.items()}
 
 
 class Estimate(NamedTuple):
-    """Least-squares estimate of a :class:`Problem`."""
+    """Least-squares estimate of a :class:`Problem`.
 
-    problem: Problem  # with values for all shape parameters
-    order: SolveOrder  # the order in which the balances were solved
+    Attributes
+    ----------
+    problem : Problem
+        With values for all shape parameters.
+    order : SolveOrder
+        The order in which the balances were solved.
+    model : ChainModel
+    solution : Solution
+    grams : NormalEquations
+        The sums from which the solution was taken.
+    """
+
+    problem: Problem
+    order: SolveOrder
     model: ChainModel
     solution: chain_solve.Solution
-    grams: NormalEquations  # of which the solution was taken
+    grams: NormalEquations
 
 
-def _least_squares(
+def least_squares(problem: Problem, data: Dataset) -> Estimate:
+    """Masses, shape parameters and coefficients, whatever the constraints are."""
+    order = problem.solve_order(data.forced, data.unknown)
+    chain_solve.require_samples(data, order, problem.layout)
+    chain_solve.require_moving(data, problem.layout)
+    chain_solve.require_clock(data, problem.layout)
+
+    filters = problem.filters(data)
+    problem = _with_shapes(problem, order, data, filters)
+    solution, sums = _solution(problem, problem.layout, order, data, filters)
+    solution.pass_on()
+    model = chain_solve.model_of(problem.layout, solution)
+    return Estimate(problem, solution.followed(order), model, solution, sums)
+
+
+def _with_shapes(
+    problem: Problem, order: SolveOrder, data: Dataset, filters: Filters
+) -> Problem:
+    """The problem with values for the shape parameters that are free."""
+    if not any(law.free_shape for law in problem.every_law):
+        return problem
+
+    def solved(layout: LawLayout) -> tuple[chain_solve.Solution, NormalEquations]:
+        return _solution(problem, layout, order, data, filters)
+
+    scales = chain_solve.scales_of(data, problem.layout)
+    found = estimate_shapes(problem.layout, scales, solved, data, filters)
+    return problem.with_laws(found.laws)
+
+
+def _solution(
     problem: Problem,
     layout: LawLayout,
     order: SolveOrder,
     data: Dataset,
-    filters: list[ZeroPhaseFilter | None],
+    filters: Filters,
 ) -> tuple[chain_solve.Solution, NormalEquations]:
     """Solution for a layout whose laws have all their shape parameters."""
     blocks = partial(blocks_of, data, filters, layout, in_pieces=True)
@@ -251,114 +293,93 @@ def _least_squares(
 def blocks_of(
     data: Dataset, filters: Iterable[Any], layout: LawLayout, in_pieces: bool = False
 ) -> Iterator[Block]:
-    """Columns of all balances, record by record; ``in_pieces`` also where laws have
-    memory and nothing is filtered.
-    """
-    for segment, filter in zip(data.segments, filters):
-        yield from blocks_of_segment(
-            segment,
-            layout,
-            filter=filter,
-            states={} if in_pieces and filter is None else None,
-        )
+    """Columns of all balances, record by record.
 
-
-def wrong_masses(problem: Problem, data: Dataset, error: float) -> list[str]:
-    """A sentence on known masses that the others contradict: left free, they explain
-    most of what is left.
+    ``in_pieces``: also where laws have memory and nothing is filtered.
     """
-    known = {j: mass for j, mass in problem.known_masses.items() if mass}
-    freed: dict[int, tuple[float, float]] = {}
-    for j in known if len(known) > 1 else ():
-        with (
-            suppress(NRFError),
-            warnings.catch_warnings(action="ignore", category=NRFWarning),
-        ):
-            found = problem.with_known_masses(
-                {i: m for i, m in problem.known_masses.items() if i != j}
-            ).solve(data)
-            left = float(
-                balance_errors(found.model, found.grams).loc["pooled", "error"]
-            )
-            if (
-                left < SHRINKS * error
-                and abs(found.model.masses[j - 1] / known[j] - 1) > ANOTHER
-            ):
-                freed[j] = left, float(found.model.masses[j - 1])
-    if not freed:
-        return []
-    best = min(freed.values())[0]
-    ranked = [
-        j for j in sorted(freed, key=lambda j: freed[j]) if freed[j][0] < 1.5 * best
-    ]
-    said = "; or ".join(
-        f"m{j} is {freed[j][1]:.4g} kg, not {known[j]:.4g}" for j in ranked
-    )
-    return [
-        f"The known masses contradict each other: left free, {said}; and {best:.2g} %"
-        f" of the balances is unexplained instead of {error:.2g} %. Weigh it again."
-    ]
+    for segment, band_pass in zip(data.segments, filters):
+        states: dict[Any, Any] | None = None
+        if in_pieces and band_pass is None:
+            states = {}
+        yield from blocks_of_segment(segment, layout, filter=band_pass, states=states)
 
 
 def flexible_laws(
     problem: Problem, drifts: Mapping[Site, float]
 ) -> dict[Site, list[ForceLaw]]:
-    """The laws of a problem with friction, damping, springs and, by the rms of drifts,
-    sliders at every site.
+    """The laws of a problem with friction, damping, springs and sliders at every site.
+
+    Parameters
+    ----------
+    problem : Problem
+    drifts : mapping of Site to float
+        Rms of the drift, m, which gives the sliders their size.
     """
-    out = {site: list(held) for site, held in problem.laws.items()}
+    out = {site: list(group) for site, group in problem.laws.items()}
     for site in problem.chain.sites:
-        labels = {t.label for law in out.setdefault(site, []) for t in law.terms()}
-        for law in (
-            laws.CoulombFriction(),
-            laws.QuadraticDamping(),
-            laws.DisplacementDependentDamping(),
-            laws.QuadraticStiffness(),
-            laws.AbsoluteQuadraticStiffness(),
-            laws.CubicStiffness(),
-            *(
-                laws.Jenkins(uy=share * drifts[site])
-                for share in (0.5, 1.5)
-                if drifts.get(site, 0.0) > 0
-            ),
-        ):
-            if labels.isdisjoint(t.label for t in law.terms()) and (
-                problem.needs_clock or not law.rate_dependent
-            ):
-                out[site].append(law)
-                labels |= {t.label for t in law.terms()} if not law.shapes else set()
+        laws = out.setdefault(site, [])
+        labels = {term.label for law in laws for term in law.terms()}
+        for law in _general_laws(drifts.get(site, 0.0), problem.needs_clock):
+            terms = {term.label for term in law.terms()}
+            if labels.isdisjoint(terms):
+                laws.append(law)
+                # sliders of two sizes have the same terms
+                labels |= set() if law.shapes else terms
     return out
+
+
+def _general_laws(drift: float, has_clock: bool) -> list[ForceLaw]:
+    """Laws that together can follow nearly any force over a drift of some rms, m."""
+    laws: list[ForceLaw] = [
+        catalogue.CoulombFriction(),
+        catalogue.QuadraticDamping(),
+        catalogue.DisplacementDependentDamping(),
+        catalogue.QuadraticStiffness(),
+        catalogue.AbsoluteQuadraticStiffness(),
+        catalogue.CubicStiffness(),
+    ]
+    if drift > 0:
+        laws += [catalogue.Jenkins(uy=0.5 * drift), catalogue.Jenkins(uy=1.5 * drift)]
+    return [law for law in laws if has_clock or not law.rate_dependent]
 
 
 def law_list(laws: Any) -> list[ForceLaw]:
     """The laws that a user declared, of all sites."""
-    return [law for held in declared_laws(laws).values() for law in held]
+    return [law for group in declared_laws(laws).values() for law in group]
 
 
 def laws_of_sites(
     chain: Chain, laws: Any, degree: Any, orders: Any
 ) -> dict[Site, tuple[ForceLaw, ...]]:
-    """The declared laws by site of the chain, and the power series at its other
-    sites.
+    """The declared laws by site of the chain, and the power series at its other sites.
+
+    Raises
+    ------
+    ChainError
+        If a site has an order and laws, or ``degree`` contradicts the orders.
     """
-    series = power_series_laws(chain, degree, orders)
-    orders = {chain.site(s): order for s, order in (orders or {}).items()}
-    given = {chain.site(s): held for s, held in declared_laws(laws).items()}
-    if both := [s for s in orders if s in given]:
-        raise ChainError(
-            f"{both[0]} has an order and laws",
-            "Name it in orders or in laws, not in both.",
-        )
-    every = degree != DEFAULT_DEGREE and all(
-        s in orders or s in given for s in chain.sites
+    series = _by_site(chain, power_series_laws(chain, degree, orders))
+    declared = _by_site(chain, declared_laws(laws))
+    ordered = {chain.site(site): order for site, order in (orders or {}).items()}
+    for site in ordered:
+        if site in declared:
+            raise ChainError(
+                f"{site} has an order and laws",
+                "Name it in orders or in laws, not in both.",
+            )
+    every_site_is_named = set(chain.sites) <= {*ordered, *declared}
+    if degree != DEFAULT_DEGREE and every_site_is_named:
+        _refuse_degree(chain, degree, ordered)
+    return series | declared
+
+
+def _refuse_degree(chain: Chain, degree: Any, orders: Mapping[Site, Any]) -> None:
+    """Refuse a degree that no storey has; one that every order repeats is no harm."""
+    if all(order == degree for order in orders.values()):
+        return
+    site = min(orders, key=chain.sites.index)
+    raise ChainError(
+        f"degree={degree!r} contradicts orders, which set every storey ({site}:"
+        f" {orders[site]!r})",
+        "Leave degree out, or name in orders only the storeys that differ.",
     )
-    if every and any(order != degree for order in orders.values()):
-        clash = next(s for s in chain.sites if s in orders)
-        what = (
-            f"degree={degree!r} contradicts orders, which set every storey ({clash}:"
-            f" {orders[clash]!r})"
-        )
-        raise ChainError(
-            what, "Leave degree out, or name in orders only the storeys that differ."
-        )
-    return {s: tuple(held) for s, held in series.items()} | given

@@ -2,66 +2,39 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..chain.sites import as_mapping
 from ..chain.structure import Chain, chain_of
-from ..diagnosis import bias
-from ..diagnosis.force_channels import ForceProbes, copies_of
-from ..diagnosis.sample_windows import collect
-from ..equations.chain_solve import (
-    doubtful_masses,
-    third_law_gap,
-    unknown_forces,
-    visited_regions,
+from ..exceptions import ChainError, ChannelError
+from ..records.channels import column_names, require_two_dimensions
+from ..records.input_arrays import Input, InputSettings, records_in
+from .distributed import fit_collection
+from .door import (
+    ARRAYS,
+    COLLECTION,
+    PIECES,
+    choose_method,
+    form_of,
+    refuse_unused,
 )
-from ..equations.errors import balance_errors
-from ..exceptions import ChainError, ChannelError, DataQualityWarning
-from ..laws.forcing import lost_masses
-from ..records.channels import (
-    column_names,
-    require_two_dimensions,
-    same_columns,
-    sample_weights,
-)
-from ..records.dataset import Dataset
-from ..records.files.frequency_response import FrequencyResponse
-from ..records.input_arrays import (
-    as_measured,
-    both_ways,
-    doubted,
-    fused_together,
-    holds_records,
-)
-from ..records.record import Record
-from .constraints import constrained
-from .fewer_sensors import fit_fewer_sensors, lacks_motion
 from .fitted import FittedChain
-from .frequency_response import fit_frequency_response
-from .output_error import refine
-from .problem import (
-    DEFAULT_DEGREE,
-    LEAST_SQUARES,
-    Estimate,
-    Problem,
-    law_list,
-    laws_of_sites,
-    wrong_masses,
+from .problem import DEFAULT_DEGREE, Problem, law_list, laws_of_sites
+from .result import IdentificationResult
+from .streaming import (
+    RunningSums,
+    StreamSettings,
+    fit_pieces,
+    identified,
+    with_records,
 )
-from .streaming import fit_streamed, is_streamed, partial_fit
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
-
-
-_ESTIMATIONS = ("auto", "ls", "iv", "simulation")
 
 
 class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
@@ -104,8 +77,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Laws at some sites, in place of the power series there; further links and ``"dof
         j"`` sites join the chain. Shape parameters without a value are estimated; those
         with one are kept. Coefficients are always estimated, also of laws that were
-        given values (to fix one:
-        :class:`~pysindy_nrf.identification.constraints.KnownStiffness`).
+        given values (to fix one: ``constraints``).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
     massless : bool
@@ -120,12 +92,15 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Sampling step, s, if X carries no time.
     chain : Chain, optional
         A chain of one storey for each DOF on the base if None.
-    constraints : sequence of constraints, optional
-        Prior knowledge of masses and coefficients, e.g. ``[EqualMasses(),
-        NonNegative("s")]``; see :mod:`pysindy_nrf.identification.constraints`.
+    constraints : mapping of str to Parameter, optional
+        What is known of masses and coefficients, e.g. ``{"m1 + m2": Parameter(20.0),
+        "storey *: s": Parameter(lower=0.0)}``; see :class:`Parameter`.
 
     Attributes
     ----------
+    result_ : IdentificationResult
+        Everything that the fit found, from which the other attributes are taken. They
+        are the same after every kind of fit; what does not apply is empty.
     masses_ : ndarray of shape (n_dof,)
         kg.
     restoring_forces_ : RestoringForces
@@ -142,7 +117,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Of records in which some floor has no sensor, one each: motions of all DOFs (a
         absolute, v and x relative to the base), forces of all sites (``"R storey 2"``),
         and the ends of their 95 % intervals. The free run is then fitted to the
-        measured channels, and ``errors_`` are its errors there.
+        measured channels, and ``errors_`` are its errors there. Empty for others.
     missing_terms_ : DataFrame
         Share of each residual that further terms would explain, step by step; a
         BiasWarning is raised if a law is missing.
@@ -173,6 +148,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     n_samples_ : int
         Samples used, NaN edges left out; the sum of their weights.
     n_features_in_ : int
+        Columns of X; three for each DOF if it has none.
+    feature_names_in_ : ndarray of str
+        Names of the columns of X, only if it was a table.
 
     Examples
     --------
@@ -191,6 +169,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     35000.0
     """
 
+    # the sums of earlier calls of partial_fit
+    _sums: RunningSums | None = None
+
     def __init__(
         self,
         degree: Any = DEFAULT_DEGREE,
@@ -207,25 +188,19 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         constraints: Any = None,
         massless: bool = False,
     ) -> None:
-        self.degree, self.orders, self.strategy, self.optimizer = (
-            degree,
-            orders,
-            strategy,
-            optimizer,
-        )
-        self.coordinates, self.estimation, self.laws, self.known_masses = (
-            coordinates,
-            estimation,
-            laws,
-            known_masses,
-        )
-        self.band, self.dt, self.chain, self.constraints, self.massless = (
-            band,
-            dt,
-            chain,
-            constraints,
-            massless,
-        )
+        self.degree = degree
+        self.orders = orders
+        self.strategy = strategy
+        self.optimizer = optimizer
+        self.coordinates = coordinates
+        self.estimation = estimation
+        self.laws = laws
+        self.known_masses = known_masses
+        self.band = band
+        self.dt = dt
+        self.chain = chain
+        self.constraints = constraints
+        self.massless = massless
 
     def fit(
         self,
@@ -241,6 +216,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     ) -> NRFRegressor:
         """Identify masses and restoring forces.
 
+        What has no part in the fit is refused by name.
+
         Parameters
         ----------
         X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record or list of
@@ -250,6 +227,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             Files by path (``.npy``, Parquet, HDF5), iterators of tables, and Dask
             arrays, tables and delayed records are read in chunks. What ``io.read_frf``
             returns gives a linear chain; its noise is measured and biases nothing.
+            Records know the noise and the band of their fusion, a table that
+            ``Record.to_features`` made of one does not.
         y : array-like of shape (n_samples, n_dof), optional
             The applied forces F_j, N. A column of zeros = known to be unforced, of NaN
             = unknown. None = no force anywhere (base excitation, known masses).
@@ -261,8 +240,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         time : array-like of shape (n_samples,), optional
             s.
         base_acceleration : array-like of shape (n_samples,), optional
-            m/s^2, as measured: it is filtered to the band of fused motions
-            (``X.attrs["band"]``).
+            m/s^2, in the band of the motion.
         covariates : mapping of str to array-like of shape (n_samples,), optional
         state : path-like, optional
             File or folder for the state of an interrupted fit from files; the next call
@@ -272,95 +250,39 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ------
         ChannelError
             If a channel or its clock cannot be used: missing, not finite inside, of
-            another length; it is named.
+            another length; it is named. If an argument was given beside data that hold
+            their own.
         ExcitationError
             If nothing scales the chain: no force and no known mass.
         IdentifiabilityError
             If the excitation reaches no balance that can be solved, or the data cannot
             tell the terms apart.
         ChainError
-            If a setting is unknown, or a site or DOF not in the chain.
+            If a setting is unknown or has no part in the method, or a site or DOF is
+            not in the chain.
         LawError
             If two laws at a site hold the same term, or a law cannot be used with these
             data.
         FileFormatError
             If a file cannot be read.
         """
-        self._stream = None
-        beside = dict(
-            record=record,
-            time=time,
-            base_acceleration=base_acceleration,
-            covariates=covariates,
-        )
-        if self.coordinates not in ("relative", "absolute"):
-            raise ChannelError(
-                f"coordinates={self.coordinates!r} is unknown",
-                "Choose 'relative' or 'absolute'.",
-            )
-        if self.estimation not in _ESTIMATIONS:
-            raise ChainError(
-                f"estimation={self.estimation!r} is unknown",
-                f"Choose one of {', '.join(_ESTIMATIONS)}.",
-            )
-        if sample_weight is not None and (
-            self.estimation not in LEAST_SQUARES or is_streamed(X)
-        ):
-            raise ChannelError(
-                "sample_weight is for least squares of samples in memory",
-                "Leave it out otherwise.",
-            )
-        if isinstance(X, FrequencyResponse):
-            return fit_frequency_response(self, X)
-        if holds_records(X) and lacks_motion(
-            X if isinstance(X, (list, tuple)) else [X]
-        ):
-            return fit_fewer_sensors(self, X if isinstance(X, (list, tuple)) else [X])
-        if is_streamed(X):
-            return fit_streamed(self, X, y, state=state, **beside)
-        memory = any(law.has_memory for law in law_list(self.laws))
-        options = beside | {
-            "has_memory": memory,
-            "n_dof": getattr(self.chain, "n_dof", None),
-        }
-        if not isinstance(X, (Record, Dataset)):
+        self._sums = None
+        given = Input(X, y, record, time, base_acceleration, covariates, sample_weight)
+        arguments = self._arguments(given, state)
+        form = form_of(X)
+        method = choose_method(self.estimation, form, arguments)
+        refuse_unused(arguments, form, method)
+        if form is ARRAYS:
             require_two_dimensions(X)
-        together, apart = both_ways(X) if self.estimation != "ls" else ({}, {})
-        data, self._measured = (
-            doubted(self._data(X, y, **options, **together), X),
-            as_measured(X),
-        )
-        if sample_weight is not None:
-            weights = sample_weights(sample_weight, data.n_samples)
-            data = Dataset(
-                [replace(seg, weights=weights[seg.rows]) for seg in data.segments],
-                data.n_samples,
-            )
-        least_squares = self.estimation == "ls" or (
-            self.estimation == "auto" and not holds_records(X)
-        )
-        self._fit(
-            data,
-            (
-                None
-                if least_squares
-                else lambda: self._separate(X, y, data, options | apart)
-            ),
-        )
-        if self.model_.info["estimation"]["found"] == "ls":
-            if holds_records(X):
-                self._fused_separately = lambda: self._separate(X, y, data, options)
-            self._fused_jointly = fused_together(X)
-        if holds_records(X):
-            self._given = [X] if isinstance(X, Record) else list(X)
-        self._one_force = y is not None and np.ndim(np.asarray(y)) == 1
-        same_columns(
-            self,
-            len(X.columns) if hasattr(X, "columns") else 3 * data.n_dof,
-            column_names(X),
-            reset=True,
-        )
-        return self
+
+        if form is COLLECTION:
+            return self._publish(fit_collection(StreamSettings.of(self), given))
+        if form is PIECES:
+            return self._publish(fit_pieces(StreamSettings.of(self), given, state))
+        data = method.read(given, self._input_settings(X))
+        result = method.identify(self.problem(data.n_dof), data)
+        one_force = form is ARRAYS and y is not None and np.ndim(y) == 1
+        return self._publish(result, column_names(X), one_force)
 
     def partial_fit(
         self,
@@ -372,10 +294,20 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         base_acceleration: Any = None,
         covariates: Mapping[str, Any] | None = None,
     ) -> NRFRegressor:
-        """Add records, given as for :meth:`fit`, to those of earlier calls and solve
-        again; ``fit`` starts anew.
+        """Add records, given as for :meth:`fit`, to those of earlier calls.
+
+        All of them are solved again by least squares; ``fit`` starts anew.
         """
-        return partial_fit(self, X, y, record, time, base_acceleration, covariates)
+        given = Input(X, y, record, time, base_acceleration, covariates)
+        arguments = self._arguments(given)
+        form = form_of(X)
+        refuse_unused(arguments, form, choose_method("ls", form))
+
+        sums = with_records(self._sums, StreamSettings.of(self), given)
+        result = identified(lambda kind: sums, sums.kind)
+        # a call that fails leaves the sums of earlier calls as they are
+        self._sums = sums
+        return self._publish(result)
 
     def problem(self, n_dof: int) -> Problem:
         """The identification problem that the parameters define, without data.
@@ -392,237 +324,102 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             contradict each other.
         """
         chain = chain_of(self.chain, n_dof)
-        laws = laws_of_sites(chain, self.laws, self.degree, self.orders)
-        known = as_mapping("known_masses", self.known_masses, "{2: 12.4}")
+        known_masses = as_mapping("known_masses", self.known_masses, "{2: 12.4}")
         if self.massless:
-            if known:
+            if known_masses:
                 raise ChainError(
                     "massless=True was given beside known_masses",
                     "Leave one of them out.",
                 )
-            known = dict.fromkeys(range(1, n_dof + 1), 0.0)
+            known_masses = dict.fromkeys(range(1, n_dof + 1), 0.0)
         return Problem(
-            chain, laws, known, self.band, self.strategy, None, self.optimizer
+            chain,
+            laws_of_sites(chain, self.laws, self.degree, self.orders),
+            known_masses,
+            self.band,
+            self.strategy,
+            optimizer=self.optimizer,
+            constraints=self.constraints or {},
         )
 
-    def _data(self, X: Any, y: Any, **options: Any) -> Dataset:
-        if self.massless and holds_records(X):
-            X = [X] if isinstance(X, Record) else X
-            X = (
-                X
-                if self.problem(X[0].n_dof).needs_clock
-                else [rec.by_sample() for rec in X]
-            )
-        return super()._data(X, y, **options)
+    def _arguments(self, given: Input, state: Any = None) -> list[str]:
+        """Names of the arguments and settings that differ from their defaults."""
+        values = given.beside() | {
+            "state": state,
+            "dt": self.dt,
+            "optimizer": self.optimizer,
+            "constraints": self.constraints,
+            "band": self.band,
+        }
+        names = [name for name, value in values.items() if value is not None]
+        if self.coordinates != "relative":
+            names.append("coordinates")
+        if self.strategy != "auto":
+            names.append("strategy")
+        return names
 
-    def _fit(self, data: Dataset, separate: Callable[[], Dataset] | None) -> None:
-        asked = self.problem(data.n_dof)
-        found = asked.solve(data)
-        self._resolver, self._records, self.problem_, self.solve_order_ = (
-            None,
-            data,
-            found.problem,
-            found.order,
-        )
-        facts: dict[str, Any] = {"asked": self.estimation, "found": "ls"}
-        examined, judged = (
-            None,
-            data,
-            # the channels are examined by least squares unless another method is asked
-            # for
-        )
-        if self.estimation == "auto" and separate is not None:
-            shares = bias.noise_shares(data, found.problem.filters(data))
-            biases = bias.noise_bias(found.model, found.order, found.grams, shares)
-            if max((one.errors for one in biases), default=0.0) > bias.NEGLIGIBLE:
-                with warnings.catch_warnings(record=True) as said:
-                    warnings.simplefilter("always")
-                    refined = refine("iv", asked, found, separate())
-                given = [(str(one.message), one.category) for one in said]
-                if refined[2]["found"] == "iv":
-                    examined = self._constrained(found)
-                    found, self._resolver, facts, _ = refined
-                    for text, kind in given:
-                        warnings.warn(text, kind, stacklevel=3)
-                facts |= {"asked": "auto", "notes": [text for text, _ in given]}
-        elif separate is not None:
-            found, self._resolver, facts, judged = refine(
-                self.estimation, asked, found, separate()
+    def _input_settings(self, X: Any) -> InputSettings:
+        """How data are read."""
+        if self.coordinates not in ("relative", "absolute"):
+            raise ChannelError(
+                f"coordinates={self.coordinates!r} is unknown",
+                "Choose 'relative' or 'absolute'.",
             )
-        if found.problem is not self.problem_:  # with other shape parameters
-            self.problem_, found = (
-                found.problem,
-                found._replace(grams=found.problem.solve(data).grams),
-            )
-        plain = (
-            facts["found"] == "ls" or examined is not None
-        )  # also where the least-squares estimate was kept
-        self.solve_order_ = found.order
-        found = self._constrained(found)
-        self._publish(found, data)
-        self.model_.info["estimation"] = facts
-        self._examine(examined or found, data, data if plain else judged, plain)
+        needs_clock = True
+        records = records_in(X)
+        if self.massless and records is not None:
+            needs_clock = self.problem(records[0].n_dof).needs_clock
+        return InputSettings(
+            coordinates=self.coordinates,
+            dt=self.dt,
+            n_dof=getattr(self.chain, "n_dof", None),
+            has_memory=any(law.has_memory for law in law_list(self.laws)),
+            needs_clock=needs_clock,
+        )
 
-    def _publish_chunks(
+    def _publish(
         self,
-        found: Estimate,
-        resolver: Any,
-        data: Dataset,
-        judged: Dataset,
-        unknown: list[int],
+        result: IdentificationResult,
+        columns: list[str] | None = None,
+        one_force: bool = False,
     ) -> NRFRegressor:
-        """Take an estimate from chunks, of which some windows are kept."""
-        self._resolver, self._records = resolver, None
-        found = self._constrained(found)
-        self._publish(found, data)
-        self._examine(found, data, judged, True)
-        self.unknown_forces_ = pd.DataFrame({f"F{j}": np.zeros(0) for j in unknown})
-        self.model_.info["estimation"] = {"asked": "ls", "found": "ls"}
-        self.n_features_in_, self._one_force = 3 * self.model_.n_dof, False
-        if hasattr(self, "feature_names_in_"):
+        """Set every attribute from a result, the columns of X and the shape of y."""
+        self.result_ = result
+        self.model_ = result.model
+        self.problem_ = result.problem
+        self.chain_ = result.model.chain
+        self.masses_ = result.model.masses
+        self.restoring_forces_ = result.model.restoring_forces
+        self.solve_order_ = result.order
+        self.condition_ = result.condition
+        self.inner_ = result.inner
+        self.errors_ = result.errors
+        self.third_law_gap_ = result.third_law_gap
+        self.n_samples_ = result.n_samples
+        self.unknown_forces_ = result.unknown_forces
+        self.missing_terms_ = result.examination.missing_terms
+        self.jump_bias_ = result.examination.jump_bias
+        self.data_warnings_ = result.data_warnings
+        self.motions_ = result.motions
+
+        self.n_features_in_ = (
+            3 * result.model.n_dof if columns is None else len(columns)
+        )
+        if columns is not None:
+            self.feature_names_in_ = np.array(columns, dtype=object)
+        elif hasattr(self, "feature_names_in_"):
             del self.feature_names_in_
+        self._one_force = one_force
         return self
 
-    def _constrained(self, found: Estimate) -> Estimate:
-        """The estimate that obeys the constraints."""
-        if self.constraints is None:
-            return found
-        return found._replace(
-            model=constrained(found.model, self.constraints, self._resolving())
-        )
-
-    def _separate(
-        self, X: Any, y: Any, data: Dataset, options: dict[str, Any]
-    ) -> Dataset:
-        """Motions fused DOF by DOF, whose noise is independent of the motion, if
-        records were given.
-        """
-        if holds_records(X):
-            with warnings.catch_warnings(
-                action="ignore", category=DataQualityWarning
-            ):  # the first fusion has warned
-                return self._data(X, y, **both_ways(X)[1] | options)
-        if fused_together(X):
-            warnings.warn(
-                f"estimation={self.estimation!r} was given motions that were fused"
-                " jointly over the DOFs; their noise depends on the motion, and masses"
-                " are about 1 % too high. Give the records themselves, or make X with"
-                " record.to_features(smooth=KinematicSmoother(joint=False)).",
-                DataQualityWarning,
-                stacklevel=3,
-            )
-        return data
-
-    def __getstate__(self) -> dict[str, Any]:
-        state = super().__getstate__()
-        # the data, and what is read from them, are not part of the model
-        data = (
-            "_records",
-            "_fused_separately",
-            "_separate_resolver",
-            "_given",
-            "_free",
-            "_verdict",
-        )
-        return state | {key: None for key in data if key in state}
-
-    def _publish(self, found: Estimate, data: Dataset) -> None:
-        self._fused_separately, self._separate_resolver, self._fused_jointly = (
-            None,
-            None,
-            False,
-        )
-        self._given = self._free = self._verdict = None
-        problem, solve_order, model, solution, grams = found
-        layout = problem.layout
-        self.problem_ = problem.with_laws(model.laws)
-        self.chain_, self.solve_order_ = layout.chain, solve_order
-        self.masses_ = model.masses
-        self.errors_ = balance_errors(model, grams)
-        self.condition_ = pd.Series(
-            {f.step.name: f.condition for f in solution.fits},
-            name="condition",
-            dtype=float,
-        )
-        self.n_samples_ = int(grams.n_samples)
-        self.third_law_gap_ = third_law_gap(solution, grams)
-        model.visited = visited_regions(data, layout)
-        model.info = {
-            "band": (
-                None
-                if self.band is None
-                else [None if b is None or np.isinf(b) else float(b) for b in self.band]
-            ),
-            "strategy": solve_order.strategy,
-            "n_samples": self.n_samples_,
-            "balance_error_percent": {
-                k: float(e) for k, e in self.errors_["error"].items() if np.isfinite(e)
-            },
-        }
-        self.model_, self.inner_ = model, solution.inner
-        self.restoring_forces_ = model.restoring_forces
-        self.unknown_forces_ = unknown_forces(model, data)
-
-    def _examine(
-        self, found: Estimate, data: Dataset, judged: Dataset, least_squares: bool
-    ) -> None:
-        """Say what may be wrong with the channels, the forces and the laws."""
-        problem, solve_order, model, solution, _ = found
-        silent = (
-            self.band is not None
-            or self.model_.info.get("estimation", {}).get("found", "ls") != "ls"
-        )
-        held = (
-            problem.layout if least_squares else None
-        )  # the shapes of its laws are those of the model
-        terms = bias.MissingTerms(model, solve_order, held)
-        jumps = bias.JumpBias(
-            model, solve_order, problem.known_masses, problem.optimizer, silent, held
-        )
-        # fusion costs far more; of arrays, whose fit may take milliseconds, it would
-        # double the time
-        forces = (
-            [ForceProbes(terms.layout, judged)]
-            if self._records is not None and self._measured
-            else []
-        )
-        cure = (
-            "is its known mass right, or does its force or acceleration have the wrong"
-            " sign?"
-        )
-        lost = [f"{text}: {cure}" for text in lost_masses(model.masses, model.laws)]
-        known = (
-            wrong_masses(problem, data, float(self.errors_.loc["pooled", "error"]))
-            if forces
-            else []
-        )
-        collect(terms.layout, judged, self.band, [terms, *jumps.active, *forces])
-        self.missing_terms_, self.jump_bias_ = terms.table(), jumps.table()
-        self.data_warnings_ = {
-            "channels": data.doubts,
-            "forces": (
-                bias.contradictions_of(solution)
-                + [one for held in forces for one in held.sentences()]
-            ),
-            "records": copies_of(data) if self._records is not None else [],
-            "masses": doubtful_masses(solution) + lost + known,
-        }
-        said = [
-            text
-            for key in ("records", "forces", "masses")
-            for text in self.data_warnings_[key]
-        ]
-        said += bias.sentences_of(self.jump_bias_)
-        bias.warn_of_bias(self.missing_terms_, said, stacklevel=5)
-
     def __sklearn_is_fitted__(self) -> bool:
-        return hasattr(self, "model_")
+        return hasattr(self, "result_")
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
-        tags.target_tags.required = False  # base excitation: no force anywhere
+        # under base excitation there is no force anywhere
+        tags.target_tags.required = False
         tags.target_tags.multi_output = True
-        tags.regressor_tags.poor_score = (
-            True  # without an intercept: a balance of forces has none
-        )
+        # a balance of forces has no intercept
+        tags.regressor_tags.poor_score = True
         return tags

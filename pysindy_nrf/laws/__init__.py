@@ -1,12 +1,14 @@
-"""Force laws: one class each, used by features, identification, simulation, search and
-text.
+"""Force laws, one class each.
+
+Features, identification, simulation, search and text use the same class.
 
 ``__all__`` names the contract and the laws that are written down most often. All others
 are here under their names too, e.g. ``laws.TwoSidedGap``; :func:`registry` lists them,
 and a search tries them.
 """
 
-from .base import ForceLaw, Term, asymmetric, from_dict, registry
+from .asymmetric import asymmetric
+from .base import ForceLaw, Term, from_dict, registry
 from .contact import Bilinear as Bilinear
 from .contact import DeadZone as DeadZone
 from .contact import OneSidedGap

@@ -1,4 +1,4 @@
-"""The one contract of a force law.
+"""The contract of a force law.
 
 A law is linear in its coefficients and may have shape parameters and an internal state
 that depends on the path: ``R(t) = sum_k c_k phi_k(s, v, t; theta, z)``. Two plain
@@ -11,13 +11,21 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from ..common import number_of
 from ..exceptions import LawError
-from .shape import Given, Motion, Shape
+from .shape import Motion, Shape
+
+Symmetry = Literal["odd", "even", "none"]
+Variable = Literal["s", "v", "a", "1"]
+Place = Literal["link", "ground", "new link", "two storeys", "dof", "sensor"]
+
+# A law whose force no longer grows beyond this share of the rms drift is nearly dry
+# friction: it saturates early in each half cycle.
+DRY_BELOW_SHARE_OF_DRIFT = 0.3
 
 
 class Term(NamedTuple):
@@ -78,6 +86,15 @@ class ForceLaw:
     shapes : tuple of Shape
     n_states : int
         Number of internal states; they are zero at the start of every record.
+    covariates : tuple of str
+        Names of the covariates the kernel reads, in the order of ``u``.
+    covariate_units : tuple of str
+        Their SI units; ``"[u]"`` if the law takes a covariate of any unit.
+    uses_time, uses_acceleration : bool
+        Whether the kernel reads t or a.
+    output : str
+        SI unit of coefficient times term: a force, but for sensors
+        (:mod:`pysindy_nrf.laws.sensor`).
     symmetry : {"odd", "even", "none"}
         Behaviour under (s, v) -> (-s, -v).
     at_rest : float or None
@@ -86,34 +103,28 @@ class ForceLaw:
     passive : bool
         Whether the law can only take energy out, or store it, for positive
         coefficients.
-    uses_time, uses_acceleration : bool
-        Whether the kernel reads t or a.
-    acts_at : tuple of {"link", "ground", "new link", "two storeys", "dof", "sensor"}
-        Sites at which a search tries the law: the links of the chain, a link between a
-        DOF and the ground that the chain lacks, any link that the chain lacks, a DOF, a
-        sensor.
-    output : str
-        SI unit of coefficient times term: a force, but for sensors
-        (:mod:`pysindy_nrf.laws.sensor`).
-    covariates : tuple of str
-        Names of the covariates the kernel reads, in the order of ``u``.
-    covariate_units : tuple of str
-        Their SI units; ``"[u]"`` if the law takes a covariate of any unit.
+    variable : {"s", "v", "a", "1", None}
+        The quantity that the force follows: the drift alone (springs, contacts), the
+        rate, which it opposes (damping, friction), the relative acceleration, nothing
+        (a constant); None for anything else.
+    nonnegative : tuple of str
+        Coefficients, by symbol, that cannot be negative: otherwise the effect could
+        only drive the structure, or is another than the law is named after.
+    saturates_at : str
+        Shape parameter that sets the drift beyond which the force no longer grows: the
+        drift itself, m, or one over it, 1/m.
     special_cases : mapping of law class to callable
         Laws that this one contains. The callable takes such a law, with values, and
         returns the law of this class with the same force, or a limit of it. If the
         special case explains most of what this law does, a search reports the special
         case. Its class must be constructible without arguments.
-    variable : {"s", "v", "a", "1", None}
-        The quantity that the force follows: the drift alone (springs, contacts), the
-        rate, which it opposes (damping, friction), the relative acceleration, nothing
-        (a constant); None for anything else.
-    jumps : bool
-        Whether the force jumps at a velocity reversal, as dry friction does (covariates
-        being zero).
-    nonnegative : tuple of str
-        Coefficients, by symbol, that cannot be negative: otherwise the effect could
-        only drive the structure, or is another than the law is named after.
+    acts_at : tuple of {"link", "ground", "new link", "two storeys", "dof", "sensor"}
+        Sites at which a search tries the law: the links of the chain, a link between a
+        DOF and the ground that the chain lacks, any link that the chain lacks, any of
+        those over two storeys, a DOF, a sensor.
+    superposes : bool
+        Whether it is added to others of its family at one site, as external forces are,
+        instead of replacing them.
     mimics_inertia : bool
         Whether the force can be mistaken for one proportional to the acceleration. Such
         a law is not tried if no force is measured, because it then reduces every
@@ -121,16 +132,14 @@ class ForceLaw:
     permanent_change : bool
         Whether it is a permanent change at some time after the start of a record. It is
         tried in a single record only.
-    superposes : bool
-        Whether it is added to others of its family at one site, as external forces are,
-        instead of replacing them.
-    saturates_at : str
-        Shape parameter that sets the drift beyond which the force no longer grows: the
-        drift itself, m, or one over it, 1/m. A law that saturates within a small part
-        of its drift is nearly dry friction.
 
     Notes
     -----
+    The attributes from ``name`` to ``output`` define the law. Those from ``symmetry``
+    to ``special_cases`` are promises about its force, which
+    :func:`~pysindy_nrf.laws.check_law` tests. The last four say where a search tries
+    it.
+
     ``kernel(s, v, a, t, u, z, theta, out)`` writes ``out[k]`` for each term k. It is
     written with NumPy ufuncs so that s, v, a, t may be arrays of shape (n_samples,)
     with u, z, out of shape (.., n_samples), or floats with u, z, out one-dimensional;
@@ -139,6 +148,8 @@ class ForceLaw:
     ``advance(z, s0, v0, s1, v1, dt, u, theta)`` moves the state from (s0, v0) to (s1,
     v1) along a path on which v keeps its sign, exactly where theory allows; it writes
     into z (floats only).
+
+    Both may call plain functions of their module.
 
     Examples
     --------
@@ -150,43 +161,44 @@ class ForceLaw:
     ('sigma',)
     """
 
+    # what defines the law
     name: ClassVar[str] = ""
     family: ClassVar[str] = ""
     columns: ClassVar[tuple[Term, ...]] = ()
     shapes: ClassVar[tuple[Shape, ...]] = ()
-    n_states: ClassVar[int] = 0
-    symmetry: ClassVar[str] = "odd"
-    at_rest: ClassVar[float | None] = 0.0
-    passive: ClassVar[bool] = False
+    n_states: int = 0
+    covariates: tuple[str, ...] = ()
+    covariate_units: tuple[str, ...] = ()
     uses_time: ClassVar[bool] = False
     uses_acceleration: ClassVar[bool] = False
-    acts_at: ClassVar[tuple[str, ...]] = ("link",)
     output: ClassVar[str] = "N"
-    covariates: tuple[str, ...] = ()
-    covariate_units: ClassVar[tuple[str, ...]] = ()
+
+    # what it promises
+    symmetry: Symmetry = "odd"
+    at_rest: float | None = 0.0
+    passive: bool = False
+    variable: ClassVar[Variable | None] = None
+    nonnegative: tuple[str, ...] = ()
+    saturates_at: ClassVar[str] = ""
     special_cases: ClassVar[Mapping[type[ForceLaw], Callable[[Any], ForceLaw]]] = {}
-    variable: ClassVar[str | None] = None
-    jumps: ClassVar[bool] = False
-    nonnegative: ClassVar[tuple[str, ...]] = ()
+
+    # where a search tries it
+    acts_at: ClassVar[tuple[Place, ...]] = ("link",)
+    superposes: ClassVar[bool] = False
     mimics_inertia: ClassVar[bool] = False
     permanent_change: ClassVar[bool] = False
-    superposes: ClassVar[bool] = False
-    saturates_at: ClassVar[str] = ""
+
+    # values of one law
+    shape: dict[str, float | None]
+    coefficients: np.ndarray | None
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         own = vars(cls)
         if "columns" in own and "__init__" not in own:
             cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
-        if not own.get("name"):
-            return
-        known = _REGISTRY.get(cls.name, cls)
-        if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise LawError(
-                f"The name {cls.name!r} is taken by the law {known.__qualname__}",
-                "Choose another name.",
-            )
-        _REGISTRY[cls.name] = cls
+        if own.get("name"):
+            _register(cls)
 
     if TYPE_CHECKING:  # the arguments depend on the subclass
 
@@ -195,13 +207,12 @@ class ForceLaw:
     else:
 
         def __init__(self, shape=None, coefficients=None):
-            self.shape: dict[str, float | None] = {p.name: None for p in self.shapes}
-            for key, value in dict(shape or {}).items():
-                self.shape[key] = self._shape_value(key, value)
-            self.coefficients: np.ndarray | None = self._coefficients(coefficients)
+            self.shape = {parameter.name: None for parameter in self.shapes}
+            for name, value in dict(shape or {}).items():
+                self.shape[name] = self._shape_value(name, value)
+            self.coefficients = self._coefficients(coefficients)
 
-    shape: dict[str, float | None]
-    coefficients: np.ndarray | None
+    # -- what a subclass writes ----------------------------------------------------
 
     def terms(self) -> tuple[Term, ...]:
         """The terms of the law, one for each coefficient."""
@@ -209,8 +220,9 @@ class ForceLaw:
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        """Write the value of every term into ``out``; see the notes of
-        :class:`ForceLaw`.
+        """Write the value of every term into ``out``.
+
+        See the notes of :class:`ForceLaw`.
 
         Parameters
         ----------
@@ -244,57 +256,11 @@ class ForceLaw:
         theta : ndarray of shape (n_shapes,)
         """
 
-    def options(self) -> dict:
-        """Structural constructor arguments (not shape, not coefficients), for JSON and
-        copies.
-        """
+    def options(self) -> dict[str, object]:
+        """Arguments of the constructor that are no parameters, for JSON and copies."""
         return {}
 
-    def _number(self, key: str, value: Any) -> float | None:
-        if value is None:
-            return None
-        number = number_of(value)
-        if not np.isfinite(number):
-            raise LawError(
-                f"{type(self).__name__}: {key}={value!r} is not a finite number",
-                "Give it in SI units.",
-            )
-        return number
-
-    def _shape_value(self, key: str, value: Any) -> float | None:
-        number = self._number(key, value)
-        shape = next(p for p in self.shapes if p.name == key)
-        if number is not None and shape.log and number <= 0.0:
-            raise LawError(
-                f"{type(self).__name__}: {key}={number:g} is not positive",
-                f"Its unit is {shape.unit}.",
-            )
-        return number
-
-    def _coefficients(self, values: Any) -> np.ndarray | None:
-        if values is None:
-            return None
-        symbols = [term.symbol for term in self.terms()]
-        if isinstance(values, Mapping):
-            if all(v is None for v in values.values()):
-                return None
-            unknown = [k for k in values if k not in symbols]
-            if unknown:
-                cure = f"It has {', '.join(symbols)}."
-                raise LawError(
-                    f"{type(self).__name__} has no coefficient {unknown[0]!r}", cure
-                )
-            values = [values.get(symbol) or 0.0 for symbol in symbols]
-        flat = np.ravel(np.asarray(values, dtype=object))
-        numbers = np.array([self._number("coefficient", c) for c in flat], dtype=float)
-        if len(numbers) != len(symbols):
-            cure = f"Their order is {', '.join(symbols)}."
-            raise LawError(
-                f"{type(self).__name__} has {len(symbols)} coefficients, {len(numbers)}"
-                " were given",
-                cure,
-            )
-        return numbers
+    # -- facts that follow ---------------------------------------------------------
 
     @property
     def has_memory(self) -> bool:
@@ -303,78 +269,68 @@ class ForceLaw:
 
     @property
     def narrow_band(self) -> bool:
-        """True if the force has one frequency whatever the motion: a constant or
-        harmonic force.
+        """True if the force has one frequency whatever the motion.
+
+        So have a constant and a harmonic force.
 
         Examples
         --------
         >>> from pysindy_nrf import laws
-        >>> (
-        ...     laws.ConstantForce().narrow_band,
-        ...     laws.HarmonicForce().narrow_band,
-        ...     laws.CoulombFriction().narrow_band,
-        ... )
-        (True, True, False)
+        >>> laws.ConstantForce().narrow_band, laws.HarmonicForce().narrow_band
+        (True, True)
+        >>> laws.CoulombFriction().narrow_band
+        False
         """
-        return self.variable == "1" or (
-            self.uses_time and any(p.is_frequency for p in self.shapes)
-        )
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Unit of every coefficient and shape parameter by its symbol; empty for a
-        plain number.
-        """
-        both = [(term.symbol, term.unit) for term in self.terms()] + [
-            (p.name, p.unit) for p in self.shapes
-        ]
-        return {name: "" if unit == "1" else unit for name, unit in both}
+        if self.variable == "1":
+            return True
+        return self.uses_time and any(p.is_frequency for p in self.shapes)
 
     @property
     def rate_dependent(self) -> bool:
-        """True if a slower test along the same path gives another force: if time is in
-        the unit of a parameter.
+        """True if a slower test along the same path gives another force.
+
+        Then the unit of a parameter contains the time.
 
         Examples
         --------
         >>> from pysindy_nrf import laws
-        >>> (
-        ...     laws.CoulombFriction().rate_dependent,
-        ...     laws.Dahl().rate_dependent,
-        ...     laws.LinearViscous().rate_dependent,
-        ... )
-        (False, False, True)
+        >>> laws.CoulombFriction().rate_dependent, laws.Dahl().rate_dependent
+        (False, False)
+        >>> laws.LinearViscous().rate_dependent
+        True
         """
-        return bool(self.covariates) or any(
-            re.search(r"\bs\b|\bkg\b|Hz", unit) for unit in self.units.values()
-        )
+        if self.covariates:
+            return True
+        return any(re.search(r"\bs\b|\bkg\b|Hz", unit) for unit in self.units.values())
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of every coefficient and shape parameter; empty for a plain number."""
+        units = {term.symbol: term.unit for term in self.terms()}
+        units |= {parameter.name: parameter.unit for parameter in self.shapes}
+        return {name: "" if unit == "1" else unit for name, unit in units.items()}
 
     @property
     def saturation_drift(self) -> float:
-        """Drift beyond which the force no longer grows, m; infinite if it has no bound
-        or the bound has no value yet.
+        """Drift beyond which the force no longer grows, m.
+
+        Infinite if the force has no bound, or its shape parameter no value yet.
 
         Examples
         --------
         >>> from pysindy_nrf import laws
-        >>> (
-        ...     laws.Dahl(1e4).saturation_drift,
-        ...     laws.Jenkins(2e-4).saturation_drift,
-        ...     laws.Jenkins().saturation_drift,
-        ... )
-        (0.0001, 0.0002, inf)
+        >>> laws.Dahl(1e4).saturation_drift, laws.Jenkins(2e-4).saturation_drift
+        (0.0001, 0.0002)
+        >>> laws.Jenkins().saturation_drift
+        inf
         """
-        value = self.shape[self.saturates_at] if self.saturates_at else None
+        value = self.shape.get(self.saturates_at)
         if value is None:
             return np.inf
-        inverse = (
-            next(p for p in self.shapes if p.name == self.saturates_at).unit == "1/m"
-        )
-        return 1.0 / value if inverse else value
+        return 1.0 / value if self.units[self.saturates_at] == "1/m" else value
 
     def limit(self, drift: float, band: tuple[float, float]) -> str:
-        """Family of simpler laws of which the law is a limit in some data; its own
-        family if it is none.
+        """Family of simpler laws of which the law is a limit in some data.
 
         What saturates within a small part of the drift is dry friction in all but name.
 
@@ -383,7 +339,12 @@ class ForceLaw:
         drift : float
             Rms drift of the site, m.
         band : (float, float)
-            Frequencies that the data tell, Hz.
+            Frequencies that the data contain, Hz.
+
+        Returns
+        -------
+        str
+            The law's own family if it is no such limit.
 
         Examples
         --------
@@ -391,15 +352,14 @@ class ForceLaw:
         >>> [laws.Jenkins(uy=uy).limit(1e-3, (0.5, 20.0)) for uy in (1e-4, 1e-3)]
         ['friction', 'hysteresis']
         """
-        near = (
-            (self.shape[p.name], p.friction_below)
-            for p in self.shapes
-            if p.friction_below is not None
-        )
-        dry = self.saturation_drift < 0.3 * drift or any(
-            (value or np.inf) < below for value, below in near
-        )
-        return "friction" if dry else self.family
+        if self.saturation_drift < DRY_BELOW_SHARE_OF_DRIFT * drift:
+            return "friction"
+        for parameter in self.shapes:
+            value = self.shape[parameter.name]
+            bound = parameter.friction_below
+            if value is not None and bound is not None and value < bound:
+                return "friction"
+        return self.family
 
     def contains(self, other: ForceLaw) -> bool:
         """True if another law is a special case of this one.
@@ -415,37 +375,42 @@ class ForceLaw:
         --------
         >>> from pysindy_nrf import laws
         >>> friction = laws.CoulombFriction()
-        >>> (
-        ...     laws.StribeckFriction().contains(friction),
-        ...     friction.contains(laws.StribeckFriction()),
-        ... )
-        (True, False)
+        >>> laws.StribeckFriction().contains(friction)
+        True
+        >>> friction.contains(laws.StribeckFriction())
+        False
         >>> laws.CubicStiffness().contains(laws.ConstantForce())
         True
         """
-        constant = self.variable == "s" and other.variable == "1"
-        return constant or isinstance(other, tuple(self.special_cases))
+        if self.variable == "s" and other.variable == "1":
+            return True
+        return isinstance(other, tuple(self.special_cases))
+
+    # -- values --------------------------------------------------------------------
 
     @property
     def free_shape(self) -> tuple[str, ...]:
         """Shape parameters without a value, to be estimated."""
-        return tuple(k for k, value in self.shape.items() if value is None)
+        return tuple(name for name, value in self.shape.items() if value is None)
 
     @property
     def theta(self) -> np.ndarray:
         """Parameters as the kernel reads them, shape (n_theta,)."""
         if self.free_shape:
-            cure = "Set it, or let NRFRegressor estimate it."
             raise LawError(
                 f"{type(self).__name__}: {', '.join(self.free_shape)} has no value",
-                cure,
+                "Set it, or let NRFRegressor estimate it.",
             )
         return np.array(list(self.shape.values()), dtype=float)
 
     @property
     def values(self) -> np.ndarray:
-        """Coefficients in the order of the terms, shape (n_terms,), SI units; raises
-        LawError if there are none.
+        """Coefficients in the order of the terms, shape (n_terms,), SI units.
+
+        Raises
+        ------
+        LawError
+            If there are none.
         """
         if self.coefficients is None:
             raise LawError(
@@ -457,13 +422,11 @@ class ForceLaw:
     @property
     def parameters(self) -> dict[str, float | None]:
         """Coefficients by symbol and shape parameters by name, SI units."""
-        values = dict(self.shape)
+        parameters = dict(self.shape)
         if self.coefficients is not None:
-            values |= {
-                t.symbol: float(c)
-                for t, c in zip(self.terms(), self.coefficients, strict=True)
-            }
-        return values
+            symbols = [term.symbol for term in self.terms()]
+            parameters |= dict(zip(symbols, self.coefficients.tolist(), strict=True))
+        return parameters
 
     def with_values(
         self, coefficients: Any = None, shape: Mapping[str, float | None] | None = None
@@ -485,16 +448,71 @@ class ForceLaw:
         new = object.__new__(type(self))
         new.__dict__.update(self.__dict__)
         new.shape = dict(self.shape)
-        for key, value in dict(shape or {}).items():
-            if key not in new.shape:
-                cure = f"It has {', '.join(new.shape) or 'none'}."
-                raise LawError(
-                    f"{type(self).__name__} has no shape parameter {key!r}", cure
-                )
-            new.shape[key] = new._shape_value(key, value)
+        for name, value in dict(shape or {}).items():
+            new.shape[name] = new._shape_value(name, value)
         if coefficients is not None:
             new.coefficients = new._coefficients(coefficients)
         return new
+
+    def _number(self, name: str, value: Any) -> float | None:
+        """A finite number, or None."""
+        if value is None:
+            return None
+        number = number_of(value)
+        if not np.isfinite(number):
+            raise LawError(
+                f"{type(self).__name__}: {name}={value!r} is not a finite number",
+                "Give it in SI units.",
+            )
+        return number
+
+    def _shape_value(self, name: str, value: Any) -> float | None:
+        parameters = {parameter.name: parameter for parameter in self.shapes}
+        if name not in parameters:
+            raise LawError(
+                f"{type(self).__name__} has no shape parameter {name!r}",
+                f"It has {', '.join(parameters) or 'none'}.",
+            )
+        number = self._number(name, value)
+        parameter = parameters[name]
+        if number is not None and parameter.log and number <= 0.0:
+            raise LawError(
+                f"{type(self).__name__}: {name}={number:g} is not positive",
+                f"Its unit is {parameter.unit}.",
+            )
+        return number
+
+    def _coefficients(self, values: Any) -> np.ndarray | None:
+        """Coefficients in the order of the terms; None if all are to be estimated."""
+        if values is None:
+            return None
+        symbols = [term.symbol for term in self.terms()]
+        if isinstance(values, Mapping):
+            if all(value is None for value in values.values()):
+                return None
+            values = self._in_order(values, symbols)
+
+        flat = np.ravel(np.asarray(values, dtype=object))
+        numbers = [self._number("coefficient", value) for value in flat]
+        if len(numbers) != len(symbols):
+            raise LawError(
+                f"{type(self).__name__} has {len(symbols)} coefficients, {len(numbers)}"
+                " were given",
+                f"Their order is {', '.join(symbols)}.",
+            )
+        return np.array(numbers, dtype=float)
+
+    def _in_order(self, values: Mapping[str, Any], symbols: list[str]) -> list[Any]:
+        """Coefficients given by symbol; those that are missing are zero."""
+        for symbol in values:
+            if symbol not in symbols:
+                raise LawError(
+                    f"{type(self).__name__} has no coefficient {symbol!r}",
+                    f"It has {', '.join(symbols)}.",
+                )
+        return [values.get(symbol) or 0.0 for symbol in symbols]
+
+    # -- features and forces -------------------------------------------------------
 
     def features(self, motion: Motion, state: np.ndarray | None = None) -> np.ndarray:
         """Columns of the law along one contiguous record.
@@ -517,8 +535,40 @@ class ForceLaw:
             If a shape parameter has no value or a covariate, time or acceleration is
             missing.
         """
-        n = motion.n_samples
-        u = np.empty((len(self.covariates), n))
+        u = self.covariate_rows(motion)
+        self._require_channels(motion)
+        theta = self.theta
+
+        n_samples = motion.n_samples
+        z = np.zeros((0, n_samples))
+        if self.n_states:
+            from .memory import state_path  # loads numba
+
+            z = state_path(self, motion, u, theta, state)
+
+        a = np.zeros(n_samples) if motion.a is None else motion.a
+        t = np.zeros(n_samples) if motion.t is None else motion.t
+        out = np.empty((len(self.terms()), n_samples))
+        self.kernel(motion.s, motion.v, a, t, u, z, theta, out)
+        return out.T
+
+    def covariate_rows(self, motion: Motion) -> np.ndarray:
+        """Covariates along a motion, as the kernel reads them.
+
+        Parameters
+        ----------
+        motion : Motion
+
+        Returns
+        -------
+        ndarray of shape (n_covariates, n_samples)
+
+        Raises
+        ------
+        LawError
+            If one is missing.
+        """
+        u = np.empty((len(self.covariates), motion.n_samples))
         for row, name in enumerate(self.covariates):
             if name not in motion.covariates:
                 raise LawError(
@@ -526,6 +576,9 @@ class ForceLaw:
                     "Pass it in covariates=.",
                 )
             u[row] = motion.covariates[name]
+        return u
+
+    def _require_channels(self, motion: Motion) -> None:
         if self.uses_time and motion.t is None:
             raise LawError(
                 f"{type(self).__name__} needs the time of the samples",
@@ -536,22 +589,12 @@ class ForceLaw:
                 f"{type(self).__name__} needs the acceleration at its site",
                 "Pass it with the motion.",
             )
-        theta = self.theta
-        z = np.zeros((0, n))
-        if self.n_states:
-            from .memory import state_path  # loads numba
-
-            z = state_path(self, motion, u, theta, state)
-        a, t = (np.zeros(n) if x is None else x for x in (motion.a, motion.t))
-        out = np.empty((len(self.terms()), n))
-        self.kernel(motion.s, motion.v, a, t, u, z, theta, out)
-        return out.T
 
     def force(self, motion: Motion) -> np.ndarray:
-        """Force of the law along one contiguous record, (n_samples,), N; the motion as
-        for :meth:`features`.
-        """
+        """Force of the law along a motion, (n_samples,), N; see :meth:`features`."""
         return self.features(motion) @ self.values
+
+    # -- text and plain data -------------------------------------------------------
 
     def equation(self, index: int | str = "", digits: int = 4) -> str:
         """The law as text, in the manner of the paper's eq. (11a).
@@ -563,93 +606,55 @@ class ForceLaw:
         digits : int
             Significant digits.
         """
-        pieces = []
-        numbers = (
-            self.coefficients
-            if self.coefficients is not None
-            else [None] * len(self.terms())
-        )
-        sparse = (
-            len(self.terms()) > 2
-            and self.coefficients is not None
-            and np.any(self.coefficients)
-        )
-        for term, c in zip(self.terms(), numbers, strict=True):
-            if sparse and c == 0:  # taken out by a sparse fit
-                continue
-            label = subscript(term.label, index)
-            factor = term.symbol if c is None else f"{c:.{digits}g}"
-            pieces.append(f"{factor} {label}" if label != "1" else factor)
-        text = " + ".join(pieces).replace("+ -", "- ") or "0"
-        held = (
-            (k, value, self.units[k])
-            for k, value in self.shape.items()
-            if value is not None
-        )
-        known = [f"{k} = {value:.{digits}g} {unit}".rstrip() for k, value, unit in held]
-        return text + (f"  ({', '.join(known)})" if known else "")
+        sum_of_terms = " + ".join(self._term_texts(index, digits)) or "0"
+        text = sum_of_terms.replace("+ -", "- ")
+        shape = self._shape_texts(digits)
+        return f"{text}  ({', '.join(shape)})" if shape else text
 
-    def to_dict(self) -> dict:
+    def _term_texts(self, index: int | str, digits: int) -> list[str]:
+        terms = self.terms()
+        if self.coefficients is None:
+            return [_product(x.symbol, subscript(x.label, index)) for x in terms]
+
+        # a sparse fit of many terms sets most of them to zero
+        omits_zeros = len(terms) > 2 and np.any(self.coefficients)
+        return [
+            _product(f"{value:.{digits}g}", subscript(term.label, index))
+            for term, value in zip(terms, self.coefficients, strict=True)
+            if value != 0 or not omits_zeros
+        ]
+
+    def _shape_texts(self, digits: int) -> list[str]:
+        return [
+            f"{name} = {value:.{digits}g} {self.units[name]}".rstrip()
+            for name, value in self.shape.items()
+            if value is not None
+        ]
+
+    def to_dict(self) -> dict[str, object]:
         """Plain data for JSON."""
+        values = None if self.coefficients is None else self.coefficients.tolist()
         return {
             "law": self.name,
             "options": self.options(),
             "shape": dict(self.shape),
-            "coefficients": (
-                None
-                if self.coefficients is None
-                else [float(c) for c in self.coefficients]
-            ),
+            "coefficients": values,
         }
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and other.to_dict() == self.to_dict()
 
     def __hash__(self) -> int:
-        return hash(
-            (
-                type(self),
-                *self.shape.values(),
-                *(() if self.coefficients is None else self.coefficients),
-            )
-        )
+        values = () if self.coefficients is None else tuple(self.coefficients)
+        return hash((type(self), tuple(self.shape.values()), values))
 
     def __repr__(self) -> str:
-        inside = [f"{k}={v!r}" for k, v in self.options().items()]
-        inside += [f"{k}={v:g}" for k, v in self.shape.items() if v is not None]
+        arguments = [f"{name}={value!r}" for name, value in self.options().items()]
+        arguments += [f"{k}={x:g}" for k, x in self.shape.items() if x is not None]
         if self.coefficients is not None:
-            inside += [
-                f"{t.symbol}={c:.4g}"
-                for t, c in zip(self.terms(), self.coefficients, strict=True)
-            ]
-        return f"{type(self).__name__}({', '.join(inside)})"
-
-
-def _constructor(cls: type[ForceLaw]) -> Callable[..., None]:
-    """The constructor of a law from its shape parameters and coefficients, in this
-    order.
-    """
-    shapes, symbols = (
-        [p.name for p in cls.shapes],
-        [term.symbol for term in cls.columns],
-    )
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    own = [
-        inspect.Parameter(x, kind, default=None, annotation=float | None)
-        for x in (*shapes, *symbols)
-    ]
-    signature = inspect.Signature([inspect.Parameter("self", kind), *own])
-
-    def __init__(*values: Any, **named: Any) -> None:
-        given = signature.bind(*values, **named).arguments
-        ForceLaw.__init__(
-            given.pop("self"),
-            {k: given.get(k) for k in shapes},
-            {k: given.get(k) for k in symbols},
-        )
-
-    __init__.__signature__ = signature  # type: ignore[attr-defined]
-    return __init__
+            for term, value in zip(self.terms(), self.coefficients, strict=True):
+                arguments.append(f"{term.symbol}={value:.4g}")
+        return f"{type(self).__name__}({', '.join(arguments)})"
 
 
 class CovariateLaw(ForceLaw):
@@ -658,8 +663,8 @@ class CovariateLaw(ForceLaw):
     def __init__(
         self,
         covariate: str,
-        shape: Mapping[str, Given],
-        coefficients: Mapping[str, Given],
+        shape: Mapping[str, float | None],
+        coefficients: Mapping[str, float | None],
     ) -> None:
         if not isinstance(covariate, str) or not covariate.strip():
             raise LawError(
@@ -674,9 +679,54 @@ class CovariateLaw(ForceLaw):
         return {"covariate": self.covariates[0]}
 
 
+def _constructor(cls: type[ForceLaw]) -> Callable[..., None]:
+    """Constructor that takes shape parameters and then coefficients, in this order."""
+    shape_names = [parameter.name for parameter in cls.shapes]
+    symbols = [term.symbol for term in cls.columns]
+
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    arguments = [inspect.Parameter("self", kind)]
+    for name in [*shape_names, *symbols]:
+        arguments.append(
+            inspect.Parameter(name, kind, default=None, annotation=float | None)
+        )
+    signature = inspect.Signature(arguments)
+
+    def __init__(*values: Any, **named: Any) -> None:
+        bound = signature.bind(*values, **named).arguments
+        ForceLaw.__init__(
+            bound["self"],
+            {name: bound.get(name) for name in shape_names},
+            {symbol: bound.get(symbol) for symbol in symbols},
+        )
+
+    __init__.__signature__ = signature  # type: ignore[attr-defined]
+    return __init__
+
+
 def subscript(label: str, index: int | str) -> str:
     """The label of a term with the storey number appended to every s, v, a, x and Z."""
-    return re.sub(r"\b([svaxZ])\b", rf"\g<1>{index}", label) if index != "" else label
+    if index == "":
+        return label
+    return re.sub(r"\b([svaxZ])\b", rf"\g<1>{index}", label)
+
+
+def _product(factor: str, label: str) -> str:
+    return factor if label == "1" else f"{factor} {label}"
+
+
+# -- the registry --------------------------------------------------------------
+
+
+def _register(cls: type[ForceLaw]) -> None:
+    """Make a law known by its name; a class that is defined anew replaces itself."""
+    known = _REGISTRY.get(cls.name, cls)
+    if (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+        raise LawError(
+            f"The name {cls.name!r} is taken by the law {known.__qualname__}",
+            "Choose another name.",
+        )
+    _REGISTRY[cls.name] = cls
 
 
 def registry() -> dict[str, type[ForceLaw]]:
@@ -689,85 +739,6 @@ def registry() -> dict[str, type[ForceLaw]]:
     <class 'pysindy_nrf.laws.friction.CoulombFriction'>
     """
     return dict(_REGISTRY)
-
-
-def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
-    """The same law with coefficients of its own in each direction.
-
-    Each term becomes two: its positive part, whose coefficient has a ``p`` behind its
-    symbol, and its negative part, with an ``m``. Add the result to the catalogue of a
-    search, or declare it.
-
-    Parameters
-    ----------
-    law : type of ForceLaw
-        A class whose terms change their sign with the motion.
-
-    Returns
-    -------
-    type of ForceLaw
-        Named ``asymmetric_`` and the name of the law.
-
-    Raises
-    ------
-    LawError
-        If the law has options, or is not odd.
-
-    Examples
-    --------
-    >>> from pysindy_nrf import laws
-    >>> friction = laws.asymmetric(laws.CoulombFriction)
-    >>> print(friction(Fcp=20.0, Fcm=14.0).equation(1))
-    20 max(sgn(v1), 0) + 14 min(sgn(v1), 0)
-    """
-    if (name := f"asymmetric_{law.name}") in _REGISTRY:
-        return _REGISTRY[name]
-    if (
-        not law.columns
-        or "__init__" in vars(law)
-        and vars(law)["__init__"].__module__ != __name__
-    ):
-        raise LawError(
-            f"{law.__name__} has options", "Write both directions as a law of your own."
-        )
-    if law.symmetry != "odd":
-        raise LawError(
-            f"{law.__name__} is not odd: it tells directions apart already",
-            "Use it as it is.",
-        )
-    from numba.extending import register_jitable
-
-    plain, n = register_jitable(law.kernel), len(law.columns)
-
-    def kernel(s, v, a, t, u, z, theta, out):
-        plain(s, v, a, t, u, z, theta, out)
-        for k in range(n - 1, -1, -1):
-            out[2 * k + 1] = np.minimum(out[k], 0.0)
-            out[2 * k] = np.maximum(out[k], 0.0)
-
-    sides = [("p", "max"), ("m", "min")]
-    own = {
-        key: value for key, value in vars(law).items() if not key.startswith("__")
-    } | {
-        "__doc__": f"{law.__name__} with coefficients of its own in each direction.",
-        "__reduce__": lambda self: (from_dict, (self.to_dict(),)),
-        "name": name,
-        "columns": tuple(
-            Term(x.symbol + end, f"{f}({x.label}, 0)", x.unit)
-            for x in law.columns
-            for end, f in sides
-        ),
-        "nonnegative": tuple(
-            symbol + end for symbol in law.nonnegative for end, _ in sides
-        ),
-        "symmetry": "none",
-        "special_cases": {
-            law: lambda c: new(**c.shape).with_values(np.repeat(c.values, 2))
-        },
-        "kernel": staticmethod(kernel),
-    }
-    new: type[ForceLaw] = type(f"Asymmetric{law.__name__}", law.__bases__, own)
-    return new
 
 
 def from_dict(data: Mapping[str, Any]) -> ForceLaw:
@@ -791,22 +762,17 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
     Dahl(sigma=50000, Fd=35)
     """
     try:
-        name, options = data["law"], dict(data.get("options") or {})
-        shape, coefficients = dict(data.get("shape") or {}), data.get("coefficients")
+        name = data["law"]
+        options = dict(data.get("options") or {})
+        shape = dict(data.get("shape") or {})
+        coefficients = data.get("coefficients")
     except (KeyError, TypeError, ValueError) as error:
-        cure = "It needs 'law', 'options', 'shape', 'coefficients'."
-        raise LawError(f"{data!r} does not describe a law", cure) from error
-    cls = _REGISTRY.get(name) if isinstance(name, str) else None
-    if (
-        cls is None
-        and isinstance(name, str)
-        and (plain := name.removeprefix("asymmetric_")) in _REGISTRY
-    ):
-        cls = asymmetric(_REGISTRY[plain])
-    if cls is None:
         raise LawError(
-            f"There is no law {name!r}", f"Known laws: {', '.join(sorted(_REGISTRY))}."
-        )
+            f"{data!r} does not describe a law",
+            "It needs 'law', 'options', 'shape', 'coefficients'.",
+        ) from error
+
+    cls = _law_class(name)
     try:
         law = cls(**options)
     except TypeError as error:
@@ -814,3 +780,16 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
             f"Law {name!r} cannot be built from {options!r}", str(error)
         ) from error
     return law.with_values(coefficients=coefficients, shape=shape)
+
+
+def _law_class(name: Any) -> type[ForceLaw]:
+    """The class of a law by its name, or the asymmetric one of a known law."""
+    from .asymmetric import PREFIX, asymmetric  # imports this module
+
+    if isinstance(name, str):
+        if name in _REGISTRY:
+            return _REGISTRY[name]
+        if name.removeprefix(PREFIX) in _REGISTRY:
+            return asymmetric(_REGISTRY[name.removeprefix(PREFIX)])
+    known = ", ".join(sorted(_REGISTRY))
+    raise LawError(f"There is no law {name!r}", f"Known laws: {known}.")

@@ -1,34 +1,36 @@
 """Springs that are in contact only part of the time: bumpers, cracks, loose joints."""
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
 from ..exceptions import LawError
-from .base import ForceLaw, Term
-from .shape import Given, Shape
+from .base import ForceLaw, Symmetry, Term
+from .shape import Shape
 
 _GAP = Shape("gap", "m", 0.05, 4.0, "s")
+OUT_OF_REACH = 1e3  # m, half of a play whose other stop no drift reaches
 
 
 class _Contact(ForceLaw):
     """Base of springs in contact only part of the time."""
 
     family = "contact"
-    symmetry = "none"
+    symmetry: Symmetry = "none"
     passive = True
     variable = "s"
-    nonnegative: ClassVar[tuple[str, ...]] = ("k",)
+    nonnegative: tuple[str, ...] = ("k",)
 
 
 class _OneSided(_Contact):
-    """A spring that acts on one side only; ``labels`` are those of its term for side 1
-    and -1.
-    """
+    """A spring that acts on one side only."""
 
-    labels = ("", "")
+    labels: ClassVar[Mapping[int, str]]  # of its term, by side
 
-    def __init__(self, shape: dict[str, Given], k: Given, side: int) -> None:
+    def __init__(
+        self, shape: Mapping[str, float | None], k: float | None, side: int
+    ) -> None:
         if side not in (1, -1):
             raise LawError(
                 f"{type(self).__name__}: side={side!r} is unknown",
@@ -41,7 +43,7 @@ class _OneSided(_Contact):
         return {"side": self.side}
 
     def terms(self) -> tuple[Term, ...]:
-        return (Term("k", self.labels[self.side < 0], "N/m"),)
+        return (Term("k", self.labels[self.side], "N/m"),)
 
     @property
     def theta(self) -> np.ndarray:
@@ -71,9 +73,11 @@ class OneSidedGap(_OneSided):
 
     name = "one_sided_gap"
     shapes = (_GAP,)
-    labels = ("max(s - gap, 0)", "min(s + gap, 0)")
+    labels = {1: "max(s - gap, 0)", -1: "min(s + gap, 0)"}
 
-    def __init__(self, gap: Given = None, k: Given = None, side: int = 1) -> None:
+    def __init__(
+        self, gap: float | None = None, k: float | None = None, side: int = 1
+    ) -> None:
         super().__init__({"gap": gap}, k, side)
 
     @staticmethod
@@ -82,20 +86,21 @@ class OneSidedGap(_OneSided):
 
 
 class PreloadedContact(_OneSided):
-    r"""Contact under preload that opens: a spring compressed by u at s = 0, with no
-    contact beyond.
+    r"""Contact under preload that opens: a spring compressed by u at s = 0.
 
     .. math:: R = k \max(s, -u) \quad\text{or}\quad R = k \min(s, u)
 
-    The preload itself is in equilibrium at s = 0 and not counted; u = 0 is the
-    breathing crack of :class:`Bilinear`.
+    Beyond u there is no contact. The preload itself is in equilibrium at s = 0 and not
+    counted; u = 0 is the breathing crack of :class:`Bilinear`.
     """
 
     name = "preloaded_contact"
     shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
-    labels = ("max(s, -u)", "min(s, u)")
+    labels = {1: "max(s, -u)", -1: "min(s, u)"}
 
-    def __init__(self, u: Given = None, k: Given = None, side: int = 1) -> None:
+    def __init__(
+        self, u: float | None = None, k: float | None = None, side: int = 1
+    ) -> None:
         super().__init__({"u": u}, k, side)
 
     @staticmethod
@@ -135,22 +140,22 @@ class DeadZone(_Contact):
     special_cases = {
         TwoSidedGap: lambda c: DeadZone(c.theta[0], 0.0, c.values[0]),
         OneSidedGap: lambda c: DeadZone(
-            1e3, c.side * (c.theta[0] / 1e3 - 1.0), c.values[0]
-        ),  # other stop out of reach
+            OUT_OF_REACH, c.side * (c.theta[0] / OUT_OF_REACH - 1.0), c.values[0]
+        ),
     }
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        low, high = theta[0] * (theta[1] - 1.0), theta[0] * (theta[1] + 1.0)
+        low = theta[0] * (theta[1] - 1.0)
+        high = theta[0] * (theta[1] + 1.0)
         out[0] = np.maximum(s - high, 0.0) + np.minimum(s - low, 0.0)
 
 
 class Bilinear(_Contact):
-    """Breathing crack: a further spring, of either sign, for positive drift only, ``R =
-    dk max(s, 0)``.
+    """Breathing crack: a spring for positive drift only, ``R = dk max(s, 0)``.
 
-    Beside a linear spring k the stiffness is k + dk for s > 0 and k for s < 0
-    (Chondros, Dimarogonas, Yao, J. Sound Vib. 239, 2001).
+    dk may have either sign. Beside a linear spring k the stiffness is k + dk for s > 0
+    and k for s < 0 (Chondros, Dimarogonas, Yao, J. Sound Vib. 239, 2001).
     """
 
     name = "bilinear"

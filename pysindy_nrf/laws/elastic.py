@@ -1,6 +1,4 @@
-"""Dampers, springs, and elements whose coefficient changes during a record (t is the
-time on its clock).
-"""
+"""Dampers, springs, and elements whose coefficient changes during a record."""
 
 import math
 
@@ -89,16 +87,19 @@ class MaxwellBranch(Element):
         if dt <= 0.0:
             z[0] += s1 - s0
             return
+
+        # The rate is (s1 - s0) / dt + (v1 - v0) (t / dt - 1/2). Its integral over the
+        # step, weighted with exp(-(dt - t) / tau), has one factor for each part.
         x = dt / theta[0]
-        # integral over the step of exp(-(dt - t) / tau) (mean rate + (v1 - v0) (t / dt
-        # - 1/2)) dt
         if x > 0.05:
-            first = -math.expm1(-x) / x
-            second = (1.0 - first) / x - 0.5 * first
-        else:
-            first = 1.0 - x / 2.0 + x * x / 6.0 - x**3 / 24.0 + x**4 / 120.0
-            second = x / 12.0 - x * x / 24.0 + x**3 / 80.0 - x**4 / 360.0
-        z[0] = z[0] * math.exp(-x) + (s1 - s0) * first + (v1 - v0) * dt * second
+            of_mean = -math.expm1(-x) / x
+            of_change = (1.0 - of_mean) / x - 0.5 * of_mean
+        else:  # series, where the difference above loses digits
+            of_mean = 1.0 - x / 2.0 + x * x / 6.0 - x**3 / 24.0 + x**4 / 120.0
+            of_change = x / 12.0 - x * x / 24.0 + x**3 / 80.0 - x**4 / 360.0
+
+        decayed = z[0] * math.exp(-x)
+        z[0] = decayed + (s1 - s0) * of_mean + (v1 - v0) * dt * of_change
 
 
 class LinearElastic(_Spring):
@@ -174,9 +175,7 @@ class Duffing(_Spring):
 
 
 class QuadraticStiffness(_Spring):
-    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction than in the other (a
-    cable, an arch).
-    """
+    """Quadratic spring, ``R = k2 s^2``: stiffer in one direction (a cable, an arch)."""
 
     name = "quadratic_stiffness"
     columns = (Term("k2", "s^2", "N/m^2"),)
@@ -234,9 +233,11 @@ class QuinticStiffness(_Spring):
 
 
 class _Changing(ForceLaw):
-    """A property that changes with time, for good."""
+    """Base of properties that change with time, for good; t is that of the record."""
 
-    family, uses_time, permanent_change = "degradation", True, True
+    family = "degradation"
+    uses_time = True
+    permanent_change = True
 
 
 class StiffnessStep(_Changing):
@@ -289,9 +290,7 @@ class StiffnessDrift(_Changing):
 
 
 class DampingDrift(_Changing):
-    """Damping that changes steadily, ``R = ct v t``: a damper that warms up or
-    leaks.
-    """
+    """Damping that changes steadily, ``R = ct v t``: a damper that warms up."""
 
     name = "damping_drift"
     columns = (Term("ct", "v t", "N/m"),)

@@ -11,10 +11,19 @@ from typing import Any
 import numpy as np
 
 from .base import CovariateLaw, ForceLaw, Term
-from .shape import Given, Shape
+from .shape import Shape
 
 
-class HarmonicForce(ForceLaw):
+class _ExternalForce(ForceLaw):
+    """Base of forces that do not follow the motion; several may act at one site."""
+
+    family = "forcing"
+    symmetry = "even"
+    at_rest = None
+    superposes = True
+
+
+class HarmonicForce(_ExternalForce):
     r"""Harmonic force of an unknown frequency: a machine, a fan, the mains.
 
     .. math:: R = A \cos(2 \pi f t) + B \sin(2 \pi f t)
@@ -23,17 +32,13 @@ class HarmonicForce(ForceLaw):
     """
 
     name = "harmonic_force"
-    family = "forcing"
     shapes = (Shape("frequency", "1/s", 0.01, 2.0, "v/s"),)
     columns = (
         Term("A", "cos(2 pi frequency t)", "N"),
         Term("B", "sin(2 pi frequency t)", "N"),
     )
-    symmetry = "even"
-    at_rest = None
     uses_time = True
     acts_at = ("dof",)
-    superposes = True
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -42,9 +47,10 @@ class HarmonicForce(ForceLaw):
         out[1] = np.sin(phase)
 
 
-class ConstantForce(ForceLaw):
-    """Constant force, ``R = f0``: a dead load, an offset of a force or acceleration
-    sensor.
+class ConstantForce(_ExternalForce):
+    """Constant force, ``R = f0``.
+
+    It is a dead load, or the offset of a force or acceleration sensor.
 
     Parameters
     ----------
@@ -59,20 +65,16 @@ class ConstantForce(ForceLaw):
     """
 
     name = "constant_force"
-    family = "forcing"
     columns = (Term("f0", "1", "N"),)
-    symmetry = "even"
-    at_rest = None
     acts_at = ("dof", "link")
     variable = "1"
-    superposes = True
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = 0.0 * s + 1.0
 
 
-class BaseMotion(CovariateLaw):
+class BaseMotion(_ExternalForce, CovariateLaw):
     """Base motion that leaks into a balance, ``R = m ag``.
 
     For motion relative to the base, a base acceleration that is left out of the balance
@@ -80,15 +82,11 @@ class BaseMotion(CovariateLaw):
     """
 
     name = "base_motion"
-    family = "forcing"
-    symmetry = "even"
-    at_rest = None
     acts_at = ("dof",)
     covariate_units = ("m/s^2",)
     mimics_inertia = True
-    superposes = True
 
-    def __init__(self, m: Given = None, covariate: str = "ag") -> None:
+    def __init__(self, m: float | None = None, covariate: str = "ag") -> None:
         super().__init__(covariate, {}, {"m": m})
 
     def terms(self) -> tuple[Term, ...]:
@@ -99,33 +97,8 @@ class BaseMotion(CovariateLaw):
         out[0] = u[0]
 
 
-def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndarray:
-    """Mass of every DOF including the masses that laws at it add, kg, shape
-    (n_dof,).
-    """
-    total = np.array(masses, dtype=float)
-    for site, group in laws.items():
-        if site.kind == "dof":
-            for law in group:
-                added = zip(law.terms(), law.values, strict=True)
-                total[site.p - 1] += sum(c for term, c in added if term.label == "a")
-    return total
-
-
-def lost_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> list[str]:
-    """Sentences on DOFs of which laws take away all the mass they have."""
-    own, total = np.asarray(masses, dtype=float), total_masses(masses, laws)
-    return [
-        f"DOF {j + 1} has {own[j]:.4g} kg and {total[j] - own[j]:.4g} kg added to it,"
-        f" {total[j]:.4g} kg in all"
-        for j in np.flatnonzero((own > 0) & (total <= 0))
-    ]
-
-
 class AddedMass(ForceLaw):
-    """Mass that the model lacks at a DOF, ``R = dm a``: a wrong known mass, a load,
-    moved water.
-    """
+    """Mass that the model lacks at a DOF, ``R = dm a``: a load, moved water."""
 
     name = "added_mass"
     family = "inertia"
@@ -180,13 +153,12 @@ class LinkSpringDashpot(ForceLaw):
 
 
 class BendingCoupling(ForceLaw):
-    """Coupling of two neighbouring storeys by bending, ``R = -kb s`` between floors two
-    apart.
+    """Coupling of two neighbouring storeys by bending, ``R = -kb s``.
 
-    The stiffness matrix of a frame that bends has positive terms two off its diagonal:
-    floors two apart push each other away, where a brace (:class:`LinkSpringDashpot`)
-    holds them together. Its share in the storeys' own stiffness is part of their linear
-    springs.
+    It acts between floors two apart. The stiffness matrix of a frame that bends has
+    positive terms two off its diagonal: floors two apart push each other away, where a
+    brace (:class:`LinkSpringDashpot`) holds them together. Its share in the stiffness
+    of the two storeys is part of their linear springs.
     """
 
     name = "bending_coupling"
@@ -202,8 +174,7 @@ class BendingCoupling(ForceLaw):
 
 
 class HiddenOscillator(ForceLaw):
-    r"""Oscillator that hangs on a DOF and is not measured: a tuned mass damper,
-    sloshing water.
+    r"""Oscillator on a DOF that is not measured: a tuned mass damper, sloshing water.
 
     .. math::
         R = m \, [2 \zeta \omega (v - \dot w) + \omega^2 (s - w)], \quad
@@ -231,28 +202,35 @@ class HiddenOscillator(ForceLaw):
 
     def __init__(
         self,
-        omega: Given = None,
-        zeta: Given = None,
-        m: Given = None,
+        omega: float | None = None,
+        zeta: float | None = None,
+        m: float | None = None,
         covariate: str | None = None,
     ) -> None:
         if covariate is not None:
-            self.covariates, self.covariate_units = (covariate,), ("m/s^2",)  # type: ignore[misc]
-            self.symmetry, self.at_rest, self.passive = "none", None, False  # type: ignore[misc]
+            self.covariates = (covariate,)
+            self.covariate_units = ("m/s^2",)
+            self.symmetry = "none"
+            self.at_rest = None
+            self.passive = False
         super().__init__({"omega": omega, "zeta": zeta}, {"m": m})
 
     def options(self) -> dict[str, Any]:
         return {"covariate": self.covariates[0]} if self.covariates else {}
 
     def limit(self, drift: float, band: tuple[float, float]) -> str:
-        """A tie where the band lies above its resonance and the mass stands still; an
-        added mass if it lies below.
+        """A tie or an added mass where the band does not contain the resonance.
+
+        Far above the resonance the oscillator stands still, and its spring ties the DOF
+        to it. Far below it moves with the DOF.
         """
-        low, high = 2.0 * np.pi * np.asarray(band)
-        omega = self.shape["omega"] or low
-        return (
-            "link" if omega < low else AddedMass.family if omega > high else self.family
-        )
+        lowest, highest = 2.0 * np.pi * np.asarray(band)
+        omega = self.shape["omega"] or lowest
+        if omega < lowest:
+            return "link"
+        if omega > highest:
+            return AddedMass.family
+        return self.family
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
@@ -262,22 +240,66 @@ class HiddenOscillator(ForceLaw):
     def advance(z, s0, v0, s1, v1, dt, u, theta):
         if dt == 0.0:
             return
-        square, damping = theta[0] * theta[0], 2.0 * theta[1] * theta[0]
-        # s is s0 + v0 t + c2 t^2 + c3 t^3; its acceleration drives w - s, of which b0 +
-        # b1 t is one solution
+        omega = theta[0]
+        zeta = theta[1]
+        square = omega * omega
+        damping = 2.0 * zeta * omega
+
+        # The drift is s0 + v0 t + c2 t^2 + c3 t^3. Its acceleration drives w - s, of
+        # which b0 + b1 t is one solution.
         rate = (s1 - s0) / dt
-        c2, c3 = (3.0 * rate - 2.0 * v0 - v1) / dt, (v0 + v1 - 2.0 * rate) / (dt * dt)
+        c2 = (3.0 * rate - 2.0 * v0 - v1) / dt
+        c3 = (v0 + v1 - 2.0 * rate) / (dt * dt)
         ground = u[0] if u.size else 0.0
         b1 = -6.0 * c3 / square
         b0 = (-2.0 * c2 - ground - damping * b1) / square
-        y, dy = z[0] - b0, z[1] - b1
-        inside = 1.0 - theta[1] * theta[1]
-        fast = theta[0] * math.sqrt(max(abs(inside), 1e-12))
-        fall = math.exp(-theta[1] * theta[0] * dt)
-        phase = fast * dt
-        c, d = math.cos(phase), math.sin(phase) / fast
-        if inside < 0.0:
-            c, d = math.cosh(min(phase, 300.0)), math.sinh(min(phase, 300.0)) / fast
-        both = dy + theta[1] * theta[0] * y
-        z[0] = b0 + b1 * dt + fall * (c * y + d * both)
-        z[1] = b1 + fall * (c * dy - d * (square * y + theta[1] * theta[0] * dy))
+
+        # The rest is a free vibration from the state at the start of the step.
+        y = z[0] - b0
+        dy = z[1] - b1
+        cosine, sine = _free_vibration(omega, zeta, dt)
+        fall = math.exp(-zeta * omega * dt)
+        of_sine = dy + zeta * omega * y
+        z[0] = b0 + b1 * dt + fall * (cosine * y + sine * of_sine)
+        z[1] = b1 + fall * (cosine * dy - sine * (square * y + zeta * omega * dy))
+
+
+def _free_vibration(omega, zeta, dt):
+    """Cosine and sine (over its frequency) of a damped oscillator, without their fall.
+
+    Above critical damping they are hyperbolic.
+    """
+    inside = 1.0 - zeta * zeta
+    frequency = omega * math.sqrt(max(abs(inside), 1e-12))
+    phase = frequency * dt
+    if inside >= 0.0:
+        return math.cos(phase), math.sin(phase) / frequency
+    phase = min(phase, 300.0)  # near the largest number that there is
+    return math.cosh(phase), math.sinh(phase) / frequency
+
+
+# -- masses that laws add ------------------------------------------------------
+
+
+def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndarray:
+    """Mass of every DOF with what laws at it add, kg, shape (n_dof,)."""
+    total = np.array(masses, dtype=float)
+    for site, laws_there in laws.items():
+        if site.kind != "dof":
+            continue
+        for law in laws_there:
+            for term, value in zip(law.terms(), law.values, strict=True):
+                if term.label == "a":
+                    total[site.p - 1] += value
+    return total
+
+
+def lost_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> list[str]:
+    """Sentences on DOFs of which laws take away all the mass they have."""
+    own = np.asarray(masses, dtype=float)
+    total = total_masses(masses, laws)
+    return [
+        f"DOF {j + 1} has {own[j]:.4g} kg and {total[j] - own[j]:.4g} kg added to it,"
+        f" {total[j]:.4g} kg in all"
+        for j in np.flatnonzero((own > 0) & (total <= 0))
+    ]

@@ -1,5 +1,4 @@
-"""Dry friction, also of controllable dampers whose level follows a measured covariate
-such as a voltage.
+"""Dry friction, also of controllable dampers whose level follows a covariate.
 
 Friction against the ground is :class:`CoulombFriction` at the site ``"ground j"`` if
 the base does not move. On a moving base, friction against a fixed object beside the
@@ -8,13 +7,12 @@ structure is :class:`GroundFriction`.
 
 import math
 from collections.abc import Sequence
-from typing import ClassVar
 
 import numpy as np
 
 from .base import CovariateLaw, ForceLaw, Term
 from .hysteresis import Dahl
-from .shape import Given, Shape
+from .shape import Shape
 
 
 class _Friction(ForceLaw):
@@ -24,8 +22,7 @@ class _Friction(ForceLaw):
     passive = True
     acts_at = ("link", "ground")
     variable = "v"
-    jumps = True
-    nonnegative: ClassVar[tuple[str, ...]] = ("Fc",)
+    nonnegative: tuple[str, ...] = ("Fc",)
 
 
 class CoulombFriction(_Friction):
@@ -81,14 +78,14 @@ class StribeckFriction(_Friction):
 
 
 class RegularizedFriction(_Friction):
-    r"""Friction that creeps through a velocity reversal, as of wet contacts and as most
-    simulations write it.
+    r"""Friction that creeps through a velocity reversal, as of wet contacts.
 
     .. math:: R = F_c \tanh(v / v_0)
+
+    Most simulations write Coulomb friction in this way.
     """
 
     name = "regularized_friction"
-    jumps = False
     shapes = (Shape("v0", "m/s", 1e-4, 0.3, "v"),)
     columns = (Term("Fc", "tanh(v/v0)", "N"),)
     special_cases = {
@@ -101,8 +98,7 @@ class RegularizedFriction(_Friction):
 
 
 class PositionDependentFriction(_Friction):
-    r"""Friction whose level changes with the drift, as of wedges, ring springs or a
-    tapered guide.
+    r"""Friction whose level changes with the drift, as of wedges or ring springs.
 
     .. math:: R = (F_c + F_s |s|) \operatorname{sgn} v
     """
@@ -120,10 +116,10 @@ class PositionDependentFriction(_Friction):
 
 
 class BreakAwayFriction(_Friction):
-    r"""Friction with a peak after each reversal that decays with the distance slid
-    since.
+    r"""Friction with a peak after each reversal that decays with the distance slid.
 
-    .. math:: R = F_c \operatorname{sgn} v + \Delta F \, Z, \quad Z = \pm e^{-|s - s_r| / d}
+    .. math::
+        R = F_c \operatorname{sgn} v + \Delta F \, Z, \quad Z = \pm e^{-|s - s_r| / d}
 
     s_r is the drift at the last reversal and the sign of Z that of the motion since:
     the bond of lead or rubber that each stroke breaks anew. The state is exact.
@@ -192,10 +188,9 @@ class GroundFriction(CovariateLaw):
     acts_at = ("dof",)
     covariate_units = ("m/s",)
     variable = "v"
-    jumps = True
     nonnegative = ("Fc",)
 
-    def __init__(self, Fc: Given = None, covariate: str = "vg") -> None:
+    def __init__(self, Fc: float | None = None, covariate: str = "vg") -> None:
         super().__init__(covariate, {}, {"Fc": Fc})
 
     def terms(self) -> tuple[Term, ...]:
@@ -210,17 +205,23 @@ _TAU = Shape("tau", "s", 0.05, 50.0, "s/v")
 
 
 class _CovariateFriction(CovariateLaw):
-    """Base of friction whose level follows a covariate u: terms phi, u phi and u v of a
-    carrier phi.
+    """Base of friction whose level follows a covariate u.
+
+    Its terms are phi, u phi and u v, of a carrier phi.
     """
 
     carrier = "sgn(v)"
     covariate_units = ("[u]",)
 
     def terms(self) -> tuple[Term, ...]:
-        u = self.covariates[0] if not self.n_states else f"lag[{self.covariates[0]}]"
-        level = Term("Fu", f"{u} {self.carrier}", "N/[u]")
-        return Term("Fc", self.carrier, "N"), level, Term("Cu", f"{u} v", "N s/m/[u]")
+        u = self.covariates[0]
+        if self.has_memory:
+            u = f"lag[{u}]"
+        return (
+            Term("Fc", self.carrier, "N"),
+            Term("Fu", f"{u} {self.carrier}", "N/[u]"),
+            Term("Cu", f"{u} v", "N s/m/[u]"),
+        )
 
 
 class CovariateFriction(_CovariateFriction):
@@ -238,7 +239,6 @@ class CovariateFriction(_CovariateFriction):
     family = "friction"
     acts_at = ("link", "ground")
     variable = "v"
-    jumps = True
     special_cases = {
         CoulombFriction: lambda c: CovariateFriction(Fc=c.values[0], Fu=0.0, Cu=0.0)
     }
@@ -246,9 +246,9 @@ class CovariateFriction(_CovariateFriction):
     def __init__(
         self,
         covariate: str = "voltage",
-        Fc: Given = None,
-        Fu: Given = None,
-        Cu: Given = None,
+        Fc: float | None = None,
+        Fu: float | None = None,
+        Cu: float | None = None,
     ) -> None:
         super().__init__(covariate, {}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
@@ -258,6 +258,19 @@ class CovariateFriction(_CovariateFriction):
         out[0] = sign
         out[1] = u[0] * sign
         out[2] = u[0] * v
+
+
+def _lagged(z, u):
+    """Lagged covariate; before its state has started, the covariate itself."""
+    return z[0] + (1.0 - z[1]) * u[0]
+
+
+def _move_lag(z, u, dt, tau):
+    """Move the lagged covariate, which starts at the covariate."""
+    if z[1] == 0.0:
+        z[0] = u[0]
+        z[1] = 1.0
+    z[0] = u[0] + (z[0] - u[0]) * math.exp(-dt / tau)
 
 
 class LaggedCovariateFriction(_CovariateFriction):
@@ -277,7 +290,6 @@ class LaggedCovariateFriction(_CovariateFriction):
     n_states = 2  # lagged covariate, 1 once it has started
     acts_at = ("link", "ground")
     variable = "v"
-    jumps = True
     special_cases = {
         CoulombFriction: lambda c: LaggedCovariateFriction(
             tau=1.0, Fc=c.values[0], Fu=0.0, Cu=0.0
@@ -290,27 +302,24 @@ class LaggedCovariateFriction(_CovariateFriction):
     def __init__(
         self,
         covariate: str = "voltage",
-        tau: Given = None,
-        Fc: Given = None,
-        Fu: Given = None,
-        Cu: Given = None,
+        tau: float | None = None,
+        Fc: float | None = None,
+        Fu: float | None = None,
+        Cu: float | None = None,
     ) -> None:
         super().__init__(covariate, {"tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu})
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         sign = np.sign(v)
-        w = z[0] + (1.0 - z[1]) * u[0]
+        w = _lagged(z, u)
         out[0] = sign
         out[1] = w * sign
         out[2] = w * v
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        if z[1] == 0.0:
-            z[0] = u[0]
-            z[1] = 1.0
-        z[0] = u[0] + (z[0] - u[0]) * math.exp(-dt / theta[0])
+        _move_lag(z, u, dt, theta[0])
 
 
 class CovariateDahl(_CovariateFriction):
@@ -318,7 +327,8 @@ class CovariateDahl(_CovariateFriction):
 
     .. math::
         R = (F_c + F_u w) Z + C_u w v, \quad
-        \dot Z = \sigma \dot s \, (1 - Z \operatorname{sgn} \dot s), \quad \tau \dot w = u - w
+        \dot Z = \sigma \dot s \, (1 - Z \operatorname{sgn} \dot s), \quad
+        \tau \dot w = u - w
 
     :class:`LaggedCovariateFriction` that reverses over a distance of about 1/sigma: the
     modified Dahl damper (paper eqs. 6-7) under a changing command.
@@ -345,11 +355,11 @@ class CovariateDahl(_CovariateFriction):
     def __init__(
         self,
         covariate: str = "voltage",
-        sigma: Given = None,
-        tau: Given = None,
-        Fc: Given = None,
-        Fu: Given = None,
-        Cu: Given = None,
+        sigma: float | None = None,
+        tau: float | None = None,
+        Fc: float | None = None,
+        Fu: float | None = None,
+        Cu: float | None = None,
     ) -> None:
         super().__init__(
             covariate, {"sigma": sigma, "tau": tau}, {"Fc": Fc, "Fu": Fu, "Cu": Cu}
@@ -357,17 +367,14 @@ class CovariateDahl(_CovariateFriction):
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        w = z[0] + (1.0 - z[1]) * u[0]
+        w = _lagged(z, u)
         out[0] = z[2]
         out[1] = w * z[2]
         out[2] = w * v
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        if z[1] == 0.0:
-            z[0] = u[0]
-            z[1] = 1.0
-        z[0] = u[0] + (z[0] - u[0]) * math.exp(-dt / theta[1])
+        _move_lag(z, u, dt, theta[1])
         ds = s1 - s0
         sign = math.copysign(1.0, ds)
         z[2] = sign + (z[2] - sign) * math.exp(-theta[0] * abs(ds))
@@ -380,11 +387,24 @@ _RATES = np.array([1e-14, -1e-14, 1e-9, -1e-9])
 def jump_at_reversal(
     law: ForceLaw, largest: Sequence[float] | np.ndarray
 ) -> np.ndarray:
-    """Change of each column at a velocity reversal, near and wide, shape (n_terms, 2),
-    for the covariates given.
+    """Change of each column at a velocity reversal.
+
+    Parameters
+    ----------
+    law : ForceLaw
+        With values of its shape parameters.
+    largest : array-like of shape (n_covariates,)
+        Values of its covariates.
+
+    Returns
+    -------
+    ndarray of shape (n_terms, 2)
+        Between two rates next to zero, and between two farther apart: a force that
+        jumps changes by the same amount, a steep one does not.
     """
-    zero = np.zeros(4)
-    u = np.array([np.full(4, size) for size in largest]).reshape(-1, 4)
-    out = np.zeros((len(law.terms()), 4))
-    law.kernel(zero, _RATES, zero, zero, u, np.zeros((law.n_states, 4)), law.theta, out)
+    zero = np.zeros(len(_RATES))
+    u = np.outer(largest, np.ones(len(_RATES)))
+    z = np.zeros((law.n_states, len(_RATES)))
+    out = np.zeros((len(law.terms()), len(_RATES)))
+    law.kernel(zero, _RATES, zero, zero, u, z, law.theta, out)
     return out[:, ::2] - out[:, 1::2]

@@ -1,5 +1,6 @@
-"""General laws: what they leave, no law of their class explains. They measure a lack of
-fit and name no effect.
+"""General laws: what they leave over, no law of their class explains.
+
+They measure a lack of fit and name no effect.
 """
 
 from typing import Any
@@ -30,23 +31,19 @@ class PrandtlIshlinskii(Element):
     }
 
     def __init__(self, uy: float | None = None, F: Any = None, n: int = 6) -> None:
-        self.n_states = whole("n", n, 1)  # type: ignore[misc]
+        self.n_states = whole("n", n, 1)
+        self.nonnegative = tuple(term.symbol for term in self.terms())
         super().__init__({"uy": uy}, F)
 
     def options(self) -> dict[str, Any]:
         return {"n": self.n_states}
 
     def terms(self) -> tuple[Term, ...]:
-        parts = range(self.n_states, 0, -1)
+        n = self.n_states
         return tuple(
-            Term(f"F{self.n_states + 1 - k}", f"Jenkins[s; uy/{2 ** (k - 1)}]", "N")
-            for k in parts
+            Term(f"F{k}", f"Jenkins[s; uy/{2 ** (n - k)}]", "N")
+            for k in range(1, n + 1)
         )
-
-    @property
-    def nonnegative(self) -> tuple[str, ...]:  # type: ignore[override]
-        """All forces."""
-        return tuple(term.symbol for term in self.terms())
 
     @property
     def theta(self) -> np.ndarray:
@@ -66,7 +63,9 @@ class PrandtlIshlinskii(Element):
 class SmoothSurface(ForceLaw):
     r"""A flexible function of drift and rate: the general law without memory.
 
-    .. math:: R = \sum_{0 < i + j \le d} c_{i,j} \, T_i\!\left(\frac{s}{\sqrt{s^2 + S^2}}\right)
+    .. math::
+        R = \sum_{0 < i + j \le d} c_{i,j} \,
+        T_i\!\left(\frac{s}{\sqrt{s^2 + S^2}}\right)
         T_j\!\left(\frac{v}{\sqrt{v^2 + V^2}}\right)
 
     T are Chebyshev polynomials; of such an argument they resolve most where it is below
@@ -95,18 +94,14 @@ class SmoothSurface(ForceLaw):
         return {"degree": self.degree}
 
     def terms(self) -> tuple[Term, ...]:
-        pairs = [
-            (i, j)
-            for i in range(self.degree + 1)
-            for j in range(self.degree + 1 - i)
-            if i + j
-        ]
-        labels = [
-            " ".join([f"T{i}(s)"] * (i > 0) + [f"T{j}(v)"] * (j > 0)) for i, j in pairs
-        ]
-        return tuple(
-            Term(f"c_{i}_{j}", label, "N") for (i, j), label in zip(pairs, labels)
-        )
+        terms = []
+        for i in range(self.degree + 1):
+            for j in range(self.degree + 1 - i):
+                factors = [f"T{i}(s)"] if i else []
+                factors += [f"T{j}(v)"] if j else []
+                if factors:
+                    terms.append(Term(f"c_{i}_{j}", " ".join(factors), "N"))
+        return tuple(terms)
 
     @property
     def theta(self) -> np.ndarray:
@@ -114,17 +109,24 @@ class SmoothSurface(ForceLaw):
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        x, y = (
-            s / np.sqrt(s * s + theta[0] * theta[0]),
-            v / np.sqrt(v * v + theta[1] * theta[1]),
-        )
+        x = s / np.sqrt(s * s + theta[0] * theta[0])
+        y = v / np.sqrt(v * v + theta[1] * theta[1])
         degree = int(theta[2])
-        k, of_drift, last = 0, 1.0, x  # T_0 and T_-1; T_i+1 = 2 x T_i - T_i-1
+
+        # T_(i+1) = 2 x T_i - T_(i-1), begun with T_0 = 1 and T_(-1) = x
+        k = 0
+        of_drift = 1.0
+        of_drift_before = x
         for i in range(degree + 1):
-            both, before = of_drift, y * of_drift
+            product = of_drift
+            product_before = y * of_drift
             for j in range(degree + 1 - i):
                 if i + j > 0:
-                    out[k] = both
+                    out[k] = product
                     k += 1
-                both, before = 2.0 * y * both - before, both
-            of_drift, last = 2.0 * x * of_drift - last, of_drift
+                following = 2.0 * y * product - product_before
+                product_before = product
+                product = following
+            following = 2.0 * x * of_drift - of_drift_before
+            of_drift_before = of_drift
+            of_drift = following

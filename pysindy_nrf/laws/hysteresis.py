@@ -1,21 +1,19 @@
-"""Hysteresis: Dahl and the paper's modified Dahl, elasto-plastic elements, LuGre,
-Bouc-Wen.
-"""
+"""Hysteresis: Dahl, modified Dahl, elasto-plastic elements, LuGre, Bouc-Wen."""
 
 import math
 
 import numpy as np
 
 from .base import ForceLaw, Term
-from .shape import Given, Shape
+from .shape import Shape
 
 _SIGMA = Shape("sigma", "1/m", 0.03, 3000.0, "1/s")
+# Rate over vs above which exp(-(v / vs)^2) counts as its value here, 1e-294.
+MAX_STRIBECK_RATE = 26.0
 
 
 class Element(ForceLaw):
-    """Base of passive elements; they have one state, which is the force, unless they
-    say otherwise.
-    """
+    """Base of passive elements; by default they have one state, which is the force."""
 
     family = "hysteresis"
     n_states = 1
@@ -111,11 +109,11 @@ class ModifiedDahl(ForceLaw):
 
     def __init__(
         self,
-        K0: Given = None,
-        C0: Given = None,
-        Fd: Given = None,
-        f0: Given = None,
-        sigma: Given = None,
+        K0: float | None = None,
+        C0: float | None = None,
+        Fd: float | None = None,
+        f0: float | None = None,
+        sigma: float | None = None,
     ) -> None:
         super().__init__({"sigma": sigma}, {"K0": K0, "C0": C0, "Fd": Fd, "f0": f0})
 
@@ -132,7 +130,9 @@ class ModifiedDahl(ForceLaw):
 class Jenkins(Element):
     r"""Elasto-plastic element (Jenkin 1922): a spring in series with a Coulomb slider.
 
-    .. math:: R = F_y Z, \quad \dot Z = \dot s / u_y \text{ while } |Z| < 1 \text{ or unloading, else } 0
+    .. math::
+        R = F_y Z, \quad
+        \dot Z = \dot s / u_y \text{ while } |Z| < 1 \text{ or unloading, else } 0
 
     The stop operator: along a path without reversal ``Z = min(max(Z_0 + (s - s_0) /
     u_y, -1), 1)``, exactly. Its elastic stiffness is ``Fy / uy``.
@@ -150,10 +150,10 @@ class Jenkins(Element):
 
 
 class BacklashFriction(Element):
-    r"""Friction slider behind a spring with backlash: a friction damper whose joints
-    are loose.
+    r"""Friction slider behind a spring with backlash: a damper with loose joints.
 
-    .. math:: R = F_y \operatorname{sgn}(w) \min(\max((|w| - g) / u_y, 0), 1), \quad w = s - p
+    .. math::
+        R = F_y \operatorname{sgn}(w) \min(\max((|w| - g) / u_y, 0), 1), \quad w = s - p
 
     p is the play operator of half-width ``g + uy``, so that w follows the stop
     operator, exactly along a path without reversal. After a reversal at the yield force
@@ -171,9 +171,8 @@ class BacklashFriction(Element):
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = np.sign(z[0]) * np.minimum(
-            np.maximum((np.abs(z[0]) - theta[0]) / theta[1], 0.0), 1.0
-        )
+        beyond_gap = np.maximum((np.abs(z[0]) - theta[0]) / theta[1], 0.0)
+        out[0] = np.sign(z[0]) * np.minimum(beyond_gap, 1.0)
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
@@ -246,38 +245,51 @@ class LuGre(ForceLaw):
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        fall = np.minimum(np.abs(v) / theta[1], 26.0)
-        level = 1.0 + (theta[2] - 1.0) * np.exp(-fall * fall)
+        x = np.minimum(np.abs(v) / theta[1], MAX_STRIBECK_RATE)
+        level = 1.0 + (theta[2] - 1.0) * np.exp(-x * x)
         out[0] = z[0]
         out[1] = v - np.abs(v) * z[0] / level
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
+        # theta is sigma, vs and ratio. Names for them, kept in registers across the
+        # exponentials, would cost a tenth of the time.
         ds = s1 - s0
         if ds == 0.0:
             return
         sign = math.copysign(1.0, ds)
-        a0, a1 = abs(v0), abs(v1)
-        # at more than 5 vs h is constant to 1e-11, below that in parts of a small share
-        # of vs
-        bend = max(5.0 * theta[1], min(a0, a1))
-        b0, b1 = min(a0, bend), min(a1, bend)
-        parts = 1 + int(min(16.0 * abs(b1 - b0) / theta[1], 127.0))
-        here = a0
-        for i in range(parts + 2):
-            there = a1 if i > parts else b0 + (b1 - b0) * i / parts
-            share = (
-                (there - here) / (a1 - a0) * ((there + here) / (a1 + a0))
-                if a0 != a1
-                else 1.0 / (parts + 2)
-            )
+        speed0 = abs(v0)
+        speed1 = abs(v1)
+
+        # Above 5 vs the level is constant to 1e-11. Below, it is constant in parts of
+        # the step in which the speed changes by a sixteenth of vs.
+        upper = max(5.0 * theta[1], min(speed0, speed1))
+        first = min(speed0, upper)
+        last = min(speed1, upper)
+        n_parts = 1 + int(min(16.0 * abs(last - first) / theta[1], 127.0))
+
+        speed = speed0
+        for i in range(n_parts + 2):
+            if i <= n_parts:
+                end = first + (last - first) * i / n_parts
+            else:
+                end = speed1
+
+            # under a constant acceleration the drift goes with the speed squared
+            if speed0 != speed1:
+                share = (end - speed) / (speed1 - speed0)
+                share *= (end + speed) / (speed1 + speed0)
+            else:
+                share = 1.0 / (n_parts + 2)
             if share <= 0.0:
                 continue
-            fall = min(0.5 * (here + there) / theta[1], 26.0)
-            level = 1.0 + (theta[2] - 1.0) * math.exp(-fall * fall)
-            top = sign * level
-            z[0] = top + (z[0] - top) * math.exp(-theta[0] * abs(ds) * share / level)
-            here = there
+
+            x = min(0.5 * (speed + end) / theta[1], MAX_STRIBECK_RATE)
+            level = 1.0 + (theta[2] - 1.0) * math.exp(-x * x)
+            target = sign * level
+            decay = math.exp(-theta[0] * abs(ds) * share / level)
+            z[0] = target + (z[0] - target) * decay
+            speed = end
 
 
 class BoucWen(ForceLaw):
@@ -285,20 +297,20 @@ class BoucWen(ForceLaw):
 
     .. math::
         R = \alpha w, \quad
-        \dot w = \dot s \, \left[ 1 - (\operatorname{sgn}(\dot s w) + \rho) \, (\beta |w|)^n \right]
+        \dot w = \dot s \, [1 - (\operatorname{sgn}(\dot s w) + \rho) \, (\beta |w|)^n]
 
     (Bouc 1967, Wen 1976.) alpha is the initial stiffness, 1/beta the length over which
     the loop bends; ``1 + rho > 0`` softens while loading and ``1 + rho < 0`` hardens
     without a limit, for which the state is bounded at ``beta |w| = 1e6``. It is
     dissipative for ``|rho| <= 1``.
 
-    ============================================================  ==============================
-    published form                                                here
-    ============================================================  ==============================
-    ``w' = v - b |v| |w|^(n-1) w - g v |w|^n`` (Wen, A = 1)       ``beta = b^(1/n)``, ``rho = g / b``
-    ``z' = al v - be (ga |v| |z|^(nu-1) z + de v |z|^nu)``,       ``alpha = al``, ``n = nu``,
-    force z (Noel and Schoukens 2016)                             ``beta^n = be ga al^(n-1)``, ``rho = de / ga``
-    ============================================================  ==============================
+    Published forms:
+
+    - ``w' = v - b |v| |w|^(n-1) w - g v |w|^n`` (Wen, A = 1) has ``beta = b^(1/n)`` and
+      ``rho = g / b``.
+    - ``z' = al v - be (ga |v| |z|^(nu-1) z + de v |z|^nu)`` with the force z (Noel and
+      Schoukens 2016) has ``alpha = al``, ``n = nu``, ``beta^n = be ga al^(n-1)`` and
+      ``rho = de / ga``.
 
     For n = 1 the state is exact along a path without reversal. Otherwise a fourth-order
     rule is used, in parts short enough for a relative error of about 1e-6 inside the
@@ -351,80 +363,117 @@ class BoucWen(ForceLaw):
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        # y = +-beta w counts positive along the motion, x = beta |s - s0|: dy/dx = 1 -
-        # c |y|^n with c = rho + 1 where y > 0 (loading) and c = rho - 1 where y < 0
-        # (unloading)
-        limit = 1e6
+        rho = theta[1]
+        n = theta[2]
         sign = math.copysign(1.0, s1 - s0)
         x = theta[0] * abs(s1 - s0)
-        rho, n = theta[1], theta[2]
         y = sign * z[0]
         if n == 1.0:
-            if y < 0.0:
-                c = 1.0 - rho
-                slope = 1.0 - c * y
-                x_zero = math.inf
-                if slope > 0.0:
-                    x_zero = math.log(slope) / c if abs(c) > 1e-9 else -y
-                if x_zero <= x:
+            y = _exact_stroke(y, x, rho)
+        else:
+            y = _stroke_in_steps(y, x, rho, n)
+        z[0] = sign * min(max(y, -MAX_STATE), MAX_STATE)
+
+
+# -- one stroke of Bouc-Wen hysteresis -----------------------------------------
+#
+# y = +-beta w counts positive along the motion, and x = beta |s - s_0|:
+# dy/dx = 1 - c |y|^n with c = rho + 1 where y > 0 (loading) and c = rho - 1 where y < 0
+# (unloading).
+
+MAX_STATE = 1e6  # where a law that hardens without a limit is stopped
+MAX_STEPS_OF_STROKE = 20_000
+SETTLED = 1e-13  # dy/dx at which y is taken to be at its limit
+# Step below which four terms of Taylor's series are as good as a Runge-Kutta step, as a
+# share of |y|. They need one power, the step needs four.
+TAYLOR_SHARE = 0.1
+
+
+def _exact_stroke(y, x, rho):
+    """State after a stroke of length x for n = 1, in closed form."""
+    if y < 0.0:
+        c = 1.0 - rho
+        slope = 1.0 - c * y
+        x_zero = math.inf  # length at which y = 0
+        if slope > 0.0:
+            x_zero = math.log(slope) / c if abs(c) > 1e-9 else -y
+        if not x_zero <= x:
+            return y + slope * _growth(c, x)
+        y = 0.0
+        x -= x_zero
+
+    if x > 0.0:
+        c = 1.0 + rho
+        y += (1.0 - c * y) * _growth(c, x)
+    return y
+
+
+def _growth(c, x):
+    """(1 - exp(-c x)) / c, also where c is zero."""
+    if abs(c) > 1e-9:
+        return -math.expm1(min(-c * x, 30.0)) / c
+    return x
+
+
+def _stroke_in_steps(y, x, rho, n):
+    """State after a stroke of length x for any n, by a fourth-order rule."""
+    for _ in range(MAX_STEPS_OF_STROKE):
+        if x <= 0.0:
+            break
+        c = 1.0 + rho if y >= 0.0 else rho - 1.0
+        size = abs(y)
+        power = size**n
+        slope = 1.0 - c * power
+        if abs(slope) < SETTLED or (size >= MAX_STATE and slope * y > 0.0):
+            break
+
+        h = min(x, _step_length(size, power, c, n))
+        if h < TAYLOR_SHARE * size:
+            y += _taylor_step(y, h, slope, power, c, n)
+        else:
+            if y < 0.0 and y + h * slope > 0.0:
+                x_zero = _length_to_zero(y, c, n)
+                if x_zero <= h:
                     y = 0.0
                     x -= x_zero
-                else:
-                    y += slope * (
-                        -math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x
-                    )
-                    x = 0.0
-            if x > 0.0:
-                c = 1.0 + rho
-                y += (1.0 - c * y) * (
-                    -math.expm1(min(-c * x, 30.0)) / c if abs(c) > 1e-9 else x
-                )
-        else:
-            for _ in range(20000):
-                if x <= 0.0:
-                    break
-                c = 1.0 + rho if y >= 0.0 else rho - 1.0
-                size = abs(y)
-                power = size**n
-                f1 = 1.0 - c * power
-                if abs(f1) < 1e-13 or (abs(y) >= limit and f1 * y > 0.0):
-                    break
-                steep = (
-                    1.0
-                    if size < 0.9
-                    else power / size * (1.0 + 0.15 * (n - 1.0) / size)
-                )  # of |y|^(n-1) nearby
-                h = min(x, 0.1 / (abs(c) * n * steep + 1.0 / max(1.0, size)))
-                h = min(h, max(0.5 * size, 1e-3))  # |y|^n is not smooth at y = 0
-                if (
-                    h < 0.1 * size
-                ):  # four terms of Taylor's series: one power instead of four
-                    inverse = 1.0 / y
-                    d1 = -c * n * power * inverse
-                    d2 = d1 * (n - 1.0) * inverse
-                    d3 = d2 * (n - 2.0) * inverse
-                    y4 = f1 * f1 * d3 + 4.0 * f1 * d1 * d2 + d1 * d1 * d1
-                    y3 = f1 * d2 + d1 * d1 + 0.25 * h * y4
-                    y += h * f1 * (1.0 + 0.5 * h * (d1 + h * y3 / 3.0))
-                    x -= h
                     continue
-                if y < 0.0 and y + h * f1 > 0.0:
-                    # dx = dy / (1 - c |y|^n) up to y = 0, by Gauss's three points
-                    x_zero = 0.0
-                    x_zero -= (
-                        y * 5.0 / 18.0 / (1.0 - c * (-y * 0.1127016653792583) ** n)
-                    )
-                    x_zero -= y * 8.0 / 18.0 / (1.0 - c * (-y * 0.5) ** n)
-                    x_zero -= (
-                        y * 5.0 / 18.0 / (1.0 - c * (-y * 0.8872983346207417) ** n)
-                    )
-                    if x_zero <= h:
-                        y = 0.0
-                        x -= x_zero
-                        continue
-                f2 = 1.0 - c * abs(y + 0.5 * h * f1) ** n
-                f3 = 1.0 - c * abs(y + 0.5 * h * f2) ** n
-                f4 = 1.0 - c * abs(y + h * f3) ** n
-                y += h * (f1 + 2.0 * f2 + 2.0 * f3 + f4) / 6.0
-                x -= h
-        z[0] = sign * min(max(y, -limit), limit)
+            y += _runge_kutta_step(y, h, slope, c, n)
+        x -= h
+    return y
+
+
+def _step_length(size, power, c, n):
+    """Length of a step with a relative error of about 1e-6."""
+    steepest = 1.0  # of |y|^(n-1) nearby
+    if size >= 0.9:
+        steepest = power / size * (1.0 + 0.15 * (n - 1.0) / size)
+    h = 0.1 / (abs(c) * n * steepest + 1.0 / max(1.0, size))
+    return min(h, max(0.5 * size, 1e-3))  # |y|^n is not smooth at y = 0
+
+
+def _taylor_step(y, h, slope, power, c, n):
+    """Change of y over a step by Taylor's series, d_k being derivatives by y."""
+    inverse = 1.0 / y
+    d1 = -c * n * power * inverse
+    d2 = d1 * (n - 1.0) * inverse
+    d3 = d2 * (n - 2.0) * inverse
+    y4 = slope * slope * d3 + 4.0 * slope * d1 * d2 + d1 * d1 * d1
+    y3 = slope * d2 + d1 * d1 + 0.25 * h * y4
+    return h * slope * (1.0 + 0.5 * h * (d1 + h * y3 / 3.0))
+
+
+def _runge_kutta_step(y, h, slope, c, n):
+    """Change of y over a step by the classical rule of order 4."""
+    f2 = 1.0 - c * abs(y + 0.5 * h * slope) ** n
+    f3 = 1.0 - c * abs(y + 0.5 * h * f2) ** n
+    f4 = 1.0 - c * abs(y + h * f3) ** n
+    return h * (slope + 2.0 * f2 + 2.0 * f3 + f4) / 6.0
+
+
+def _length_to_zero(y, c, n):
+    """Length at which y < 0 becomes 0, dx = dy / (1 - c |y|^n), by Gauss's points."""
+    x = 0.0
+    x -= y * 5.0 / 18.0 / (1.0 - c * (-y * 0.1127016653792583) ** n)
+    x -= y * 8.0 / 18.0 / (1.0 - c * (-y * 0.5) ** n)
+    x -= y * 5.0 / 18.0 / (1.0 - c * (-y * 0.8872983346207417) ** n)
+    return x

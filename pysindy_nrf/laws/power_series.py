@@ -8,12 +8,20 @@ import numpy as np
 from ..exceptions import LawError
 from .base import ForceLaw, Term
 
+# A higher power is a mistake, or a file that would exhaust the memory.
+MAX_POWER = 60
+
 
 def whole(name: str, value: Any, least: int = 0) -> int:
-    """The value as an int; raises LawError if it is no whole number of at least
-    ``least``.
+    """The value as an int.
+
+    Raises
+    ------
+    LawError
+        If it is no whole number of at least ``least``.
     """
-    if isinstance(value, bool) or not hasattr(value, "__index__") or int(value) < least:
+    is_whole = hasattr(value, "__index__") and not isinstance(value, bool)
+    if not is_whole or int(value) < least:
         raise LawError(
             f"{name}={value!r} is not a whole number of at least {least}",
             "Give e.g. 3.",
@@ -21,12 +29,18 @@ def whole(name: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
-MOST_POWER = 60  # a higher power is a mistake, or a file that would exhaust the memory
-
-
 def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
-    """Exponents (h, j) of v and s: total degree, or the box h <= k, j <= q of eq.
-    (2).
+    """Exponents (h, j) of the terms v^h s^j of an order.
+
+    Parameters
+    ----------
+    order : int or (int, int)
+        Total degree h + j, or the box h <= k, j <= q of eq. (2).
+
+    Raises
+    ------
+    LawError
+        If these are no whole numbers from 0 to 60.
     """
     if isinstance(order, (tuple, list)):
         if len(order) != 2:
@@ -34,37 +48,48 @@ def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
                 f"order={order!r} is not a box (k, q)",
                 "Give two whole numbers, e.g. (2, 3).",
             )
-        k, q = whole("k", order[0]), whole("q", order[1])
-        most = k + q
+        k = whole("k", order[0])
+        q = whole("q", order[1])
+        total = k + q
     else:
-        k = q = most = whole("degree", order)
-    if max(k, q) > MOST_POWER:
+        k = q = total = whole("degree", order)
+    if max(k, q) > MAX_POWER:
         raise LawError(
-            f"degree={order!r} is above the highest power, {MOST_POWER}",
+            f"degree={order!r} is above the highest power, {MAX_POWER}",
             "Give a lower degree.",
         )
-    return _pairs(k, q, most)
+    return _sorted_exponents(k, q, total)
 
 
 @lru_cache(maxsize=256)
-def _pairs(k: int, q: int, most: int) -> tuple[tuple[int, int], ...]:
-    pairs = [(h, j) for h in range(k + 1) for j in range(q + 1) if 0 < h + j <= most]
-    return tuple(sorted(pairs, key=lambda p: (p[0] + p[1], -p[0])))
+def _sorted_exponents(k: int, q: int, total: int) -> tuple[tuple[int, int], ...]:
+    """Exponents h <= k, j <= q up to a total degree, in the order of eq. (9)."""
+    pairs = []
+    for degree in range(1, total + 1):
+        for h in range(degree, -1, -1):
+            if h <= k and degree - h <= q:
+                pairs.append((h, degree - h))
+    return tuple(pairs)
 
 
 def monomial(h: int, j: int) -> str:
     """Text of v^h s^j, e.g. ``"v^2 s"``."""
-    return (
-        " ".join(f"{x}^{n}" if n > 1 else x for x, n in (("v", h), ("s", j)) if n)
-        or "1"
-    )
+    factors = []
+    for name, power in (("v", h), ("s", j)):
+        if power > 0:
+            factors.append(name if power == 1 else f"{name}^{power}")
+    return " ".join(factors) or "1"
 
 
 def monomial_unit(h: int, j: int) -> str:
     """SI unit of the coefficient of v^h s^j in a force."""
-    above = ("s" if h == 1 else f"s^{h}") if h else ""
-    below = "m" if h + j == 1 else f"m^{h + j}"
-    return f"N {above}/{below}".replace(" /", "/") if h + j else "N"
+    if h + j == 0:
+        return "N"
+    length = "m" if h + j == 1 else f"m^{h + j}"
+    if h == 0:
+        return f"N/{length}"
+    time = "s" if h == 1 else f"s^{h}"
+    return f"N {time}/{length}"
 
 
 @lru_cache
@@ -109,19 +134,17 @@ class PowerSeries(ForceLaw):
         self, degree: int | tuple[int, int] = 3, coefficients: Any = None
     ) -> None:
         self.exponents = exponents_of(degree)
-        self.degree = (
-            tuple(int(d) for d in degree)
-            if isinstance(degree, (tuple, list))
-            else int(degree)
-        )
+        self.degree: int | tuple[int, ...]
+        if isinstance(degree, (tuple, list)):
+            self.degree = tuple(int(power) for power in degree)
+        else:
+            self.degree = int(degree)
         super().__init__({}, coefficients)
 
     def options(self) -> dict[str, Any]:
-        return {
-            "degree": (
-                list(self.degree) if isinstance(self.degree, tuple) else self.degree
-            )
-        }
+        if isinstance(self.degree, tuple):
+            return {"degree": list(self.degree)}
+        return {"degree": self.degree}
 
     def terms(self) -> tuple[Term, ...]:
         return _terms(self.exponents)
@@ -133,10 +156,9 @@ class PowerSeries(ForceLaw):
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
         for k in range(theta.size // 2):
-            h, j = int(theta[2 * k]), int(theta[2 * k + 1])
-            p = 0.0 * s + 1.0
-            for _ in range(h):
-                p = p * v
-            for _ in range(j):
-                p = p * s
-            out[k] = p
+            product = 0.0 * s + 1.0
+            for _ in range(int(theta[2 * k])):
+                product = product * v
+            for _ in range(int(theta[2 * k + 1])):
+                product = product * s
+            out[k] = product

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from .base import ForceLaw, Term
+from .shape import Motion
 
 
 class SensorFault(ForceLaw):
@@ -45,27 +46,66 @@ class SensorFault(ForceLaw):
         raise NotImplementedError
 
     def corrected(self, reading: Any, dt: float) -> np.ndarray:
-        """The true channel from the reading of the sensor; the inverse of
-        :meth:`reading`.
-        """
+        """The true channel from the reading; the inverse of :meth:`reading`."""
         raise NotImplementedError
 
-    def followed_by(self, other: SensorFault) -> Self:
-        """A single fault equivalent to correcting this one and then another of its
-        kind.
+    @property
+    def order(self) -> int | None:
+        """Order of the derivative that the fault adds to its channel.
+
+        0 for a gain, 1 for a delay, None where it adds none alone.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> faults = laws.GainError(), laws.ChannelDelay(), laws.SensorOffset()
+        >>> [fault.order for fault in faults]
+        [0, 1, None]
         """
-        return self.with_values([float(self.values[0] + other.values[0])])
+        added = self._added()
+        orders = np.flatnonzero(added[1:])
+        return None if added[0] or len(orders) != 1 else int(orders[0])
+
+    @property
+    def share(self) -> float:
+        """What the fault adds, as a share of that derivative."""
+        return float(self.values[0] * self._added()[1 + (self.order or 0)])
+
+    def with_share(self, share: float) -> Self:
+        """The fault that adds a share of its derivative to the channel.
+
+        Parameters
+        ----------
+        share : float
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.ChannelDelay().with_share(-0.002)  # s
+        ChannelDelay(tau=0.002)
+        """
+        return self.with_values([share / float(self._added()[1 + (self.order or 0)])])
+
+    def _added(self) -> np.ndarray:
+        """What a unit of the fault adds at rest, and beyond it to a channel of one and
+        to first and second derivatives of one.
+        """
+        if self.free_shape:
+            return np.zeros(4)
+        column = self.features(Motion(*np.eye(4)[1:]))[:, 0]
+        return np.append(column[0], column[1:] - column[0])
+
+    def followed_by(self, other: SensorFault) -> Self:
+        """One fault equal to correcting this one and then another of its kind."""
+        return self.with_values(self.values + other.values)
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
-        """The same two corrections in the other order: this fault first, then the
-        earlier one.
-        """
+        """The same two corrections in the other order: this fault first."""
         return self, earlier
 
 
 class ChannelDelay(SensorFault):
-    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter,
-    a slow converter.
+    r"""Channel delayed by tau, ``y(t - tau)``: another clock, an anti-aliasing filter.
 
     To first order the reading lacks :math:`\tau \dot y`, which is the column of the
     law; readings and corrections are exact (spline of degree 7).
@@ -88,8 +128,9 @@ class ChannelDelay(SensorFault):
 
 
 class GainError(SensorFault):
-    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration, or a wrong
-    sign (e = -2).
+    """Channel with the relative error e, ``(1 + e) y``: a wrong calibration.
+
+    A wrong sign is e = -2.
     """
 
     name = "gain_error"
@@ -111,9 +152,7 @@ class GainError(SensorFault):
 
     def followed_by(self, other: SensorFault) -> Self:
         """Gains multiply."""
-        return self.with_values(
-            [float((1.0 + self.values[0]) * (1.0 + other.values[0]) - 1.0)]
-        )
+        return self.with_values((1.0 + self.values) * (1.0 + other.values) - 1.0)
 
     def before(self, earlier: SensorFault) -> tuple[Self, SensorFault]:
         """An offset that is corrected after the gain is divided by the gain."""
@@ -152,16 +191,26 @@ class SensorOffset(SensorFault):
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
-    """A channel delayed by a number of samples, which may be fractional; NaN outside
-    the record.
+    """A channel delayed by a number of samples, by a spline of degree 7.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_samples,)
+    samples : float
+        May be a fraction, and negative.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        NaN outside the record.
     """
     from scipy.interpolate import make_interp_spline
 
-    good = np.flatnonzero(np.isfinite(values))
+    known = np.flatnonzero(np.isfinite(values))
+    wanted = np.arange(len(values)) - samples
+    inside = (wanted >= known[0]) & (wanted <= known[-1])
+    spline = make_interp_spline(known, values[known], k=min(7, len(known) - 1))
+
     out = np.full(len(values), np.nan)
-    at = np.arange(len(values)) - samples
-    inside = (at >= good[0]) & (at <= good[-1])
-    out[inside] = make_interp_spline(good, values[good], k=min(7, len(good) - 1))(
-        at[inside]
-    )
+    out[inside] = spline(wanted[inside])
     return out

@@ -1,20 +1,17 @@
-"""Motion at a site, shape parameters of laws and the scale on which they are
-searched.
-"""
+"""Motion at a site; shape parameters of laws and the scale of their search."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 
 @dataclass
 class Motion:
-    """Motion at the site of a law in one contiguous record, or in several, one after
-    the other.
+    """Motion at the site of a law in one record, or in several, one after the other.
 
     Attributes
     ----------
@@ -51,47 +48,45 @@ class Motion:
         return len(self.s)
 
     @classmethod
-    def joined(cls, parts: Sequence[Motion]) -> Motion:
-        """Motions of several records, one after the other, with what all of them hold.
+    def joined(cls, motions: Sequence[Motion]) -> Motion:
+        """Motions of several records, one after the other.
 
         Parameters
         ----------
-        parts : sequence of Motion
+        motions : sequence of Motion
 
         Returns
         -------
         Motion
-            With the ``starts`` of all but the first; a single one as it is.
+            With the channels that all of them have, and the ``starts`` of all but the
+            first; a single one as it is.
         """
-        if len(parts) == 1:
-            return parts[0]
+        if len(motions) == 1:
+            return motions[0]
 
-        def line(name: str) -> Any:
-            held = [getattr(part, name) for part in parts]
-            return None if any(y is None for y in held) else np.concatenate(held)
-
-        shared = [
-            c
-            for c in parts[0].covariates
-            if all(c in part.covariates for part in parts)
-        ]
-        covariates = {
-            c: np.concatenate([part.covariates[c] for part in parts]) for c in shared
-        }
-        ends = np.cumsum([part.n_samples for part in parts])
+        ends = np.cumsum([motion.n_samples for motion in motions])
+        covariates = {}
+        for name in motions[0].covariates:
+            channel = _joined([motion.covariates.get(name) for motion in motions])
+            if channel is not None:
+                covariates[name] = channel
         return cls(
-            line("s"),
-            line("v"),
-            line("a"),
-            line("t"),
-            covariates,
-            tuple(ends[:-1].tolist()),
+            s=np.concatenate([motion.s for motion in motions]),
+            v=np.concatenate([motion.v for motion in motions]),
+            a=_joined([motion.a for motion in motions]),
+            t=_joined([motion.t for motion in motions]),
+            covariates=covariates,
+            starts=tuple(ends[:-1].tolist()),
         )
 
 
-Given = float | None  # the value of a parameter; None: to be estimated
-# Scales of a site, bounds are multiples of them: rms drift (m) and rate (m/s), longest
-# record, first and last time (s).
+def _joined(pieces: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """A channel of several records; None where one lacks it."""
+    present = [piece for piece in pieces if piece is not None]
+    return np.concatenate(present) if len(present) == len(pieces) else None
+
+
+# Of a site: rms drift (m) and rate (m/s), longest record (s), first and last time (s).
 Scales = tuple[float, float, float, tuple[float, float]]
 
 
@@ -154,39 +149,48 @@ class Shape(NamedTuple):
         """
         if self.instant:
             first, last = clock or (0.0, duration)
-            return first + self.low * (last - first), first + self.high * (last - first)
+            span = last - first
+            return first + self.low * span, first + self.high * span
+
         sizes = {"1": 1.0, "s": drift, "v": rate, "t": duration, "p": rate * duration}
-        above, _, below = self.scale.partition("/")
-        unit = sizes[above] / sizes[below or "1"]
+        numerator, _, denominator = self.scale.partition("/")
+        unit = sizes[numerator] / sizes[denominator or "1"]
         return self.low * unit, self.high * unit
 
     @property
     def is_frequency(self) -> bool:
-        """True if it is a frequency in Hz, by its name; candidates are lines in the
-        residual.
+        """True if it is a frequency in Hz, by its name.
+
+        Its candidates are lines in the residual's spectrum.
         """
         return self.name == "frequency"
 
 
 class ShapeScale:
-    """Shape parameters in the coordinates of a search: logarithms where :class:`Shape`
-    says so.
+    """Shape parameters in the coordinates of a search.
 
-    The scales are rms drift (m), rms rate (m/s), longest record (s), first and last
-    time (s) at the site of each. A frequency is searched up to half the sampling rate,
-    ``fastest``: an excitation may be faster than the motion.
+    These are logarithms where :class:`Shape` says so.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+    scales : sequence of Scales
+        At the site of each.
+    fastest : float
+        Half the sampling rate, Hz, up to which a frequency is searched: an excitation
+        may be faster than the motion.
     """
 
     def __init__(
         self, shapes: Sequence[Shape], scales: Sequence[Scales], fastest: float = np.inf
     ) -> None:
-        bounds = np.array(
-            [p.bounds(*own) for p, own in zip(shapes, scales)], dtype=float
-        ).reshape(-1, 2)
+        pairs = [shape.bounds(*sizes) for shape, sizes in zip(shapes, scales)]
+        bounds = np.array(pairs, dtype=float).reshape(-1, 2)
         if np.isfinite(fastest):
-            bounds[[p.is_frequency for p in shapes], 1] = fastest
-        self.log = np.array([p.log for p in shapes], dtype=bool)
-        self.low, self.high = (self.point(ends) for ends in bounds.T)
+            bounds[[shape.is_frequency for shape in shapes], 1] = fastest
+        self.log = np.array([shape.log for shape in shapes], dtype=bool)
+        self.low = self.point(bounds[:, 0])
+        self.high = self.point(bounds[:, 1])
 
     def point(self, values: np.ndarray, k: int | slice = slice(None)) -> np.ndarray:
         """Coordinates of the search at values of all shape parameters."""

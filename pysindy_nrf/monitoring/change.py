@@ -1,7 +1,8 @@
 """Changes of a structure: between two tests, and within a record by moving windows."""
 
-import warnings
-from collections.abc import Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,132 +17,160 @@ from ..chain.sites import Site
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, visited_regions
 from ..equations.normal_equations import NormalEquations, variance
-from ..exceptions import ChainError, ChannelError, DataQualityWarning
+from ..exceptions import ChainError, ChannelError
 from ..identification.intervals import Resolver
-from ..identification.problem import Estimate, Problem, law_list
-from ..records.dataset import Dataset
-from ..records.input_arrays import both_ways, from_arrays, fused_together
-from .force_change import Comparison, cut_of, in_words
+from ..identification.problem import Problem, law_list
+from ..identification.regressor import NRFRegressor
+from ..records.dataset import Dataset, Segment
+from ..records.input_arrays import from_arrays
+from .force_change import Comparison, Cut, MeasuredTest, cut_of, in_words
+
+# Blocks of a test, of which fewer give no standard error.
+LEAST_BLOCKS = 5
+# Standard errors to either side that hold 95 %.
+OF_95_PERCENT = 1.96
 
 
-@dataclass
+# -- two tests -----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
 class ChangeReport:
-    """Changes between two tests: of the storeys' forces over the motion that both went
-    through, and of masses.
+    """Changes between two tests: of the storeys' forces, and of masses.
+
+    Attributes
+    ----------
+    changed : DataFrame
+        What changed: ``place``, ``term``, ``change`` and its ``error`` (%), ``amount``
+        (in ``unit``: N or kg rms) and ``p``.
+    table : DataFrame
+        Parameters of the declared laws, fitted apart: ``before``, ``after``, ``change``
+        (%), its ``error`` and ``p`` by ``storey`` and ``term``.
+    level : float
+        Of significance.
+    least : float
+        Smaller changes are not reported; percent of the force of the storey's spring,
+        or of the mass.
+    before, after : ChainModel
+    comparison : Comparison
     """
 
-    changed: (
-        pd.DataFrame
-    )  # what changed: place, term, change and its error (%), amount (N or kg rms), p
-    # parameters of the declared laws, fitted apart: before, after, change (%), its
-    # error, p
+    changed: pd.DataFrame
     table: pd.DataFrame
-    level: float  # of significance
-    # percent of the force of the storey's spring, or of the mass; smaller changes are
-    # not reported
+    level: float
     least: float
     before: ChainModel
     after: ChainModel
     comparison: Comparison
 
     @property
+    def storeys(self) -> list[str]:
+        """Storeys whose forces were compared."""
+        return [cut.place for cut in self.comparison.cuts]
+
+    @property
     def damaged(self) -> list[str]:
-        """Storeys whose force changed otherwise than by a gain of stiffness or damping,
-        the largest change first.
+        """Storeys whose force changed, the largest change first.
+
+        A gain of stiffness or damping is no damage.
         """
-        rows = self.changed[self.changed["place"].str.startswith("storey")]
-        return rows.loc[
-            ~(rows["term"].isin(["k", "c"]) & (rows["change"] > 0)), "place"
-        ].tolist()
+        of_storeys = self.changed["place"].str.startswith("storey")
+        gained = self.changed["term"].isin(["k", "c"]) & (self.changed["change"] > 0)
+        return self.changed.loc[of_storeys & ~gained, "place"].tolist()
 
     @property
     def explained(self) -> pd.DataFrame:
-        """Rows of the table that differ significantly though one force holds where both
-        tests moved.
+        """Rows of the table that differ though one force holds where both tests moved.
 
         Another amplitude, or course of the motion, shows the declared laws the same
         force in another light.
         """
-        rows = self.table[
-            (self.table["p"] < self.level) & (self.table["change"].abs() >= self.least)
-        ]
-        same = [
-            self.comparison.same(r.storey, r.term, self.level)
-            for r in rows.itertuples()
-        ]
-        return rows[
-            np.array(same, dtype=bool) & ~rows["storey"].isin(self.changed["place"])
-        ]
+        significant = self.table["p"] < self.level
+        large = self.table["change"].abs() >= self.least
+        rows = self.table[significant & large]
+        same_force = []
+        for row in rows.itertuples():
+            same_force.append(self.comparison.same(row.storey, row.term, self.level))
+        elsewhere = ~rows["storey"].isin(self.changed["place"])
+        return rows[np.array(same_force, dtype=bool) & elsewhere]
 
     def map(self, storey: Any, size: int = 41) -> pd.DataFrame:
-        """Change of a storey's force over the motion of both tests, N, with its error
-        and significance.
+        """Change of a storey's force over the motion of both tests.
 
         Nothing is significant in a storey that is not in ``changed``. Friction is shown
         as it slides; what a declared law with memory changed is no map.
+
+        Parameters
+        ----------
+        storey : str or int
+        size : int
+            Points along each side of the grid.
+
+        Returns
+        -------
+        DataFrame
+            ``v`` (m/s), ``s`` (m), ``change`` and ``error`` (N), ``significant``,
+            ``visited``.
         """
         site = self.before.chain.site(storey)
-        cut = self.comparison.cut(site.p)
-        v, s = (x.ravel() for x in grid(cut.low.tolist(), cut.high.tolist(), size))
-        change, error, n_terms = self.comparison.map(site.p, v, s)
+        domain = self.comparison.cut(str(site)).domain
+        rates, drifts = grid(domain.low.tolist(), domain.high.tolist(), size)
+        v, s = rates.ravel(), drifts.ravel()
+
+        change, error, n_terms = self.comparison.map(str(site), v, s)
         # all points of a map together: it has as many directions as terms (Bonferroni)
-        critical = -special.stdtrit(self.comparison.freedom, self.level / n_terms / 2)
-        visited = np.all(
-            [m.visited[site].contains(v, s) for m in (self.before, self.after)], axis=0
+        freedom = self.comparison.freedom
+        critical = -special.stdtrit(freedom, self.level / n_terms / 2)
+        is_changed = str(site) in set(self.changed["place"])
+        visited = self.before.visited[site].contains(v, s)
+        visited &= self.after.visited[site].contains(v, s)
+        significant = visited & (np.abs(change) > critical * error) & is_changed
+        return pd.DataFrame(
+            {
+                "v": v,
+                "s": s,
+                "change": change,
+                "error": error,
+                "significant": significant,
+                "visited": visited,
+            }
         )
-        significant = (
-            visited
-            & (np.abs(change) > critical * error)
-            & (str(site) in set(self.changed["place"]))
-        )
-        columns = {
-            "v": v,
-            "s": s,
-            "change": change,
-            "error": error,
-            "significant": significant,
-            "visited": visited,
-        }
-        return pd.DataFrame(columns)
 
     def __str__(self) -> str:
-        said = []
-        for r in self.changed.itertuples():
-            size, of = (
-                f"{r.amount:.3g} {r.unit}",
-                ("" if r.term == "m" else " of its spring force"),
+        lines = []
+        for row in self.changed.itertuples():
+            of = "" if row.term == "m" else " of its spring force"
+            half_width = OF_95_PERCENT * row.error
+            lines.append(
+                f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} +-"
+                f" {half_width:.2f} %{of} ({row.amount:.3g} {row.unit}, p ="
+                f" {row.p:.1g})."
             )
-            said.append(
-                f"{in_words(r.term)} of {r.place} changed by {r.change:+.2f} +-"
-                f" {1.96 * r.error:.2f} %{of} ({size}, p = {r.p:.1g})."
-            )
-        if not said:
-            said = [
+        if not lines:
+            lines.append(
                 f"Nothing changed by more than {self.least:g} % at the"
                 f" {100 * self.level:g} % level."
-            ]
+            )
         for storey, rows in self.explained.groupby("storey"):
-            apart = ", ".join(
-                f"{r.term} by {r.change:+.2f} %" for r in rows.itertuples()
+            terms = [f"{row.term} by {row.change:+.2f} %" for row in rows.itertuples()]
+            ratio = self.comparison.cut(storey).domain.ratio
+            lines.append(
+                f"{storey.capitalize()}: fitted apart, the tests differ in"
+                f" {', '.join(terms)}. The amplitude alone explains it (rms drift"
+                f" {ratio:.2f} times): one force holds where both moved."
             )
-            said.append(
-                f"{storey.capitalize()}: fitted apart, the tests differ in {apart}. The"
-                " amplitude alone explains it (rms drift"
-                f" {self.comparison.cut(Site(storey).p).ratio:.2f} times): one force"
-                " holds where both moved."
-            )
-        return "\n".join(said)
+        return "\n".join(lines)
 
 
 def compare_tests(
-    estimator: Any,
+    estimator: NRFRegressor,
     before: Any,
     after: Any,
     *,
     level: float = 0.01,
     least: float = 1.0,
     n_blocks: int = 20,
-    options: Any = None,
+    options: Mapping[str, Any] | None = None,
 ) -> ChangeReport:
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
@@ -171,6 +200,10 @@ def compare_tests(
     options : mapping, optional
         Passed to ``fit`` (``dt`` is a parameter of the regressor).
 
+    Returns
+    -------
+    ChangeReport
+
     Raises
     ------
     ChainError
@@ -188,18 +221,14 @@ def compare_tests(
     ...     simulate,
     ... )
     >>> def test(k2, seed):
-    ...     model = ChainModel(
-    ...         [10.0, 10.0],
-    ...         {
-    ...             1: laws.PowerSeries(1, [30.0, 4e4]),
-    ...             2: laws.PowerSeries(1, [30.0, k2]),
-    ...         },
-    ...     )
+    ...     lower = laws.PowerSeries(1, [30.0, 4e4])
+    ...     upper = laws.PowerSeries(1, [30.0, k2])
+    ...     model = ChainModel([10.0, 10.0], {1: lower, 2: upper})
     ...     F = excitation.band_limited_random(
     ...         2,
     ...         8.0,
     ...         500.0,
-    ...         excited=[1, 2],
+    ...         excited=2,
     ...         rms=50.0,
     ...         band=(1, 60),
     ...         random_state=seed,
@@ -211,64 +240,256 @@ def compare_tests(
     >>> report.damaged, report.changed["change"].round(1).tolist()
     (['storey 2'], [-10.0])
     """
-    if n_blocks < 5:
+    if n_blocks < LEAST_BLOCKS:
         raise ChainError(
-            f"{n_blocks} blocks give no standard error", "Use at least 5, 20 is usual."
+            f"{n_blocks} blocks give no standard error",
+            f"Use at least {LEAST_BLOCKS}, 20 is usual.",
         )
-    estimates, tests = zip(
-        *[_fit(estimator, test, dict(options or {})) for test in (before, after)]
+    options = dict(options or {})
+    fits = [_Fit.of_test(estimator, test, options) for test in (before, after)]
+    _require_same_dofs(fits)
+    masses = np.mean([fit.model.masses for fit in fits], axis=0)
+    comparison = Comparison(
+        _cuts(fits, masses, n_blocks), masses, _free_masses(fits[0].problem)
     )
-    if len(numbers := dict.fromkeys(est.model.n_dof for est in estimates)) > 1:
-        what = f"The tests have {' and '.join(map(str, numbers))} DOFs"
+    comparison.search(level, least)
+
+    apart = []
+    for fit, own_masses in zip(fits, comparison.masses_of_tests()):
+        known = {j: float(mass) for j, mass in enumerate(own_masses, 1)}
+        known |= fit.problem.known_masses
+        apart.append(_fitted_with_masses(fit, known, n_blocks))
+    return ChangeReport(
+        comparison.table(),
+        _table(apart, comparison),
+        level,
+        least,
+        apart[0].model,
+        apart[1].model,
+        comparison,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A test with its least-squares model."""
+
+    problem: Problem
+    model: ChainModel
+    data: Dataset
+
+    @classmethod
+    def of_test(cls, estimator: NRFRegressor, test: Any, options: Any) -> _Fit:
+        """Fit the motions of a test, whose DOFs are fused one by one."""
+        X, F = test if isinstance(test, tuple) else (test, None)
+        own = clone(estimator)
+        has_memory = any(law.has_memory for law in law_list(own.laws))
+        settings = {
+            "coordinates": own.coordinates,
+            "dt": own.dt,
+            "has_memory": has_memory,
+            "n_dof": None if own.chain is None else own.chain.n_dof,
+            "joint": False,
+        }
+        data = from_arrays(X, F, **{**settings, **options})
+
+        found = own.problem(data.n_dof).solve(data)
+        found.model.visited = visited_regions(data, found.problem.layout)
+        return cls(found.problem, found.model, data)
+
+
+@dataclass(frozen=True, eq=False)
+class _Apart:
+    """A model of a test, and those without one piece of it each."""
+
+    model: ChainModel
+    without_a_piece: list[ChainModel]
+
+    @property
+    def errors(self) -> pd.Series:
+        """Standard errors of the parameters (jackknife)."""
+        parameters = [_parameters(model) for model in self.without_a_piece]
+        return np.sqrt(variance(parameters))
+
+
+def _require_same_dofs(fits: list[_Fit]) -> None:
+    """Both tests have the same floors."""
+    numbers = dict.fromkeys(str(fit.model.n_dof) for fit in fits)
+    if len(numbers) > 1:
         raise ChainError(
-            what, "Compare two tests of one structure, measured on the same floors."
+            f"The tests have {' and '.join(numbers)} DOFs",
+            "Compare two tests of one structure, measured on the same floors.",
         )
-    problems, models = (
-        [est.problem for est in estimates],
-        [est.model for est in estimates],
-    )
-    masses = np.mean([model.masses for model in models], axis=0)
-    free = [j for j in range(1, len(masses) + 1) if j not in problems[0].known_masses]
-    pairs = list(zip(problems, tests))
-    filters = [problem.filters(data) for problem, data in pairs]
-    edges = [
-        [edges for edges, _ in _cuts(problem, data, n_blocks)]
-        for problem, data in pairs
-    ]
-    cuts = [
-        cut
-        for site in models[0].chain.sites
-        if site.is_storey
-        if (cut := cut_of(site.p, tests, models, masses, filters, edges)) is not None
-    ]
+
+
+def _free_masses(problem: Problem) -> list[int]:
+    """DOFs whose mass is not known."""
+    known = problem.known_masses
+    return [j for j in range(1, problem.chain.n_dof + 1) if j not in known]
+
+
+def _cuts(fits: list[_Fit], masses: np.ndarray, n_blocks: int) -> list[Cut]:
+    """The cuts below the floors of all storeys whose force is known in both tests."""
+    tests = []
+    for fit in fits:
+        pieces = _pieces(fit.problem, fit.data, n_blocks=n_blocks)
+        edges = [piece.edges for piece in pieces]
+        filters = fit.problem.filters(fit.data)
+        tests.append(MeasuredTest(fit.data, fit.model, filters, edges))
+
+    cuts = []
+    for site in fits[0].model.chain.sites:
+        cut = cut_of(site.p, tests, masses) if site.is_storey else None
+        if cut is not None:
+            cuts.append(cut)
     if not cuts:
         raise ChainError(
             "No storey's force is known in both tests",
             "Measure the force on every floor above a storey.",
         )
-    comparison = Comparison(cuts, masses, free)
-    comparison.search(level, least)
-    replicates = []
-    for i, ((problem, data), own) in enumerate(
-        zip(pairs, comparison.masses_of_tests())
-    ):
-        known = dict(enumerate(own.tolist(), 1)) | dict(problem.known_masses)
-        resolver, _ = resolver_in_time(
-            problem.with_known_masses(known), data, n_blocks=n_blocks
-        )
-        without = resolver.pieces.leave_one_out()
-        replicates.append(
-            [plain_model(resolver, without[k]) for k in range(len(without))]
-        )
-        visited, models[i] = (
-            models[i].visited,
-            plain_model(resolver, resolver.pieces.sum()),
-        )
-        models[i].visited = visited
-    table = _table(models, replicates, comparison)
-    return ChangeReport(
-        comparison.table(), table, level, least, models[0], models[1], comparison
+    return cuts
+
+
+def _fitted_with_masses(fit: _Fit, known: dict[int, float], n_blocks: int) -> _Apart:
+    """The model of a test with masses that are known, whole and piece by piece."""
+    problem = fit.problem.with_known_masses(known)
+    resolver, _ = resolver_in_time(problem, fit.data, n_blocks=n_blocks)
+    pieces = resolver.pieces.leave_one_out()
+    without_a_piece = [plain_model(resolver, pieces[k]) for k in range(len(pieces))]
+    model = plain_model(resolver, resolver.pieces.sum())
+    model.visited = fit.model.visited
+    return _Apart(model, without_a_piece)
+
+
+def _table(apart: list[_Apart], comparison: Comparison) -> pd.DataFrame:
+    """Parameters of the declared laws, fitted apart."""
+    before, after = _parameters(apart[0].model), _parameters(apart[1].model)
+    change = 100.0 * (after / before - 1.0)
+    relative = np.hypot(apart[0].errors / before, apart[1].errors / after)
+    error = 100.0 * np.abs(after / before) * relative
+    # pieces estimate no shapes; their difference is a term of the comparison
+    for storey, name in change.index:
+        laws = apart[0].model.laws.get(Site(storey), ())
+        shapes = [shape.name for law in laws for shape in law.shapes]
+        if name in shapes:
+            share = comparison.error_of_shape(storey)
+            error[storey, name] = share * abs(change[storey, name])
+
+    freedom = min(len(test.without_a_piece) for test in apart) - 1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        p = 2.0 * special.stdtr(freedom, -np.abs(change) / error)
+    table = pd.DataFrame(
+        {
+            "before": before,
+            "after": after,
+            "change": change,
+            "error": error,
+            "p": _holm(p.to_numpy()),
+        }
     )
+    return table.rename_axis(["storey", "term"]).reset_index()
+
+
+def _holm(p: np.ndarray) -> np.ndarray:
+    """Holm's adjusted probabilities; NaN, where nothing was tested, stays so."""
+    n_tested = int(np.isfinite(p).sum())
+    order = np.argsort(p)[:n_tested]
+    factors = n_tested - np.arange(n_tested)
+    adjusted = np.full_like(p, np.nan)
+    adjusted[order] = np.minimum(np.maximum.accumulate(factors * p[order]), 1.0)
+    return adjusted
+
+
+def _linear(model: ChainModel) -> pd.DataFrame:
+    """Stiffness and damping (``k``, ``c``) of every storey.
+
+    NaN where the chain has none, as below a free one.
+    """
+    forces = model.restoring_forces
+    parts = {}
+    for storey in storey_names(model):
+        part = forces[storey].linear_part() if storey in forces else {}
+        parts[storey] = [part.get("k", np.nan), part.get("c", np.nan)]
+    return pd.DataFrame.from_dict(parts, orient="index", columns=["k", "c"])
+
+
+def _parameters(model: ChainModel) -> pd.Series:
+    """Stiffness and damping of every storey, and the parameters of its other laws.
+
+    Those are laws with a state or a shape.
+    """
+    linear = _linear(model)
+    values: dict[tuple[str, str], float] = {}
+    for term in ("k", "c"):
+        for storey, value in linear[term].items():
+            values[str(storey), term] = float(value)
+    for storey in storey_names(model):
+        for law in model.laws.get(Site(storey), ()):
+            if not (law.shapes or law.has_memory):
+                continue
+            for name, value in law.parameters.items():
+                if value is not None:
+                    values[storey, name] = value
+    return pd.Series(values, dtype=float)
+
+
+# -- pieces in time ------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Consecutive pieces of one record.
+
+    Parameters
+    ----------
+    edges : ndarray of shape (n_pieces + 1,)
+        In valid samples.
+    spans : ndarray of shape (n_pieces, 2)
+        First and last time of each, s; samples where the time is not known.
+    """
+
+    edges: np.ndarray
+    spans: np.ndarray
+
+
+def _pieces(
+    problem: Problem,
+    data: Dataset,
+    *,
+    n_blocks: int | None = None,
+    length: float | None = None,
+) -> Iterator[_Pieces]:
+    """Pieces of each record, ``n_blocks`` over all records or ``length`` s long."""
+    n_samples = sum(segment.n_valid for segment in data.segments)
+    for segment in data.segments:
+        if length is None:
+            size = int(np.ceil(n_samples / (n_blocks or 1)))
+        else:
+            size = _samples_of(length, segment)
+        if size < problem.layout.n_dof + 2:
+            raise ChannelError(
+                f"Pieces of {size} samples are too short",
+                "Use longer windows or fewer blocks.",
+            )
+
+        n = segment.n_valid
+        # a rest shorter than half a piece joins the last one
+        starts = np.arange(0, max(n - size // 2, 1), size)
+        edges = np.append(starts, n)
+        time = np.arange(n, dtype=float)
+        if segment.t is not None:
+            time = segment.t[segment.valid]
+        yield _Pieces(edges, np.column_stack([time[edges[:-1]], time[edges[1:] - 1]]))
+
+
+def _samples_of(length: float, segment: Segment) -> int:
+    """Samples of a record in some seconds."""
+    if segment.dt is None:
+        raise ChannelError(
+            "A window in seconds needs the sampling step",
+            "Pass dt= (s), or X with a time index.",
+        )
+    return int(round(length / segment.dt))
 
 
 def resolver_in_time(
@@ -278,53 +499,36 @@ def resolver_in_time(
     n_blocks: int | None = None,
     length: float | None = None,
 ) -> tuple[Resolver, np.ndarray]:
-    """Least squares on consecutive pieces, ``n_blocks`` over all records or ``length``
-    s long.
+    """Least squares on consecutive pieces.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Dataset
+    n_blocks : int, optional
+        Pieces over all records.
+    length : float, optional
+        Of a piece, s.
+
+    Returns
+    -------
+    resolver : Resolver
+    spans : ndarray of shape (n_pieces, 2)
+        First and last time of each piece, s.
     """
     layout, known = problem.layout, dict(problem.known_masses)
-    solve_order = problem.solve_order(data.forced, data.unknown)
-    edges, spans = zip(*_cuts(problem, data, n_blocks, length))
-    pieces = pieces_of(
+    order = problem.solve_order(data.forced, data.unknown)
+    records = list(_pieces(problem, data, n_blocks=n_blocks, length=length))
+    sums = pieces_of(
         data,
         layout,
-        groups_of(layout, solve_order),
+        groups_of(layout, order),
         problem.filters(data),
         known,
-        edges=edges,
+        edges=[record.edges for record in records],
     )
-    return Resolver(pieces, solve_order, known), np.concatenate(spans)
-
-
-def _cuts(
-    problem: Problem,
-    data: Dataset,
-    n_blocks: int | None = None,
-    length: float | None = None,
-) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Edges of the consecutive pieces of each record, and first and last time of
-    each.
-    """
-    whole = sum(seg.n_valid for seg in data.segments)
-    for seg in data.segments:
-        n = seg.n_valid
-        if length is None:
-            size = int(np.ceil(whole / (n_blocks or 1)))
-        elif seg.dt is None:
-            raise ChannelError(
-                "A window in seconds needs the sampling step",
-                "Pass dt= (s), or X with a time index.",
-            )
-        else:
-            size = int(round(length / seg.dt))
-        if size < problem.layout.n_dof + 2:
-            raise ChannelError(
-                f"Pieces of {size} samples are too short",
-                "Use longer windows or fewer blocks.",
-            )
-        # a rest shorter than half a piece joins the last one
-        cuts = np.array([*range(0, max(n - size // 2, 1), size), n])
-        t = seg.t[seg.valid] if seg.t is not None else np.arange(n, dtype=float)
-        yield cuts, np.column_stack([t[cuts[:-1]], t[cuts[1:] - 1]])
+    spans = np.concatenate([record.spans for record in records])
+    return Resolver(sums, order, known), spans
 
 
 def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
@@ -332,119 +536,11 @@ def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
     return model_of(resolver.pieces.layout, resolver.solve(total))
 
 
-def _fit(
-    estimator: Any, test: Any, options: dict[str, Any]
-) -> tuple[Estimate, Dataset]:
-    """Least-squares estimate of a test, and its motions, DOFs fused one by one."""
-    X, F = test if isinstance(test, tuple) else (test, None)
-    if fused_together(X):
-        warnings.warn(
-            "The motions of a test were fused so that the DOFs improve each other; what"
-            " that leaves of noise is alike in the whole record, and the standard"
-            " errors come out up to four times too small. Give the Records.",
-            DataQualityWarning,
-            stacklevel=3,
-        )
-    est = clone(estimator)
-    memory = any(law.has_memory for law in law_list(est.laws))
-    given = (
-        {"coordinates": est.coordinates, "dt": est.dt, "has_memory": memory}
-        | options
-        | both_ways(X)[1]
-    )
-    data = from_arrays(
-        X, F, n_dof=None if est.chain is None else est.chain.n_dof, **given
-    )
-    found = est.problem(data.n_dof).solve(data)
-    found.model.visited = visited_regions(data, found.problem.layout)
-    return found, data
-
-
-def _linear(model: ChainModel) -> np.ndarray:
-    """Stiffness and damping of every storey; NaN where the chain has none, as below a
-    free one.
-    """
-    forces = model.restoring_forces
-    return np.array(
-        [
-            [
-                forces[name].linear_part()[term] if name in forces else np.nan
-                for term in ("k", "c")
-            ]
-            for name in storey_names(model)
-        ]
-    )
-
-
-def _parameters(model: ChainModel) -> pd.Series:
-    """Stiffness and damping of every storey, and what its laws with a state or a shape
-    have of their own.
-    """
-    linear, names = _linear(model), storey_names(model)
-    values = {
-        (name, term): linear[i, j]
-        for j, term in enumerate(("k", "c"))
-        for i, name in enumerate(names)
-    }
-    for name in names:
-        for law in model.laws.get(Site(name), ()):
-            if law.shapes or law.has_memory:
-                values |= {
-                    (name, key): x for key, x in law.parameters.items() if x is not None
-                }
-    return pd.Series(values, dtype=float)
-
-
-def _table(
-    models: list[ChainModel], replicates: list[list[ChainModel]], comparison: Comparison
-) -> pd.DataFrame:
-    before, after = (_parameters(m) for m in models)
-    errors = [
-        np.sqrt(variance([_parameters(m) for m in left_out])) for left_out in replicates
-    ]
-    change = 100.0 * (after / before - 1.0)
-    error = (
-        100.0
-        * np.abs(after / before)
-        * np.sqrt((errors[0] / before) ** 2 + (errors[1] / after) ** 2)
-    )
-    for (
-        storey,
-        name,
-    ) in (
-        change.index
-    ):  # pieces estimate no shapes; their difference is a term of the comparison
-        if name in {
-            s.name for law in models[0].laws.get(Site(storey), ()) for s in law.shapes
-        }:
-            error[storey, name] = comparison.error_of_shape(Site(storey).p) * abs(
-                change[storey, name]
-            )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        p = 2.0 * special.stdtr(min(map(len, replicates)) - 1, -np.abs(change) / error)
-    columns = {
-        "before": before,
-        "after": after,
-        "change": change,
-        "error": error,
-        "p": _holm(p.to_numpy()),
-    }
-    return pd.DataFrame(columns).rename_axis(["storey", "term"]).reset_index()
-
-
-def _holm(p: np.ndarray) -> np.ndarray:
-    """Holm's adjusted probabilities; NaN, where nothing was tested, stays so and does
-    not count.
-    """
-    order = np.argsort(p)[: np.isfinite(p).sum()]
-    adjusted = np.maximum.accumulate((len(order) - np.arange(len(order))) * p[order])
-    out = np.full_like(p, np.nan)
-    out[order] = np.minimum(adjusted, 1.0)
-    return out
+# -- within a record -----------------------------------------------------------
 
 
 def track(
-    estimator: Any,
+    estimator: NRFRegressor,
     X: Any,
     F: Any = None,
     *,
@@ -483,7 +579,6 @@ def track(
 
     Examples
     --------
-    >>> import numpy as np
     >>> from pysindy_nrf import (
     ...     ChainModel,
     ...     NRFRegressor,
@@ -492,49 +587,52 @@ def track(
     ...     monitoring,
     ...     simulate,
     ... )
-    >>> damaged = laws.StiffnessStep(
-    ...     t0=4.0, dk=-8e3
-    ... )  # 20 % of the stiffness is lost after 4 s
-    >>> truth = ChainModel(
-    ...     [10.0], {1: [laws.PowerSeries(1, [30.0, 4e4]), damaged]}
-    ... )
+    >>> # 20 % of the stiffness is lost after 4 s
+    >>> lost = laws.StiffnessStep(t0=4.0, dk=-8e3)
+    >>> storey = laws.PowerSeries(1, [30.0, 4e4])
+    >>> truth = ChainModel([10.0], {1: [storey, lost]})
     >>> F = excitation.band_limited_random(
     ...     1, 8.0, 500.0, excited=1, rms=50.0, band=(1, 60), random_state=0
     ... )
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
-    >>> table = monitoring.track(
-    ...     NRFRegressor(degree=1, dt=0.002).fit(X, F), X, F, masses={1: 10.0}
-    ... )
-    >>> [
-    ...     int(table.loc[side, "k1"].median().round(-2))
-    ...     for side in (table["t"] < 2.9, table["t"] > 5.1)
-    ... ]
+    >>> fitted = NRFRegressor(degree=1, dt=0.002).fit(X, F)
+    >>> table = monitoring.track(fitted, X, F, masses={1: 10.0})
+    >>> early, late = table[table["t"] < 2.9], table[table["t"] > 5.1]
+    >>> [int(part["k1"].median().round(-2)) for part in (early, late)]
     [40000, 32000]
     """
     data = as_segments(estimator, X, F, **options)
+    problem = _problem_with_masses(estimator, masses)
+    resolver, spans = resolver_in_time(problem, data, length=step)
+    width = max(1, int(round(window / step)))
+
+    rows = []
+    for first in range(len(resolver.pieces) - width + 1):
+        last = first + width - 1
+        if resolver.record[first] != resolver.record[last]:
+            continue
+        total = resolver.pieces[first : last + 1].sum()
+        linear = _linear(plain_model(resolver, total))
+        middle = 0.5 * (spans[first, 0] + spans[last, 1])
+        rows.append([resolver.record[first], middle, *linear["k"], *linear["c"]])
+    if not rows:
+        raise ChainError(
+            f"No window of {window:g} s fits into the records", "Use a shorter one."
+        )
+    storeys = np.arange(1, estimator.model_.n_dof + 1).astype(str)
+    names = ["record", "t", *np.char.add("k", storeys), *np.char.add("c", storeys)]
+    return pd.DataFrame(rows, columns=names)
+
+
+def _problem_with_masses(estimator: NRFRegressor, masses: Any) -> Problem:
+    """The problem of an estimator with the masses that every window has."""
+    problem: Problem = estimator.problem_
+    if masses is None:
+        return problem
     if isinstance(masses, str):
         if masses != "fitted":
             raise ChainError(
                 f"masses={masses!r} is unknown", "Give 'fitted', None, or kg by DOF."
             )
-        masses = {j + 1: float(m) for j, m in enumerate(estimator.masses_)}
-    problem: Problem = estimator.problem_
-    problem = problem if masses is None else problem.with_known_masses(masses)
-    resolver, spans = resolver_in_time(problem, data, length=step)
-    pieces, record = resolver.pieces, resolver.record
-    width = max(1, int(round(window / step)))
-    rows = []
-    for start in range(len(pieces) - width + 1):
-        if record[start] != record[start + width - 1]:
-            continue
-        linear = _linear(plain_model(resolver, pieces[start : start + width].sum()))
-        middle = 0.5 * (spans[start, 0] + spans[start + width - 1, 1])
-        rows.append([record[start], middle, *linear.T.ravel()])
-    if not rows:
-        raise ChainError(
-            f"No window of {window:g} s fits into the records", "Use a shorter one."
-        )
-    names = [
-        f"{term}{j}" for term in "kc" for j in range(1, estimator.model_.n_dof + 1)
-    ]
-    return pd.DataFrame(rows, columns=["record", "t", *names])
+        masses = {j: float(mass) for j, mass in enumerate(estimator.masses_, 1)}
+    return problem.with_known_masses(masses)

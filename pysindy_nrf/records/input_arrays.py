@@ -1,538 +1,655 @@
-"""From what a user passes to ``fit`` to contiguous records of drifts, rates,
-accelerations and forces.
+"""From anything that a user passes to ``fit`` to a data set.
+
+Records are fused; arrays and tables are checked step by step and cut into contiguous
+records. This is the only place where input becomes a :class:`Dataset`.
 """
 
-import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
 
+from ..common import number_of
+from ..common.warn import warn_user
 from ..exceptions import ChannelError, DataQualityWarning, LawError
-from .channels import as_matrix, by_record, contiguous, finite_span, gaps, rows_text
-from .checks.channel_checks import motion_doubts
-from .dataset import Dataset, Extent, Segment, feature_names
-from .fusion.kinematics import TwoWayFusion, base_acceleration_if_any, to_features
+from .channels import (
+    as_matrix,
+    by_record,
+    contiguous,
+    finite_span,
+    gaps,
+    rows_text,
+    sample_weights,
+)
+from .checks.motion_checks import motion_notes
+from .dataset import Dataset, Segment, feature_names
+from .extent import Extent
+from .fusion import KinematicSmoother
+from .fusion.kinematics import FusedRecord, Fusion, TwoWayFusion, fuse_record
+from .named_columns import MotionColumns, force_matrix, motion_columns, table_time
+from .quality import messages
 from .record import Record, row_times
 from .zero_phase_filter import ZeroPhaseFilter
 
-_STRETCH = 2**16  # samples looked at at a time
+__all__ = [
+    "Input",
+    "InputSettings",
+    "as_dataset",
+    "from_arrays",
+    "records_in",
+    "table_time",
+]
+
 BASE_MOTION = ("ag", "vg", "xg")  # covariates that are motions of the base
-_PIECE = 30  # samples between two gaps at least; fewer are too few to run a model along
+# Samples between two gaps of the clock at least; along fewer no model can be run.
+_SHORTEST_PIECE = 30
+# Samples of a record that are multiplied at once where the order of rows is checked.
+_STRETCH = 2**16
+# Share of its rate with which a drift moves at least, if rows are in order.
+_IN_ORDER = 0.3
+# Drift over the integral of its rate, above which rows are missing between samples.
+_ROWS_MISSING = 1.1
+
+# How one record is fused.
+Smoothing: TypeAlias = bool | KinematicSmoother | Fusion
 
 
-def holds_records(X: Any) -> bool:
-    """Whether a Record or a list of them was given."""
-    return isinstance(X, Record) or (
-        isinstance(X, (list, tuple)) and len(X) > 0 and isinstance(X[0], Record)
-    )
+@dataclass(frozen=True)
+class Input:
+    """What a user passes to ``fit``, ``predict`` or ``score``, untouched.
 
-
-def fused_together(X: Any) -> bool:
-    """Whether a table of motions was made so that its DOFs improve each other."""
-    return bool(getattr(X, "attrs", {}).get("joint_fusion"))
-
-
-def as_measured(X: Any) -> bool:
-    """Whether X is records, or what ``Record.to_features`` made of one."""
-    return holds_records(X) or "joint_fusion" in getattr(X, "attrs", {})
-
-
-def doubted(data: Dataset, X: Any) -> Dataset:
-    """The same data with what looks wrong with motions that were passed as they are,
-    which a warning says too.
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, 3 n_dof), DataFrame, Record, list of Record or
+        Dataset
+    F : array-like of shape (n_samples, n_dof), optional
+        Forces, N; zeros if None.
+    record, time, base_acceleration, sample_weight : array-like of shape (n_samples,)
+        Each optional: record ids, s, m/s^2, and weights in least squares.
+    covariates : mapping of str to array-like of shape (n_samples,), optional
     """
-    if isinstance(X, Dataset) or as_measured(X):
-        return data  # fused motions were looked at before the fusion
-    at = int(np.argmax([seg.n_valid for seg in data.segments]))
-    seg = data.segments[at]
-    rows = seg.valid
-    ag = None if seg.ag is None else seg.ag[rows]
-    if found := motion_doubts(seg.a[rows], seg.v[rows], seg.s[rows], ag, seg.dt):
-        warnings.warn(f"X: {'; '.join(found)}.", DataQualityWarning, stacklevel=4)
-        data.segments[at] = replace(seg, doubts=(*seg.doubts, *found))
-    return data
+
+    X: Any
+    F: Any = None
+    record: Any = None
+    time: Any = None
+    base_acceleration: Any = None
+    covariates: Any = None
+    sample_weight: Any = None
+
+    def beside(self) -> dict[str, Any]:
+        """What was given beside X, by name."""
+        everything = vars(self).items()
+        return {name: x for name, x in everything if name != "X" and x is not None}
 
 
-def both_ways(X: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Options by which the DOFs of Records are fused together, and one by one by what
-    that found, if it was done.
+@dataclass(frozen=True)
+class InputSettings:
+    """How input is read.
+
+    Parameters
+    ----------
+    coordinates : {"relative", "absolute"}
+        X holds inter-storey motion v, s, or motion xdot, x of the DOFs.
+    dt : float, optional
+        Sampling step of arrays without a time, s.
+    n_dof : int, optional
+        DOFs that are needed.
+    has_memory : bool
+        A law remembers the path, so rows must be in order and without gaps.
+    every_row : bool
+        Keep pieces that are too short to run a model along.
+    smooth : bool, KinematicSmoother or function, or a sequence of one for each record
+        How records are fused; see :func:`.fusion.kinematics.fuse_record`.
+    joint : bool
+        With ``smooth=True``: the DOFs of a record improve each other.
+    both_fusions : bool
+        Keep what a later fusion of each DOF by itself can use of the joint one.
+    check : bool
+        Look for faults of the channels of records.
+    fuse : bool
+        If False, records are not fused, and their motions are unknown (NaN).
+    needs_clock : bool
+        If False, records are read sample by sample, whatever their clock is.
     """
-    records = ([X] if isinstance(X, Record) else X) if holds_records(X) else []
-    if not records:
-        return {}, {}
-    fusions = [TwoWayFusion() for _ in records]
-    together = {"smooth": [fusion.joint for fusion in fusions]}
-    return together, {"smooth": [fusion.separate for fusion in fusions]}
+
+    coordinates: str = "relative"
+    dt: Any = None
+    n_dof: int | None = None
+    has_memory: bool = False
+    every_row: bool = False
+    smooth: Smoothing | Sequence[Smoothing] = True
+    joint: bool = True
+    both_fusions: bool = False
+    check: bool = True
+    fuse: bool = True
+    needs_clock: bool = True
 
 
-def from_arrays(
-    X: Any,
-    F: Any = None,
-    *,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Mapping[str, Any] | None = None,
-    coordinates: str = "relative",
-    dt: float | None = None,
-    n_dof: int | None = None,
-    has_memory: bool = False,
-    smooth: Any = True,
-    every_row: bool = False,
-    check: bool = True,
-) -> Dataset:
-    """Check what the user passed and cut it into contiguous records."""
-    if isinstance(X, Dataset):
-        return X
-    if holds_records(X):
-        X = [X] if isinstance(X, Record) else X
-        if not all(isinstance(rec, Record) for rec in X):
+def as_dataset(given: Input, settings: InputSettings = InputSettings()) -> Dataset:
+    """Turn any input into a data set; a data set is returned as it is.
+
+    Raises
+    ------
+    ChannelError
+        If a channel, a clock or a shape cannot be used; it is named.
+    LawError
+        If a law remembers the path and rows are missing or in no order.
+    """
+    records = records_in(given.X)
+    if isinstance(given.X, Dataset):
+        data = given.X
+    elif records is not None:
+        data = _from_records(records, given, settings)
+    else:
+        data = _from_columns(given, settings)
+    return _weighted(data, given.sample_weight)
+
+
+def from_arrays(X: Any, F: Any = None, **options: Any) -> Dataset:
+    """The same, with fields of :class:`Input` and :class:`InputSettings` as options."""
+    settings = {}
+    for field in fields(InputSettings):
+        if field.name in options:
+            settings[field.name] = options.pop(field.name)
+    return as_dataset(Input(X, F, **options), InputSettings(**settings))
+
+
+def records_in(X: Any) -> list[Record] | None:
+    """The records in what was passed as X; None if it is something else.
+
+    Raises
+    ------
+    ChannelError
+        If a list that begins with a record holds something else, too.
+    """
+    if isinstance(X, Record):
+        return [X]
+    if not isinstance(X, (list, tuple)) or not X or not isinstance(X[0], Record):
+        return None
+    for item in X:
+        if not isinstance(item, Record):
             raise ChannelError(
                 "X is a list of records with something else in it",
                 "Give Record objects only.",
             )
-        beside = dict(
-            F=F,
-            record=record,
-            time=time,
-            base_acceleration=base_acceleration,
-            covariates=covariates,
-        )
-        return _from_records(
-            X,
-            [k for k, value in beside.items() if value is not None],
-            n_dof,
-            smooth,
-            check,
-        )
-    base_v = base_s = None
-    if hasattr(X, "columns"):
-        x, base_v, base_s, named_time, n = _from_frame(X, coordinates, n_dof)
-        time = named_time if time is None else time
-    else:
-        x = as_matrix(X, _array_names(X, coordinates), what="columns of X")
-        if x.shape[1] == 0:
-            cure = f"Give {', '.join(feature_names(n_dof or 1, coordinates)[:9])}."
-            raise ChannelError(
-                f"X has 0 feature(s) (shape={x.shape}) while a minimum of 1 is"
-                " required",
-                cure,
-            )
-        if x.shape[1] % 3 or (n_dof and x.shape[1] != 3 * n_dof):
-            wanted = feature_names(n_dof or max(1, x.shape[1] // 3), coordinates)
-            need = f"{3 * n_dof} are needed" if n_dof else "a multiple of 3 is needed"
-            cure = (
-                "Give accelerations, inter-storey velocities and drifts of all DOFs:"
-                f" {', '.join(wanted[:9])}."
-            )
-            raise ChannelError(
-                f"X has {x.shape[1]} columns (n_features = {x.shape[1]}), {need}", cure
-            )
-        n = x.shape[1] // 3
-    names = feature_names(n, coordinates)
-    a, v, s = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-    size = len(x)
-    if size == 0:
-        raise ChannelError(
-            "X has no samples (0 rows)",
-            "Give at least as many samples as a balance has unknowns.",
-        )
-    force = (
-        np.zeros((size, n))
-        if F is None
-        else as_matrix(_ordered_forces(F, n, X), "F", n, "forces F")
-    )
-    if len(force) != size:
-        raise ChannelError(
-            f"F has {len(force)} samples, X has {size}", "Cut both to the same clock."
-        )
-    ag = (
-        None
-        if base_acceleration is None
-        else _line(base_acceleration, "base_acceleration", size)
-    )
-    if coordinates == "absolute":
-        if base_v is None and ag is not None and np.nan_to_num(ag).any():
-            cure = "Add them to X, or give the motion relative to the ground."
-            raise ChannelError(
-                "coordinates='absolute' with a moving base needs the columns xdot0"
-                " and x0",
-                cure,
-            )
-        v = np.diff(v, axis=1, prepend=0.0 if base_v is None else base_v)
-        s = np.diff(s, axis=1, prepend=0.0 if base_s is None else base_s)
-    if not isinstance(covariates, (Mapping, pd.DataFrame, type(None))):
-        cure = "Give channels by name: covariates={'voltage': u}, or a table."
-        raise ChannelError("The covariates are not a mapping", cure)
-    given = {} if covariates is None else dict(covariates)
-    extra = {str(k): _line(c, f"covariate {k}", size) for k, c in given.items()}
-    pieces = by_record(record, size)
-    if has_memory and len({name for name, _ in pieces}) < len(pieces):
-        what = (
-            "The rows of a record do not follow each other, and a law remembers the"
-            " path"
-        )
-        raise LawError(what, "Sort the rows by record and time; never shuffle them.")
-    is_step = (
-        isinstance(dt, (int, float, np.number))
-        and not isinstance(dt, bool)
-        and np.isfinite(dt)
-        and dt > 0
-    )
-    if time is None and dt is not None and not is_step:
-        raise ChannelError(
-            f"dt={dt!r} is not a sampling step", "Give a positive number in s."
-        )
-    seconds = None if time is None else row_times(time, size, pieces)
-    if seconds is not None and has_memory:
-        for name, rows in pieces:
-            if (where := gaps(seconds[rows])).size:
-                raise LawError(
-                    f"The time of {name} jumps after {rows_text(rows.start + where)},"
-                    " and a law remembers the path",
-                    "Rows were left out or shuffled. Hold out whole records"
-                    " (RecordSplit), or give each contiguous piece its own record id.",
-                )
-    elif seconds is not None:
-        # what a filter masked lies at the edges of the pieces
-        masked = not Extent.of([x, force]).finite.all()
-        pieces = (
-            contiguous(size, record, seconds)
-            if masked
-            else _cut_at_gaps(pieces, seconds, every_row)
-        )
-    segments = []
-    for name, rows in pieces:
-        even = (
-            None
-            if seconds is not None or dt is None
-            else np.arange(rows.stop - rows.start) * float(dt)
-        )
-        segment = Segment(
-            name,
-            rows,
-            a[rows],
-            v[rows],
-            s[rows],
-            force[rows],
-            even if seconds is None else seconds[rows],
-            None if ag is None else ag[rows],
-            {k: c[rows] for k, c in extra.items()},
-            resolved=getattr(X, "attrs", {}).get("resolved"),
-            band=getattr(X, "attrs", {}).get("band"),
-            doubts=tuple(getattr(X, "attrs", {}).get("doubts", ())),
-            noise=getattr(X, "attrs", {}).get("noise", {}),
-        )
-        segments.append(
-            _trimmed(
-                _base_in_band(segment),
-                names,
-                x[rows] if coordinates == "relative" else None,
-            )
-        )
-    if has_memory:
-        for segment in segments:
-            _require_order(segment)
-    return Dataset(segments, size)
+    return list(X)
+
+
+def lacks_motion(records: Sequence[Record]) -> bool:
+    """Whether some floor has no sensor in some record."""
+    for record in records:
+        measured = set(record.measured)
+        for j in range(1, record.n_dof + 1):
+            if measured.isdisjoint((f"a{j}", f"v{j}", f"x{j}")):
+                return True
+    return False
+
+
+def _weighted(data: Dataset, sample_weight: Any) -> Dataset:
+    if sample_weight is None:
+        return data
+    weights = sample_weights(sample_weight, data.n_samples)
+    segments = [
+        replace(segment, weights=weights[segment.rows]) for segment in data.segments
+    ]
+    return replace(data, segments=segments)
+
+
+# -- records ------------------------------------------------------------------------
 
 
 def _from_records(
-    X: Sequence[Record], beside: list[str], n_dof: int | None, smooth: Any, check: bool
+    records: list[Record], given: Input, settings: InputSettings
 ) -> Dataset:
-    if beside:
-        raise ChannelError(
-            f"{beside[0]} was given beside records, which hold their own",
-            f"Leave {beside[0]} out.",
-        )
-    segments, at = [], 0
-    for rec, own in zip(
-        X, smooth if isinstance(smooth, list) else [smooth] * len(X), strict=True
-    ):
-        if rec.n_dof != (n_dof or X[0].n_dof):
-            what = (
-                f"Record {rec.name!r} has {rec.n_dof} DOFs, {n_dof or X[0].n_dof} are"
-                " needed"
+    for name in given.beside():
+        if name != "sample_weight":
+            raise ChannelError(
+                f"{name} was given beside records, which hold their own",
+                f"Leave {name} out.",
             )
-            raise ChannelError(what, "Give records of one chain.")
-        x, force = to_features(rec, own, check)
-        n, values = rec.n_dof, x.to_numpy()
-        ag = base_acceleration_if_any(rec)
-        segment = Segment(
-            rec.name,
-            slice(at, at + len(x)),
-            values[:, :n],
-            values[:, n : 2 * n],
-            values[:, 2 * n :],
-            force.to_numpy(),
-            rec.time,
-            ag,
-            dict(rec.covariates),
-            resolved=x.attrs.get("resolved"),
-            band=x.attrs.get("band"),
-            doubts=tuple(x.attrs.get("doubts", ())),
-            noise=x.attrs.get("noise", {}),
-        )
-        segments.append(_trimmed(_base_in_band(segment), feature_names(n)))
-        at += len(x)
-    return Dataset(segments, at)
+
+    fusions, fuse_apart = _fusions_of(records, settings)
+    n_dof = settings.n_dof or records[0].n_dof
+    segments = []
+    first_row = 0
+    for record, fusion in zip(records, fusions, strict=True):
+        if record.n_dof != n_dof:
+            raise ChannelError(
+                f"Record {record.name!r} has {record.n_dof} DOFs, {n_dof} are needed",
+                "Give records of one chain.",
+            )
+        timed = record if settings.needs_clock else record.by_sample()
+        if settings.fuse:
+            fused = fuse_record(timed, fusion, settings.check)
+            segments.append(segment_of(timed, fused, first_row))
+        else:
+            segments.append(_unfused(timed, first_row))
+        first_row += record.n_samples
+
+    return Dataset(segments, first_row, tuple(records), fuse_apart)
 
 
-def _from_frame(
-    frame: pd.DataFrame, coordinates: str, n_dof: int | None
-) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None, Any, int]:
-    """Matrix of the columns, rate and drift of the base, time, number of DOFs."""
-    names = [str(c) for c in frame.columns]
-    if twice := sorted({c for c in names if names.count(c) > 1}):
-        raise ChannelError(
-            f"Column {twice[0]!r} is in X more than once", "Rename or drop one."
-        )
-    rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
-    present = {
-        rate + c[1:] if c[:1] == "v" and c[1:].isdigit() else c: c for c in names
-    }
-    n = n_dof or sum(
-        1 for c in present if c[:1] == "a" and c[1:].isdigit() and c != "a0"
+def _unfused(record: Record, first_row: int) -> Segment:
+    """A record whose motions are not known."""
+    unknown = np.full(record.force.shape, np.nan)
+    return Segment(
+        name=record.name,
+        rows=slice(first_row, first_row + record.n_samples),
+        a=unknown,
+        v=unknown,
+        s=unknown,
+        F=record.force,
+        t=record.time,
+        valid=slice(0, record.n_samples),
     )
-    base = {"xdot0", "x0"} if coordinates == "absolute" else set()
-    wanted = feature_names(max(n, 1), coordinates)
-    missing = [c for c in wanted if c not in present]
-    unknown = [
-        c
-        for c in present
-        if c not in wanted and c not in base and c not in ("t", "time")
-    ]
-    if missing or unknown:
-        has = f"has the unknown column{'s' if len(unknown) > 1 else ''}"
-        pieces = [
-            f"{word} {', '.join(some[:6])}"
-            for word, some in (("lacks", missing), (has, unknown))
-            if some
-        ]
-        cure = (
-            f"Name the columns a1.., {rate}1.., {drift}1..; covariates and base"
-            " acceleration are passed beside X."
-        )
-        raise ChannelError(f"X {' and '.join(pieces)}", cure)
-    columns = [present[c] for c in wanted]
-    values = as_matrix(
-        frame if columns == list(frame.columns) else frame[columns], wanted, what="X"
-    )
-    bases = [
-        as_matrix(frame[present[c]], [c], 1)[:, :1] if c in present else None
-        for c in ("xdot0", "x0")
-    ]
-    if (bases[0] is None) != (bases[1] is None) and base:
-        raise ChannelError(
-            "X has only one of the columns xdot0 and x0",
-            "Give both, or neither for a base at rest.",
-        )
-    return values, bases[0], bases[1], table_time(frame), n
 
 
-def table_time(X: Any) -> Any:
-    """Time of the rows of a table, from a column or the index; None if it has none."""
-    if not hasattr(X, "columns"):
-        return None
-    named = next((c for c in ("t", "time") if c in X.columns), None)
-    if named is not None:
-        return X[named].to_numpy()
-    if X.index.dtype.kind in "mM":
-        return X.index
-    return X.index.to_numpy() if X.index.name in ("t", "time") else None
+def _fusions_of(
+    records: list[Record], settings: InputSettings
+) -> tuple[Sequence[Smoothing], Callable[[], Dataset] | None]:
+    """Fusion of every record, and a function that fuses each DOF by itself."""
+    smooth = settings.smooth
+    if isinstance(smooth, Sequence):
+        return smooth, None
+    if smooth is not True:
+        return [smooth] * len(records), None
+
+    both = [TwoWayFusion() for _ in records]
+    apart = [fusion.separate for fusion in both]
+    if not settings.joint:
+        return apart, None
+    together: list[Smoothing] = [True] * len(records)
+    if settings.both_fusions:
+        together = [fusion.joint for fusion in both]
+    again = replace(settings, smooth=apart, check=False)
+    return together, partial(as_dataset, Input(records), again)
 
 
-def _array_names(X: Any, coordinates: str) -> list[str] | str:
-    try:
-        shape = np.shape(np.asarray(X))
-    except ValueError:  # ragged lists
-        return "column "
-    plain = len(shape) == 2 and shape[1] and shape[1] % 3 == 0
-    return feature_names(shape[1] // 3, coordinates) if plain else "column "
+def segment_of(
+    record: Record,
+    fused: FusedRecord,
+    first_row: int = 0,
+    covariates: Mapping[str, np.ndarray] | None = None,
+) -> Segment:
+    """A record that was fused, as a segment.
 
-
-def _ordered_forces(F: Any, n: int, X: Any) -> Any:
-    """Forces of a table in the order F1..Fn, after checking that its rows are those of
-    X.
+    Parameters
+    ----------
+    record : Record
+    fused : FusedRecord
+    first_row : int
+        Its row among those of all records.
+    covariates : mapping of str to ndarray of shape (n_samples,), optional
+        Those of the record if None. Motions of the base among them are filtered like
+        the motion of the floors.
     """
-    if not hasattr(F, "columns"):
-        return F
-    if (
-        hasattr(X, "columns")
-        and len(X) == len(F)
-        and not X.index.equals(F.index)
-        and not X.index.symmetric_difference(F.index).size
-    ):
-        raise ChannelError(
-            "The rows of X and F have the same labels in another order",
-            "Sort both the same way.",
+    given = record.covariates if covariates is None else covariates
+    segment = Segment(
+        name=record.name,
+        rows=slice(first_row, first_row + len(fused.a)),
+        a=fused.a,
+        v=fused.v,
+        s=fused.s,
+        F=fused.force,
+        t=fused.time,
+        ag=fused.ag,
+        covariates=_base_motions_in_band(given, fused, record.fs),
+        resolved=fused.resolved,
+        band=fused.band,
+        noise=dict(fused.noise),
+        quality=fused.notes,
+    )
+    return _with_valid_rows(segment, feature_names(fused.n_dof), fused.motion)
+
+
+def _base_motions_in_band(
+    covariates: Mapping[str, np.ndarray], fused: FusedRecord, fs: float
+) -> dict[str, np.ndarray]:
+    out = dict(covariates)
+    if fused.band is None:
+        return out
+
+    band_pass = ZeroPhaseFilter(fused.band, fs)
+    for name in BASE_MOTION:
+        if name in out:
+            out[name] = _filtered_inside(out[name], band_pass)
+    return out
+
+
+def _filtered_inside(line: np.ndarray, band_pass: ZeroPhaseFilter) -> np.ndarray:
+    """A line filtered between its NaN edges; one with gaps is refused later on."""
+    out = line.astype(float)
+    known = np.flatnonzero(np.isfinite(line))
+    if not len(known):
+        return out
+
+    rows = slice(known[0], known[-1] + 1)
+    if np.isfinite(line[rows]).all():
+        out[rows] = band_pass.apply(out[rows])
+    return out
+
+
+# -- arrays and tables --------------------------------------------------------------
+
+
+def _from_columns(given: Input, settings: InputSettings) -> Dataset:
+    columns = motion_columns(given.X, settings.coordinates, settings.n_dof)
+    n_samples = len(columns.matrix)
+    force = force_matrix(given.F, columns, given.X)
+    ag = _line_if_given(given.base_acceleration, "base_acceleration", n_samples)
+    v, s = _interstorey_motion(columns, settings.coordinates, ag)
+    covariates = _covariate_lines(given.covariates, n_samples)
+    pieces, time = _contiguous_pieces(given, columns, force, settings)
+
+    segments = []
+    for name, rows in pieces:
+        segment = Segment(
+            name=name,
+            rows=rows,
+            a=columns.matrix[rows, : columns.n_dof],
+            v=v[rows],
+            s=s[rows],
+            F=force[rows],
+            t=_time_of_piece(time, rows, settings.dt),
+            ag=ag if ag is None else ag[rows],
+            covariates={key: line[rows] for key, line in covariates.items()},
         )
-    names, wanted = [str(c) for c in F.columns], [f"F{j}" for j in range(1, n + 1)]
-    if set(names) <= set(wanted) and len(set(names)) == len(
-        names
-    ):  # as in files: no column, no force
-        F = F.set_axis(names, axis=1)
-        return F if names == wanted else F.reindex(columns=wanted, fill_value=0.0)
-    if names == [str(i) for i in range(n)] or len(names) == n == 1:
-        return F
-    cure = f"Name them {', '.join(wanted)}, or pass F.to_numpy() in that order."
-    raise ChannelError(f"F has the columns {', '.join(names[:9])}", cure)
+        # views of one matrix are scanned as that matrix, which is quicker
+        packed = columns.matrix[rows] if settings.coordinates == "relative" else None
+        segments.append(_with_valid_rows(segment, columns.names, packed))
+
+    if settings.has_memory:
+        for segment in segments:
+            _require_order(segment)
+    return Dataset(segments, n_samples)
 
 
-def _line(value: Any, name: str, size: int) -> np.ndarray:
-    line = as_matrix(value, [name], 1, name)[:, 0].astype(np.float64)
-    if len(line) != size:
+def _interstorey_motion(
+    columns: MotionColumns, coordinates: str, ag: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rates and drifts of the storeys."""
+    n = columns.n_dof
+    v, s = columns.matrix[:, n : 2 * n], columns.matrix[:, 2 * n :]
+    if coordinates == "relative":
+        return v, s
+
+    base = columns.base_motion
+    if base is None:
+        if ag is not None and np.nan_to_num(ag).any():
+            raise ChannelError(
+                "coordinates='absolute' with a moving base needs the columns xdot0 and"
+                " x0",
+                "Add them to X, or give the motion relative to the ground.",
+            )
+        base = np.zeros((len(v), 2))
+    v = np.diff(v, axis=1, prepend=base[:, :1])
+    s = np.diff(s, axis=1, prepend=base[:, 1:])
+    return v, s
+
+
+def _covariate_lines(covariates: Any, n_samples: int) -> dict[str, np.ndarray]:
+    if covariates is None:
+        return {}
+    if not isinstance(covariates, (Mapping, pd.DataFrame)):
         raise ChannelError(
-            f"{name} has {len(line)} samples, X has {size}",
+            "The covariates are not a mapping",
+            "Give channels by name: covariates={'voltage': u}, or a table.",
+        )
+    return {
+        str(name): _line(line, f"covariate {name}", n_samples)
+        for name, line in dict(covariates).items()
+    }
+
+
+def _line_if_given(value: Any, name: str, n_samples: int) -> np.ndarray | None:
+    return None if value is None else _line(value, name, n_samples)
+
+
+def _line(value: Any, name: str, n_samples: int) -> np.ndarray:
+    line = as_matrix(value, [name], 1, name)[:, 0].astype(np.float64)
+    if len(line) != n_samples:
+        raise ChannelError(
+            f"{name} has {len(line)} samples, X has {n_samples}",
             "Cut both to the same clock.",
         )
     return line
 
 
-def _cut_at_gaps(
-    pieces: Sequence[tuple[str, slice]], seconds: np.ndarray, every_row: bool
-) -> list[tuple[str, slice]]:
-    """Pieces whose clock ticks evenly, short ones left out with a warning; rows drawn
-    at random stay one piece.
-    """
-    out: list[tuple[str, slice]] = []
+# -- clocks and pieces --------------------------------------------------------------
+
+Pieces = list[tuple[str, slice]]
+
+
+def _contiguous_pieces(
+    given: Input, columns: MotionColumns, force: np.ndarray, settings: InputSettings
+) -> tuple[Pieces, np.ndarray | None]:
+    """Name and rows of every contiguous record, and the time of all rows."""
+    n_samples = len(columns.matrix)
+    pieces = by_record(given.record, n_samples)
+    if settings.has_memory:
+        _require_unbroken_records(pieces)
+
+    clock = columns.time if given.time is None else given.time
+    if clock is None:
+        _require_step(settings.dt)
+        return pieces, None
+
+    time = row_times(clock, n_samples, pieces)
+    if settings.has_memory:
+        _require_steady_clock(pieces, time)
+    elif not Extent.of([columns.matrix, force]).finite.all():
+        # what a filter masked lies at the edges of the pieces
+        pieces = contiguous(n_samples, given.record, time)
+    else:
+        pieces = _cut_at_gaps(pieces, time, settings.every_row)
+    return pieces, time
+
+
+def _require_unbroken_records(pieces: Pieces) -> None:
+    if len({name for name, _ in pieces}) < len(pieces):
+        raise LawError(
+            "The rows of a record do not follow each other, and a law remembers the"
+            " path",
+            "Sort the rows by record and time; never shuffle them.",
+        )
+
+
+def _require_step(dt: Any) -> None:
+    if dt is None:
+        return
+    is_number = isinstance(dt, (int, float, np.number)) and not isinstance(dt, bool)
+    if not is_number or not 0 < number_of(dt) < np.inf:
+        raise ChannelError(
+            f"dt={dt!r} is not a sampling step", "Give a positive number in s."
+        )
+
+
+def _require_steady_clock(pieces: Pieces, time: np.ndarray) -> None:
     for name, rows in pieces:
-        size = rows.stop - rows.start
-        parts = [
-            slice(rows.start + p.start, rows.start + p.stop)
-            for _, p in contiguous(size, None, seconds[rows])
-        ]
-        if len(parts) == 1 or size < _PIECE * len(parts):
-            parts = [rows]
-        elif not every_row and (
-            short := [p for p in parts if p.stop - p.start < _PIECE]
-        ):
-            which = [
-                (
-                    f"row {p.start}"
-                    if p.stop - p.start == 1
-                    else f"rows {p.start} to {p.stop - 1}"
-                )
-                for p in short
-            ]
-            more = " and more" if len(which) > 6 else ""
-            warnings.warn(
-                f"{name[:1].upper()}{name[1:]}: {', '.join(which[:6])}{more} stand"
-                f" alone between gaps of the clock. Pieces of fewer than {_PIECE}"
-                " samples are left out; fill the gaps to keep them.",
-                DataQualityWarning,
-                stacklevel=5,
+        jumps = gaps(time[rows])
+        if jumps.size:
+            raise LawError(
+                f"The time of {name} jumps after {rows_text(rows.start + jumps)}, and a"
+                " law remembers the path",
+                "Rows were left out or shuffled. Hold out whole records"
+                ", or give each contiguous piece its own record id.",
             )
-            parts = [p for p in parts if p not in short]
-        out += [(name, part) for part in parts]
+
+
+def _cut_at_gaps(pieces: Pieces, time: np.ndarray, every_row: bool) -> Pieces:
+    """Pieces whose clock ticks evenly; rows that were drawn at random stay one piece.
+
+    Short pieces between two gaps are left out with a warning, unless every row counts.
+    """
+    out: Pieces = []
+    for name, rows in pieces:
+        n_rows = rows.stop - rows.start
+        parts = [
+            slice(rows.start + part.start, rows.start + part.stop)
+            for _, part in contiguous(n_rows, None, time[rows])
+        ]
+        drawn_at_random = n_rows < _SHORTEST_PIECE * len(parts)
+        if len(parts) == 1 or drawn_at_random:
+            out.append((name, rows))
+            continue
+
+        if not every_row:
+            parts = _long_parts(name, parts)
+        out.extend((name, part) for part in parts)
     return out
 
 
-def _base_in_band(segment: Segment) -> Segment:
-    """The record with the motion of its base put through the band of its floors."""
-    if segment.band is None or segment.dt is None:
-        return segment
-    filter = ZeroPhaseFilter(segment.band, 1.0 / segment.dt)
+def _long_parts(name: str, parts: list[slice]) -> list[slice]:
+    """Parts that are long enough; a warning names the others."""
+    short = [part for part in parts if part.stop - part.start < _SHORTEST_PIECE]
+    if not short:
+        return parts
 
-    def banded(line: np.ndarray) -> np.ndarray:
-        inside = np.flatnonzero(np.isfinite(line))
-        out = line.astype(float)
-        if (
-            len(inside) and np.isfinite(line[inside[0] : inside[-1] + 1]).all()
-        ):  # a gap is named further on
-            rows = slice(inside[0], inside[-1] + 1)
-            out[rows] = filter.apply(out[rows])
-        return out
-
-    moves = {
-        k: banded(line) if k in BASE_MOTION else line
-        for k, line in segment.covariates.items()
-    }
-    return replace(
-        segment, ag=None if segment.ag is None else banded(segment.ag), covariates=moves
+    named = []
+    for part in short[:6]:
+        if part.stop - part.start == 1:
+            named.append(f"row {part.start}")
+        else:
+            named.append(f"rows {part.start} to {part.stop - 1}")
+    more = " and more" if len(short) > 6 else ""
+    warn_user(
+        f"{name[:1].upper()}{name[1:]}: {', '.join(named)}{more} stand alone between"
+        f" gaps of the clock. Pieces of fewer than {_SHORTEST_PIECE} samples are left"
+        " out; fill the gaps to keep them.",
+        DataQualityWarning,
     )
+    return [part for part in parts if part not in short]
 
 
-def _trimmed(
+def _time_of_piece(time: np.ndarray | None, rows: slice, dt: Any) -> np.ndarray | None:
+    """Time of the rows, or counted from the start of the piece by ``dt``."""
+    if time is not None:
+        return time[rows]
+    if dt is None:
+        return None
+    return np.arange(rows.stop - rows.start) * float(dt)
+
+
+# -- rows that can be used ----------------------------------------------------------
+
+
+def _with_valid_rows(
     segment: Segment, names: Sequence[str], packed: np.ndarray | None = None
 ) -> Segment:
-    """Find the rows inside the NaN edges, and check every channel."""
+    """The segment with the rows inside its NaN edges; every channel is checked.
+
+    ``packed`` holds all motions as one matrix, if there is one.
+    """
     n = segment.n_dof
-    extent = Extent.of(
-        [
-            *([segment.a, segment.v, segment.s] if packed is None else [packed]),
-            segment.F,
-        ]
-    )
-    lines = [
-        line for line in (segment.ag, *segment.covariates.values()) if line is not None
-    ]
-    if (
-        segment.n_samples
-        and extent.is_whole(3 * n)
-        and all(np.isfinite(line).all() for line in lines)
-    ):
-        segment.valid = slice(0, segment.n_samples)
-        segment._extent = segment.valid, extent
-        return segment
-    forces = {
-        f"F{j + 1}": f for j, f in enumerate(segment.F.T) if not np.isnan(f).all()
-    }
-    base = {} if segment.ag is None else {"base_acceleration": segment.ag}
-    beside = (
-        forces
-        | base
-        | {f"covariate {key}": line for key, line in segment.covariates.items()}
-    )
-    lines = [*segment.a.T, *segment.v.T, *segment.s.T, *beside.values()]
+    motions = [segment.a, segment.v, segment.s] if packed is None else [packed]
+    extent = Extent.of([*motions, segment.F])
+    beside = dict(segment.covariates)
+    if segment.ag is not None:
+        beside["base_acceleration"] = segment.ag
+
+    all_finite = all(np.isfinite(line).all() for line in beside.values())
+    if segment.n_samples and extent.is_complete(3 * n) and all_finite:
+        every_row = slice(0, segment.n_samples)
+        return replace(segment, valid=every_row, known_extent=extent)
+
+    named = _named_lines(segment, names)
     where = "" if segment.name == "record" else f"record {segment.name!r}"
-    segment.valid = finite_span(lines, [*names, *beside], where)
-    if segment.n_valid < 1:
-        cure = f"Check the edges of {names[n]}, {names[2 * n]} and the forces."
-        raise ChannelError(f"{where or 'X'}: no row is finite in every channel", cure)
-    return segment
+    rows = finite_span(list(named.values()), list(named), where)
+    if rows.stop - rows.start < 1:
+        raise ChannelError(
+            f"{where or 'X'}: no row is finite in every channel",
+            f"Check the edges of {names[n]}, {names[2 * n]} and the forces.",
+        )
+    return replace(segment, valid=rows)
 
 
-def _steps(segment: Segment, j: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
-    """Steps of a drift, and twice the mean rate between the same samples."""
-    pace = segment.v[rows, j].astype(float)
-    return np.diff(segment.s[rows, j].astype(float)), pace[1:] + pace[:-1]
+def _named_lines(segment: Segment, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Every channel that must be finite; a force that is NaN throughout is unknown."""
+    lines = dict(zip(names, (*segment.a.T, *segment.v.T, *segment.s.T)))
+    for j, force in enumerate(segment.F.T, start=1):
+        if not np.isnan(force).all():
+            lines[f"F{j}"] = force
+    if segment.ag is not None:
+        lines["base_acceleration"] = segment.ag
+    for name, line in segment.covariates.items():
+        lines[f"covariate {name}"] = line
+    return lines
 
 
 def _require_order(segment: Segment) -> None:
     """Refuse shuffled rows: in order, every drift moves the way its rate points."""
-    rows = segment.valid
-    if rows.stop - rows.start < 8:
+    if segment.n_valid < 8:
         return
     for j in range(segment.n_dof):
-        along = ways = paces = 0.0
-        for begin in range(rows.start, rows.stop - 1, _STRETCH):
-            step, pace = _steps(
-                segment, j, slice(begin, min(begin + _STRETCH + 1, rows.stop))
-            )
-            along, ways, paces = (
-                along + step @ pace,
-                ways + step @ step,
-                paces + pace @ pace,
-            )
-        scale = (ways * paces) ** 0.5
-        dt = segment.dt
-        if dt is not None and along > 1.1 * 0.5 * dt * paces and along > 0.3 * scale:
-            raise LawError(
-                f"The drift s{j + 1} moves {along / (0.5 * dt * paces):.3g} times as"
-                f" far as its rate v{j + 1} allows in a step of {dt:.4g} s, and a law"
-                " remembers the path",
-                "Rows are missing (a shuffled split takes them out), or dt or the units"
-                " are wrong.",
-            )
-        if scale > 0 and along < 0.3 * scale:
-            step, pace = _steps(segment, j, rows)
-            where = rows_text(rows.start + np.flatnonzero(step * pace < 0))
+        together, drift_power, rate_power = _drift_against_rate(segment, j)
+        scale = (drift_power * rate_power) ** 0.5
+        if segment.dt is not None:
+            integral = 0.5 * segment.dt * rate_power
+            too_far = together > _ROWS_MISSING * integral
+            if too_far and together > _IN_ORDER * scale:
+                raise LawError(
+                    f"The drift s{j + 1} moves {together / integral:.3g} times as far"
+                    f" as its rate v{j + 1} allows in a step of {segment.dt:.4g} s,"
+                    " and a law remembers the path",
+                    "Rows are missing (a shuffled split takes them out), or dt or the"
+                    " units are wrong.",
+                )
+        if scale > 0 and together < _IN_ORDER * scale:
+            step, rate = _steps(segment, j, segment.valid)
+            opposed = segment.valid.start + np.flatnonzero(step * rate < 0)
             raise LawError(
                 f"The drift s{j + 1} does not move the way its rate v{j + 1} points"
-                f" ({where}), and a law remembers the path",
+                f" ({rows_text(opposed)}), and a law remembers the path",
                 "The rows are shuffled, or a channel is wrong; keep the samples of a"
                 " record in order.",
             )
+
+
+def _drift_against_rate(segment: Segment, j: int) -> tuple[float, float, float]:
+    """Sums of step times rate, of step squared and of rate squared."""
+    together = drift_power = rate_power = 0.0
+    last = segment.valid.stop
+    for first in range(segment.valid.start, last - 1, _STRETCH):
+        rows = slice(first, min(first + _STRETCH + 1, last))
+        step, rate = _steps(segment, j, rows)
+        together += step @ rate
+        drift_power += step @ step
+        rate_power += rate @ rate
+    return together, drift_power, rate_power
+
+
+def _steps(segment: Segment, j: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of a drift, and twice the mean rate between the same samples."""
+    rate = segment.v[rows, j].astype(float)
+    return np.diff(segment.s[rows, j].astype(float)), rate[1:] + rate[:-1]
+
+
+# -- motions that were passed as they are -------------------------------------------
+
+
+def with_motion_checks(data: Dataset) -> Dataset:
+    """The data set with notes on motions that do not fit each other, and a warning.
+
+    The longest record is looked at. Records are checked before their fusion instead.
+    """
+    longest = int(np.argmax([segment.n_valid for segment in data.segments]))
+    segment = data.segments[longest]
+    rows = segment.valid
+    ag = None if segment.ag is None else segment.ag[rows]
+    notes = motion_notes(
+        segment.a[rows], segment.v[rows], segment.s[rows], ag, segment.dt
+    )
+    if not notes:
+        return data
+
+    warn_user(f"X: {'; '.join(messages(notes))}.", DataQualityWarning)
+    named = [replace(note, record=segment.name) for note in notes]
+    segments = list(data.segments)
+    segments[longest] = replace(segment, quality=segment.quality + tuple(named))
+    return replace(data, segments=segments)

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
-from datetime import datetime
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ..common import MOST_DOFS, number_of
-from ..common.lazy import Hook
+from ..common import MOST_DOFS
 from ..exceptions import ChannelError
-from .channels import GAP, as_matrix, channel_of, finite_span, rate_of
+from .channels import as_matrix, channel_of, finite_span
+from .clock import clock_of
+from .clock import plain_times as plain_times
+from .clock import row_times as row_times
+from .clock import seconds_of as seconds_of
 
-_LARGEST = 1e100  # SI units; its square is still a double
+LARGEST_VALUE = 1e100  # SI units; its square is still a double
+# Attributes with one column for each DOF, and the letter of their channels.
 MATRICES = {
     "force": "F",
     "acceleration": "a",
     "velocity": "v",
     "displacement": "x",
-}  # one column for each DOF
+}
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
+ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
+COORDINATES = ("relative", "absolute")
 
 
 class Record:
@@ -101,111 +106,49 @@ class Record:
         coordinates: str = "relative",
         time: Any = None,
     ) -> None:
-        if coordinates not in ("relative", "absolute"):
-            cure = "Choose 'relative' (to the base) or 'absolute'."
-            raise ChannelError(f"coordinates={coordinates!r} is unknown", cure)
-        self.name = (
-            str(name).encode("utf-8", "backslashreplace").decode()
-        )  # a file's name may be no text
+        require_coordinates(coordinates)
         self.coordinates = coordinates
-        given = {
-            "acceleration": acceleration,
-            "velocity": velocity,
-            "displacement": displacement,
-            "force": force,
-        }
-        arrays = {
-            key: as_matrix(value, MATRICES[key], what=key)
-            for key, value in given.items()
-            if value is not None
-        }
-        motions = [array for key, array in arrays.items() if key != "force"]
-        if not motions:
-            raise ChannelError(
-                f"Record {self.name!r} has no motion",
-                "Give acceleration, velocity or displacement.",
-            )
-        n_dof = {a.shape[1] for a in arrays.values()}
-        if len(n_dof) > 1:
-            what = f"Record {self.name!r}: " + ", ".join(
-                f"{k} has {a.shape[1]} columns" for k, a in arrays.items()
-            )
-            raise ChannelError(
-                what,
-                "Give one column for each DOF everywhere; NaN for a channel that is not"
-                " measured.",
-            )
-        self.n_dof = n_dof.pop()
-        if not 1 <= self.n_dof <= MOST_DOFS:
-            cure = (
-                "Give one row per sample and one column per DOF; transpose the arrays?"
-            )
-            raise ChannelError(f"Record {self.name!r} has {self.n_dof} DOFs", cure)
-        if not isinstance(covariates, (Mapping, type(None))):
-            cure = "Give channels by name: covariates={'voltage': u}."
-            raise ChannelError(
-                f"Record {self.name!r}: the covariates are not a mapping", cure
-            )
-        bases = {
-            "base acceleration ag": base_acceleration,
-            "base velocity vg": base_velocity,
-            "base displacement xg": base_displacement,
-        }
-        bases |= {f"covariate {k}": v for k, v in dict(covariates or {}).items()}
-        lines = {
-            k: as_matrix(v, [k], 1, k)[:, 0] for k, v in bases.items() if v is not None
-        }
-        lengths = {k: len(a) for k, a in (arrays | lines).items()}
-        if len(set(lengths.values())) > 1:
-            found = ", ".join(f"{k} {n}" for k, n in lengths.items())
-            cure = "Cut or resample them to one clock."
-            raise ChannelError(
-                f"Record {self.name!r}: channels differ in length, {found}", cure
-            )
-        self.n_samples = next(iter(lengths.values()))
-        if self.n_samples < 2:
-            raise ChannelError(
-                f"Record {self.name!r} has {self.n_samples} samples",
-                "At least two are needed.",
-            )
-        if all(np.isnan(motion).all() for motion in motions):
-            cure = "Give at least one measured channel."
-            raise ChannelError(
-                f"Record {self.name!r} has no motion, every channel is NaN", cure
-            )
-        if (
-            fs is None
-            and time is None
-            and arrays.keys() == {"force", "displacement"}
-            and not lines
-        ):
+        # the name of a file may be no text
+        self.name = str(name).encode("utf-8", "backslashreplace").decode()
+
+        matrices = _matrices(
+            {
+                "acceleration": acceleration,
+                "velocity": velocity,
+                "displacement": displacement,
+                "force": force,
+            }
+        )
+        self.n_dof = _number_of_dofs(matrices, self.name)
+
+        bases = _lines(
+            {
+                "base acceleration ag": base_acceleration,
+                "base velocity vg": base_velocity,
+                "base displacement xg": base_displacement,
+            }
+        )
+        others = _covariate_lines(covariates, self.name)
+        titled = {f"covariate {key}": line for key, line in others.items()}
+        self.n_samples = _number_of_samples(matrices | bases | titled, self.name)
+        _require_measured_motion(matrices, self.name)
+
+        quasi_static = matrices.keys() == {"force", "displacement"}
+        if quasi_static and fs is None and time is None and not bases | others:
             self.fs, self.t0 = np.nan, 0.0
         else:
-            self.fs, self.t0 = _clock(fs, time, self.n_samples, self.name)
-        self.acceleration: np.ndarray | None = arrays.get("acceleration")
-        self.velocity: np.ndarray | None = arrays.get("velocity")
-        self.displacement: np.ndarray | None = arrays.get("displacement")
-        self.force: np.ndarray = arrays.get(
-            "force", np.zeros((self.n_samples, self.n_dof))
-        )
-        self.base_acceleration: np.ndarray | None = lines.get("base acceleration ag")
-        self.base_velocity: np.ndarray | None = lines.get("base velocity vg")
-        self.base_displacement: np.ndarray | None = lines.get("base displacement xg")
-        self.covariates = {k: lines[f"covariate {k}"] for k in dict(covariates or {})}
-        columns = self.channels()
-        finite_span(list(columns.values()), list(columns), f"record {self.name!r}")
-        for channel, line in columns.items():
-            if (
-                not float(np.abs(line).max()) <= _LARGEST
-                and float(max(-np.nanmin(line), np.nanmax(line))) > _LARGEST
-            ):
-                what = (
-                    f"Channel {channel} of record {self.name!r} reaches"
-                    f" {np.nanmax(np.abs(line)):.3g}, whose square "
-                )
-                raise ChannelError(
-                    f"{what}leaves the range of a double", "Check its unit."
-                )
+            self.fs, self.t0 = clock_of(fs, time, self.n_samples, self.name)
+
+        unforced = np.zeros((self.n_samples, self.n_dof))
+        self.force: np.ndarray = matrices.get("force", unforced)
+        self.acceleration = matrices.get("acceleration")
+        self.velocity = matrices.get("velocity")
+        self.displacement = matrices.get("displacement")
+        self.base_acceleration = bases.get("base acceleration ag")
+        self.base_velocity = bases.get("base velocity vg")
+        self.base_displacement = bases.get("base displacement xg")
+        self.covariates = others
+        _require_usable_values(self.channels(), self.name)
 
     def channels(self) -> dict[str, np.ndarray]:
         """Measured channels by name.
@@ -216,26 +159,38 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
             ``vg``, ``xg`` and covariates; a column of NaN is left out.
         """
-        out: dict[str, np.ndarray] = {}
-        for key, prefix in MATRICES.items():
+        measured = {
+            channel: column
+            for channel, column in self.dof_channels().items()
+            if not (np.isnan(column[0]) and np.isnan(column).all())
+        }
+        return measured | self.base_channels() | self.covariates
+
+    def dof_channels(self) -> dict[str, np.ndarray]:
+        """Forces and motions of the DOFs by name, also those that are NaN throughout.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_samples,)
+            ``F1..``, ``a1..``, ``v1..``, ``x1..``
+        """
+        channels: dict[str, np.ndarray] = {}
+        for key, letter in MATRICES.items():
             matrix = getattr(self, key)
             if matrix is not None:
-                empty = {
-                    j
-                    for j in np.flatnonzero(np.isnan(matrix[0]))
-                    if np.isnan(matrix[:, j]).all()
-                }
-                out |= {
-                    f"{prefix}{j + 1}": line
-                    for j, line in enumerate(matrix.T)
-                    if j not in empty
-                }
-        out |= {
-            short: line
-            for key, short in BASES.items()
-            if (line := getattr(self, key)) is not None
-        }
-        return out | self.covariates
+                channels |= {f"{letter}{j}": line for j, line in enumerate(matrix.T, 1)}
+        return channels
+
+    def base_channels(self) -> dict[str, np.ndarray]:
+        """Motions of the base by name, those that were given.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_samples,)
+            ``ag`` (m/s^2), ``vg`` (m/s), ``xg`` (m)
+        """
+        lines = {channel: getattr(self, key) for key, channel in BASES.items()}
+        return {channel: line for channel, line in lines.items() if line is not None}
 
     @property
     def measured(self) -> tuple[str, ...]:
@@ -248,8 +203,9 @@ class Record:
         return bool(np.isfinite(self.fs))
 
     def by_sample(self) -> Record:
-        """The record itself; one without a clock with the number of the sample for the
-        time, 1 Hz.
+        """The record itself, or with 1 Hz if it has no clock.
+
+        Its times are then the numbers of the samples.
         """
         return self if self.has_clock else self.replace(fs=1.0)
 
@@ -271,35 +227,32 @@ class Record:
     @property
     def forced(self) -> tuple[int, ...]:
         """DOFs on which a known force acts."""
-        return tuple(
-            (np.flatnonzero(np.nan_to_num(self.force).any(axis=0)) + 1).tolist()
-        )
+        acts = np.nan_to_num(self.force).any(axis=0)
+        return tuple((np.flatnonzero(acts) + 1).tolist())
 
     @property
     def unknown(self) -> tuple[int, ...]:
         """DOFs whose force is unknown."""
-        return tuple((np.flatnonzero(np.isnan(self.force).all(axis=0)) + 1).tolist())
+        unknown = np.isnan(self.force).all(axis=0)
+        return tuple((np.flatnonzero(unknown) + 1).tolist())
 
     @property
     def base_moves(self) -> bool:
         """True if a motion of the base was given."""
-        return any(
-            (line := getattr(self, key)) is not None and np.nan_to_num(line).any()
-            for key in BASES
-        )
+        return any(np.nan_to_num(line).any() for line in self.base_channels().values())
 
     @classmethod
     def from_frame(
         cls, df: pd.DataFrame, fs: float | None = None, **options: Any
     ) -> Record:
-        """Record from a table with columns a1.., v1.., x1.., F1.., ag, vg, xg and a
-        time.
+        """Record from a table with columns a1.., v1.., x1.., F1.., ag and a time.
 
         Parameters
         ----------
         df : DataFrame
-            The time is column ``t`` or ``time`` (s), or the index if that is a time
-            index or a float index named so. Other columns become covariates.
+            Motions of the base are ``ag``, ``vg``, ``xg``. The time is column ``t`` or
+            ``time`` (s), or the index if that is a time index or a float index named
+            so. Other columns become covariates.
         fs : float, optional
             Sampling rate, Hz, if the table has no time.
         **options
@@ -310,85 +263,50 @@ class Record:
         ChannelError
             If no column is a motion or a DOF is missing in the numbering.
         """
-        if not isinstance(df, pd.DataFrame):
-            raise ChannelError(
-                f"{type(df).__name__} is not a table",
-                "Give a DataFrame with columns a1.., x1.., F1..",
-            )
-        names = [str(c) for c in df.columns]
-        twice = sorted({c for c in names if names.count(c) > 1})
-        if twice:
-            raise ChannelError(
-                f"Column {twice[0]!r} is in the table more than once",
-                "Rename or drop one.",
-            )
-        columns = {name: df.iloc[:, i] for i, name in enumerate(names)}
+        columns = _columns_by_name(df)
         clock = next((name for name in ("t", "time") if name in columns), None)
-        time = None if clock is None else columns.pop(clock).to_numpy()
-        stamped = isinstance(df.index, (pd.DatetimeIndex, pd.TimedeltaIndex))
-        if (
-            time is None
-            and fs is None
-            and (
-                stamped
-                or df.index.name in ("t", "time")
-                and df.index.dtype.kind in "fiu"
-            )
-        ):
-            time = df.index if stamped else df.index.to_numpy()
-        numbered: dict[str, Any] = {}
-        for column in list(columns):
-            channel = channel_of(column) or ""
-            if channel[1:].isdigit():
-                if channel in numbered:
-                    raise ChannelError(
-                        f"{column!r} and another column both mean {channel}",
-                        "Rename or drop one.",
-                    )
-                numbered[channel] = columns.pop(column)
-        if all(channel[0] == "F" for channel in numbered):
-            cure = (
-                "Name accelerations a1.., velocities v1.., displacements x1.., forces"
-                " F1.., base acceleration ag."
-            )
-            raise ChannelError(
-                f"No column of {', '.join(names[:10])} is a motion", cure
-            )
-        n = max(int(channel[1:]) for channel in numbered)
-        if n > MOST_DOFS:
-            raise ChannelError(
-                f"A column names DOF {n}, more than the {MOST_DOFS} a chain may have",
-                "Rename it.",
-            )
+        time = None
+        if clock is not None:
+            time = columns.pop(clock).to_numpy()
+        elif fs is None:
+            time = _time_in_index(df.index)
 
-        def matrix(prefix: str, missing: float) -> np.ndarray | None:
-            if not any(channel[0] == prefix for channel in numbered):
-                return None
-            filler = np.full(len(df), missing)
-            names = [f"{prefix}{j}" for j in range(1, n + 1)]
-            return np.column_stack(
-                [
-                    as_matrix(numbered.get(name, filler), [name], 1)[:, 0]
-                    for name in names
-                ]
-            )
-
-        parts: dict[str, Any] = {
-            key: columns.pop(short).to_numpy()
-            for key, short in BASES.items()
-            if short in columns
-        }
-        parts |= {
-            key: matrix(prefix, 0.0 if key == "force" else np.nan)
-            for key, prefix in MATRICES.items()
-        }
-        return cls(
-            fs=fs,
-            time=time,
-            **parts,
-            covariates={k: c.to_numpy() for k, c in columns.items()},
-            **options,
+        channels = _channels_among(columns)
+        covariates = {name: column.to_numpy() for name, column in columns.items()}
+        return cls.from_channels(
+            channels, fs=fs, time=time, covariates=covariates, **options
         )
+
+    @classmethod
+    def from_channels(
+        cls, channels: Mapping[str, np.ndarray], **options: Any
+    ) -> Record:
+        """Record from channels by name.
+
+        Parameters
+        ----------
+        channels : mapping of str to array-like of shape (n_samples,)
+            ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
+            ``vg``, ``xg``. A motion that is not among them was not measured, a force
+            does not act.
+        **options
+            Passed to :class:`Record` (``fs``, ``time``, ``covariates``, ``name``,
+            ``coordinates``).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from pysindy_nrf import Record
+        >>> t = np.arange(1000) / 1000
+        >>> Record.from_channels({"x2": np.sin(9 * t)}, fs=1000.0, name="roof")
+        Record('roof': 2 DOF, 1000 samples at 1000 Hz (1 s), channels F1, F2, x2)
+        """
+        options |= {
+            key: channels[channel]
+            for key, channel in BASES.items()
+            if channel in channels
+        }
+        return cls(**_matrices_of_channels(channels), **options)
 
     def to_frame(self) -> pd.DataFrame:
         """Table of the measured channels, indexed by time ``t`` in s.
@@ -400,8 +318,10 @@ class Record:
         return pd.DataFrame(self.channels(), index=pd.Index(self.time, name="t"))
 
     def to_features(self, smooth: bool = True) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Regressor input: accelerations, inter-storey velocities and drifts (paper eq.
-        8).
+        """Regressor input: accelerations, inter-storey velocities and drifts.
+
+        They are plain tables. A regressor that gets the record itself knows its noise
+        and band, too.
 
         Parameters
         ----------
@@ -413,8 +333,8 @@ class Record:
         Returns
         -------
         X : DataFrame of shape (n_samples, 3 n_dof)
-            ``a1.., v1.., s1..``; a absolute, v and s relative to the DOF below; SI
-            units, index t.
+            ``a1.., v1.., s1..`` (paper eq. 8); a absolute, v and s relative to the DOF
+            below; SI units, index t.
         F : DataFrame of shape (n_samples, n_dof)
             ``F1..``, N.
 
@@ -423,7 +343,9 @@ class Record:
         ChannelError
             With ``smooth=False``, if a channel is missing.
         """
-        return Hook.TO_FEATURES(self, smooth)
+        from .fusion.kinematics import to_features
+
+        return to_features(self, smooth)
 
     def window(self, start: float, stop: float) -> Record:
         """Part of the record between two times.
@@ -438,42 +360,58 @@ class Record:
         ChannelError
             If fewer than two samples lie between them.
         """
-        rows = np.flatnonzero(
-            (self.time >= start - 0.5 * self.dt) & (self.time < stop - 0.5 * self.dt)
-        )
+        time = self.time + 0.5 * self.dt  # a sample counts from half a step before it
+        rows = np.flatnonzero((time >= start) & (time < stop))
         if len(rows) < 2:
-            cure = f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s."
             raise ChannelError(
-                f"Record {self.name!r} has no samples from {start} to {stop} s", cure
+                f"Record {self.name!r} has no samples from {start} to {stop} s",
+                f"It lasts from {self.time[0]:g} to {self.time[-1]:g} s.",
             )
         return self.rows(slice(rows[0], rows[-1] + 1))
 
     def rows(self, rows: slice) -> Record:
-        """Part of the record in a slice of two or more consecutive rows; see
-        :meth:`window` for times.
+        """Part of the record in a slice of rows; see :meth:`window` for times.
 
         Parameters
         ----------
         rows : slice
+            Two or more consecutive rows.
+
+        Raises
+        ------
+        ChannelError
+            If it is another slice.
         """
-        start = range(self.n_samples)[rows]
-        if len(start) < 2 or start.step != 1:
-            cure = "Take two or more consecutive rows."
+        numbers = range(self.n_samples)[rows]
+        if len(numbers) < 2 or numbers.step != 1:
             raise ChannelError(
                 f"Record {self.name!r}: {rows} is not a part of its {self.n_samples}"
                 " samples",
-                cure,
+                "Take two or more consecutive rows.",
             )
-        new = copy.copy(self)
-        new.n_samples, new.t0 = (
-            len(start),
-            self.t0 + (start[0] / self.fs if self.has_clock else 0.0),
-        )
-        for key in (*MATRICES, *BASES):
+
+        part = copy.copy(self)
+        part.n_samples = len(numbers)
+        if self.has_clock:
+            part.t0 = self.t0 + numbers[0] / self.fs
+        for key in ARRAYS:
             array = getattr(self, key)
-            setattr(new, key, None if array is None else array[rows])
-        new.covariates = {k: line[rows] for k, line in self.covariates.items()}
-        return new
+            if array is not None:
+                setattr(part, key, array[rows])
+        part.covariates = {name: line[rows] for name, line in self.covariates.items()}
+        return part
+
+    def starting_at(self, t0: float) -> Record:
+        """The same channels with another time of the first sample.
+
+        Parameters
+        ----------
+        t0 : float
+            Seconds.
+        """
+        shifted = copy.copy(self)
+        shifted.t0 = t0
+        return shifted
 
     def replace(self, **changes: Any) -> Record:
         """A copy with some channels replaced.
@@ -485,156 +423,233 @@ class Record:
         """
         if not changes:
             return copy.copy(self)
-        keys = (*MATRICES, *BASES, "fs", "covariates", "name", "coordinates")
-        new = Record(
-            **{key: getattr(self, key) for key in keys if key != "fs" or self.has_clock}
-            | changes
-        )
+
+        arguments = {key: getattr(self, key) for key in ARRAYS}
+        arguments |= {
+            "covariates": self.covariates,
+            "name": self.name,
+            "coordinates": self.coordinates,
+        }
+        if self.has_clock:
+            arguments["fs"] = self.fs
+        changed = Record(**arguments | changes)
         if changes.get("time") is None:
-            new.t0 = self.t0
-        return new
+            return changed.starting_at(self.t0)
+        return changed
 
     def _repr_html_(self) -> str:
-        return str(Hook.RECORD_HTML(self))
+        from .files.summary import record_html
+
+        return record_html(self)
 
     def __repr__(self) -> str:
-        rate = (
-            f" at {self.fs:g} Hz ({self.n_samples / self.fs:.4g} s)"
-            if self.has_clock
-            else " without a clock"
-        )
+        if self.has_clock:
+            clock = f" at {self.fs:g} Hz ({self.n_samples / self.fs:.4g} s)"
+        else:
+            clock = " without a clock"
         channels = ", ".join(self.measured)
         return (
-            f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples{rate},"
+            f"Record({self.name!r}: {self.n_dof} DOF, {self.n_samples} samples{clock},"
             f" channels {channels})"
         )
 
 
-@np.errstate(over="ignore")
-def _clock(fs: Any, time: Any, n: int, name: str) -> tuple[float, float]:
-    """Sampling rate and first time of a record, checked for an even clock."""
-    given = number_of(fs)
-    if fs is not None and not 0 < given < np.inf:
+def require_coordinates(coordinates: str) -> None:
+    """Refuse a reference of the motion that is neither the base nor a fixed point."""
+    if coordinates not in COORDINATES:
         raise ChannelError(
-            f"Record {name!r}: fs={fs!r} is not a sampling rate",
-            "Give a positive number in Hz.",
+            f"coordinates={coordinates!r} is unknown",
+            "Choose 'relative' (to the base) or 'absolute'.",
         )
-    if time is None:
-        if fs is None:
+
+
+def _matrices(values: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """What was given of motions and forces, one column for each DOF."""
+    return {
+        key: as_matrix(value, MATRICES[key], what=key)
+        for key, value in values.items()
+        if value is not None
+    }
+
+
+def _lines(values: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """What was given of single channels, of shape (n_samples,)."""
+    return {
+        title: as_matrix(value, [title], 1, title)[:, 0]
+        for title, value in values.items()
+        if value is not None
+    }
+
+
+def _covariate_lines(
+    covariates: Mapping[str, Any] | None, name: str
+) -> dict[str, np.ndarray]:
+    """The covariates, of shape (n_samples,) each."""
+    if covariates is None:
+        return {}
+    if not isinstance(covariates, Mapping):
+        raise ChannelError(
+            f"Record {name!r}: the covariates are not a mapping",
+            "Give channels by name: covariates={'voltage': u}.",
+        )
+
+    lines = {}
+    for key, value in covariates.items():
+        title = f"covariate {key}"
+        lines[key] = as_matrix(value, [title], 1, title)[:, 0]
+    return lines
+
+
+def _motions(matrices: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+    return [matrix for key, matrix in matrices.items() if key != "force"]
+
+
+def _number_of_dofs(matrices: Mapping[str, np.ndarray], name: str) -> int:
+    """The number of columns, which all matrices of a record share."""
+    if not _motions(matrices):
+        raise ChannelError(
+            f"Record {name!r} has no motion",
+            "Give acceleration, velocity or displacement.",
+        )
+
+    widths = {key: matrix.shape[1] for key, matrix in matrices.items()}
+    if len(set(widths.values())) > 1:
+        shown = ", ".join(f"{key} has {width} columns" for key, width in widths.items())
+        raise ChannelError(
+            f"Record {name!r}: {shown}",
+            "Give one column for each DOF everywhere; NaN for a channel that is not"
+            " measured.",
+        )
+
+    n_dof = next(iter(widths.values()))
+    if not 1 <= n_dof <= MOST_DOFS:
+        raise ChannelError(
+            f"Record {name!r} has {n_dof} DOFs",
+            "Give one row per sample and one column per DOF; transpose the arrays?",
+        )
+    return n_dof
+
+
+def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
+    """The length that all channels of a record share."""
+    lengths = {title: len(array) for title, array in arrays.items()}
+    if len(set(lengths.values())) > 1:
+        shown = ", ".join(f"{title} {length}" for title, length in lengths.items())
+        raise ChannelError(
+            f"Record {name!r}: channels differ in length, {shown}",
+            "Cut or resample them to one clock.",
+        )
+
+    n_samples = next(iter(lengths.values()))
+    if n_samples < 2:
+        raise ChannelError(
+            f"Record {name!r} has {n_samples} samples", "At least two are needed."
+        )
+    return n_samples
+
+
+def _require_measured_motion(matrices: Mapping[str, np.ndarray], name: str) -> None:
+    """Refuse motions that are NaN throughout."""
+    if all(np.isnan(motion).all() for motion in _motions(matrices)):
+        raise ChannelError(
+            f"Record {name!r} has no motion, every channel is NaN",
+            "Give at least one measured channel.",
+        )
+
+
+def _require_usable_values(channels: Mapping[str, np.ndarray], name: str) -> None:
+    """Refuse infinities, NaN inside a channel, and values whose squares overflow."""
+    finite_span(list(channels.values()), list(channels), f"record {name!r}")
+    for channel, line in channels.items():
+        largest = float(np.abs(line).max())
+        if np.isnan(largest):  # at the edges
+            largest = float(np.nanmax(np.abs(line)))
+        if largest > LARGEST_VALUE:
             raise ChannelError(
-                f"Record {name!r} has no clock",
-                "Give fs= in Hz, or the time of the samples.",
+                f"Channel {channel} of record {name!r} reaches {largest:.3g}, whose"
+                " square leaves the range of a double",
+                "Check its unit.",
             )
-        return given, 0.0
-    seconds = seconds_of(time, name)
-    if len(seconds) != n:
-        raise ChannelError(
-            f"Record {name!r}: {len(seconds)} times for {n} samples",
-            "Give one time for each sample.",
-        )
-    steps = np.diff(seconds)
-    bad = np.flatnonzero(steps <= 0)
-    if bad.size:
-        kind = "stands still" if (steps[bad] == 0).all() else "runs backwards"
-        raise ChannelError(
-            f"Record {name!r}: the time {kind} after row {int(bad[0])}",
-            "Sort the rows and drop repeated ones; if the time is only rounded, leave"
-            " it out (t = 'none') and give fs.",
-        )
-    step = (seconds[-1] - seconds[0]) / (n - 1)
-    if not 0 < 1.0 / step < np.inf:
-        raise ChannelError(
-            f"Record {name!r}: the time runs from {seconds[0]:g} to {seconds[-1]:g} s"
-            f" in {n} samples, which is not a time in seconds",
-            "Check its unit, and that the column is the time; or leave it out (t ="
-            " 'none') and give fs.",
-        )
-    grid = np.abs(seconds - seconds[0] - step * np.arange(n)).max()
-    if grid > 0.05 * step and np.abs(steps - step).max() > 0.05 * step:
-        usual = float(np.median(steps))
-        worst = int(np.abs(steps - usual).argmax())
-        jumps = steps[steps > GAP * usual]
-        if (
-            jumps.size and steps.min() > 0.75 * usual
-        ):  # jitter shortens as many steps as it lengthens
-            lost = float((jumps / usual - 1).sum())
-            kind = (
-                f"{jumps.size} gap{'s' if jumps.size > 1 else ''}, about {lost:.0f}"
-                " samples are missing"
-            )
-            cure = (
-                "Split the record at gaps (alignment.split_at_gaps), or resample it to"
-                " an even clock."
-            )
-        else:
-            kind = f"jitter, steps of {steps.min():g} to {steps.max():g} s"
-            cure = (
-                "If the time is only rounded, leave it out (t = 'none') and give"
-                f" fs={1 / step:g}; else resample it "
-            )
-            cure += "to an even clock."
-        place = f"{steps[worst]:g} s after row {worst} where {usual:g} s is usual"
-        raise ChannelError(
-            f"Record {name!r}: the clock is uneven, {place}; {kind}", cure
-        )
-    rate = rate_of(step)
-    if fs is not None and abs(given - rate) > 0.01 * rate:
-        raise ChannelError(
-            f"Record {name!r}: fs={fs} Hz contradicts the time, which has {rate:g} Hz",
-            "Leave one out.",
-        )
-    return rate, float(seconds[0])
 
 
-def seconds_of(time: Any, name: str = "record") -> np.ndarray:
-    """Times as float seconds."""
-    if isinstance(time, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        seconds = ((time - time[0]) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
-    elif (array := plain_times(time)).dtype.kind in "mM":
-        seconds = (array - array[0]) / np.timedelta64(1, "ns") * 1e-9
-    else:
-        seconds = as_matrix(array, ["time"], 1, "time")[:, 0].astype(float)
-    if not np.isfinite(seconds).all():
-        what = (
-            f"Record {name!r}: the time is not finite in row"
-            f" {int(np.flatnonzero(~np.isfinite(seconds))[0])}"
-        )
-        raise ChannelError(what, "Repair it.")
-    return seconds
-
-
-def row_times(time: Any, size: int, pieces: Iterable[tuple[str, slice]]) -> np.ndarray:
-    """Times of rows in s, one for each, rising within every named piece."""
-    seconds = seconds_of(time, "time")
-    if len(seconds) != size:
+def _columns_by_name(df: pd.DataFrame) -> dict[str, pd.Series]:
+    """Columns of a table by their names as text, which must differ."""
+    if not isinstance(df, pd.DataFrame):
         raise ChannelError(
-            f"time has {len(seconds)} values, X has {size} samples",
-            "Give one time for each sample.",
+            f"{type(df).__name__} is not a table",
+            "Give a DataFrame with columns a1.., x1.., F1..",
         )
-    for name, rows in pieces:
-        bad = np.flatnonzero(np.diff(seconds[rows]) <= 0)
-        if bad.size:
-            cure = (
-                "Pass record= ids where several records are stacked; sort the rows of"
-                " each; never shuffle them."
-            )
+
+    names = df.columns.map(str)
+    repeated = sorted(names[names.duplicated()])
+    if repeated:
+        raise ChannelError(
+            f"Column {repeated[0]!r} is in the table more than once",
+            "Rename or drop one.",
+        )
+    return {name: df.iloc[:, i] for i, name in enumerate(names)}
+
+
+def _time_in_index(index: pd.Index) -> pd.Index | np.ndarray | None:
+    """The index of a table if it is a time, else None."""
+    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        return index
+    if index.name in ("t", "time") and index.dtype.kind in "fiu":
+        return index.to_numpy()
+    return None
+
+
+def _channels_among(columns: dict[str, pd.Series]) -> dict[str, np.ndarray]:
+    """The columns that are channels; they are taken out of the others."""
+    names = list(columns)
+    channels: dict[str, np.ndarray] = {}
+    for name in names:
+        channel = name if name in BASES.values() else channel_of(name)
+        if channel is None or not (channel == name or channel[1:].isdigit()):
+            continue
+        if channel in channels:
             raise ChannelError(
-                f"The time of {name} does not increase after row"
-                f" {rows.start + int(bad[0])}",
-                cure,
+                f"{name!r} and another column both mean {channel}",
+                "Rename or drop one.",
             )
-    return seconds
+        channels[channel] = columns.pop(name).to_numpy()
 
-
-def plain_times(time: Any) -> np.ndarray:
-    """Times as an array of numbers, ``datetime64`` or ``timedelta64``; times with a
-    time zone become UTC.
-    """
-    array = np.asarray(time)
-    if array.dtype == object and array.size and isinstance(array.flat[0], datetime):
-        return (
-            pd.DatetimeIndex(pd.to_datetime(array.ravel(), utc=True))
-            .tz_localize(None)
-            .to_numpy()
+    if not any(channel[0] in "avx" and channel[1:].isdigit() for channel in channels):
+        raise ChannelError(
+            f"No column of {', '.join(names[:10])} is a motion",
+            "Name accelerations a1.., velocities v1.., displacements x1.., forces F1..,"
+            " base acceleration ag.",
         )
-    return array
+    return channels
+
+
+def _matrices_of_channels(channels: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Forces and motions with one column for each DOF, the missing ones filled."""
+    dofs = [int(channel[1:]) for channel in channels if channel[1:].isdigit()]
+    n_dof = max(dofs, default=0)
+    if n_dof > MOST_DOFS:
+        raise ChannelError(
+            f"A column names DOF {n_dof}, more than the {MOST_DOFS} a chain may have",
+            "Rename it.",
+        )
+
+    matrices = {}
+    for key, letter in MATRICES.items():
+        names = [f"{letter}{j}" for j in range(1, n_dof + 1)]
+        if not channels.keys().isdisjoint(names):
+            fill = 0.0 if key == "force" else np.nan
+            matrices[key] = _side_by_side(channels, names, fill)
+    return matrices
+
+
+def _side_by_side(
+    channels: Mapping[str, np.ndarray], names: Sequence[str], fill: float
+) -> np.ndarray:
+    """Channels as columns; one that is missing holds the same value throughout."""
+    n_samples = len(next(iter(channels.values())))
+    missing = np.broadcast_to(fill, n_samples)
+    columns = []
+    for name in names:
+        line = channels.get(name, missing)
+        columns.append(as_matrix(line, [name], 1)[:, 0])
+    return np.column_stack(columns)

@@ -1,5 +1,4 @@
-"""Choosing orders and hyper-parameters by held-out error, with respect for records and
-time.
+"""Orders and hyper-parameters chosen by held-out error.
 
 ``GridSearchCV(NRFRegressor(), {"degree": range(1, 8)}, cv=BlockedTimeSplit(),
 refit=one_standard_error)`` and :func:`select_order`, which gives the same numbers from
@@ -10,7 +9,6 @@ from ..common.lazy import public_names
 
 _NAMES = {
     "BlockedTimeSplit": "splitters",
-    "RecordSplit": "splitters",
     "one_standard_error": "one_se_rule",
     "select_order": "selection",
     "select_sparsity": "sparsity",

@@ -1,6 +1,4 @@
-"""Order selection: all degrees, all boxes (k, q), all folds from one pass over the
-samples.
-"""
+"""Order selection: all orders, all folds from one pass over the samples."""
 
 from collections.abc import Iterable, Mapping
 from functools import cached_property
@@ -11,18 +9,24 @@ import pandas as pd
 from sklearn.base import clone
 
 from ..chain.sites import Site
-from ..common.lazy import Hook
-from ..equations.chain_solve import require_moving
+from ..equations.measured_motion import require_moving
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..identification.problem import LEAST_SQUARES, law_list
 from ..identification.regressor import NRFRegressor
 from ..laws.power_series import exponents_of
+from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
-from . import one_se_rule as rules
-from .fold_moments import FoldMoments, Order
+from ..report.figures.figure import Figure
+from ..report.figures.matplotlib_renderer import Drawing
+from ..report.figures.motion import order_figure
+from .held_out import SCORES, errors_on_folds, scores_on_folds
+from .one_se_rule import choose, complexity_of, errors_of, standard_error
+from .order_sums import OrderSums
 from .splitters import BlockedTimeSplit
 
-_RULES = ("one_standard_error", "best")
+RULES = ("one_standard_error", "best")
+# Passes over the storeys until each has its own order.
+MAX_PASSES = 3
 
 
 class OrderSelection:
@@ -45,50 +49,55 @@ class OrderSelection:
 
     def __init__(
         self,
+        sums: OrderSums,
         labels: list[Any],
-        scores: np.ndarray,
         scoring: str,
         rule: str,
-        source: Any,
+        estimator: NRFRegressor,
+        free_run: bool,
     ) -> None:
-        self.scoring, self.rule = scoring, rule
-        self._labels, self._scores, self._source = labels, scores, source
-        ranks, errors = (
-            [rules.complexity_of({"degree": label}) for label in labels],
-            rules.errors_of(scores),
-        )
-        one = rule == "one_standard_error"
-        self._chosen = (
-            rules.choose(errors, ranks)
-            if one
-            else int(np.nanargmax(scores.mean(axis=1)))
-        )
+        self.scoring = scoring
+        self.rule = rule
+        self._sums = sums
+        self._labels = labels
+        self._estimator = estimator
+        self._free_run = free_run
+        self._scores = self._scored([scoring])[scoring]
+        if rule == "one_standard_error":
+            ranks = [complexity_of({"degree": label}) for label in labels]
+            self._chosen = choose(errors_of(self._scores), ranks)
+        else:
+            self._chosen = int(np.nanargmax(self._scores.mean(axis=1)))
         self.best_order = labels[self._chosen]
+
+    def _scored(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Scores of all orders on all folds, (n_orders, n_folds), by name."""
+        rows = []
+        for label in self._labels:
+            order = self._sums.uniform_order(label)
+            rows.append(scores_on_folds(self._sums, order, names))
+        return {name: np.array([row[name] for row in rows]) for name in names}
 
     @cached_property
     def fold_scores(self) -> pd.DataFrame:
-        index = pd.Index([str(label) for label in self._labels], name="order")
-        return pd.DataFrame(
-            self._scores, index, [f"fold {i + 1}" for i in range(self._scores.shape[1])]
-        )
+        index = pd.Index(list(map(str, self._labels)), name="order")
+        folds = [f"fold {i + 1}" for i in range(self._scores.shape[1])]
+        return pd.DataFrame(self._scores, index, folds)
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        held, _, free_run = self._source
-        wanted = dict.fromkeys(
-            ["balance", "acceleration", *(["free_run"] if free_run else [])]
-        )
-        scores = {self.scoring: self.fold_scores.to_numpy()}
-        missing = [name for name in wanted if name not in scores]
-        scores |= dict(zip(missing, _every(held, self._labels, missing)))
-        table = pd.DataFrame(
-            {"terms": [_order(held, x).layout.n_terms for x in self._labels]},
-            self.fold_scores.index,
-        )
-        table["score"] = scores[self.scoring].mean(axis=1)
-        table["standard_error"] = [
-            rules.standard_error(row) for row in scores[self.scoring]
-        ]
+        names = {"balance", "acceleration"}
+        if self._free_run:
+            names.add("free_run")
+        scores = self._scored(sorted(names - {self.scoring}))
+        scores[self.scoring] = self._scores
+
+        terms = []
+        for label in self._labels:
+            terms.append(self._sums.uniform_order(label).layout.n_terms)
+        table = pd.DataFrame({"terms": terms}, self.fold_scores.index)
+        table["score"] = self._scores.mean(axis=1)
+        table["standard_error"] = [standard_error(row) for row in self._scores]
         table["balance_error"] = -scores["balance"].mean(axis=1)
         table["acceleration_r2"] = scores["acceleration"].mean(axis=1)
         if "free_run" in scores:
@@ -98,35 +107,50 @@ class OrderSelection:
 
     @cached_property
     def orders_(self) -> dict[str, Any]:
-        return _orders_by_storey(self._source[0], self._labels, self.best_order)
+        return _orders_by_storey(self._sums, self._labels, self.best_order)
 
     def regressor(self, by_storey: bool = False) -> NRFRegressor:
-        """An estimator, not yet fitted, with the order found."""
-        new = clone(self._source[1])
+        """An estimator, not yet fitted, with the order found.
+
+        Parameters
+        ----------
+        by_storey : bool
+            Whether each storey has an order of its own.
+        """
+        new = clone(self._estimator)
         if not by_storey:
             return new.set_params(degree=self.best_order)
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw held-out error over the order (matplotlib); ``ax`` is where, new axes if
-        None.
+        """Draw held-out error over the order.
+
+        Parameters
+        ----------
+        ax : matplotlib axes, optional
+            New ones if None.
         """
-        return Hook.ORDER_FIGURE(self).plot(ax)
+        return Drawing([self.figure()]).plot(ax)
+
+    def figure(self) -> Figure:
+        """Held-out error over the order, apart from how it is drawn."""
+        orders = [str(label) for label in self._labels]
+        return order_figure(self.table, errors_of(self._scores), orders, self.scoring)
 
     def __repr__(self) -> str:
-        orders, folds = self._scores.shape
+        n_orders, n_folds = self._scores.shape
         return (
-            f"OrderSelection(best_order={self.best_order!r}, {orders} orders, {folds}"
-            " folds)"
+            f"OrderSelection(best_order={self.best_order!r}, {n_orders} orders,"
+            f" {n_folds} folds)"
         )
 
     def __str__(self) -> str:
         best = self.table.loc[self.table["chosen"]].iloc[0]
         kind = "box (k, q)" if isinstance(self.best_order, tuple) else "degree"
+        rule = self.rule.replace("_", " ")
         return (
             f"{kind} {self.best_order}: held-out balance error"
-            f" {best['balance_error']:.3g} %, {int(best['terms'])} terms"
-            f" ({self.rule.replace('_', ' ')},"
+            f" {best['balance_error']:.3g} %, {int(best['terms'])} terms ({rule},"
             f" {self.scoring})\n{self.table.to_string()}"
         )
 
@@ -147,8 +171,7 @@ def select_order(
     covariates: Any = None,
     **regressor_params: Any,
 ) -> OrderSelection:
-    """Choose the order of the power series by held-out error, at the cost of about one
-    fit.
+    """Choose the order of the power series by held-out error.
 
     The samples are read once, into Gram matrices of the pieces that the folds cut. The
     scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,
@@ -199,172 +222,136 @@ def select_order(
     (3, 3)
     """
     labels = _labels(degrees, boxes)
-    if scoring not in rules.SCORINGS:
-        cure = (
-            f"Choose {', '.join(rules.SCORINGS)}, or use GridSearchCV with your own"
-            " scorer."
-        )
+    if scoring not in SCORES:
+        cure = f"Choose {', '.join(SCORES)}, or use GridSearchCV with your own scorer."
         raise NRFError(f"scoring={scoring!r} is unknown here", cure)
-    if rule not in _RULES:
-        raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(_RULES)}.")
+    if rule not in RULES:
+        raise NRFError(f"rule={rule!r} is unknown", f"Choose {' or '.join(RULES)}.")
     if "degree" in regressor_params:
-        raise ChainError(
-            "degree is what is selected",
-            "Give degrees=..., or orders= for storeys whose order is known.",
-        )
+        cure = "Give degrees=..., or orders= for storeys whose order is known."
+        raise ChainError("degree is what is selected", cure)
+
     estimator = NRFRegressor(**regressor_params)
-    beside = dict(
+    data = data_of(
+        estimator,
+        X,
+        F,
         record=record,
         time=time,
         base_acceleration=base_acceleration,
         covariates=covariates,
     )
-    held = fold_moments_of(estimator, labels, X, F, cv, beside)
-    if (free_run or scoring == "free_run") and any(
-        seg.dt is None for seg in held.data.segments
-    ):
-        raise ChannelError(
-            "The free run needs the time of the samples",
-            "Pass dt= (s), time=, or X with a time index.",
-        )
-    return OrderSelection(
-        labels,
-        _every(held, labels, [scoring])[0],
-        scoring,
-        rule,
-        (held, estimator, free_run),
-    )
-
-
-def _order(held: FoldMoments, label: Any) -> Order:
-    return held.order(dict.fromkeys(held.union, label))
-
-
-def _every(
-    held: FoldMoments, labels: list[Any], scorings: list[str]
-) -> list[np.ndarray]:
-    """Scores of all orders on all folds, one array for each scoring."""
-    found = [rules.on_folds(held, _order(held, label), scorings) for label in labels]
-    return [np.array([scores[name] for scores in found]) for name in scorings]
+    sums = order_sums_of(estimator, labels, data, cv)
+    clockless = any(segment.dt is None for segment in data.segments)
+    if clockless and (free_run or scoring == "free_run"):
+        what = "The free run needs the time of the samples"
+        raise ChannelError(what, "Pass dt= (s), time=, or X with a time index.")
+    return OrderSelection(sums, labels, scoring, rule, estimator, free_run)
 
 
 def _labels(degrees: Any, boxes: Any) -> list[Any]:
-    labels = [
-        *(degrees if degrees is not None else ()),
-        *(tuple(box) for box in boxes or ()),
-    ]
-    labels = [
-        int(d) if hasattr(d, "__index__") and not isinstance(d, bool) else d
-        for d in labels
-    ]
+    """All orders, each once."""
+    labels: list[Any] = []
+    for degree in degrees if degrees is not None else ():
+        whole = hasattr(degree, "__index__") and not isinstance(degree, bool)
+        labels.append(int(degree) if whole else degree)
+    labels.extend(map(tuple, boxes or ()))
     if not labels:
-        raise NRFError(
-            "There is no order to choose from",
-            "Give degrees=range(1, 8), or boxes=[(1, 3), ...].",
-        )
-    empty = [label for label in labels if not exponents_of(label)]
-    if empty:
-        raise NRFError(f"Order {empty[0]!r} has no terms", "Start at degree 1.")
+        what = "There is no order to choose from"
+        raise NRFError(what, "Give degrees=range(1, 8), or boxes=[(1, 3), ...].")
+    for label in labels:
+        if not exponents_of(label):
+            raise NRFError(f"Order {label!r} has no terms", "Start at degree 1.")
     return list(dict.fromkeys(labels))
 
 
-def fold_moments_of(
-    estimator: Any,
-    labels: list[Any],
-    X: Any,
-    F: Any,
-    cv: Any,
-    options: Mapping[str, Any],
-) -> FoldMoments:
-    """Gram matrices for all folds of what an estimator would be fitted to, with several
-    orders where none is given.
+def data_of(estimator: Any, X: Any, F: Any, **options: Any) -> Dataset:
+    """The data that an estimator would be fitted to.
+
+    Refuses an estimator that sums of products cannot serve.
     """
-    if estimator.estimation not in LEAST_SQUARES or estimator.constraints is not None:
+    cure = "Use GridSearchCV over NRFRegressor."
+    if estimator.constraints is not None:
+        raise ChainError("constraints cannot be had from Gram matrices alone", cure)
+    if estimator.estimation not in LEAST_SQUARES:
         what = (
-            "constraints"
-            if estimator.constraints is not None
-            else f"estimation={estimator.estimation!r}"
+            f"estimation={estimator.estimation!r} cannot be had from Gram matrices"
+            " alone"
         )
-        raise ChainError(
-            f"{what} cannot be had from Gram matrices alone",
-            "Use GridSearchCV over NRFRegressor.",
-        )
-    given = law_list(estimator.laws)
-    free = [law for law in given if law.free_shape]
-    if free:
-        cure = "Give their values, or use GridSearchCV over NRFRegressor."
-        raise ChainError(f"{free[0]!r} has shape parameters to be estimated", cure)
-    data = from_arrays(
+        raise ChainError(what, cure)
+    has_memory = False
+    for law in law_list(estimator.laws):
+        has_memory = has_memory or law.has_memory
+        if law.free_shape:
+            what = f"{law!r} has shape parameters to be estimated"
+            cure = "Give their values, or use GridSearchCV over NRFRegressor."
+            raise ChainError(what, cure)
+    return from_arrays(
         X,
         F,
         coordinates=estimator.coordinates,
         dt=estimator.dt,
+        has_memory=has_memory,
         **options,
-        has_memory=any(law.has_memory for law in given),
     )
+
+
+def order_sums_of(
+    estimator: Any, labels: list[Any], data: Dataset, cv: Any
+) -> OrderSums:
+    """Sums for all folds and several orders at the sites that have none."""
     problem = estimator.problem(data.n_dof)
-    chain = problem.chain
-    fixed = {
-        s: problem.laws[s]
-        for s in map(chain.site, [*(estimator.laws or ()), *(estimator.orders or ())])
-    }
-    searched = {s: labels for s in chain.sites if s not in fixed}
-    if not searched:
-        raise ChainError(
-            "Every site has a law or an order already",
-            "Leave a storey out of laws= and orders=.",
-        )
-    starts = [
-        0,
-        *(seg.rows.start for seg in data.segments[1:]),
-        data.n_samples,
-    ]  # rows left out go with those before
-    ids = np.repeat(
-        np.arange(len(data.segments)), np.diff(starts)
-    )  # numbers: two records may have one name
+    named = [*(estimator.laws or ()), *(estimator.orders or ())]
+    given = {problem.chain.site(text): () for text in named}
+    fixed = {site: problem.laws[site] for site in given}
+    if all(site in fixed for site in problem.chain.sites):
+        what = "Every site has a law or an order already"
+        raise ChainError(what, "Leave a storey out of laws= and orders=.")
+
+    sums = OrderSums(problem, fixed, labels, data, _folds(cv, data))
+    require_moving(data, sums.layout)
+    return sums
+
+
+def _folds(cv: Any, data: Dataset) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rows that train and that test of each fold."""
     splitter = BlockedTimeSplit(int(cv)) if isinstance(cv, (int, np.integer)) else cv
-    folds = list(
-        splitter.split(np.empty((data.n_samples, 1)), None, ids)
-        if hasattr(splitter, "split")
-        else splitter
-    )
-    held = FoldMoments(
-        chain,
-        fixed,
-        searched,
-        data,
-        folds,
-        problem.filters(data),
-        problem.known_masses,
-        problem.strategy,
-        problem.optimizer,
-    )
-    require_moving(data, held.layout)
-    return held
+    if not hasattr(splitter, "split"):
+        return list(splitter)
+
+    # numbers, because two records may have one name; rows that were left out go with
+    # those before
+    starts = [segment.rows.start for segment in data.segments[1:]]
+    sizes = np.diff([0, *starts, data.n_samples])
+    records = np.repeat(np.arange(len(sizes)), sizes)
+    return list(splitter.split(np.empty((data.n_samples, 1)), None, records))
 
 
-def _orders_by_storey(
-    held: FoldMoments, labels: list[Any], best: Any
-) -> dict[str, Any]:
-    """Each storey's simplest order, the others being what they are; from the top down
-    until nothing changes.
+def _orders_by_storey(sums: OrderSums, labels: list[Any], best: Any) -> dict[str, Any]:
+    """Each storey's simplest order, the others being what they are.
+
+    From the top down, until nothing changes.
     """
-    chosen: dict[Site, Any] = dict.fromkeys(held.union, best)
-    ranks = [rules.complexity_of({"degree": label}) for label in labels]
-    for _ in range(3):
+    chosen: dict[Site, Any] = dict.fromkeys(sums.union, best)
+    ranks = [complexity_of({"degree": label}) for label in labels]
+    from_top = sorted(chosen, key=lambda site: (-site.p, -site.q))
+    for _ in range(MAX_PASSES):
         before = dict(chosen)
-        for site in sorted(chosen, key=lambda s: (-s.p, -s.q)):
-            dofs = [j for j in (site.p, site.q) if j > 0]
-            errors = np.array(
-                [
-                    rules.balances_on_folds(
-                        held, held.order({**chosen, site: label}), dofs
-                    )
-                    / 100.0
-                    for label in labels
-                ]
-            )
-            chosen[site] = labels[rules.choose(errors, ranks, paired=True)]
+        for site in from_top:
+            errors = _errors_of_orders(sums, labels, chosen, site)
+            chosen[site] = labels[choose(errors, ranks, paired=True)]
         if chosen == before:
             break
     return {str(site): order for site, order in chosen.items()}
+
+
+def _errors_of_orders(
+    sums: OrderSums, labels: list[Any], chosen: Mapping[Site, Any], site: Site
+) -> np.ndarray:
+    """Held-out errors of the equations that a site stands in, for all its orders."""
+    dofs = [dof for dof in (site.p, site.q) if dof > 0]
+    errors = []
+    for label in labels:
+        order = sums.order({**chosen, site: label})
+        errors.append(errors_on_folds(sums, order, dofs))
+    return np.array(errors)

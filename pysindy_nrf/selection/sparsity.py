@@ -1,6 +1,4 @@
-"""Which terms: those of the power series that held-out data miss when they are left
-out.
-"""
+"""Which terms: those of the power series that held-out data miss when left out."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,12 +12,16 @@ from ..chain.sites import Site
 from ..equations.errors import pooled_error
 from ..exceptions import NRFError
 from ..identification.regressor import NRFRegressor
-from .fold_moments import FoldMoments, Monomials, Order
-from .one_se_rule import balances_on_folds, choose, standard_error
-from .selection import fold_moments_of
+from .held_out import errors_on_folds
+from .one_se_rule import choose, standard_error
+from .order_sums import Monomials, Order, OrderSums
+from .selection import data_of, order_sums_of
 
-# rise of the held-out error, as a share, that the absence of a term may cost at most
+# Rise of the held-out error, as a share, that the absence of a term may cost at most.
 MARGIN = 0.02
+
+# By site: which of the monomials are left.
+Support = Mapping[Site, np.ndarray]
 
 
 class SparsitySelection:
@@ -38,28 +40,23 @@ class SparsitySelection:
     def __init__(
         self,
         table: pd.DataFrame,
-        order: Order,
-        coefficients: Mapping[Site, Any],
-        estimator: Any,
+        terms: pd.Series,
+        laws: Mapping[Site, Any],
+        estimator: NRFRegressor,
     ) -> None:
-        self.table, self._order, self._estimator = table, order, estimator
-        labels = {
-            (str(s), label): float(c)
-            for s in coefficients
-            for label, c in coefficients[s].items()
-        }
-        self.terms = pd.Series(labels, name="coefficient").rename_axis(["site", "term"])
+        self.table = table
+        self.terms = terms
+        self._laws = laws
+        self._estimator = estimator
 
     def regressor(self) -> NRFRegressor:
         """An estimator, not yet fitted, with the terms that are left."""
-        laws = {str(s): list(held) for s, held in self._order.layout.laws.items()}
+        laws = {str(site): list(group) for site, group in self._laws.items()}
         return clone(self._estimator).set_params(laws=laws, orders=None)
 
     def __repr__(self) -> str:
-        return (
-            f"SparsitySelection({self._order.layout.n_terms} of {len(self.terms)}"
-            " terms)"
-        )
+        left = int(self.table["terms"].iloc[-1])
+        return f"SparsitySelection({left} of {len(self.terms)} terms)"
 
 
 def select_sparsity(
@@ -74,13 +71,13 @@ def select_sparsity(
     covariates: Any = None,
     **regressor_params: Any,
 ) -> SparsitySelection:
-    """Leave out the terms of the power series that held-out data do not miss, from one
-    pass over the samples.
+    """Leave out the terms of the power series that held-out data do not miss.
 
-    In each step the term goes whose absence raises the balance error least. The steps
-    end where the folds can tell the error from the least so far: by more than one
-    standard error of the difference, and by more than 2 %. Each storey keeps one term
-    at least. No threshold is needed, and none would fit all storeys.
+    The samples are read once. In each step the term goes whose absence raises the
+    balance error least. The steps end where the folds can tell the error from the least
+    so far: by more than one standard error of the difference, and by more than 2 %.
+    Each storey keeps one term at least. No threshold is needed, and none would fit all
+    storeys.
 
     Parameters
     ----------
@@ -112,88 +109,117 @@ def select_sparsity(
     (['v', 's', 's^3'], ['v', 's'])
     """
     estimator = NRFRegressor(degree=degree, **regressor_params)
-    beside = dict(
+    data = data_of(
+        estimator,
+        X,
+        F,
         record=record,
         time=time,
         base_acceleration=base_acceleration,
         covariates=covariates,
     )
-    held = fold_moments_of(estimator, [degree], X, F, cv, beside)
-    whole = order = held.order(dict.fromkeys(held.union, degree))
-    least = errors = balances_on_folds(held, order) / 100.0
-    if not np.isfinite(errors).all():
-        raise NRFError(
-            "The whole series cannot be fitted on every fold",
-            "Use fewer folds or a lower degree.",
-        )
-    support = {
-        site: np.ones(order.layout.counts[site], dtype=bool) for site in held.union
-    }
-    rows = [("", order, errors)]
-    while (weakest := _weakest(held, whole, support)) is not None:
-        site, at = weakest
-        support = _without(support, site, at)
-        one = _restricted(held, whole, support)
-        errors = balances_on_folds(held, one) / 100.0
-        if choose(np.array([least, errors]), [1, 0], min_gain=MARGIN, paired=True) == 0:
-            break
-        order, least = one, min(least, errors, key=np.mean)
-        rows.append((f"{whole.layout.labels(site)[at]} of {site}", order, errors))
-    steps = [
-        (name, one.layout.n_terms, 100 * e.mean(), 100 * standard_error(e))
-        for name, one, e in rows
-    ]
-    table = pd.DataFrame(
-        steps, columns=["left_out", "terms", "error", "standard_error"]
-    )
-    found = held.fit(order, None)[0].coefficients
-    kept = {
-        site: dict(zip(order.layout.labels(site), found[site]))
-        for site in whole.layout.acting
-    }
-    coefficients = {
-        s: {label: own.get(label, 0.0) for label in whole.layout.labels(s)}
-        for s, own in kept.items()
-    }
-    return SparsitySelection(table, order, coefficients, estimator)
-
-
-def _without(
-    support: Mapping[Site, np.ndarray], site: Site, at: int
-) -> dict[Site, np.ndarray]:
-    return {**support, site: support[site] & (np.arange(len(support[site])) != at)}
-
-
-def _restricted(
-    held: FoldMoments, whole: Order, support: Mapping[Site, np.ndarray]
-) -> Order:
-    """A candidate with the terms of a support alone; given laws are kept whole."""
-    columns = {site: whole.columns[site][kept] for site, kept in support.items()}
-    few = {
-        site: (Monomials(held.union[site].exponents[i] for i in at),)
-        for site, at in columns.items()
-    }
-    return Order(
-        LawLayout(held.chain, {**few, **held.laws}), {**whole.columns, **columns}
+    elimination = _Elimination(order_sums_of(estimator, [degree], data, cv), degree)
+    elimination.eliminate()
+    return SparsitySelection(
+        elimination.table(),
+        elimination.terms(),
+        elimination.order.layout.laws,
+        estimator,
     )
 
 
-def _weakest(
-    held: FoldMoments, whole: Order, support: Mapping[Site, np.ndarray]
-) -> tuple[Site, int] | None:
-    """The power whose absence raises the balance error on all data least; a storey
-    keeps one at least.
-    """
-    rises = {}
-    for site in (site for site, kept in support.items() if kept.sum() > 1):
-        for at in np.flatnonzero(support[site]).tolist():
-            try:
-                solution, _, grams = held.fit(
-                    _restricted(held, whole, _without(support, site, at)), None
-                )
-            except NRFError:
+class _Elimination:
+    """Terms go one by one, until the folds can tell."""
+
+    def __init__(self, sums: OrderSums, degree: Any) -> None:
+        self.sums = sums
+        self.whole = sums.uniform_order(degree)
+        self.order = self.whole
+        errors = errors_on_folds(sums, self.whole)
+        if not np.isfinite(errors).all():
+            what = "The whole series cannot be fitted on every fold"
+            raise NRFError(what, "Use fewer folds or a lower degree.")
+        # what was left out, the candidate, its held-out errors
+        self._steps: list[tuple[str, Order, np.ndarray]] = [("", self.whole, errors)]
+
+    def eliminate(self) -> None:
+        """Leave out the weakest term, as long as the held-out error allows it."""
+        least = self._steps[0][2]
+        counts = self.whole.layout.counts
+        support: Support = {
+            site: np.ones(counts[site], dtype=bool) for site in self.sums.union
+        }
+        weakest = self._weakest(support)
+        while weakest is not None:
+            site, term = weakest
+            support = _without(support, site, term)
+            order = self._restricted(support)
+            errors = errors_on_folds(self.sums, order)
+            pair = np.array([least, errors])
+            if choose(pair, [1, 0], min_gain=MARGIN, paired=True) == 0:
+                break
+            self.order = order
+            if np.mean(errors) < np.mean(least):
+                least = errors
+            label = self.whole.layout.labels(site)[term]
+            self._steps.append((f"{label} of {site}", order, errors))
+            weakest = self._weakest(support)
+
+    def _weakest(self, support: Support) -> tuple[Site, int] | None:
+        """The term whose absence raises the error on all data least.
+
+        A storey keeps one at least.
+        """
+        rises: dict[tuple[Site, int], float] = {}
+        for site, left in support.items():
+            if left.sum() < 2:
                 continue
-            rises[site, at] = pooled_error(
-                solution.masses, solution.coefficients, grams
-            )
-    return min(rises, key=rises.__getitem__) if rises else None
+            for term in np.flatnonzero(left).tolist():
+                order = self._restricted(_without(support, site, term))
+                try:
+                    solution, _, grams = self.sums.fit(order, None)
+                except NRFError:
+                    continue
+                error = pooled_error(solution.masses, solution.coefficients, grams)
+                rises[site, term] = error
+        return min(rises, key=rises.__getitem__) if rises else None
+
+    def _restricted(self, support: Support) -> Order:
+        """A candidate with the terms of a support alone; given laws are kept whole."""
+        columns = dict(self.whole.columns)
+        laws: dict[Site, Any] = dict(self.sums.laws)
+        for site, left in support.items():
+            columns[site] = self.whole.columns[site][left]
+            exponents = self.sums.union[site].exponents
+            laws[site] = (Monomials(exponents[i] for i in columns[site]),)
+        in_order = {site: laws[site] for site in [*support, *self.sums.laws]}
+        return Order(LawLayout(self.sums.chain, in_order), columns)
+
+    def table(self) -> pd.DataFrame:
+        """One row for each step."""
+        rows = []
+        for name, order, errors in self._steps:
+            error, spread = 100 * errors.mean(), 100 * standard_error(errors)
+            rows.append((name, order.layout.n_terms, error, spread))
+        columns = ["left_out", "terms", "error", "standard_error"]
+        return pd.DataFrame(rows, columns=columns)
+
+    def terms(self) -> pd.Series:
+        """Coefficients of all terms by site, 0 where left out."""
+        coefficients = self.sums.fit(self.order, None)[0].coefficients
+        values = {}
+        for site in self.whole.layout.acting:
+            for label in self.whole.layout.labels(site):
+                values[str(site), label] = 0.0
+            labels = self.order.layout.labels(site)
+            for label, value in zip(labels, coefficients[site]):
+                values[str(site), label] = float(value)
+        terms = pd.Series(values, name="coefficient")
+        return terms.rename_axis(["site", "term"])
+
+
+def _without(support: Support, site: Site, term: int) -> Support:
+    """A support without one term."""
+    left = support[site].copy()
+    left[term] = False
+    return {**support, site: left}

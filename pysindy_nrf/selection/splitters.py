@@ -1,5 +1,8 @@
-"""Splitters that respect records and time: neighbouring samples of a vibration are
-nearly copies of each other.
+"""A splitter that respects time.
+
+Neighbouring samples of a vibration are nearly copies of each other. Whole records are
+held out by scikit-learn's ``LeaveOneGroupOut`` or ``GroupKFold``, with record ids as
+groups.
 """
 
 from collections.abc import Iterator
@@ -13,123 +16,9 @@ from sklearn.utils.validation import _num_samples
 from ..exceptions import ChannelError
 from ..laws.power_series import whole
 from ..records.channels import by_record
-from ..records.record import Record
 
 
-class _RecordSplitter(BaseCrossValidator):
-    """What both splitters share: record ids come as ``groups``, or as routed metadata
-    named ``record``.
-    """
-
-    # with sklearn.set_config(enable_metadata_routing=True), record= is passed once, to
-    # everything that needs it
-    __metadata_request__split = {"groups": "record"}
-
-    def __repr__(self) -> str:
-        held = ", ".join(
-            f"{k}={v!r}" for k, v in vars(self).items() if not k.startswith("_")
-        )
-        return f"{type(self).__name__}({held})"
-
-    def split(
-        self, X: Any, y: Any = None, groups: Any = None
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Row numbers of each fold.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_columns), or list of Record
-        y : ignored
-        groups : array-like of shape (n_samples,), optional
-            Record ids; the samples of a record follow each other.
-
-        Yields
-        ------
-        train, test : ndarray of int
-        """
-        rows = np.arange(_num_samples(X))
-        for test, near in self._tests(self._records(X, groups)):
-            yield np.delete(rows, np.concatenate([test, near])), test
-
-    def _records(self, X: Any, groups: Any) -> list[np.ndarray]:
-        """Rows of each record."""
-        size = _num_samples(X)
-        if isinstance(X, (list, tuple)) and X and isinstance(X[0], Record):
-            return [np.array([i]) for i in range(size)]
-        pieces = by_record(groups, size)
-        names = pd.Series([name for name, _ in pieces])
-        if len(again := names[names.duplicated()]):
-            cure = "Sort the rows by record and time; never shuffle them."
-            raise ChannelError(
-                f"The samples of record {again.iloc[0]} do not follow each other", cure
-            )
-        return [np.arange(rows.start, rows.stop) for _, rows in pieces]
-
-    def _tests(
-        self, records: list[np.ndarray]
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Held-out rows of each fold, and rows near them that are left out of
-        training.
-        """
-        raise NotImplementedError
-
-
-class RecordSplit(_RecordSplitter):
-    """Whole records are held out: the most honest judge where there are several.
-
-    Parameters
-    ----------
-    n_splits : int, optional
-        Number of folds, into which the records are dealt in turn; one fold for each
-        record if None.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from pysindy_nrf.selection import RecordSplit
-    >>> ids = np.array(["hit 1"] * 3 + ["hit 2"] * 2)
-    >>> [
-    ...     test.tolist()
-    ...     for train, test in RecordSplit().split(np.zeros((5, 3)), groups=ids)
-    ... ]
-    [[0, 1, 2], [3, 4]]
-    """
-
-    def __init__(self, n_splits: int | None = None) -> None:
-        self.n_splits = n_splits
-
-    def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
-        """Number of folds; parameters as of :meth:`split`, not needed if ``n_splits``
-        was given.
-        """
-        if self.n_splits is not None:
-            return whole("n_splits", self.n_splits, 2)
-        return len(self._records(X if X is not None else groups, groups))
-
-    def _tests(
-        self, records: list[np.ndarray]
-    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Whole records, dealt to the folds in turn."""
-        n = (
-            len(records)
-            if self.n_splits is None
-            else whole("n_splits", self.n_splits, 2)
-        )
-        if len(records) < max(n, 2):
-            cure = (
-                "Pass the record ids as groups= (or record= with metadata routing), or"
-                " use BlockedTimeSplit."
-            )
-            raise ChannelError(
-                f"{len(records)} record{'s' * (len(records) != 1)} cannot make"
-                f" {max(n, 2)} folds",
-                cure,
-            )
-        for i in range(n):
-            yield np.sort(np.concatenate(records[i::n])), np.zeros(0, dtype=int)
-
-
-class BlockedTimeSplit(_RecordSplitter):
+class BlockedTimeSplit(BaseCrossValidator):
     """Consecutive blocks of every record are held out, with a gap around them.
 
     Parameters
@@ -141,46 +30,90 @@ class BlockedTimeSplit(_RecordSplitter):
         that nothing of it leaks through a filter or the memory of the motion: a period
         or two of the lowest mode, or the ``edge`` of the filter.
 
+    Notes
+    -----
+    With ``sklearn.set_config(enable_metadata_routing=True)`` the record ids come as
+    metadata named ``record``, which is passed once to everything that needs it.
+
     Examples
     --------
     >>> import numpy as np
     >>> from pysindy_nrf.selection import BlockedTimeSplit
-    >>> [
-    ...     test.tolist()
-    ...     for train, test in BlockedTimeSplit(3, gap=1).split(
-    ...         np.zeros((9, 3))
-    ...     )
-    ... ]
+    >>> folds = BlockedTimeSplit(3, gap=1).split(np.zeros((9, 3)))
+    >>> [test.tolist() for train, test in folds]
     [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
     """
 
+    __metadata_request__split = {"groups": "record"}
+
     def __init__(self, n_splits: int = 5, gap: int = 0) -> None:
-        self.n_splits, self.gap = n_splits, gap
+        self.n_splits = n_splits
+        self.gap = gap
+
+    def __repr__(self) -> str:
+        return f"BlockedTimeSplit(n_splits={self.n_splits!r}, gap={self.gap!r})"
 
     def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
         """Number of folds; parameters as of :meth:`split`, not needed."""
         return whole("n_splits", self.n_splits, 2)
 
-    def _tests(
-        self, records: list[np.ndarray]
+    def split(
+        self, X: Any, y: Any = None, groups: Any = None
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """One block of every record, and the same with the gap around it."""
-        n, gap = whole("n_splits", self.n_splits, 2), whole("gap", self.gap)
-        short = min(records, key=len)
-        if len(short) < n or len(short) - len(short) // n <= 2 * gap:
-            what = (
-                f"A record of {len(short)} samples is too short for {n} blocks with a"
-                f" gap of {gap} samples"
-            )
-            raise ChannelError(what, "Use fewer blocks, a smaller gap, or RecordSplit.")
+        """Row numbers of each fold.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_columns)
+        y : ignored
+        groups : array-like of shape (n_samples,), optional
+            Record ids; the samples of a record follow each other.
+
+        Yields
+        ------
+        train, test : ndarray of int
+
+        Raises
+        ------
+        ChannelError
+            If a record is too short, or its samples do not follow each other.
+        """
+        n_splits = whole("n_splits", self.n_splits, 2)
+        gap = whole("gap", self.gap)
+        n_samples = _num_samples(X)
+        records = _rows_of_records(groups, n_samples)
+        _require_length(min(map(len, records)), n_splits, gap)
+
         # sizes as in scikit-learn's KFold: the first blocks are one sample longer
-        blocks = [np.array_split(rows, n) for rows in records]
-        for i in range(n):
-            tests = [parts[i] for parts in blocks]
-            near = [
-                np.arange(
-                    max(rows[0], test[0] - gap), min(rows[-1], test[-1] + gap) + 1
-                )
-                for rows, test in zip(records, tests)
-            ]
-            yield np.concatenate(tests), np.concatenate(near)
+        blocks = [np.array_split(rows, n_splits) for rows in records]
+        for fold in range(n_splits):
+            tests = [parts[fold] for parts in blocks]
+            is_train = np.ones(n_samples, dtype=bool)
+            for rows, test in zip(records, tests):
+                first = max(rows[0], test[0] - gap)
+                is_train[first : min(rows[-1], test[-1] + gap) + 1] = False
+            yield np.flatnonzero(is_train), np.concatenate(tests)
+
+
+def _rows_of_records(groups: Any, n_samples: int) -> list[np.ndarray]:
+    """Rows of each record."""
+    pieces = by_record(groups, n_samples)
+    names = pd.Series([name for name, _ in pieces])
+    repeated = names[names.duplicated()]
+    if len(repeated):
+        what = f"The samples of record {repeated.iloc[0]} do not follow each other"
+        raise ChannelError(
+            what, "Sort the rows by record and time; never shuffle them."
+        )
+    return [np.arange(rows.start, rows.stop) for _, rows in pieces]
+
+
+def _require_length(shortest: int, n_splits: int, gap: int) -> None:
+    """Refuse records that leave nothing to train on beside a block and its gap."""
+    if shortest < n_splits or shortest - shortest // n_splits <= 2 * gap:
+        what = (
+            f"A record of {shortest} samples is too short for {n_splits} blocks with a"
+            f" gap of {gap} samples"
+        )
+        cure = "Use fewer blocks or a smaller gap, or hold out whole records."
+        raise ChannelError(what, cure)

@@ -15,6 +15,8 @@ from ..exceptions import ChainError, ChannelError
 from ..laws.power_series import whole
 from ..records.zero_phase_filter import check_band, check_rate
 
+MAX_SHARE_OF_BLOWS = 0.5  # of the record: blows would overlap otherwise
+
 
 def impact_hammer(
     n_dof: int,
@@ -72,37 +74,45 @@ def impact_hammer(
     ... )
     ((8000, 4), True, 0.0)
     """
-    n, columns = _frame(n_dof, duration, fs, excited)
+    n_samples, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(level)
-    hits = whole("n_hits", n_hits, 1)
+    n_hits = whole("n_hits", n_hits, 1)
     width = positive("width", width, "Give it in s.", ChannelError)
+    _check_blows(n_hits, width, spread, duration, fs)
+
+    rng = generator(random_state)
+    t = np.arange(n_samples) / fs
+    F = np.zeros((n_samples, n_dof))
+    interval = duration / n_hits
+    for hit in range(n_hits):
+        start = hit * interval + rng.uniform(0.05, 0.5) * (interval - width)
+        peak = levels[hit % len(levels)] * rng.uniform(1 - spread, 1)
+        first = int(np.ceil(start * fs))
+        last = int(np.floor((start + width) * fs))
+        rows = slice(first, last + 1)
+        pulse = peak * np.sin(np.pi * (t[rows] - start) / width)
+        F[rows, columns[hit % len(columns)]] += pulse
+    return F
+
+
+def _check_blows(
+    n_hits: int, width: float, spread: float, duration: float, fs: float
+) -> None:
     if not 0 <= spread < 1:
         raise ChannelError(
             f"spread={spread!r} is not between 0 and 1",
             "Give 0 for blows of equal strength.",
         )
-    if hits * width > 0.5 * duration:
-        cure = "Take fewer or a longer record."
+    if n_hits * width > MAX_SHARE_OF_BLOWS * duration:
         raise ChannelError(
-            f"{hits} blows of {width:g} s do not fit into {duration:g} s", cure
+            f"{n_hits} blows of {width:g} s do not fit into {duration:g} s",
+            "Take fewer or a longer record.",
         )
     if width * fs < 2:
-        cure = "Sample faster, or take softer blows."
         raise ChannelError(
-            f"Blows of {width:g} s are shorter than two samples at {fs:g} Hz", cure
+            f"Blows of {width:g} s are shorter than two samples at {fs:g} Hz",
+            "Sample faster, or take softer blows.",
         )
-    rng = generator(random_state)
-    t = np.arange(n) / fs
-    F = np.zeros((n, n_dof))
-    interval = duration / hits
-    for k in range(hits):
-        start = k * interval + rng.uniform(0.05, 0.5) * (interval - width)
-        peak = levels[k % len(levels)] * rng.uniform(1 - spread, 1)
-        rows = slice(int(np.ceil(start * fs)), int(np.floor((start + width) * fs)) + 1)
-        F[rows, columns[k % len(columns)]] += peak * np.sin(
-            np.pi * (t[rows] - start) / width
-        )
-    return F
 
 
 def band_limited_random(
@@ -115,8 +125,9 @@ def band_limited_random(
     band: tuple[float, float],
     random_state: Any = None,
 ) -> np.ndarray:
-    """Gaussian random forces of flat spectrum within a band and none outside; the rest
-    as of :func:`impact_hammer`.
+    """Gaussian random forces within a band; the rest as of :func:`impact_hammer`.
+
+    Their spectrum is flat within the band and zero outside.
 
     Parameters
     ----------
@@ -143,34 +154,40 @@ def band_limited_random(
     >>> round(float((F[:, 1] ** 2).mean() ** 0.5), 6)
     200.0
     """
-    n, columns = _frame(n_dof, duration, fs, excited)
+    n_samples, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(rms)
     low, high = check_band(band, 1.000001 * fs)  # half the sampling rate is allowed
+    limits = low or 0.0, high or np.inf
+
     rng = generator(random_state)
-    F = np.zeros((n, n_dof))
-    parts = np.array_split(np.arange(n), len(levels))
-    for j in columns:
+    F = np.zeros((n_samples, n_dof))
+    parts = np.array_split(np.arange(n_samples), len(levels))
+    for column in columns:
         for rows, level in zip(parts, levels):
-            spectrum = np.fft.rfft(rng.standard_normal(len(rows)))
-            frequency = np.fft.rfftfreq(len(rows), 1 / fs)
-            spectrum[(frequency < (low or 0.0)) | (frequency > (high or np.inf))] = 0
-            piece = np.fft.irfft(spectrum, len(rows))
-            size = np.sqrt(np.mean(piece**2))
+            noise = _in_band(rng.standard_normal(len(rows)), fs, limits)
+            size = np.sqrt(np.mean(noise**2))
             if size == 0:
-                what = (
-                    f"The band {band} Hz holds no frequency of a record of"
-                    f" {len(rows) / fs:g} s"
+                raise ChannelError(
+                    f"The band {band} Hz contains no frequency of a record of"
+                    f" {len(rows) / fs:g} s",
+                    "Widen it or take a longer record.",
                 )
-                raise ChannelError(what, "Widen it or take a longer record.")
-            F[rows, j] = piece * (level / size)
+            F[rows, column] = noise * (level / size)
     return F
 
 
+def _in_band(signal: np.ndarray, fs: float, band: tuple[float, float]) -> np.ndarray:
+    """The part of a signal within a band, by its Fourier series."""
+    spectrum = np.fft.rfft(signal)
+    frequency = np.fft.rfftfreq(len(signal), 1 / fs)
+    spectrum[(frequency < band[0]) | (frequency > band[1])] = 0
+    return np.fft.irfft(spectrum, len(signal))
+
+
 def _levels(value: Any) -> list[float]:
-    levels = [
-        positive("level", x, "Give N.", ChannelError)
-        for x in np.atleast_1d(np.asarray(value, dtype=object))
-    ]
+    """Positive levels, at least one."""
+    given = np.atleast_1d(np.asarray(value, dtype=object))
+    levels = [positive("level", level, "Give N.", ChannelError) for level in given]
     if not levels:
         raise ChannelError("No level is given", "Give at least one, in N.")
     return levels
@@ -178,17 +195,17 @@ def _levels(value: Any) -> list[float]:
 
 def _frame(n_dof: Any, duration: Any, fs: Any, excited: Any) -> tuple[int, list[int]]:
     """Number of samples and columns of the forced DOFs."""
-    count = whole("n_dof", n_dof, 1)
-    n = round(
-        positive("duration", duration, "Give it in s.", ChannelError) * check_rate(fs)
-    )
-    if n < 2:
+    n_dof = whole("n_dof", n_dof, 1)
+    seconds = positive("duration", duration, "Give it in s.", ChannelError)
+    n_samples = round(seconds * check_rate(fs))
+    if n_samples < 2:
         raise ChannelError(
-            f"{duration} s at {fs} Hz are {n} samples", "At least two are needed."
+            f"{duration} s at {fs} Hz are {n_samples} samples",
+            "At least two are needed.",
         )
-    wanted = dofs_of("excited", excited, count)
-    if not wanted:
+    forced = dofs_of("excited", excited, n_dof)
+    if not forced:
         raise ChainError(
-            "No DOF is excited", f"Give numbers from 1 to {count} in excited=."
+            "No DOF is excited", f"Give numbers from 1 to {n_dof} in excited=."
         )
-    return n, [j - 1 for j in wanted]
+    return n_samples, [dof - 1 for dof in forced]

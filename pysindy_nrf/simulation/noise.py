@@ -10,7 +10,7 @@ from ..common import generator, number_of
 from ..exceptions import ChannelError
 from ..records.record import BASES, OF_LETTER, Record
 
-_LINES = {short: key for key, short in BASES.items()}
+ARGUMENT_OF_BASE = {short: argument for argument, short in BASES.items()}
 
 
 def add_noise(
@@ -63,41 +63,51 @@ def add_noise(
         )
     measured = record.channels()
     rng = generator(random_state, "noise")
-    changes: dict[str, Any] = {}
-    for name in _chosen(measured, record, channels):
-        column = np.asarray(measured[name], dtype=float)
-        rms = np.sqrt(np.nanmean(column**2))
-        column = column + share * rms * rng.standard_normal(len(column))
+    noisy = {}
+    if channels is None:
+        channels = [name for name in measured if name not in record.covariates]
+    for name in _chosen(measured, channels, record.name):
+        values = np.asarray(measured[name], dtype=float)
+        rms = np.sqrt(np.nanmean(values**2))
+        noisy[name] = values + share * rms * rng.standard_normal(len(values))
+    return record.replace(**_as_arguments(record, noisy))
+
+
+def _as_arguments(record: Record, channels: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Arguments of a Record with some channels replaced."""
+    arguments: dict[str, Any] = {}
+    for name, values in channels.items():
         if name in record.covariates:
-            changes.setdefault("covariates", dict(record.covariates))[name] = column
-        elif name in _LINES:
-            changes[_LINES[name]] = column
+            covariates = arguments.setdefault("covariates", dict(record.covariates))
+            covariates[name] = values
+        elif name in ARGUMENT_OF_BASE:
+            arguments[ARGUMENT_OF_BASE[name]] = values
         else:
             key = OF_LETTER[name[0]]
-            changes.setdefault(key, np.array(getattr(record, key), dtype=float))[
-                :, int(name[1:]) - 1
-            ] = column
-    return record.replace(**changes)
+            if key not in arguments:
+                arguments[key] = np.array(getattr(record, key), dtype=float)
+            arguments[key][:, int(name[1:]) - 1] = values
+    return arguments
 
 
 def _chosen(
-    measured: dict[str, np.ndarray], record: Record, channels: Iterable[str] | None
+    measured: Iterable[str], channels: str | Iterable[str], record: str
 ) -> list[str]:
     """Names of the channels that get noise, in the order of the record."""
-    if channels is None:
-        return [name for name in measured if name not in record.covariates]
-    wanted = [channels] if isinstance(channels, str) else list(channels)
-    chosen = set()
-    for text in wanted:
-        group = [
-            name
-            for name in measured
-            if name == text or (text in OF_LETTER and re.fullmatch(rf"{text}\d+", name))
-        ]
-        if not group:
+    chosen: set[str] = set()
+    for text in [channels] if isinstance(channels, str) else channels:
+        named = {name for name in measured if _matches(name, text)}
+        if not named:
             raise ChannelError(
-                f"Channel {text!r} is not in record {record.name!r}",
+                f"Channel {text!r} is not in record {record!r}",
                 f"It has {', '.join(measured)}.",
             )
-        chosen.update(group)
+        chosen |= named
     return [name for name in measured if name in chosen]
+
+
+def _matches(name: str, text: str) -> bool:
+    """Whether a channel is the one named, or of the kind that a letter stands for."""
+    if text in OF_LETTER:
+        return re.fullmatch(rf"{text}\d+", name) is not None
+    return name == text

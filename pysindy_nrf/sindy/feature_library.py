@@ -1,11 +1,9 @@
-"""Force laws as PySINDy feature libraries, and a chain model as a ``ps.SINDy`` of
-first-order equations.
-"""
+"""Force laws as PySINDy feature libraries."""
 
 import re
-import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pysindy import AxesArray
@@ -14,22 +12,16 @@ from pysindy.utils import comprehend_axes
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from ..chain.layout import (
-    LawLayout,
-    declared_laws,
-    power_series_laws,
-    with_coefficients,
-)
-from ..chain.model import ChainModel
+from ..chain.layout import LawLayout, declared_laws, power_series_laws
 from ..chain.sites import dofs_of
 from ..chain.structure import Chain, chain_of
 from ..common import MOST_DOFS
+from ..common.warn import warn_user
 from ..equations.balances import blocks_of_segment
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws.base import ForceLaw, subscript
 from ..records.channels import checked, same_columns
 from ..records.dataset import Segment
-from .optimizers import StateSpaceChainOptimizer, balance_rows
 
 _INPUTS = ("balance", "state")
 _UNNAMED = re.compile(r"[xu]\d+")
@@ -84,7 +76,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
     ...     np.zeros((5, 6))
     ... ).get_feature_names()
     ['a1', 'a2', 'v1', 's1', 's1^3', 'v2', 's2', 's2^3', 'sgn(v2)']
-    >>> # one shaker, on the roof of two storeys; x, xdot and u are what ps.SINDy passes on
+
+    One shaker, on the roof of two storeys; x, xdot and u are what ps.SINDy passes on:
+
     >>> shaken = ForceLawLibrary(
     ...     [laws.Duffing()], inputs="state", excited=[2]
     ... ).fit(np.zeros((5, 5)))
@@ -102,23 +96,19 @@ class ForceLawLibrary(BaseFeatureLibrary):
         dt: float | None = None,
         excited: int | Sequence[int] | None = None,
     ) -> None:
-        self.laws, self.chain, self.inputs, self.dt, self.excited = (
-            laws,
-            chain,
-            inputs,
-            dt,
-            excited,
-        )
+        self.laws = laws
+        self.chain = chain
+        self.inputs = inputs
+        self.dt = dt
+        self.excited = excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         if self.laws is None:
             cure = "Pass laws={'storey 1': [...], ...}, or one list for every storey."
             raise LawError("The library has no laws", cure)
-        return declared_laws(
-            self.laws
-            if isinstance(self.laws, Mapping)
-            else dict.fromkeys(chain.sites, self.laws)
-        )
+        if isinstance(self.laws, Mapping):
+            return declared_laws(self.laws)
+        return declared_laws(dict.fromkeys(chain.sites, self.laws))
 
     def fit(self, x: Any, y: Any = None) -> Any:
         """Count the features.
@@ -139,31 +129,20 @@ class ForceLawLibrary(BaseFeatureLibrary):
             ``inputs="state"`` a law remembers the path or reads the acceleration.
         """
         if self.inputs not in _INPUTS:
-            raise ChannelError(
-                f"inputs={self.inputs!r} is unknown", "Choose 'balance' or 'state'."
-            )
+            what = f"inputs={self.inputs!r} is unknown"
+            raise ChannelError(what, "Choose 'balance' or 'state'.")
+
         first = x[0] if _is_list_of_records(x) else x
-        n, self.excited_ = self._meaning(self._checked(first, reset=True).shape[-1])
-        self.layout_ = self._layout_of(n)
-        for law in (
-            law
-            for group in self.layout_.laws.values()
-            for law in group
-            if self.inputs == "state"
-        ):
-            if law.has_memory or law.uses_acceleration:
-                what = (
-                    "that remembers the path"
-                    if law.has_memory
-                    else "of the acceleration"
-                )
-                cure = "Use NRFRegressor, or inputs='balance'."
-                raise LawError(
-                    f"A law {what} cannot stand in a state-space SINDy model", cure
-                )
-        self.n_output_features_ = self.layout_.n_terms + (
-            n if self.inputs == "balance" else 2 * n
-        )
+        width = self._checked(first, reset=True).shape[-1]
+        columns = self._columns_of_u(width)
+        self.layout_ = self._layout_of(columns.n_dof)
+        self.excited_ = columns.excited
+        if self.inputs == "state":
+            _require_state_space(self.layout_)
+
+        passed_through = 1 if self.inputs == "balance" else 2
+        n_dof = columns.n_dof
+        self.n_output_features_ = self.layout_.n_terms + passed_through * n_dof
         return self
 
     def _layout_of(self, n_dof: int) -> LawLayout:
@@ -171,56 +150,29 @@ class ForceLawLibrary(BaseFeatureLibrary):
         chain = chain_of(self.chain, n_dof)
         return LawLayout(chain, self._laws(chain))
 
-    def _meaning(self, width: int) -> tuple[int, tuple[int, ...]]:
-        """Number of DOFs, and those with a column of u, of a table of so many
-        columns.
-        """
-        n = None if self.chain is None else chain_of(self.chain, 0).n_dof
-        state, excited = self.inputs == "state", self.excited
-        if excited is not None and not state:
-            raise ChannelError(
-                "excited= is for inputs='state'",
-                "A balance has no column of u: pass F to fit.",
-            )
-        if (
-            state
-            and excited is None
-            and width % 3
-            and width == 2 * (n or width // 2) > 0
-        ):
-            excited = ()
-            if n is None:
-                warnings.warn(
-                    f"{width} columns are taken as x and xdot of {width // 2} DOFs in"
-                    " free vibration. Give excited=() if that is so, or excited=[...],"
-                    " the DOFs that the columns of u act on.",
-                    DataQualityWarning,
-                    stacklevel=4,
-                )
-        if excited is None:
-            n = max(width // 3, 1) if n is None else n
-            acting, needed = tuple(range(1, n + 1)), 3 * n
+    def _columns_of_u(self, width: int) -> "_ForceColumns":
+        """DOFs of the chain, and those with a column of u, in a table of some width."""
+        n_dof = None if self.chain is None else chain_of(self.chain, 0).n_dof
+        if self.inputs == "balance":
+            if self.excited is not None:
+                what = "excited= is for inputs='state'"
+                raise ChannelError(what, "A balance has no column of u: pass F to fit.")
+            columns = _ForceColumns.of_every_dof(width, n_dof)
+            columns.require_width(width, "a, v, s of every DOF")
+            return columns
+
+        if self.excited is not None:
+            columns = _ForceColumns.named(self.excited, width, n_dof)
+        elif _is_free_vibration(width, n_dof):
+            columns = _ForceColumns(width // 2, ())
         else:
-            named = dofs_of("excited", excited, MOST_DOFS)
-            n = max((width - len(named)) // 2, 1) if n is None else n
-            acting, needed = dofs_of("excited", named, n), 2 * n + len(named)
-        if width != needed:
-            what = (
-                "x, xdot, u = F of every DOF, or excited=[...], the DOFs that the"
-                " columns of u act on"
-            )
-            cure = f"Give {what if state else 'a, v, s of every DOF'}."
-            raise ChannelError(
-                f"The library got {width} columns (n_features = {width}), {needed} are"
-                " needed",
-                cure,
-            )
-        if len(set(acting)) < len(acting):
-            raise ChainError(
-                f"excited={list(acting)} names a DOF twice",
-                "Give each column of u a DOF of its own.",
-            )
-        return n, acting
+            columns = _ForceColumns.of_every_dof(width, n_dof)
+        needed = (
+            "x, xdot, u = F of every DOF, or excited=[...], the DOFs that the columns"
+            " of u act on"
+        )
+        columns.require_width(width, needed)
+        return columns
 
     def transform(self, x: Any) -> Any:
         """Columns of the balances.
@@ -235,63 +187,69 @@ class ForceLawLibrary(BaseFeatureLibrary):
         AxesArray of shape (n_samples, n_output_features), or list of them
         """
         check_is_fitted(self)
-        return (
-            [self._columns(item) for item in x]
-            if _is_list_of_records(x)
-            else self._columns(x)
-        )
+        if _is_list_of_records(x):
+            return [self._columns(item) for item in x]
+        return self._columns(x)
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
-        tags.input_tags.allow_nan = (
-            True  # terms of a row: those of a NaN row, masked or unmeasured, are NaN
-        )
+        # a row that is masked or unmeasured has terms of NaN
+        tags.input_tags.allow_nan = True
         return tags
 
     def _checked(self, x: Any, reset: bool) -> np.ndarray:
-        if (
-            isinstance(x, AxesArray) and x.ndim == 1
-        ):  # one sample, by which the weak form asks for the columns
+        # PySINDy's weak form asks for the columns by a single sample
+        if isinstance(x, AxesArray) and x.ndim == 1:
             x = np.asarray(x)[None]
-        if getattr(x, "ndim", 2) > 2:  # PySINDy's leading axes
+        if getattr(x, "ndim", 2) > 2:
             same_columns(self, x.shape[-1], None, reset)
             return np.asarray(x)
         return checked(self, x, reset=reset)
 
     def _columns(self, x: Any) -> Any:
         x = self._checked(x, reset=False)
-        lead = x.shape[:-1]
+        leading_axes = x.shape[:-1]
         x = x.reshape(-1, x.shape[-1])
-        n = self.layout_.n_dof
-        first, second, third = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+        n_dof, n_terms = self.layout_.n_dof, self.layout_.n_terms
+
+        kind = np.result_type(x.dtype, np.float32)
+        out = np.empty((len(x), self.n_output_features_), dtype=kind)
+        first, second, third = np.split(x, [n_dof, 2 * n_dof], axis=1)
         if self.inputs == "balance":
-            a, v, s, head = first, second, third, first
+            out[:, :n_dof] = first
+            segment = self._segment(first, second, third)
         else:
-            a, head = np.zeros_like(first), second
-            v, s = (np.diff(y, axis=1, prepend=0.0) for y in (second, first))
-        rows = slice(0, len(x))
-        t = None if self.dt is None else np.arange(len(x)) * self.dt
-        segment = Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
-        out = np.empty(
-            (len(x), self.n_output_features_), dtype=np.result_type(x.dtype, np.float32)
-        )
-        out[:, :n], at = head, 0
-        for block in blocks_of_segment(
-            segment, self.layout_
-        ):  # the columns that every fit sums up
-            out[at : at + block.n_samples, n : n + self.layout_.n_terms] = block.terms.T
-            at += block.n_samples
-        if self.inputs == "state":
-            out[:, n + self.layout_.n_terms :] = 0.0
-            out[:, [n + self.layout_.n_terms + j - 1 for j in self.excited_]] = third
-        out = out.reshape(*lead, -1)
-        out = AxesArray(out, comprehend_axes(out))
-        out.made_by = self  # for ChainOptimizer; any copy or part loses it
-        return out
+            out[:, :n_dof] = second
+            out[:, n_dof + n_terms :] = 0.0
+            forces = [n_dof + n_terms + j - 1 for j in self.excited_]
+            out[:, forces] = third
+            v = np.diff(second, axis=1, prepend=0.0)
+            s = np.diff(first, axis=1, prepend=0.0)
+            segment = self._segment(np.zeros_like(first), v, s)
+
+        start = 0
+        # the columns that every fit sums up
+        for block in blocks_of_segment(segment, self.layout_):
+            stop = start + block.n_samples
+            out[start:stop, n_dof : n_dof + n_terms] = block.terms.T
+            start = stop
+
+        out = out.reshape(*leading_axes, -1)
+        features = AxesArray(out, comprehend_axes(out))
+        # ChainOptimizer reads the layout from it; any copy or part loses it
+        features.made_by = self
+        return features
+
+    def _segment(self, a: np.ndarray, v: np.ndarray, s: np.ndarray) -> Segment:
+        """The rows as one contiguous record."""
+        rows = slice(0, len(s))
+        t = None if self.dt is None else np.arange(len(s)) * self.dt
+        return Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
 
     def __add__(self, other: Any) -> Any:
-        """Laws of both libraries at every site; PySINDy's concatenated columns with a
-        library of another kind.
+        """Laws of both libraries at every site.
+
+        With a library of another kind: PySINDy's concatenated columns.
         """
         if isinstance(other, ForceLawLibrary):
             return ForceLawLibrarySum([self, other])
@@ -315,29 +273,30 @@ class ForceLawLibrary(BaseFeatureLibrary):
             If there are more or fewer names than columns.
         """
         check_is_fitted(self)
-        n = self.layout_.n_dof
-        heads = ("a", "v", "s") if self.inputs == "balance" else ("x", "xdot", "F")
-        names = [f"{head}{j}" for head in heads for j in range(1, n + 1)]
-        inputs = [
-            *range(2 * n),
-            *(2 * n + j - 1 for j in self.excited_),
-        ]  # which of them are columns of the input
+        n_dof = self.layout_.n_dof
+        in_balance = self.inputs == "balance"
+        heads = ("a", "v", "s") if in_balance else ("x", "xdot", "F")
+        names: list[str] = []
+        for head in heads:
+            names.extend(f"{head}{j}" for j in range(1, n_dof + 1))
+
         if input_features is not None:
-            given = [str(name) for name in input_features]
-            if len(given) != len(inputs):
+            given = list(map(str, input_features))
+            # those of the names that are columns of the input
+            columns = list(range(2 * n_dof))
+            columns.extend(2 * n_dof + j - 1 for j in self.excited_)
+            if len(given) != len(columns):
+                what = f"{len(given)} names for {len(columns)} columns"
                 cure = f"Give the names of {', '.join(heads)} of every DOF."
-                raise ChannelError(
-                    f"{len(given)} names for {len(inputs)} columns", cure
-                )
-            if not all(_UNNAMED.fullmatch(name) for name in given):
-                for i, name in zip(inputs, given):
-                    names[i] = name
-        through = (
-            (names[:n], [])
-            if self.inputs == "balance"
-            else (names[n : 2 * n], names[2 * n :])
-        )
-        return [*through[0], *term_names(self.layout_), *through[1]]
+                raise ChannelError(what, cure)
+            if not all(map(_UNNAMED.fullmatch, given)):
+                for column, name in zip(columns, given):
+                    names[column] = name
+
+        terms = term_names(self.layout_)
+        if in_balance:
+            return names[:n_dof] + terms
+        return names[n_dof : 2 * n_dof] + terms + names[2 * n_dof :]
 
     def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
         """The same, as scikit-learn asks for them; see :meth:`get_feature_names`.
@@ -349,6 +308,69 @@ class ForceLawLibrary(BaseFeatureLibrary):
         return np.array(self.get_feature_names(), dtype=object)
 
 
+@dataclass(frozen=True)
+class _ForceColumns:
+    """DOFs of a chain, and those on which the columns of u act, in their order."""
+
+    n_dof: int
+    excited: tuple[int, ...]
+
+    @classmethod
+    def of_every_dof(cls, width: int, n_dof: int | None) -> "_ForceColumns":
+        """One column a DOF; a third of all columns if the chain is not known."""
+        count = max(width // 3, 1) if n_dof is None else n_dof
+        return cls(count, tuple(range(1, count + 1)))
+
+    @classmethod
+    def named(cls, excited: Any, width: int, n_dof: int | None) -> "_ForceColumns":
+        """The columns that a user names."""
+        named = dofs_of("excited", excited, MOST_DOFS)
+        count = max((width - len(named)) // 2, 1) if n_dof is None else n_dof
+        dofs = dofs_of("excited", named, count)
+        if len(set(dofs)) < len(dofs):
+            what = f"excited={list(dofs)} names a DOF twice"
+            raise ChainError(what, "Give each column of u a DOF of its own.")
+        return cls(count, dofs)
+
+    def require_width(self, width: int, columns: str) -> None:
+        """Refuse a table of more or fewer columns."""
+        needed = 2 * self.n_dof + len(self.excited)
+        if width != needed:
+            what = (
+                f"The library got {width} columns (n_features = {width}), {needed} are"
+                " needed"
+            )
+            raise ChannelError(what, f"Give {columns}.")
+
+
+def _is_free_vibration(width: int, n_dof: int | None) -> bool:
+    """Whether so many columns can only be x and xdot; says so if it is a guess."""
+    pairs = 2 * (width // 2 if n_dof is None else n_dof)
+    if width % 3 == 0 or not width == pairs > 0:
+        return False
+    if n_dof is None:
+        warn_user(
+            f"{width} columns are taken as x and xdot of {width // 2} DOFs in free"
+            " vibration. Give excited=() if that is so, or excited=[...], the DOFs that"
+            " the columns of u act on.",
+            DataQualityWarning,
+        )
+    return True
+
+
+def _require_state_space(layout: LawLayout) -> None:
+    """Refuse laws that are no function of displacements and velocities."""
+    for group in layout.laws.values():
+        for law in group:
+            if not (law.has_memory or law.uses_acceleration):
+                continue
+            kind = "that remembers the path"
+            if not law.has_memory:
+                kind = "of the acceleration"
+            what = f"A law {kind} cannot stand in a state-space SINDy model"
+            raise LawError(what, "Use NRFRegressor, or inputs='balance'.")
+
+
 def _is_list_of_records(x: Any) -> bool:
     return isinstance(x, (list, tuple)) and len(x) > 0 and np.ndim(np.asarray(x[0])) > 1
 
@@ -357,48 +379,60 @@ def term_names(layout: LawLayout) -> list[str]:
     """Names of the terms of all sites, e.g. ``"v2^2 s2"``."""
     names = []
     for site in layout.acting:
-        index = (
-            str(site.p)
-            if site.is_storey
-            else f"_{str(site).replace(' ', '').replace('-', '')}"
-        )
-        names += [
-            subscript(label, index) if label != "1" else f"1_{index}"
-            for label in layout.labels(site)
-        ]
+        index = str(site.p)
+        if not site.is_storey:
+            index = f"_{str(site).replace(' ', '').replace('-', '')}"
+        for label in layout.labels(site):
+            names.append(f"1_{index}" if label == "1" else subscript(label, index))
     return names
 
 
 class ForceLawLibrarySum(ForceLawLibrary):
-    """Several libraries of one chain as one: ``InterstoryPolynomialLibrary() +
-    ForceLawLibrary(...)``.
+    """Several libraries of one chain as one.
+
+    ``InterstoryPolynomialLibrary() + ForceLawLibrary(...)`` makes it.
     """
 
     def __init__(self, libraries: list[ForceLawLibrary]) -> None:
         self.libraries = libraries
 
-    def _shared(self, name: str) -> Any:
-        values = [
-            value for lib in self.libraries if (value := getattr(lib, name)) is not None
-        ]
-        if any(value != values[0] for value in values):
-            cure = f"Give all of them one {name}."
-            raise LawError(
-                f"The libraries added have {name}={values[0]!r} and another", cure
-            )
-        return values[0] if values else None
+    @property
+    def inputs(self) -> str:  # type: ignore[override]
+        """That of the libraries added."""
+        return self._shared("inputs")
 
-    # read-only: those of the libraries added
-    inputs, chain, dt, excited = (
-        property(lambda self, name=name: self._shared(name))  # type: ignore[misc]
-        for name in ("inputs", "chain", "dt", "excited")
-    )
+    @property
+    def chain(self) -> Chain | None:  # type: ignore[override]
+        """That of the libraries added."""
+        return self._shared("chain")
+
+    @property
+    def dt(self) -> float | None:  # type: ignore[override]
+        """That of the libraries added, s."""
+        return self._shared("dt")
+
+    @property
+    def excited(self) -> Any:  # type: ignore[override]
+        """Those of the libraries added."""
+        return self._shared("excited")
+
+    def _shared(self, name: str) -> Any:
+        values = []
+        for library in self.libraries:
+            value = getattr(library, name)
+            if value is not None:
+                values.append(value)
+        for value in values:
+            if value != values[0]:
+                what = f"The libraries added have {name}={values[0]!r} and another"
+                raise LawError(what, f"Give all of them one {name}.")
+        return values[0] if values else None
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         merged: dict[Any, list[ForceLaw]] = {}
         for library in self.libraries:
-            for text, held in library._laws(chain).items():
-                merged.setdefault(chain.site(text), []).extend(held)
+            for text, group in library._laws(chain).items():
+                merged.setdefault(chain.site(text), []).extend(group)
         return merged
 
 
@@ -432,94 +466,11 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
         inputs: str = "balance",
         excited: int | Sequence[int] | None = None,
     ) -> None:
-        self.degree, self.chain, self.orders, self.inputs, self.excited = (
-            degree,
-            chain,
-            orders,
-            inputs,
-            excited,
-        )
+        self.degree = degree
+        self.chain = chain
+        self.orders = orders
+        self.inputs = inputs
+        self.excited = excited
 
     def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
         return power_series_laws(chain, self.degree, self.orders)
-
-
-class IdentifiedChain(StateSpaceChainOptimizer):
-    """An optimizer whose fit is done: it holds the coefficients of a chain model."""
-
-    def __init__(self, model: ChainModel) -> None:
-        super().__init__()
-        self.model = model
-
-    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
-        """Take the model's coefficients; the data are not used."""
-        layout = LawLayout(self.model.chain, self.model.laws)
-        self.masses_, self._one_target = self.model.masses, False
-        self._finish(self._state_rows(balance_rows(layout, self.model.coefficients)))
-        self.n_features_in_ = self.coef_.shape[1]
-        return self
-
-
-def to_sindy(model: ChainModel, dt: float = 1.0) -> Any:
-    """A ``ps.SINDy`` of the state [x_1..x_n, xdot_1..xdot_n] (relative to the base)
-    under u = F_1..F_n.
-    """
-    import pysindy as ps
-
-    n = model.n_dof
-    library = ForceLawLibrary(
-        {s: list(held) for s, held in model.laws.items()}, model.chain, inputs="state"
-    )
-    sindy = ps.SINDy(feature_library=library, optimizer=IdentifiedChain(model))
-    names = [f"{kind}{j}" for kind in ("x", "xdot", "F") for j in range(1, n + 1)]
-    nothing = np.zeros((2, 2 * n))
-    return sindy.fit(
-        nothing, t=dt, x_dot=nothing, u=np.zeros((2, n)), feature_names=names
-    )
-
-
-def from_sindy(sindy: Any) -> ChainModel:
-    """The chain model behind a ``ps.SINDy`` that was fitted with a library and an
-    optimizer of this package.
-    """
-    library, optimizer = sindy.feature_library, sindy.optimizer
-    if not isinstance(library, ForceLawLibrary):
-        cure = "Fit the SINDy with InterstoryPolynomialLibrary or ForceLawLibrary."
-        raise ChainError(
-            f"{type(library).__name__} does not say which column acts at which storey",
-            cure,
-        )
-    if isinstance(getattr(optimizer, "model", None), ChainModel):
-        return optimizer.model
-    coef = np.asarray(sindy.coefficients(), dtype=float)
-    layout, n = library.layout_, library.layout_.n_dof
-    state = library.inputs == "state"
-    masses = getattr(optimizer, "masses_", None)
-    if masses is None:
-        own = np.diag(coef[n:, n + layout.n_terms :]) if state else np.diag(coef[:, :n])
-        if gone := [f"m{j + 1}" for j in np.flatnonzero(own == 0)]:
-            what = (
-                f"{', '.join(gone)} cannot be read off: the coefficient of the force or"
-                " of the acceleration is zero"
-            )
-            cure = (
-                "Lower the optimizer's threshold, or use StateSpaceChainOptimizer or"
-                " ChainOptimizer."
-            )
-            raise ChainError(what, cure)
-        masses = 1.0 / own if state else own
-    rows = -masses[:, None] * coef[n:, n : n + layout.n_terms] if state else coef[:, n:]
-    if free := [
-        f"{site}: {law!r}"
-        for site, held in layout.laws.items()
-        for law in held
-        if law.free_shape
-    ]:
-        raise LawError(
-            f"{free[0]} has shape parameters without values",
-            "Give them to the library.",
-        )
-    values = {
-        s: s.incidence(s.p) * rows[s.p - 1, layout.slices[s]] for s in layout.acting
-    }
-    return ChainModel(masses, with_coefficients(layout.laws, values), layout.chain)

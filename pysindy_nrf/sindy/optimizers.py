@@ -1,7 +1,8 @@
 """Chain-aware optimizers: the paper's solve around any PySINDy optimizer."""
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -11,7 +12,9 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..chain.identifiability import plan_solve_order
 from ..chain.layout import Layout, blocks_of
+from ..chain.sites import Site
 from ..chain.structure import Chain, chain_of, masses_of
+from ..common.warn import warn_user
 from ..equations.chain_solve import doubtful_masses, solve_blocks
 from ..equations.errors import explained_accelerations
 from ..equations.inner_optimizer import balance_optimizer
@@ -19,14 +22,73 @@ from ..exceptions import BiasWarning, ChainError, ChannelError
 from ..records.channels import as_matrix, checked, rows_text, sample_weights
 
 
-class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
-    """What both chain optimizers share: PySINDy's optimizer contract around one
-    solve.
-    """
+@dataclass(frozen=True)
+class _Samples:
+    """Terms (n_samples, n_terms), accelerations and forces (n_samples, n_dof)."""
 
-    # read by pysindy.EnsembleOptimizer from the optimizer it wraps
-    max_iter, copy_X, initial_guess = 1, True, None
-    _inputs = "balance"  # of the library whose features are fitted
+    terms: np.ndarray
+    acceleration: np.ndarray
+    force: np.ndarray
+
+    @property
+    def n_dof(self) -> int:
+        return self.acceleration.shape[1]
+
+    @property
+    def unknown(self) -> list[int]:
+        """DOFs whose force is NaN throughout."""
+        lost = np.isnan(self.force).all(axis=0)
+        return (np.flatnonzero(lost) + 1).tolist()
+
+    @property
+    def forced(self) -> list[int]:
+        """DOFs whose force is known and not zero."""
+        acts = np.nan_to_num(self.force).any(axis=0)
+        return (np.flatnonzero(acts) + 1).tolist()
+
+    def measured(self) -> np.ndarray:
+        """Which rows have a number in every channel.
+
+        A differentiation leaves NaN at the ends of every trajectory.
+        """
+        unknown = self.unknown
+        columns = [("feature", column) for column in self.terms.T]
+        for j, column in enumerate(self.acceleration.T, 1):
+            columns.append((f"a{j}", column))
+        for j, column in enumerate(self.force.T, 1):
+            if j not in unknown:
+                columns.append((f"F{j}", column))
+
+        rows = np.ones(len(self.acceleration), dtype=bool)
+        for label, column in columns:
+            infinite = np.flatnonzero(np.isinf(column))
+            if infinite.size:
+                what = f"Channel {label} is infinite in {rows_text(infinite)}"
+                raise ChannelError(what, "Repair or cut these rows.")
+            missing = np.isnan(column)
+            if missing.all():
+                what = f"Channel {label} holds nothing but NaN"
+                raise ChannelError(what, "Leave it out, or measure it.")
+            rows &= ~missing
+
+        if rows.sum() < 2:
+            what = f"{rows.sum()} of {len(rows)} samples have a number in every channel"
+            raise ChannelError(what, "Give more than there are unknowns.")
+        return rows
+
+    def take(self, rows: np.ndarray) -> "_Samples":
+        return _Samples(self.terms[rows], self.acceleration[rows], self.force[rows])
+
+
+class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
+    """PySINDy's optimizer contract around the solve of a chain."""
+
+    # pysindy.EnsembleOptimizer reads these from the optimizer it wraps
+    max_iter = 1
+    copy_X = True
+    initial_guess = None
+    # kind of features: the ``inputs`` of the library that makes them
+    _inputs = "balance"
 
     def __init__(
         self,
@@ -37,166 +99,156 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         terms: Any = None,
         known_masses: Mapping[int, float] | None = None,
     ) -> None:
-        self.optimizer, self.chain, self.strategy = optimizer, chain, strategy
-        self.excited, self.terms, self.known_masses = excited, terms, known_masses
+        self.optimizer = optimizer
+        self.chain = chain
+        self.strategy = strategy
+        self.excited = excited
+        self.terms = terms
+        self.known_masses = known_masses
 
     def balance_optimizer(self) -> Any:
-        """Refuse an optimizer that does not solve balances of forces.
+        """Refuse an optimizer that does not solve equations of motion.
 
         Raises
         ------
         ChainError
             Always.
         """
-        raise ChainError(
+        what = (
             f"{type(self).__name__} solves for the rates of a state, not for the"
-            " balances of a chain",
-            "Give the optimizer inside it, optimizer=..., or none.",
+            " balances of a chain"
         )
+        cure = "Give the optimizer inside it, optimizer=..., or none."
+        raise ChainError(what, cure)
 
-    def _fit_columns(
-        self,
-        x: Any,
-        terms: np.ndarray,
-        a: np.ndarray,
-        F: np.ndarray,
-        sample_weight: Any,
-    ) -> np.ndarray:
-        n = a.shape[1]
-        if len(F) != len(a):
-            cure = "Cut both to the same clock."
-            raise ChannelError(
-                f"The features have {len(a)} samples, the targets {len(F)}", cure
+    def _solve(self, x: Any, samples: _Samples, sample_weight: Any) -> np.ndarray:
+        """Find masses and coefficients; coefficients of the terms by equation."""
+        n_samples = len(samples.acceleration)
+        if len(samples.force) != n_samples:
+            what = (
+                f"The features have {n_samples} samples, the targets"
+                f" {len(samples.force)}"
             )
-        layout = self._layout(x, n, terms.shape[1])
-        chain, known = layout.chain, masses_of(self.known_masses, layout.chain)
-        unknown = [j + 1 for j in range(n) if np.isnan(F[:, j]).all()]
-        forced = (
-            [j + 1 for j in range(n) if np.nan_to_num(F[:, j]).any()]
-            if self.excited is None
-            else self.excited
-        )
+            raise ChannelError(what, "Cut both to the same clock.")
+
+        layout = self._layout(x, samples.n_dof, samples.terms.shape[1])
+        known_masses = masses_of(self.known_masses, layout.chain)
         inner = balance_optimizer(self.optimizer)
-        given = known, self.strategy, layout.acting, inner is not None
-        solve_order = plan_solve_order(
-            chain, forced, unknown, *given
+        order = plan_solve_order(
+            layout.chain,
+            samples.forced if self.excited is None else self.excited,
+            samples.unknown,
+            known_masses,
+            self.strategy,
+            layout.acting,
+            alone=inner is not None,
         ).require_complete()
-        known_forces = {f"F{j + 1}": F[:, j] for j in range(n) if j + 1 not in unknown}
-        labels = [
-            *["feature"] * terms.shape[1],
-            *(f"a{j + 1}" for j in range(n)),
-            *known_forces,
-        ]
-        rows = _measured([*terms.T, *a.T, *known_forces.values()], labels)
-        weights = (
-            None
-            if sample_weight is None
-            else sample_weights(sample_weight, len(a))[rows]
-        )
-        data = terms[rows], a[rows], F[rows]
-        self.solution_, _ = solve_blocks(
-            layout, solve_order, lambda: blocks_of(*data, weights=weights), known, inner
-        )
-        self.solution_.pass_on(stacklevel=3)
-        if said := doubtful_masses(self.solution_):
-            warnings.warn(" ".join(said), BiasWarning, stacklevel=3)
-        self.inner_, self.solve_order_ = (
-            self.solution_.inner,
-            self.solution_.followed(solve_order),
-        )
-        self.masses_ = np.array([self.solution_.masses[j] for j in range(1, n + 1)])
-        return balance_rows(layout, self.solution_.coefficients, self.solution_.twins)
 
-    def _layout(self, x: Any, n: int, n_terms: int) -> Layout:
-        """Which of the columns behind the accelerations or velocities belong to which
-        site.
-        """
-        source = getattr(
-            x, "made_by", None
-        )  # features straight from a library bring it
-        own = self.terms is None or hasattr(self.terms, "_layout_of")
-        library = source if source is not None and own else self.terms if own else None
+        rows = samples.measured()
+        weights = None
+        if sample_weight is not None:
+            weights = sample_weights(sample_weight, n_samples)[rows]
+        chosen = samples.take(rows)
+        blocks = partial(
+            blocks_of,
+            chosen.terms,
+            chosen.acceleration,
+            chosen.force,
+            weights=weights,
+        )
+        solution, _ = solve_blocks(layout, order, blocks, known_masses, inner)
+        solution.pass_on()
+        doubts = doubtful_masses(solution)
+        if doubts:
+            warn_user(" ".join(doubts), BiasWarning)
+
+        self.solution_ = solution
+        self.inner_ = solution.inner
+        self.solve_order_ = solution.followed(order)
+        dofs = range(1, samples.n_dof + 1)
+        self.masses_ = np.array([solution.masses[j] for j in dofs])
+        return equation_rows(layout, solution.coefficients, solution.twins)
+
+    def _layout(self, x: Any, n_dof: int, n_terms: int) -> Layout:
+        """Which terms belong to which site."""
+        library = self._library(x)
         if library is None:
-            chain = chain_of(self.chain, n)
-            layout = Layout(
-                chain,
-                dict(zip(chain.sites, _counts(self.terms, n_terms, len(chain.sites)))),
-            )
+            chain = chain_of(self.chain, n_dof)
+            counts = _counts(self.terms, n_terms, len(chain.sites))
+            layout = Layout(chain, dict(zip(chain.sites, counts)))
         else:
-            layout = library._layout_of(n)
-        inputs, made_for = (
-            getattr(library, "inputs", self._inputs),
-            getattr(library, "layout_", layout).n_dof,
+            what = f"The library makes features of inputs={library.inputs!r}"
+            cure = f"It needs {self._inputs!r}."
+            _require(library.inputs == self._inputs, what, cure)
+            layout = library._layout_of(n_dof)
+
+        what = f"{n_dof} balances for a chain with {layout.n_dof} DOFs"
+        _require(layout.n_dof == n_dof, what, "Give one force column a DOF.")
+
+        fitted_dofs = getattr(library, "layout_", layout).n_dof
+        what = (
+            f"The library made features of {fitted_dofs} DOFs, the targets are those of"
+            f" {n_dof}"
         )
-        same = layout.n_terms == n_terms and (
-            source is None or layout.slices == source.layout_.slices
+        cure = "With fewer columns of u than DOFs the library needs excited=[...]."
+        _require(fitted_dofs == n_dof, what, cure)
+
+        what = f"chain={self.chain} is not the library's"
+        _require(self.chain in (None, layout.chain), what, "Give it there alone.")
+
+        source = getattr(x, "made_by", None)
+        fits = layout.n_terms == n_terms
+        if source is not None:
+            fits = fits and layout.slices == source.layout_.slices
+        what = (
+            f"{n_terms} columns do not come from terms={self.terms!r} on a chain of"
+            f" {n_dof} DOFs"
         )
-        for right, what, cure in (
-            (
-                inputs == self._inputs,
-                f"The library makes features of inputs={inputs!r}",
-                f"It needs {self._inputs!r}.",
-            ),
-            (
-                layout.n_dof == n,
-                f"{n} balances for a chain with {layout.n_dof} DOFs",
-                "Give one force column a DOF.",
-            ),
-            (
-                made_for == n,
-                (
-                    f"The library made features of {made_for} DOFs, the targets are"
-                    f" those of {n}"
-                ),
-                "With fewer columns of u than DOFs the library needs excited=[...].",
-            ),
-            (
-                self.chain in (None, layout.chain),
-                f"chain={self.chain} is not the library's",
-                "Give it there alone.",
-            ),
-            (
-                same,
-                (
-                    f"{n_terms} columns do not come from terms={self.terms!r} on a"
-                    f" chain of {n} DOFs"
-                ),
-                "Give the library that made these features: terms=library.",
-            ),
-        ):
-            if not right:
-                raise ChannelError(what, cure)
+        cure = "Give the library that made these features: terms=library."
+        _require(fits, what, cure)
         return layout
 
+    def _library(self, x: Any) -> Any:
+        """The library that made the features, if it is known.
+
+        Features straight from a library bring it.
+        """
+        given = self.terms if hasattr(self.terms, "_layout_of") else None
+        source = getattr(x, "made_by", None)
+        if source is not None and (self.terms is None or given is not None):
+            return source
+        return given
+
     def _finish(self, coef: np.ndarray) -> Self:
-        self.coef_, self.ind_, self.intercept_ = coef, np.abs(coef) > 0, 0.0
-        self.n_iter_ = 1  # the solve is direct; an inner optimizer counts its own steps
+        self.coef_ = coef
+        self.ind_ = np.abs(coef) > 0
+        self.intercept_ = 0.0
+        # the solve is direct; an inner optimizer counts its own steps
+        self.n_iter_ = 1
         return self
 
     def _targets(self, y: Any, names: str, what: str) -> np.ndarray:
+        """Targets as a matrix; infinite ones are refused."""
         if y is None:
-            cure = f"Give the {what}."
-            raise ChannelError(
+            missing = (
                 f"{type(self).__name__} requires y to be passed, but the target y is"
-                " None",
-                cure,
+                " None"
             )
+            raise ChannelError(missing, f"Give the {what}.")
+
         matrix = as_matrix(y, names, what=what)
         self._one_target = np.ndim(np.asarray(y)) == 1
         if np.isinf(matrix).any():
-            raise ChannelError(
-                f"The {what} hold infinite values", "Repair or cut these rows."
-            )
+            infinite = f"The {what} hold infinite values"
+            raise ChannelError(infinite, "Repair or cut these rows.")
         return matrix
 
     def __sklearn_tags__(self) -> Tags:
         tags = super().__sklearn_tags__()
-        tags.regressor_tags.poor_score = (
-            True  # without an intercept: a balance of forces has none
-        )
-        tags.input_tags.allow_nan = (
-            True  # rows with NaN are left out, as PySINDy's optimizers do
-        )
+        # an equation of motion has no intercept
+        tags.regressor_tags.poor_score = True
+        # rows with NaN are left out, as PySINDy's optimizers do
+        tags.input_tags.allow_nan = True
         return tags
 
     def predict(self, x: Any) -> np.ndarray:
@@ -222,21 +274,29 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return int(np.count_nonzero(self.coef_))
 
 
-def balance_rows(
+def equation_rows(
     layout: Layout,
-    found: Mapping[Any, np.ndarray],
-    twins: Mapping[Any, np.ndarray] = {},
+    coefficients: Mapping[Site, np.ndarray],
+    twins: Mapping[Site, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Coefficients of the terms in each balance, shape (n_dof, n_terms); ``twins`` are
-    those at the lower ends.
+    """Coefficients of the terms in each equation of motion, (n_dof, n_terms).
+
+    ``twins`` are those that the equations at the lower ends found.
     """
+    lower = twins or {}
     rows = np.zeros((layout.n_dof, layout.n_terms))
     for site in layout.acting:
-        for j in (site.p, site.q):
-            if site.incidence(j):
-                held = found[site] if j == site.p else twins.get(site, found[site])
-                rows[j - 1, layout.slices[site]] = site.incidence(j) * held
+        columns = layout.slices[site]
+        own = coefficients[site]
+        rows[site.p - 1, columns] = own
+        if site.kind == "link" and site.q > 0:
+            rows[site.q - 1, columns] = -lower.get(site, own)
     return rows
+
+
+def _require(condition: bool, what: str, cure: str) -> None:
+    if not condition:
+        raise ChannelError(what, cure)
 
 
 def _counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
@@ -248,50 +308,22 @@ def _counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
     if terms is None and (n_sites == 1 or n_columns == 0):
         return [n_columns] * n_sites
     if terms is None:
-        raise ChannelError(
+        what = (
             f"It is not known which of {n_columns} columns belong to which of {n_sites}"
-            " sites",
-            cure,
+            " sites"
         )
-    counts = (
-        [int(k) for k in terms]
-        if isinstance(terms, Iterable) and not isinstance(terms, str)
-        else []
-    )
+        raise ChannelError(what, cure)
+
+    several = isinstance(terms, Iterable) and not isinstance(terms, str)
+    counts = list(map(int, terms)) if several else []
     if len(counts) != n_sites or sum(counts) != n_columns:
-        raise ChannelError(
-            f"terms={terms!r} does not fit {n_columns} columns at {n_sites} sites", cure
-        )
+        what = f"terms={terms!r} does not fit {n_columns} columns at {n_sites} sites"
+        raise ChannelError(what, cure)
     return counts
 
 
-def _measured(columns: Sequence[np.ndarray], labels: Sequence[str]) -> np.ndarray:
-    """Rows without NaN, which a differentiation leaves at the ends of every
-    trajectory.
-    """
-    rows = np.ones(len(columns[0]), dtype=bool)
-    for column, label in zip(columns, labels):
-        if (infinite := np.flatnonzero(np.isinf(column))).size:
-            raise ChannelError(
-                f"Channel {label} is infinite in {rows_text(infinite)}",
-                "Repair or cut these rows.",
-            )
-        if (lost := np.isnan(column)).all():
-            raise ChannelError(
-                f"Channel {label} holds nothing but NaN", "Leave it out, or measure it."
-            )
-        rows &= ~lost
-    if rows.sum() < 2:
-        cure = "Give more than there are unknowns."
-        raise ChannelError(
-            f"{rows.sum()} of {len(rows)} samples have a number in every channel", cure
-        )
-    return rows
-
-
 class ChainOptimizer(_ChainOptimizerBase):
-    """The paper's solve (eqs. 3-5) as a PySINDy optimizer, around any PySINDy
-    optimizer.
+    """The paper's solve (eqs. 3-5) around any PySINDy optimizer, itself one.
 
     In ``ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))``
     the columns are a, v, s (eq. 8) and the targets, passed as ``x_dot``, are the forces
@@ -345,7 +377,7 @@ class ChainOptimizer(_ChainOptimizerBase):
     """
 
     def balance_optimizer(self) -> Any:
-        """The PySINDy optimizer that runs on every balance: that inside this one.
+        """The PySINDy optimizer inside this one, which runs on every equation.
 
         Returns
         -------
@@ -356,19 +388,17 @@ class ChainOptimizer(_ChainOptimizerBase):
         ChainError
             If this one has settings that the estimator around it decides.
         """
-        given = self.get_params(deep=False)
-        plain = ChainOptimizer().get_params(deep=False)
-        other = [
-            f"{name}={given[name]!r}"
-            for name in plain
-            if name != "optimizer" and given[name] != plain[name]
-        ]
+        defaults = ChainOptimizer().get_params(deep=False)
+        other = []
+        for name, value in self.get_params(deep=False).items():
+            if name != "optimizer" and value != defaults[name]:
+                other.append(f"{name}={value!r}")
         if other:
-            raise ChainError(
+            what = (
                 f"The inner ChainOptimizer has {', '.join(other)}, which the estimator"
-                " around it decides",
-                "Give these to that estimator.",
+                " around it decides"
             )
+            raise ChainError(what, "Give these to that estimator.")
         return balance_optimizer(self.optimizer)
 
     def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
@@ -386,38 +416,46 @@ class ChainOptimizer(_ChainOptimizerBase):
         Raises
         ------
         ChannelError
-            If there are fewer features than balances, or a value is not finite.
+            If there are fewer features than equations, or a value is not finite.
         ExcitationError, IdentifiabilityError
             If nothing scales the chain, or a mass or law is out of reach.
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         F = self._targets(y, "F", "forces F")
-        n = F.shape[1]
-        if x.shape[1] < n:
-            cure = "The first columns are a_1..a_n, then the terms."
-            raise ChannelError(f"{x.shape[1]} features for {n} balances", cure)
-        rows = self._fit_columns(x_, x[:, n:], x[:, :n], F, sample_weight)
+        n_dof = F.shape[1]
+        if x.shape[1] < n_dof:
+            what = f"{x.shape[1]} features for {n_dof} balances"
+            raise ChannelError(what, "The first columns are a_1..a_n, then the terms.")
+
+        samples = _Samples(x[:, n_dof:], x[:, :n_dof], F)
+        rows = self._solve(x_, samples, sample_weight)
         return self._finish(np.hstack([np.diag(self.masses_), rows]))
 
     def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
-        """R^2 of the accelerations, as :meth:`NRFRegressor.score`: balances without a
-        force count like the others.
+        """R^2 of the accelerations, as :meth:`NRFRegressor.score`.
+
+        Equations without a force count like the others.
 
         Parameters
         ----------
         X, y : array-like
             Features and forces, as for ``fit``.
         sample_weight : array-like of shape (n_samples,), optional
+
+        Returns
+        -------
+        float
         """
         check_is_fitted(self, "coef_")
-        x, F = (
-            checked(self, X, reset=False),
-            as_matrix(y, "F", len(self.masses_), "forces F"),
-        )
-        a, weights = x[:, : F.shape[1]], sample_weights(sample_weight, len(x))
+        x = checked(self, X, reset=False)
+        F = as_matrix(y, "F", len(self.masses_), "forces F")
+        weights = sample_weights(sample_weight, len(x))
+
         gap = (F - x @ self.coef_.T) / self.masses_
-        rows = np.isfinite(gap[:, np.isfinite(F).any(axis=0)]).all(axis=1)
-        return explained_accelerations([(a[rows], gap[rows], weights[rows])])
+        known = np.isfinite(F).any(axis=0)
+        rows = np.isfinite(gap[:, known]).all(axis=1)
+        a = x[rows, : F.shape[1]]
+        return explained_accelerations([(a, gap[rows], weights[rows])])
 
 
 class StateSpaceChainOptimizer(_ChainOptimizerBase):
@@ -476,30 +514,31 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         """
         x = checked(self, x_, reset=True, prefix="feature ")
         target = self._targets(y, "target ", "targets")
-        moving = target.shape[1] % 2 == 0  # with the velocities
-        n = target.shape[1] // 2 if moving else target.shape[1]
-        if x.shape[1] < 2 * n:
-            raise ChannelError(
-                f"{x.shape[1]} feature(s) for the accelerations of {n} DOFs"
-                + (
-                    "" if moving else " (an odd number of targets: accelerations alone)"
-                ),
+        n_targets = target.shape[1]
+        has_velocities = n_targets % 2 == 0
+        n_dof = n_targets // 2 if has_velocities else n_targets
+        if x.shape[1] < 2 * n_dof:
+            what = f"{x.shape[1]} feature(s) for the accelerations of {n_dof} DOFs"
+            if not has_velocities:
+                what += " (an odd number of targets: accelerations alone)"
+            cure = (
                 "The features are xdot, the terms and F: use"
                 " InterstoryPolynomialLibrary(inputs='state') and pass u=F; the targets"
-                " are [xdot | a].",
+                " are [xdot | a]."
             )
-        terms, forces = x[:, n : x.shape[1] - n], x[:, x.shape[1] - n :]
-        coef = self._state_rows(
-            self._fit_columns(x_, terms, target[:, -n:], forces, sample_weight)
-        )
-        return self._finish(coef if moving else coef[n:])
+            raise ChannelError(what, cure)
+
+        last_term = x.shape[1] - n_dof
+        terms = x[:, n_dof:last_term]
+        samples = _Samples(terms, target[:, -n_dof:], x[:, last_term:])
+        coef = self._state_rows(self._solve(x_, samples, sample_weight))
+        return self._finish(coef if has_velocities else coef[n_dof:])
 
     def _state_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Kinematic rows and those of the accelerations from those of the balances."""
-        n, m = len(self.masses_), self.masses_[:, None]
-        return np.block(
-            [
-                [np.eye(n, 2 * n + rows.shape[1])],
-                [np.zeros((n, n)), -rows / m, np.eye(n) / m],
-            ]
-        )
+        """Kinematic rows and those of the accelerations, from the equations' terms."""
+        n_dof = len(self.masses_)
+        masses = self.masses_[:, None]
+        nothing = np.zeros((n_dof, n_dof))
+        kinematic = np.eye(n_dof, 2 * n_dof + rows.shape[1])
+        accelerations = np.hstack([nothing, -rows / masses, np.eye(n_dof) / masses])
+        return np.vstack([kinematic, accelerations])

@@ -1,111 +1,128 @@
-"""What an excitation can identify: said before any number, and true."""
+"""What an excitation can identify: found before any number, and true."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pysindy_nrf import Chain
+from pysindy_nrf import Chain, ChainModel, laws
 from pysindy_nrf.exceptions import ChainError, IdentifiabilityError
+
+
+@dataclass
+class Situation:
+    """A chain, DOFs with a measured force, of unknown force, and of known mass."""
+
+    chain: Chain
+    forced: set
+    unknown: set
+    known: set
+
+    def order(self, strategy="auto"):
+        return self.chain.identifiability(
+            self.forced,
+            unknown=self.unknown,
+            known_masses=self.known,
+            strategy=strategy,
+        )
 
 
 @st.composite
 def situations(draw):
-    n = draw(st.integers(1, 4))
-    dofs = st.sets(st.integers(1, n))
-    links = draw(
-        st.sets(
-            st.sampled_from(["link 3-1", "link 4-2", "ground 2", "ground 3"]),
-            max_size=1,
-        )
-    )
-    links = [x for x in links if int(x.split()[1][0]) <= n]
-    return n, links, draw(dofs), draw(dofs), draw(dofs)
+    n_dof = draw(st.integers(1, 4))
+    dofs = st.sets(st.integers(1, n_dof))
+    candidates = {"link 3-1": 3, "link 4-2": 4, "ground 2": 2, "ground 3": 3}
+    possible = [link for link, top in candidates.items() if top <= n_dof]
+    links = draw(st.lists(st.sampled_from(possible), max_size=1)) if possible else []
+    unknown = draw(dofs)
+    return Situation(Chain(n_dof, links), draw(dofs) - unknown, unknown, draw(dofs))
 
 
-def _joint_rank(n, links, forced, unknown, known, seed=0):
-    """Rank of all balances at once for a linear chain, and the number of unknowns."""
-    rng = np.random.default_rng(seed)
-    chain, size = Chain(n, links), 200
-    s, v = rng.normal(size=(2, size, n))
-    F = np.zeros((size, n))
-    for j in forced | unknown:
+def joint_rank(situation):
+    """Rank of all usable equations at once for linear laws, and the unknowns."""
+    chain = situation.chain
+    n_dof, n_sites, size = chain.n_dof, len(chain.sites), 200
+    rng = np.random.default_rng(0)
+    F = np.zeros((size, n_dof))
+    for j in situation.forced | situation.unknown:
         F[:, j - 1] = rng.normal(size=size)
-    D = np.array(
-        [[site.q < j <= site.p for j in range(1, n + 1)] for site in chain.sites],
-        dtype=float,
-    )
-    drift, rate = s @ D.T, v @ D.T
-    R = drift * rng.uniform(1, 3, len(chain.sites)) + rate * rng.uniform(
-        1, 3, len(chain.sites)
-    )
-    a = (F - R @ chain.incidence().T) / rng.uniform(1, 3, n)
-    free = [j for j in range(1, n + 1) if j not in known]
-    rows = []
-    for j in range(1, n + 1):
-        if j in unknown:
-            continue
-        row = np.zeros((len(a), len(free) + 2 * len(chain.sites)))
-        if j in free:
-            row[:, free.index(j)] = a[:, j - 1]
-        for i, sign in enumerate(chain.incidence()[j - 1]):
-            row[:, len(free) + 2 * i], row[:, len(free) + 2 * i + 1] = (
-                sign * drift[:, i],
-                sign * rate[:, i],
-            )
-        rows.append(row)
-    columns = len(free) + 2 * len(chain.sites)
-    if not rows:
-        return 0, columns
+
+    # drifts and rates of the sites from those of the storeys
+    spans = np.zeros((n_sites, n_dof))
+    for k, site in enumerate(chain.sites):
+        spans[k, site.q : site.p] = 1.0
+    drift = rng.normal(size=(size, n_dof)) @ spans.T
+    rate = rng.normal(size=(size, n_dof)) @ spans.T
+    R = drift * rng.uniform(1, 3, n_sites) + rate * rng.uniform(1, 3, n_sites)
+    a = (F - R @ chain.incidence().T) / rng.uniform(1, 3, n_dof)
+
+    free = sorted(set(range(1, n_dof + 1)) - situation.known)
+    n_unknowns = len(free) + 2 * n_sites
+    rows = [np.zeros((0, n_unknowns))]
+    for j in sorted(set(range(1, n_dof + 1)) - situation.unknown):
+        masses = a[:, [j - 1]] * (np.array(free) == j)
+        signs = chain.incidence()[j - 1]
+        rows.append(np.hstack([masses, signs * drift, signs * rate]))
     A = np.vstack(rows)
-    size = np.linalg.norm(A, axis=0)
-    values = np.linalg.svd(A / np.where(size > 0, size, 1.0), compute_uv=False)
-    return int((values > 1e-10 * values[0]).sum()), columns
+    if not len(A):
+        return 0, n_unknowns
+    length = np.linalg.norm(A, axis=0)
+    values = np.linalg.svd(A / np.where(length > 0, length, 1.0), compute_uv=False)
+    return int((values > 1e-10 * values[0]).sum()), n_unknowns
 
 
 @settings(max_examples=200)
 @given(situations())
-def test_the_order_refuses_exactly_what_the_data_cannot_hold(situation):
-    """A solve order is complete if and only if all balances together determine every
-    unknown.
-    """
-    n, links, forced, unknown, known = situation
-    solve_order = Chain(n, links).identifiability(
-        forced - unknown, unknown=unknown, known_masses=known
-    )
-    rank, columns = _joint_rank(n, links, forced - unknown, unknown, known)
-    assert solve_order.complete == (rank == columns), str(solve_order)
-    assert bool(solve_order.reasons) == (not solve_order.complete)
+def test_the_order_refuses_exactly_what_the_data_cannot_determine(situation):
+    """It is complete if and only if all equations together determine every unknown."""
+    order = situation.order()
+    rank, n_unknowns = joint_rank(situation)
+    assert order.complete == (rank == n_unknowns), str(order)
+    assert bool(order.reasons) == (not order.complete)
 
 
 @given(situations())
-def test_a_solve_order_finds_each_thing_once_and_uses_only_what_it_has(situation):
-    n, links, forced, unknown, known = situation
-    solve_order = Chain(n, links).identifiability(
-        forced - unknown, unknown=unknown, known_masses=known, strategy="sequential"
-    )
-    masses, sites = set(known), set()
-    for step in solve_order.steps:
-        assert not set(step.dofs) & unknown
-        assert not set(step.masses) & masses and not set(step.sites) & sites
+def test_an_order_finds_each_thing_once_and_uses_what_it_found(situation):
+    order = situation.order("sequential")
+    masses, sites = set(situation.known), set()
+    for step in order.steps:
+        assert not set(step.dofs) & situation.unknown
+        assert not set(step.masses) & masses
+        assert not set(step.sites) & sites
         assert set(step.known_sites) <= sites
         assert step.forced or step.known_sites or set(step.dofs) & masses
         masses |= set(step.masses)
         sites |= set(step.sites)
-    assert masses | set(solve_order.missing_masses) == set(range(1, n + 1))
-    assert sites | set(solve_order.missing_sites) == set(Chain(n, links).sites)
+    dofs = set(range(1, situation.chain.n_dof + 1))
+    assert masses | set(order.missing_masses) == dofs
+    assert sites | set(order.missing_sites) == set(situation.chain.sites)
 
 
-def test_the_words_name_the_storey_and_the_cure():
-    solve_order = Chain(4).identifiability(excited=4, unknown=[3])
-    text = str(solve_order)
-    assert (
-        "storey 3 cannot be scaled: the force on DOF 3 is unknown" in text
-        and "hit floor 2" in text
-    )
+def test_the_reasons_name_the_storey_and_the_cure():
+    order = Chain(4).identifiability(excited=4, unknown=[3])
+    assert "storey 3 cannot be scaled" in str(order)
+    assert "hit floor 2" in str(order)
     with pytest.raises(IdentifiabilityError, match="storey 3 cannot be scaled"):
-        solve_order.require_complete()
+        order.require_complete()
+
+
+def test_without_a_force_a_mass_would_scale_the_chain():
     assert "no force and no known mass" in str(Chain(2).identifiability())
+
+
+def test_every_unknown_that_is_out_of_reach_has_a_reason():
+    order = Chain(3, ["ground 3"]).identifiability(unknown=[1, 2, 3])
+    assert len(order.reasons) == 4 + 3
+    top_down = [reason.partition(" cannot")[0] for reason in order.reasons[:3]]
+    assert top_down == ["storey 3", "ground 3", "m3"]
+
+
+def test_a_plan_without_a_floor_to_hit_asks_for_a_mass():
+    plan = Chain(3).plan(can_hit=[])
+    assert not len(plan.table)
+    assert "No floor can be hit" in str(plan)
 
 
 @pytest.mark.parametrize("strategy", ["complete", "joint"])
@@ -119,14 +136,51 @@ def test_dofs_that_do_not_exist():
         Chain(3).identifiability([4])
 
 
-def test_a_plan_without_a_floor_to_hit_asks_for_a_mass():
-    plan = Chain(3).plan(can_hit=[])
-    assert not len(plan.table) and "No floor can be hit with a known force" in str(plan)
+def test_a_strategy_that_does_not_exist():
+    with pytest.raises(ChainError, match="strategy='best'"):
+        Chain(3).identifiability([3], strategy="best")
 
 
 def test_what_only_a_brace_scales_comes_after_what_a_storey_scales():
-    """Both balances have two unknowns left; a brace carries a small part of the shear,
-    and its errors would rule.
-    """
+    """A brace carries a small part of the shear, and its errors would rule."""
     order = Chain(3, ["link 3-1"]).identifiability(1)
     assert [step.dofs for step in order.steps] == [(1,), (2,), (3,)]
+
+
+# -- sensors on some floors ----------------------------------------------------
+
+
+def test_sensors_everywhere_leave_the_least_errors():
+    every = Chain(3).sensing(sensors=[1, 2, 3], excited=3)
+    assert every.complete
+    assert not every.gains
+    assert set(every.errors.values()) == {1.0}
+
+
+def test_one_more_sensor_lowers_the_largest_error():
+    few = Chain(4).sensing(sensors=4, excited=4)
+    worst = max(few.errors.values())
+    floor = max(few.gains, key=few.gains.get)
+    more = Chain(4).sensing(sensors=[floor, 4], excited=4)
+    assert max(more.errors.values()) < worst
+    assert f"floor {floor}" in str(few)
+
+
+def test_a_shaken_chain_has_no_scale_without_a_mass():
+    shaken = Chain(3).sensing(sensors=[1, 2, 3])
+    assert shaken.rank == shaken.unknowns - 1
+    assert "Measure a force" in str(shaken)
+    assert Chain(3).sensing(sensors=[1, 2, 3], known_masses=1).complete
+
+
+def test_sensing_of_a_model_reads_its_masses_and_stiffnesses():
+    storeys = {i: laws.LinearElastic(k=2e4 * i) for i in (1, 2, 3)}
+    model = ChainModel([5.0, 6.0, 7.0], storeys)
+    found = model.chain.sensing(sensors=3, excited=3, model=model)
+    assert found.complete
+    assert found.errors != Chain(3).sensing(sensors=3, excited=3).errors
+
+
+def test_sensing_needs_a_sensor():
+    with pytest.raises(ChainError, match="No floor has a sensor"):
+        Chain(3).sensing(sensors=[])

@@ -1,6 +1,4 @@
-"""Model files: model -> JSON -> model predicts the same bits; spoilt files are refused
-as the schema says.
-"""
+"""Model files: the same bits come back; spoilt files are refused as the schema says."""
 
 import json
 import resource
@@ -9,33 +7,37 @@ import jsonschema
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws
+from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
 from pysindy_nrf.common.files import schema
 from pysindy_nrf.exceptions import FileFormatError, FileVersionError
 
 
-def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path):
+@pytest.fixture(scope="module")
+def validator():
+    return jsonschema.Draft202012Validator(schema())
+
+
+def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path, validator):
     record = datasets.load_demo()
     model = NRFRegressor(degree=3).fit(record).model_
-    model.to_json(tmp_path / "m.json")
-    jsonschema.Draft202012Validator(schema()).validate(
-        json.loads((tmp_path / "m.json").read_text())
-    )
-    back = ChainModel.from_json(tmp_path / "m.json")
-    a, b = (
-        m.simulate(record.force[:400], record.dt).displacement for m in (model, back)
-    )
-    assert a.tobytes() == b.tobytes()
+    path = tmp_path / "m.json"
+    model.to_json(path)
+    validator.validate(json.loads(path.read_text()))
+    again = ChainModel.from_json(path)
+    forces = record.force[:400]
+    one = simulate(model, forces, record.dt).displacement
+    other = simulate(again, forces, record.dt).displacement
+    assert one.tobytes() == other.tobytes()
 
 
-BASE = ChainModel(
+MODEL = ChainModel(
     [10.0, 12.0],
     {
         1: [laws.PowerSeries(1, [1.0, 2.0]), laws.Dahl(sigma=5e4, Fd=3.0)],
         2: laws.PowerSeries(1, [1, 2]),
     },
 ).to_dict()
-ODD = [
+ODD_VALUES = [
     None,
     True,
     -1,
@@ -57,86 +59,106 @@ ODD = [
 ]
 
 
-def _places(data, path=()):
-    yield path
-    items = (
-        data.items()
-        if isinstance(data, dict)
-        else enumerate(data)
-        if isinstance(data, list)
-        else ()
-    )
-    for key, value in items:
-        yield from _places(value, (*path, key))
+def places(data, path=()):
+    """Paths to every value in plain data."""
+    if path:
+        yield path
+    if isinstance(data, dict):
+        for key in data:
+            yield from places(data[key], (*path, key))
+    elif isinstance(data, list):
+        for i, value in enumerate(data):
+            yield from places(value, (*path, i))
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in _places(BASE) if p], ids=lambda p: ".".join(map(str, p))
-)
-def test_a_spoilt_model_is_refused_in_words_and_as_the_schema_says(path):
-    """Every place of the file, every odd value: refused by name or a model; never
-    accepted against the schema.
-    """
-    validator = jsonschema.Draft202012Validator(schema())
-    for odd in ODD:
-        data = json.loads(json.dumps(BASE))
-        place = data
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = odd
+def spoilt(path, value):
+    """The model with another value at one place."""
+    data = json.loads(json.dumps(MODEL))
+    parent = data
+    for key in path[:-1]:
+        parent = parent[key]
+    parent[path[-1]] = value
+    return data
+
+
+def path_name(path):
+    return ".".join(map(str, path))
+
+
+@pytest.mark.parametrize("path", list(places(MODEL)), ids=path_name)
+def test_a_spoilt_model_is_refused_as_the_schema_says(path, validator):
+    """Refused by name or a model; never accepted against the schema."""
+    for odd in ODD_VALUES:
+        data = spoilt(path, odd)
         try:
             ChainModel.from_json(json.dumps(data))
         except FileFormatError:
             continue
-        assert validator.is_valid(data), (path, odd)
+        assert validator.is_valid(data), odd
 
 
-def test_versions_and_loopholes_of_json():
-    with pytest.raises(FileVersionError, match="version 2, this package reads up to 1"):
-        ChainModel.from_json(json.dumps(BASE | {"version": 2}))
-    with pytest.raises(FileFormatError, match="'mases' was unexpected"):
-        ChainModel.from_json(json.dumps(BASE | {"mases": [1.0]}))
-    twice = json.dumps(BASE).replace('"masses"', '"masses": [1.0, 1.0], "masses"', 1)
+def test_a_file_of_a_later_version():
+    with pytest.raises(FileVersionError, match="version 2, this package"):
+        ChainModel.from_json(json.dumps(MODEL | {"version": 2}))
+
+
+def test_a_key_twice():
+    text = json.dumps(MODEL)
+    twice = text.replace('"masses"', '"masses": [1.0, 1.0], "masses"', 1)
     with pytest.raises(FileFormatError, match="twice"):
         ChainModel.from_json(twice)
-    with pytest.raises(FileFormatError, match="NaN"):
-        ChainModel.from_json(json.dumps(BASE | {"masses": [float("nan"), 1.0]}))
-    with pytest.raises(
-        FileFormatError, match="1e9990 is beyond the range of a double"
-    ):  # anywhere: it could not be written
-        ChainModel.from_json(
-            json.dumps(BASE | {"info": {"band": [1.0]}}).replace("[1.0]}", "[1e9990]}")
-        )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mases": [1.0]}, "'mases' was unexpected"),
+        ({"masses": [float("nan"), 1.0]}, "NaN"),
+        ({"masses": [1.0, 2.0, 3.0]}, "3 masses for 2 DOFs"),
+        ({"schema": "another"}, "not hold a chain model"),
+    ],
+)
+def test_loopholes_of_json(change, message):
+    with pytest.raises(FileFormatError, match=message):
+        ChainModel.from_json(json.dumps(MODEL | change))
+
+
+def test_a_number_that_could_not_be_written_again():
+    text = json.dumps(MODEL | {"info": {"band": [1.0]}})
+    with pytest.raises(FileFormatError, match="1e9990 is beyond the range"):
+        ChainModel.from_json(text.replace("[1.0]}", "[1e9990]}"))
+
+
+@pytest.mark.parametrize("source", [3.5, "no/such/file.json", "[]"])
+def test_what_is_no_file_of_a_model(source):
+    with pytest.raises(FileFormatError):
+        ChainModel.from_json(source)
+
+
+HUGE = 10**9
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda d: d["laws"].update(
-            {"storey 1": [{"law": "power_series", "options": {"degree": 10**9}}]}
-        ),
-        lambda d: d["laws"].update(
-            {
+        {"laws": {"storey 1": [{"law": "power_series", "options": {"degree": HUGE}}]}},
+        {
+            "laws": {
                 "storey 1": [
-                    {"law": "power_series", "options": {"degree": [10**9, 10**9]}}
+                    {"law": "power_series", "options": {"degree": [HUGE, HUGE]}}
                 ]
             }
-        ),
-        lambda d: d.update(masses=[1.0], chain={"n_dof": 10**9}),
-        lambda d: d["chain"].update(links=["link 99999999999999999999-0"]),
-        lambda d: d.update(laws={"storey 1": [{"law": "__class__"}]}),
-        lambda d: d["visited"].update(
-            {"storey 1": {"low": [0, 0], "high": [1, 1], "cells": [[]]}}
-        ),
-        lambda d: d["visited"].update(
-            {"storey 1": {"low": [0], "high": [1, 1], "cells": ["x"]}}
-        ),
+        },
+        {"masses": [1.0], "chain": {"n_dof": HUGE}},
+        {"chain": {"n_dof": 2, "links": ["link 99999999999999999999-0"]}},
+        {"laws": {"storey 1": [{"law": "__class__"}]}},
+        {"visited": {"storey 1": {"low": [0, 0], "high": [1, 1], "cells": [[]]}}},
+        {"visited": {"storey 1": {"low": [0], "high": [1, 1], "cells": ["x"]}}},
     ],
 )
-def test_a_hostile_model_is_refused(change):
-    data = json.loads(json.dumps(BASE))
-    change(data)
+def test_a_hostile_model_is_refused_and_takes_no_memory(change):
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(FileFormatError):
-        ChainModel.from_json(json.dumps(data))
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # kB
+        ChainModel.from_json(json.dumps(MODEL | change))
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert after - before < 200_000  # kB

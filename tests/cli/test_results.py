@@ -1,5 +1,6 @@
-"""A run is a transaction: nothing is written over that no run made, and results of two
-runs are never mixed.
+"""A run is a transaction.
+
+Nothing is written over that no run made, and results of two runs are never mixed.
 """
 
 import contextlib
@@ -15,24 +16,25 @@ import pytest
 from report_cases import TWO_STOREYS, two_storeys
 
 from pysindy_nrf import ChainModel
-from pysindy_nrf.cli.group import run
+from pysindy_nrf.cli import run
+from pysindy_nrf.cli.group import DATA
 from pysindy_nrf.common.files import atomic_write
 from pysindy_nrf.exceptions import NRFError
 
 IDENTIFY = ["identify", "test.csv", "--degree", "1", "--no-figures"]
+SIMULATE = ["simulate", "model.json", "test.csv", "-o"]
+LINEAR = ["--degree", "1", "-o"]
 
 
 @pytest.fixture
 def there(here):
-    """A measured file under three names, a file of the user's, the model of a first
-    guess.
-    """
+    """A measured file under three names, notes of the user, a first guess."""
     two_storeys().to_frame().to_csv("test.csv")
     os.symlink("test.csv", "link.csv")
     os.link("test.csv", "hard.csv")
-    (here / "notes.csv").write_text("my notes")
-    (here / "d").mkdir()
-    (here / "d" / "masses.csv").write_bytes((here / "test.csv").read_bytes())
+    Path("notes.csv").write_text("my notes")
+    Path("d").mkdir()
+    shutil.copy("test.csv", "d/masses.csv")
     TWO_STOREYS.to_json("model.json")
     return here
 
@@ -47,145 +49,183 @@ def found(tmp_path_factory):
     return folder / "nrf_output"
 
 
+@pytest.fixture
+def results(there, found):
+    """The results of that run beside the measured file."""
+    return shutil.copytree(found, there / "nrf_output")
+
+
 def contents(folder):
-    return {p.name: p.read_bytes() for p in Path(folder).rglob("*") if p.is_file()}
+    files = [path for path in Path(folder).rglob("*") if path.is_file()]
+    return {path.name: path.read_bytes() for path in files}
+
+
+def marked(path):
+    """SHA-256 of a file."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+# -- what is not lost ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (
-            ["simulate", "model.json", "test.csv", "-o", "test.csv"],
-            "test.csv is an input",
-        ),
-        (
-            ["simulate", "model.json", "test.csv", "-o", "link.csv"],
-            "link.csv is an input",
-        ),
-        (
-            ["simulate", "model.json", "test.csv", "-o", "hard.csv"],
-            "hard.csv is an input",
-        ),
+        ([*SIMULATE, "test.csv"], "test.csv is an input"),
+        ([*SIMULATE, "link.csv"], "link.csv is an input"),
+        ([*SIMULATE, "hard.csv"], "hard.csv is an input"),
         (
             ["simulate", "model.json", "link.csv", "-o", "test.csv"],
             "test.csv is an input",
         ),
-        (
-            ["simulate", "model.json", "test.csv", "-o", "notes.csv"],
-            "notes.csv is no result",
-        ),
+        ([*SIMULATE, "notes.csv"], "notes.csv is no result"),
         (
             ["report", "model.json", "test.csv", "-o", "notes.csv"],
             "notes.csv is no result",
         ),
-        (
-            ["identify", "d/masses.csv", "--degree", "1", "-o", "d"],
-            "masses.csv is an input",
-        ),
-        (
-            ["identify", "test.csv", "--degree", "1", "-o", "."],
-            "model.json is no result",
-        ),
-        (
-            ["simulate", "model.json", "test.csv", "-o", "pipe.csv"],
-            "pipe.csv is a device or pipe",
-        ),
-        (
-            ["identify", "test.csv", "--degree", "1", "-o", "pipe.csv"],
-            "pipe.csv is a device or pipe",
-        ),
+        (["identify", "d/masses.csv", *LINEAR, "d"], "masses.csv is an input"),
+        (["identify", "test.csv", *LINEAR, "."], "model.json is no result"),
     ],
 )
 def test_no_command_writes_over_an_input_or_a_file_that_no_run_made(
     there, capsys, arguments, words
 ):
     before = contents(there)
+    assert run(arguments) == DATA
+    text = capsys.readouterr().err
+    assert words in text
+    assert "--force" in text
+    assert contents(there) == before
+    assert Path("link.csv").is_symlink()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [[*SIMULATE, "pipe.csv"], ["identify", "test.csv", *LINEAR, "pipe.csv"]],
+)
+def test_no_command_writes_over_a_pipe(there, capsys, arguments):
     os.mkfifo("pipe.csv")
-    assert run(arguments) == 3
-    said = capsys.readouterr().err
-    assert words in said and ("--force" in said or "pipe" in words)
-    assert contents(there) == before and Path("link.csv").is_symlink()
+    assert run(arguments) == DATA
+    assert "pipe.csv is a device or pipe" in capsys.readouterr().err
 
 
 def test_force_writes_over_them_and_keeps_a_link(there):
-    assert run(["simulate", "model.json", "hard.csv", "-o", "link.csv", "--force"]) == 0
-    assert Path("link.csv").is_symlink() and Path("test.csv").read_text().startswith(
-        "# {"
-    )
-    assert (
-        run(["simulate", "model.json", "hard.csv", "-o", "link.csv"]) == 0
-    )  # now it is a result
+    command = ["simulate", "model.json", "hard.csv", "-o", "link.csv"]
+    assert run([*command, "--force"]) == 0
+    assert Path("link.csv").is_symlink()
+    assert Path("test.csv").read_text().startswith("# {")
+    assert run(command) == 0, "now it is a result"
 
 
-def test_a_run_replaces_the_results_of_earlier_ones_and_nothing_else(
-    there, found, capsys
-):
-    out = shutil.copytree(found, there / "nrf_output")
-    (out / "notes.txt").write_text("mine")
-    assert run(["select-order", "test.csv", "--degrees", "1-2", "--no-figures"]) == 0
-    assert {"restoring_forces.png", "masses.csv", "orders.csv"} <= contents(out).keys()
-    assert run(IDENTIFY) == 0  # orders.csv came from the same file and stays
-    assert {"masses.csv", "orders.csv", "notes.txt"} <= contents(out).keys()
-    assert "restoring_forces.png" not in contents(out)
-    two_storeys(name="other").rows(slice(0, 1500)).to_frame().to_csv("other.csv")
-    assert run(["identify", "other.csv", *IDENTIFY[2:]]) == 0
-    assert (
-        "orders.csv" not in contents(out) and (out / "notes.txt").read_text() == "mine"
-    )
-    (out / "masses.csv").write_text("dof,mass_kg,weighed by hand\n")
-    before = contents(out)
-    assert run(IDENTIFY) == 3
-    assert (
-        "masses.csv is no result of an earlier run, or changed since"
-        in capsys.readouterr().err
-    )
-    assert contents(out) == before
+def test_devices_are_refused(tmp_path):
+    refused = pytest.raises(NRFError, match="null is a device or pipe")
+    with refused, atomic_write(os.devnull):
+        pass
 
 
-def test_the_manifest_says_what_a_run_was(there):
+def test_links_are_kept(tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    real, link = tmp_path / "elsewhere" / "real.csv", tmp_path / "link.csv"
+    os.symlink(real, link)
+    with atomic_write(link) as file:
+        file.write("new")
+    assert link.is_symlink()
+    assert real.read_text() == "new"
+
+
+# -- what is replaced ----------------------------------------------------------
+
+
+def test_results_from_the_same_file_stay_beside_each_other(results):
+    orders = ["select-order", "test.csv", "--degrees", "1-2", "--no-figures"]
+    assert run(orders) == 0
     assert run(IDENTIFY) == 0
-    made = json.loads((there / "nrf_output" / "manifest.json").read_text())["runs"][0]
-    mark = hashlib.sha256(Path("test.csv").read_bytes()).hexdigest()
-    assert (
-        made["inputs"][0]["file"] == "test.csv" and made["inputs"][0]["sha256"] == mark
-    )
-    assert (
-        made["arguments"] == IDENTIFY
-        and made["settings"]["degree"] == 1
-        and made["versions"]["numpy"]
-    )
-    assert made["files"].keys() == contents("nrf_output").keys() - {"manifest.json"}
+    assert {"masses.csv", "orders.csv"} <= contents(results).keys()
+
+
+def test_a_run_replaces_all_results_of_the_same_command(results):
+    """This one draws no figures."""
+    assert "restoring_forces.png" in contents(results)
+    assert run(IDENTIFY) == 0
+    assert "restoring_forces.png" not in contents(results)
+
+
+def test_results_from_another_file_go_and_files_of_the_user_stay(results):
+    (results / "notes.txt").write_text("mine")
+    orders = ["select-order", "test.csv", "--degrees", "1-2", "--no-figures"]
+    assert run(orders) == 0
+    other = two_storeys(name="other").rows(slice(0, 1500))
+    other.to_frame().to_csv("other.csv")
+    assert run(["identify", "other.csv", *IDENTIFY[2:]]) == 0
+    assert "orders.csv" not in contents(results)
+    assert (results / "notes.txt").read_text() == "mine"
+
+
+def test_a_result_that_the_user_changed_is_not_replaced(results, capsys):
+    (results / "masses.csv").write_text("dof,mass_kg,weighed by hand\n")
+    before = contents(results)
+    assert run(IDENTIFY) == DATA
+    assert "or changed since" in capsys.readouterr().err
+    assert contents(results) == before
+
+
+# -- the manifest --------------------------------------------------------------
+
+
+@pytest.fixture
+def manifest(there):
+    """What the manifest says of one run."""
+    assert run(IDENTIFY) == 0
+    text = Path("nrf_output/manifest.json").read_text()
+    (made,) = json.loads(text)["runs"]
+    return made
+
+
+def test_the_manifest_says_what_a_run_was(manifest):
+    source = manifest["inputs"][0]
+    assert source["file"] == "test.csv"
+    assert source["sha256"] == marked("test.csv")
+    assert manifest["arguments"] == IDENTIFY
+    assert manifest["settings"]["degree"] == 1
+    assert manifest["versions"]["numpy"]
+
+
+def test_the_manifest_names_every_file_with_its_mark(manifest):
+    written = contents("nrf_output").keys() - {"manifest.json"}
+    assert manifest["files"].keys() == written
+    for name, mark in manifest["files"].items():
+        assert mark == marked(f"nrf_output/{name}")
+
+
+def test_page_and_model_name_the_inputs_too(manifest):
     page = Path("nrf_output/report.html").read_text(encoding="utf-8")
-    assert (
-        mark in page and "pysindy-nrf identify test.csv" in page and "This run" in page
-    )
-    assert (
-        ChainModel.from_json("nrf_output/model.json").info["inputs"][0]["sha256"]
-        == mark
-    )
+    assert marked("test.csv") in page
+    assert "pysindy-nrf identify test.csv" in page
+    info = ChainModel.from_json("nrf_output/model.json").info
+    assert info["inputs"][0]["sha256"] == marked("test.csv")
+
+
+def not_my_notes():
+    """The SHA-256 of what stands in the user's notes."""
+    return hashlib.sha256(b"my notes").hexdigest()
 
 
 @pytest.mark.parametrize(
     "files",
-    [
-        ["masses.csv"],
-        {"masses.csv": "0", "../notes.csv": hashlib.sha256(b"my notes").hexdigest()},
-    ],
+    [["masses.csv"], {"masses.csv": "0", "../notes.csv": not_my_notes()}],
+    ids=["no marks", "a file elsewhere"],
 )
 def test_a_manifest_that_names_files_elsewhere_is_no_manifest(there, files):
-    (there / "out").mkdir()
-    wrong = {
-        "schema": "pysindy_nrf.Manifest",
-        "version": 1,
-        "runs": [{"inputs": [{"sha256": "0"}], "files": files}],
-    }
-    (there / "out" / "manifest.json").write_text(json.dumps(wrong))
+    Path("out").mkdir()
+    runs = [{"inputs": [{"sha256": "0"}], "files": files}]
+    wrong = {"schema": "pysindy_nrf.Manifest", "version": 1, "runs": runs}
+    Path("out/manifest.json").write_text(json.dumps(wrong))
     assert run([*IDENTIFY, "-o", "out"]) == 0
-    assert (
-        Path("notes.csv").read_text() == "my notes"
-        and "test.csv" in Path("out/manifest.json").read_text()
-    )
+    assert Path("notes.csv").read_text() == "my notes"
+    assert "test.csv" in Path("out/manifest.json").read_text()
 
+
+# -- a killed run --------------------------------------------------------------
 
 KILLED = """
 import os, shutil, sys
@@ -199,39 +239,13 @@ run(sys.argv[2:])
 """
 
 
-def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(
-    there, found, capsys
-):
-    before = contents(shutil.copytree(found, "nrf_output"))
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            KILLED,
-            "3",
-            *IDENTIFY[:2],
-            "--degree",
-            "2",
-            "--no-figures",
-        ]
-    )
-    assert done.returncode == 9 and list(Path("nrf_output").glob(".*.part"))
-    assert (
-        run(["identify", "test.csv", "--known-mass", "7=1"]) == 3
-    )  # the next run, whatever comes of it
-    assert contents("nrf_output") == before
+def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(results):
+    before = contents(results)
+    command = ["identify", "test.csv", "--degree", "2", "--no-figures"]
+    done = subprocess.run([sys.executable, "-c", KILLED, "3", *command])
+    assert done.returncode == 9
+    assert list(results.glob(".*.part"))
 
-
-def test_devices_are_refused_and_links_kept(tmp_path):
-    with (
-        pytest.raises(NRFError, match="null is a device or pipe"),
-        atomic_write(os.devnull),
-    ):
-        pass
-    (tmp_path / "elsewhere").mkdir()
-    os.symlink(tmp_path / "elsewhere" / "real.csv", tmp_path / "link.csv")
-    with atomic_write(tmp_path / "link.csv") as file:
-        file.write("new")
-    assert (tmp_path / "link.csv").is_symlink() and (
-        tmp_path / "elsewhere" / "real.csv"
-    ).read_text() == "new"
+    # the next run, whatever comes of it
+    assert run(["identify", "test.csv", "--known-mass", "7=1"]) == DATA
+    assert contents(results) == before

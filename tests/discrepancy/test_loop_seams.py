@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from loop_parts import start_of
 from simulated_cases import Plan, simulated
 
 from pysindy_nrf import (
     ChainModel,
-    NRFRegressor,
     Record,
     Site,
     close_loop,
@@ -19,15 +19,15 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.cli.group import run
-from pysindy_nrf.discrepancy.catalogue import as_laws, candidates
-from pysindy_nrf.discrepancy.loop import _ruler
-from pysindy_nrf.discrepancy.prepare import MOST, prepare
-from pysindy_nrf.discrepancy.words import Location
-from pysindy_nrf.equations.errors import nrmse
-from pysindy_nrf.report.content import cautions, chapters, lead
+from pysindy_nrf.cli import run
+from pysindy_nrf.discrepancy.catalogue import Experiment, candidates
+from pysindy_nrf.discrepancy.excerpts import EXCERPTS
+from pysindy_nrf.discrepancy.prepare import prepare
+from pysindy_nrf.discrepancy.residual import Location
+from pysindy_nrf.equations import nrmse
 from pysindy_nrf.report.figures.evidence import evidence_figures
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.report.loop_content import chapters, lead
+from pysindy_nrf.simulation import add_noise
 
 
 class CubicOfMine(laws.CubicStiffness):
@@ -46,152 +46,159 @@ CATALOGUE = [
 HIDDEN = Plan(3, (1, 2, 3), noise=0.005, effects=(("cubic", 2, 1, 0.25),), seed=51)
 
 
-@pytest.fixture(scope="module")
-def records():
-    """Two tests of one chain with a hidden cubic spring in storey 2: the search sees
-    one, the last line the other.
-    """
-    one = Record(**simulated(HIDDEN).channels, name="searched")
-    n = one.n_samples
-    parts = [slice(0, 2 * n // 3), slice(2 * n // 3, n)]
+def rows_of(record, rows):
+    """Some rows of the channels of a record, from a clock of their own."""
     names = ("force", "acceleration", "velocity", "displacement")
-    return [
-        one.replace(**{name: getattr(one, name)[rows] for name in names})
-        for rows in parts
-    ]
+    return record.replace(**{name: getattr(record, name)[rows] for name in names})
 
 
 @pytest.fixture(scope="module")
-def found(records):
+def whole_record():
+    """A test of a chain with a hidden cubic spring in storey 2."""
+    return Record(**simulated(HIDDEN).channels, name="searched")
+
+
+@pytest.fixture(scope="module")
+def searched(whole_record):
+    """What the search sees of it."""
+    return rows_of(whole_record, slice(0, 2 * whole_record.n_samples // 3))
+
+
+@pytest.fixture(scope="module")
+def heldout(whole_record):
+    """What only the last line sees."""
+    n_samples = whole_record.n_samples
+    return rows_of(whole_record, slice(2 * n_samples // 3, n_samples))
+
+
+@pytest.fixture(scope="module")
+def found(searched, heldout):
     """A loop that finds the spring."""
-    return close_loop(records[0], catalogue=CATALOGUE, heldout=records[1], max_steps=2)
+    return close_loop(searched, catalogue=CATALOGUE, heldout=heldout, max_steps=2)
 
 
 @pytest.fixture(scope="module")
 def silent():
     """A loop that finds nothing, because nothing is hidden."""
-    rec = Record(**simulated(Plan(3, (1, 2, 3), noise=0.01, seed=52)).channels)
-    return close_loop(rec, catalogue=CATALOGUE, max_steps=2)
+    plan = Plan(3, (1, 2, 3), noise=0.01, seed=52)
+    record = Record(**simulated(plan).channels)
+    return close_loop(record, catalogue=CATALOGUE, max_steps=2)
 
 
-def sentences(evidence):
-    return list(evidence.sentences.values())
+@pytest.fixture(params=["found", "silent"])
+def report(request):
+    """Either loop."""
+    return request.getfixturevalue(request.param)
 
 
-def test_a_long_record_is_searched_by_excerpts_and_fitted_on_all_of_it():
-    """What one sample in four is enough to find, all samples confirm, with parameters
-    from all of them.
-    """
+# -- long records --------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def long_record():
+    """A minute at 1 kHz with friction in storey 1."""
     linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
-    truth = ChainModel(
-        [10.0, 10.0],
-        {"storey 1": [*linear, laws.CoulombFriction(20.0)], "storey 2": linear},
-    )
+    friction = [*linear, laws.CoulombFriction(20.0)]
     F = excitation.band_limited_random(
         2, 60.0, 1000.0, excited=2, rms=100.0, band=(1, 60), random_state=0
     )
-    record = add_noise(simulate(truth, F, 1e-3), 0.005, random_state=1)
-    ready = prepare(record)
-    problem = NRFRegressor(degree=1).problem(2)
-    seen, ruler = _ruler(ready, problem, None, MOST)
-    rows = sum(b.rows.stop - b.rows.start for b in ruler.work.search)
-    assert (
-        len(seen.records) == len(ruler.work.search)
-        and MOST <= 1.1 * rows < 0.5 * record.n_samples
-    )
-    report = close_loop(record, catalogue=CATALOGUE[1:], max_steps=1)
-    assert [(s.law, s.site, s.confirmed) for s in report.steps] == [
-        ("coulomb_friction", "storey 1", True)
-    ]
-    assert report.steps[0].parameters["Fc"] == pytest.approx(
-        20.0, rel=0.05
-    )  # noise biases it low
+    run = simulate(ChainModel([10.0, 10.0], {1: friction, 2: linear}), F, 1e-3)
+    return add_noise(run, 0.005, random_state=1)
+
+
+def test_a_long_record_is_searched_by_excerpts(long_record):
+    """One for each fold, a record of its own."""
+    first = start_of(long_record).first
+    folds = first.model.spectra.data.search
+    n_rows = sum(fold.rows.stop - fold.rows.start for fold in folds)
+    assert len(first.records.records) == len(folds)
+    assert EXCERPTS.n_samples <= 1.1 * n_rows < 0.5 * long_record.n_samples
+
+
+def test_a_long_record_is_fitted_on_all_samples(long_record):
+    """What one sample in four is enough to find, all of them confirm.
+
+    Noise biases the friction low.
+    """
+    report = close_loop(long_record, catalogue=CATALOGUE[1:], max_steps=1)
+    (step,) = report.steps
+    assert (step.law, step.site) == ("coulomb_friction", "storey 1")
+    assert step.confirmed
+    assert step.parameters["Fc"] == pytest.approx(20.0, rel=0.05)
     assert report.model.masses == pytest.approx([10.0, 10.0], rel=0.01)
 
 
+# -- catalogue to search -------------------------------------------------------
+
+
 def test_the_law_of_a_user_takes_part_in_the_search(found):
-    assert [(s.law, s.site) for s in found.steps] == [("cubic_of_mine", "storey 2")]
-    assert found.settings["loop"]["catalogue"].split(", ") == [
-        law.name for law in CATALOGUE
-    ]
+    (step,) = found.steps
+    assert (step.law, step.site) == ("cubic_of_mine", "storey 2")
+    listed = found.settings["loop"]["catalogue"].split(", ")
+    assert listed == [law.name for law in CATALOGUE]
 
 
-def test_the_search_tries_the_laws_of_the_catalogue_where_they_make_sense(records):
-    """The best of the last round are listed."""
-    others = [
+def test_the_best_of_the_last_round_are_listed(searched):
+    """Laws of the catalogue where they make sense."""
+    tried = [
         laws.QuinticStiffness(),
         laws.AbsoluteQuadraticStiffness(),
         laws.CoulombFriction(),
     ]
-    report = close_loop(records[0], catalogue=others, max_steps=1)
-    possible = {
-        (law.name, site)
-        for law, site in candidates(
-            as_laws(others, ()), report.model.chain, (), (), (1, 2, 3)
-        )
-    }
-    listed = report.candidates[["law", "site"]].itertuples(index=False)
-    tried = {(law, Site(site)) for law, sites in listed for site in sites.split(", ")}
-    assert tried and tried <= possible
+    report = close_loop(searched, catalogue=tried, max_steps=1)
+    experiment = Experiment(tried, report.model.chain, forced=(1, 2, 3))
+    possible = {(c.law.name, c.sites[0]) for c in candidates(experiment)}
+    assert len(report.candidates)
+    for law, sites in zip(report.candidates["law"], report.candidates["site"]):
+        for site in sites.split(", "):
+            assert (law, Site(site)) in possible
 
 
 # -- evidence to report --------------------------------------------------------
 
 
-def test_there_is_evidence_for_the_baseline_and_after_every_step(found, silent):
-    for report in (found, silent):
-        assert (
-            len(report.evidence)
-            == len(report.models)
-            == len(report.table)
-            == len(report.steps) + 1
-        )
-        for evidence, step in zip(report.evidence, report.steps):
-            assert evidence.chosen == step.site
-        assert report.evidence[-1].chosen == ""
+def test_there_is_evidence_for_the_baseline_and_after_every_step(report):
+    n_models = len(report.steps) + 1
+    assert len(report.evidence) == len(report.models) == len(report.table) == n_models
+    sites = [step.site for step in report.steps]
+    assert [evidence.chosen for evidence in report.evidence] == [*sites, ""]
 
 
-def test_where_there_is_nothing_to_locate_no_site_is_named(silent, found):
-    for report in (silent, found):
-        last = report.evidence[-1]
-        assert last.localisation.verdict == Location.NOTHING and last.site == ""
-        assert (
-            last.characterisation is None
-            and last.not_possible["characterisation"].expected
-        )
-        for one in (last, replace(last, chosen="storey 1")):
-            said = one.sentences["localisation"]
-            assert said.endswith("nothing to locate.")
-            assert not any(
-                word in said for word in ("storey", "dof", "ground", "link", "sensor")
-            )
-        assert not any(
-            "Localisation" in figure.title for figure in evidence_figures(last)
-        )
-        assert not any("not possible" in line for line in cautions(report))
+def test_where_there_is_nothing_to_locate_no_site_is_named(report):
+    last = report.evidence[-1]
+    assert last.localisation.verdict == Location.NOTHING and last.site == ""
+    for evidence in (last, replace(last, chosen="storey 1")):
+        sentence = evidence.sentences["localisation"]
+        assert sentence.endswith("nothing to locate.")
+        assert "storey" not in sentence and "dof" not in sentence
+    titles = [figure.title for figure in evidence_figures(last)]
+    assert "Localisation" not in " ".join(titles)
+
+
+def test_what_needs_no_answer_is_no_reason(report):
+    last = report.evidence[-1]
+    assert last.characterisation is None
+    assert last.not_possible["characterisation"].expected
+    assert "evidence" not in {ground.kind for ground in report.verdict.grounds}
 
 
 # -- verdicts to words ---------------------------------------------------------
 
 
-def test_every_verdict_reaches_the_pages_in_the_same_words(found, silent, tmp_path):
-    for report in (found, silent):
-        text = report.to_markdown()
-        for evidence, chapter in zip(report.evidence, chapters(report)):
-            told = dict(chapter.facts)
-            assert [
-                told["Is it noise?"],
-                told["Where?"],
-                told["What kind?"],
-            ] == sentences(evidence)
-            assert all(
-                line.replace("<", "&lt;") in text for line in sentences(evidence)
-            )
-        assert report.stopped_because in str(report) and report.stopped_because in text
+def test_every_verdict_reaches_the_pages_in_the_same_words(report):
+    text = report.to_markdown()
+    for evidence, chapter in zip(report.evidence, chapters(report)):
+        facts, sentences = dict(chapter.facts), list(evidence.sentences.values())
+        asked = ("Is it noise?", "Where?", "What kind?")
+        assert [facts[question] for question in asked] == sentences
+        for sentence in sentences:
+            assert sentence.replace("<", "&lt;") in text
+    assert report.stopped_because in str(report)
+    assert report.stopped_because in text
 
 
 def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(found):
-    step = found.steps[0]
+    (step,) = found.steps
     assert ("closest law" in step.sentence) == (not step.sure)
     assert "cubic of mine at storey 2" in lead(found)
     assert step.sentence in found.to_markdown()
@@ -201,16 +208,17 @@ def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(found):
 
 
 def test_the_table_has_the_errors_of_the_steps(found):
-    table, step = found.table, found.steps[0]
+    table, (step,) = found.table, found.steps
     assert list(table.index) == ["baseline", "cubic_of_mine at storey 2"]
     assert [step.error_before, step.error_after] == table["held-out"].tolist()
     assert [step.free_run_before, step.free_run_after] == table["free run"].tolist()
     text = found.to_markdown()
-    assert all(f" {value:.4g} |" in text for value in table["held-out"])
+    for value in table["held-out"]:
+        assert f" {value:.4g} |" in text
 
 
 def test_the_model_holds_the_law_with_the_numbers_of_its_step(found):
-    step = found.steps[0]
+    (step,) = found.steps
     (law,) = [law for law in found.model.laws["storey 2"] if law.name == step.law]
     assert law.parameters == step.parameters
     truth = simulated(HIDDEN).effects[0].par[0]
@@ -219,112 +227,99 @@ def test_the_model_holds_the_law_with_the_numbers_of_its_step(found):
     assert low < step.parameters["k3"] < high
 
 
-def test_the_command_writes_the_report_as_json_and_a_model_that_is_read_again(
+def test_the_command_writes_the_report_and_a_model_that_is_read_again(
     tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     plan = Plan(1, (1,), effects=(("cubic", 1, 0, 0.25),), seed=53, n_samples=2000)
     Record(**simulated(plan).channels).to_frame().to_csv("test.csv")
     assert run(["close-loop", "test.csv", "--steps", "1", "--json", "-o", "out"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    (step,) = told["steps"]
+    printed = json.loads(capsys.readouterr().out)
+    (step,) = printed["steps"]
     assert (step["law"], step["site"]) == ("cubic_stiffness", "storey 1")
+
     model = ChainModel.from_json("out/closed_loop.json")
-    assert model.to_dict() == told["model"]
-    assert {law.name: law for law in model.laws["storey 1"]}[
-        "cubic_stiffness"
-    ].parameters == step["parameters"]
+    by_name = {law.name: law for law in model.laws["storey 1"]}
+    assert model.to_dict() == printed["model"]
+    assert by_name["cubic_stiffness"].parameters == step["parameters"]
     assert step["sentence"] in (tmp_path / "out/closed_loop.md").read_text()
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {
+    names = {f"closed_loop.{ending}" for ending in ("json", "md", "png", "html", "csv")}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *names,
         "manifest.json",
-        "closed_loop.json",
-        "closed_loop.md",
-        "closed_loop.png",
-        "closed_loop.html",
-        "closed_loop.csv",
     }
 
 
-def test_the_held_out_error_is_the_error_of_the_model_on_the_held_out_record(
-    found, records
-):
-    """Of each balance 100 rms(F - predicted) / rms(F), nearly: the report leaves means
-    and uninformative bands out.
-    """
-    X, F = records[1].to_features(smooth=True)
-    X, F = X.to_numpy(), F.to_numpy()
+def balance_errors(model, X, F):
+    """Error of each balance of a plain chain by hand, percent."""
     n = F.shape[1]
+    a, v, s = np.split(X, 3, axis=1)
+    forces = np.zeros((len(X), n + 1))
+    for i in range(n):
+        for law in model.laws[f"storey {i + 1}"]:
+            forces[:, i] += law.force(laws.Motion(s[:, i], v[:, i]))
+    predicted = model.masses * a + forces[:, :-1] - forces[:, 1:]
+    inside = np.isfinite(predicted).all(axis=1)
+    return [nrmse(F[inside, j], predicted[inside, j]) for j in range(n)]
+
+
+def test_the_heldout_error_is_the_error_of_the_model_on_the_heldout_record(
+    found, heldout
+):
+    """Nearly: the report leaves means and uninformative bands out."""
+    X, F = heldout.to_features(smooth=True)
     for name, model in zip(found.table.index, found.models):
-        motion = [laws.Motion(X[:, 2 * n + i], X[:, n + i]) for i in range(n)]
-        storey = [
-            sum(law.force(m) for law in model.laws[f"storey {i + 1}"])
-            for i, m in enumerate(motion)
-        ]
-        for j in range(n):
-            said = (
-                model.masses[j] * X[:, j]
-                + storey[j]
-                - (storey[j + 1] if j + 1 < n else 0.0)
-            )
-            inside = np.isfinite(said)
-            assert found.table.loc[name, f"held-out dof {j + 1}"] == pytest.approx(
-                nrmse(F[inside, j], said[inside]), rel=0.25
-            )
+        by_hand = balance_errors(model, X.to_numpy(), F.to_numpy())
+        for j, error in enumerate(by_hand, 1):
+            reported = found.table.loc[name, f"held-out dof {j}"]
+            assert reported == pytest.approx(error, rel=0.25)
 
 
-def test_held_out_data_change_the_last_column_alone(found, records):
-    """Held-out rows full of noise: the same steps, parameters, gains and search errors
-    to the last digit.
-    """
-    noise = np.random.default_rng(0).standard_normal((records[1].n_samples, 3))
-    other = close_loop(
-        records[0],
-        catalogue=CATALOGUE,
-        heldout=records[1].replace(force=records[1].force.std() * noise),
-        max_steps=2,
-    )
+@pytest.fixture(scope="module")
+def found_beside_noise(searched, heldout):
+    """The same loop with held-out forces full of noise."""
+    noise = np.random.default_rng(0).standard_normal((heldout.n_samples, 3))
+    spoilt = heldout.replace(force=heldout.force.std() * noise)
+    return close_loop(searched, catalogue=CATALOGUE, heldout=spoilt, max_steps=2)
 
-    def told(report):
-        return [
-            (s.law, s.site, s.parameters, s.intervals, s.gain, s.gain_error, s.share)
-            for s in report.steps
-        ]
 
-    assert told(other) == told(found) and other.band == found.band
-    assert other.evidence[0].sizes.equals(found.evidence[0].sizes)
-    assert other.table[["search", "validation"]].equals(
-        found.table[["search", "validation"]]
-    )
-    assert other.steps[0].error_after > 10 * found.steps[0].error_after
-    assert [s.confirmed for s in found.steps] == [True]
+def test_heldout_data_change_nothing_that_the_search_says(found, found_beside_noise):
+    """The same steps, parameters, gains and search errors to the last digit."""
+    (one,), (other,) = found.steps, found_beside_noise.steps
+    for name in ("law", "site", "parameters", "intervals", "gain", "gain_error"):
+        assert getattr(one, name) == getattr(other, name)
+    assert one.share == other.share
+    assert found.band == found_beside_noise.band
+    sizes = [report.evidence[0].sizes for report in (found, found_beside_noise)]
+    assert sizes[0].equals(sizes[1])
+    errors = ["search", "validation"]
+    assert found.table[errors].equals(found_beside_noise.table[errors])
+
+
+def test_heldout_data_have_the_last_word(found, found_beside_noise):
+    (one,), (other,) = found.steps, found_beside_noise.steps
+    assert one.confirmed
+    assert other.error_after > 10 * one.error_after
 
 
 def test_channels_without_noise_are_used_where_the_rate_of_the_base_is_not_measured():
-    w, t = 2 * np.pi * 1.3, np.arange(6000) / 200.0
-    xg, vg, ag = (
-        1e-3 * np.sin(w * t),
-        1e-3 * w * np.cos(w * t),
-        -1e-3 * w**2 * np.sin(w * t),
-    )
+    omega, t = 2 * np.pi * 1.3, np.arange(6000) / 200.0
+    xg = 1e-3 * np.sin(omega * t)
+    vg = 1e-3 * omega * np.cos(omega * t)
+    ag = -(omega**2) * xg
     storey = [laws.LinearElastic(4e3), laws.LinearViscous(8.0)]
-    run = simulate(
-        ChainModel([10.0, 8.0], {1: storey, 2: storey}),
-        None,
-        0.005,
-        base_acceleration=ag,
-        hold="cubic",
-    )
+    chain = ChainModel([10.0, 8.0], {1: storey, 2: storey})
+    motion = simulate(chain, None, 0.005, base_acceleration=ag, hold="cubic")
     record = Record(
-        acceleration=run.acceleration,
-        velocity=run.velocity + vg[:, None],
-        displacement=run.displacement + xg[:, None],
+        acceleration=motion.acceleration,
+        velocity=motion.velocity + vg[:, None],
+        displacement=motion.displacement + xg[:, None],
         base_acceleration=ag,
         base_displacement=xg,
         coordinates="absolute",
         fs=200.0,
     )
     (segment,) = prepare([record]).data.segments
-    drift = np.diff(run.displacement, axis=1, prepend=0.0)[segment.valid]
-    np.testing.assert_allclose(
-        segment.s[segment.valid], drift, atol=1e-3 * np.abs(drift).max()
-    )
+    drift = np.diff(motion.displacement, axis=1, prepend=0.0)[segment.valid]
+    tiny = 1e-3 * np.abs(drift).max()
+    np.testing.assert_allclose(segment.s[segment.valid], drift, atol=tiny)

@@ -1,4 +1,4 @@
-"""Laws of time read the clock of the record: a part of it says what the whole says."""
+"""Laws of time read the clock of the record, of which a part has its own stretch."""
 
 import numpy as np
 import pandas as pd
@@ -17,138 +17,139 @@ from pysindy_nrf import (
 from pysindy_nrf.selection import scorers
 
 FS = 200.0
-OPTIONS = {"degree": 1, "laws": {1: [laws.PowerSeries(1), laws.StiffnessDrift()]}}
+DRIFT = -500.0  # N/m/s
+DECLARED = {1: [laws.PowerSeries(1), laws.StiffnessDrift()]}
 
 
-def drifting(duration=40.0, noise=0.0):
-    held = {
-        1: [laws.PowerSeries(1, [40.0, 4e4]), laws.StiffnessDrift(kt=-500.0)],
-        2: laws.PowerSeries(1, [40.0, 3e4]),
-    }
-    return driven(
-        ChainModel([10.0, 8.0], held), 2, duration, FS, 100.0, (1, 30), hold="cubic"
-    )
+# -- a stiffness that drifts ---------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def data():
-    return drifting().to_features(smooth=False)
+def record():
+    linear = laws.PowerSeries(1, [40.0, 4e4])
+    softening = {1: [linear, laws.StiffnessDrift(kt=DRIFT)], 2: linear}
+    truth = ChainModel([10.0, 8.0], softening)
+    return driven(truth, 2, 40.0, FS, 100.0, (1, 30), hold="cubic")
 
 
-def test_a_later_part_is_predicted_as_in_the_whole(data):
+@pytest.fixture(scope="module")
+def data(record):
+    return record.to_features(smooth=False)
+
+
+@pytest.fixture(scope="module")
+def drifting(data):
+    return NRFRegressor(degree=1, laws=DECLARED).fit(*data)
+
+
+def test_a_later_part_is_predicted_as_in_the_whole(data, drifting):
     X, F = data
-    model = NRFRegressor(**OPTIONS).fit(X, F)
     later = slice(4000, None)
-    np.testing.assert_allclose(
-        model.predict(X.iloc[later]), model.predict(X)[later], atol=1e-9
-    )
-    np.testing.assert_allclose(
-        model.predict(X.to_numpy()[later], time=X.index[later]),
-        model.predict(X)[later],
-        atol=1e-9,
-    )
-    np.testing.assert_allclose(
-        model.model_.predict(X.iloc[later]), model.predict(X)[later], atol=1e-9
-    )
-    assert model.score(X.iloc[later], F.iloc[later]) == pytest.approx(1.0, abs=1e-9)
+    whole = drifting.predict(X)[later]
+    plain, time = X.to_numpy()[later], X.index[later]
+
+    assert np.allclose(drifting.predict(X.iloc[later]), whole, atol=1e-9)
+    assert np.allclose(drifting.predict(plain, time=time), whole, atol=1e-9)
+    assert np.allclose(drifting.model_.predict(X.iloc[later]), whole, atol=1e-9)
+    score = drifting.score(X.iloc[later], F.iloc[later])
+    assert score == pytest.approx(1.0, abs=1e-9)
 
 
-def test_a_window_of_a_record_keeps_its_clock():
-    record = drifting()
-    model = NRFRegressor(**OPTIONS).fit(record)
-    window = record.window(20, 40)
-    whole, part = (
-        model.balance_errors(r).loc["pooled", "error"] for r in (record, window)
-    )
-    assert part < 1.5 * whole + 0.5  # 35 % if its clock began anew
-    assert model.model_.laws[next(iter(model.model_.laws))][1].values[
-        0
-    ] == pytest.approx(-500.0, rel=0.03)
+def test_a_window_of_a_record_keeps_its_clock(record):
+    """Its error would be 35 % if its clock began anew."""
+    model = NRFRegressor(degree=1, laws=DECLARED).fit(record)
+    whole = model.balance_errors(record).loc["pooled", "error"]
+    part = model.balance_errors(record.window(20, 40)).loc["pooled", "error"]
+    assert part < 1.5 * whole + 0.5
+    drift = model.restoring_forces_[1].coefficients["s t"]
+    assert drift == pytest.approx(DRIFT, rel=0.03)
 
 
-def test_held_out_blocks_of_a_law_of_time_are_predicted_and_every_search_agrees(data):
-    X, F = data
-    cv = BlockedTimeSplit(4)
-    assert (
-        np.abs(
-            cross_val_score(
-                NRFRegressor(**OPTIONS), X, F, cv=cv, scoring=scorers.balance
-            )
-        ).max()
-        < 1e-6
+def test_held_out_blocks_of_a_law_of_time_are_predicted(data):
+    model = NRFRegressor(degree=1, laws=DECLARED)
+    scores = cross_val_score(
+        model, *data, cv=BlockedTimeSplit(4), scoring=scorers.balance
     )
+    assert np.abs(scores).max() < 1e-6
+
+
+def test_every_search_agrees_on_a_law_of_time(data):
+    folds = BlockedTimeSplit(4)
     grid = GridSearchCV(
-        NRFRegressor(laws=OPTIONS["laws"]),
+        NRFRegressor(laws=DECLARED),
         {"degree": [1, 2]},
-        cv=cv,
+        cv=folds,
         scoring=scorers.balance,
-    ).fit(X, F)
-    found = select_order(
-        X, F, degrees=[1, 2], cv=cv, laws=OPTIONS["laws"]
-    ).fold_scores.to_numpy()
-    for i in range(4):
-        np.testing.assert_allclose(
-            found[:, i], grid.cv_results_[f"split{i}_test_score"], atol=1e-5
-        )
+    ).fit(*data)
+    found = select_order(*data, degrees=[1, 2], cv=folds, laws=DECLARED)
+    for i, scores in enumerate(found.fold_scores.to_numpy().T):
+        expected = grid.cv_results_[f"split{i}_test_score"]
+        np.testing.assert_allclose(scores, expected, atol=1e-5)
 
 
 def test_pieces_that_come_one_after_another_are_on_one_clock(data):
     X, F = data
-    model = NRFRegressor(**OPTIONS)
+    model = NRFRegressor(degree=1, laws=DECLARED)
     for rows in (slice(0, 3000), slice(3000, 5000), slice(5000, None)):
         model.partial_fit(X.iloc[rows], F.iloc[rows])
-    assert model.restoring_forces_[1].coefficients["s t"] == pytest.approx(
-        -500.0, rel=1e-6
-    )
-    assert model.restoring_forces_[1].coefficients["s"] == pytest.approx(4e4, rel=1e-6)
+    coefficients = model.restoring_forces_[1].coefficients
+    assert coefficients["s t"] == pytest.approx(DRIFT, rel=1e-6)
+    assert coefficients["s"] == pytest.approx(4e4, rel=1e-6)
 
 
 def test_dates_count_from_the_first_row(data):
     X, F = data
-    dated = X.set_axis(
-        pd.Timestamp("2026-11-22 10:00") + pd.to_timedelta(X.index.to_numpy(), unit="s")
-    )
-    model = NRFRegressor(**OPTIONS).fit(dated, F)
-    assert model.restoring_forces_[1].coefficients["s t"] == pytest.approx(
-        -500.0, rel=1e-6
-    )
+    seconds = pd.to_timedelta(X.index.to_numpy(), unit="s")
+    dated = X.set_axis(pd.Timestamp("2026-11-22 10:00") + seconds)
+    model = NRFRegressor(degree=1, laws=DECLARED).fit(dated, F)
+    drift = model.restoring_forces_[1].coefficients["s t"]
+    assert drift == pytest.approx(DRIFT, rel=1e-6)
 
 
-def stepping(start=0.0, step=13.0):
-    held = {1: [laws.PowerSeries(1, [40.0, 4e4]), laws.StiffnessStep(t0=step, dk=-6e3)]}
-    record = driven(
-        ChainModel([10.0], held), 1, 20.0, FS, 100.0, (1, 30), seed=1, hold="cubic"
-    )
-    record.t0 = start
+# -- a stiffness that falls at an instant --------------------------------------------
+
+LOSS = -6e3  # N/m
+
+
+def stepping(step=13.0):
+    """20 s of one floor, whose storey loses stiffness at an instant."""
+    storey = [laws.PowerSeries(1, [40.0, 4e4]), laws.StiffnessStep(t0=step, dk=LOSS)]
+    truth = ChainModel([10.0], {1: storey})
+    return driven(truth, 1, 20.0, FS, 100.0, (1, 30), seed=1, hold="cubic")
+
+
+@pytest.fixture(scope="module")
+def late():
+    """The same on a clock that begins at 100 s."""
+    record = stepping()
+    record.t0 = 100.0
     return record
 
 
-def test_the_instant_of_a_step_is_told_and_found_on_the_clock_of_the_record():
-    record = stepping(start=100.0)
-    given = {"laws": {1: [laws.PowerSeries(1), laws.StiffnessStep()]}}
-    free = NRFRegressor(**given).fit(record).model_.laws
-    assert free[next(iter(free))][1].shape["t0"] == pytest.approx(113.0, abs=0.05)
-    told = NRFRegressor(
-        laws={1: [laws.PowerSeries(1), laws.StiffnessStep(t0=113.0)]}
-    ).fit(record)
-    assert told.restoring_forces_[1].coefficients["s [t > t0]"] == pytest.approx(
-        -6e3, rel=0.03
-    )
-    assert told.model_.simulate(
-        record.force, 1 / FS, t0=100.0
-    ).displacement == pytest.approx(
-        record.displacement, abs=0.05 * record.displacement.std()
-    )
+def test_the_instant_of_a_step_is_found_on_the_clock_of_the_record(late):
+    free = {1: [laws.PowerSeries(1), laws.StiffnessStep()]}
+    found = NRFRegressor(laws=free).fit(late).model_.laws["storey 1"]
+    assert found[1].shape["t0"] == pytest.approx(113.0, abs=0.05)
+
+
+def test_the_instant_of_a_step_is_declared_on_the_clock_of_the_record(late):
+    declared = {1: [laws.PowerSeries(1), laws.StiffnessStep(t0=113.0)]}
+    model = NRFRegressor(laws=declared).fit(late)
+    loss = model.restoring_forces_[1].coefficients["s [t > t0]"]
+    assert loss == pytest.approx(LOSS, rel=0.03)
+
+    run = model.simulate(late.force, dt=1 / FS, t0=100.0).displacement
+    tolerance = 0.05 * late.displacement.std()
+    assert run == pytest.approx(late.displacement, abs=tolerance)
 
 
 @pytest.mark.slow
 def test_the_loop_finds_a_step_on_the_clock_of_a_window():
-    whole = stepping()
-    step = close_loop(
-        whole.window(5, 20),
-        NRFRegressor(degree=1),
-        catalogue=[laws.StiffnessStep(), laws.CubicStiffness()],
-    ).steps[0]
+    window = stepping().window(5, 20)
+    catalogue = [laws.StiffnessStep(), laws.CubicStiffness()]
+    step = close_loop(window, NRFRegressor(degree=1), catalogue=catalogue).steps[0]
+    assert step.law == "stiffness_step"
     low, high = step.intervals["t0"]  # a held-out piece hides when
-    assert step.law == "stiffness_step" and low < 13.0 < high < low + 2.5
-    assert step.intervals["dk"][0] < step.parameters["dk"] < step.intervals["dk"][1]
+    assert low < 13.0 < high < low + 2.5
+    low, high = step.intervals["dk"]
+    assert low < step.parameters["dk"] < high

@@ -1,5 +1,5 @@
-"""The identification problem: what it refuses, what it derives, and that it and
-NRFRegressor give one answer.
+"""The identification problem: what it refuses and derives, and that it gives the answer
+of its estimator.
 """
 
 import pickle
@@ -14,62 +14,78 @@ from pysindy_nrf.exceptions import ChainError, ExcitationError, IdentifiabilityE
 LINEAR = (laws.PowerSeries(1),)
 
 
-def storeys(n, law=LINEAR):
-    return {f"storey {i}": law for i in range(1, n + 1)}
+def linear_chain(n, **known):
+    storeys = {f"storey {i}": LINEAR for i in range(1, n + 1)}
+    return Problem(Chain(n), storeys, **known)
+
+
+def assert_same(model, other):
+    np.testing.assert_allclose(model.masses, other.masses, rtol=1e-12)
+    for site, values in other.coefficients.items():
+        np.testing.assert_allclose(model.coefficients[site], values, rtol=1e-12)
 
 
 def test_the_problem_of_an_estimator_gives_its_answer():
     record = datasets.load_demo()
-    given = dict(
-        laws={"storey 2": laws.PowerSeries(1)}, known_masses={2: 10.0}, band=(1.0, 60.0)
+    estimator = NRFRegressor(
+        estimation="ls",
+        laws={"storey 2": laws.PowerSeries(1)},
+        known_masses={2: 10.0},
+        band=(1.0, 60.0),
     )
-    estimator = NRFRegressor(degree=3, estimation="ls", **given)
-    found = estimator.problem(3).solve(record)
-    estimator.fit(record)
-    np.testing.assert_allclose(found.model.masses, estimator.masses_, rtol=1e-12)
-    for site, values in estimator.model_.coefficients.items():
-        np.testing.assert_allclose(found.model.coefficients[site], values, rtol=1e-12)
-    np.testing.assert_allclose(
-        estimator.problem_.solve(record).model.masses, estimator.masses_, rtol=1e-12
-    )
+    model = estimator.fit(record).model_
+    assert_same(estimator.problem(3).solve(record).model, model)
+    assert_same(estimator.problem_.solve(record).model, model)
 
 
-def test_a_problem_is_a_value_that_does_not_change():
-    problem = Problem(Chain(2), storeys(2), {2: 12.0})
+def test_a_problem_does_not_change():
+    problem = linear_chain(2, known_masses={2: 12.0})
     with pytest.raises(FrozenInstanceError):
         problem.strategy = "joint"
     with pytest.raises(TypeError):
         problem.known_masses[1] = 3.0
+
+
+def test_other_masses_or_laws_give_another_problem():
+    problem = linear_chain(2, known_masses={2: 12.0})
     other = problem.with_known_masses({1: 3.0})
-    assert dict(problem.known_masses) == {2: 12.0} and dict(other.known_masses) == {
-        1: 3.0
-    }
+    assert dict(problem.known_masses) == {2: 12.0}
+    assert dict(other.known_masses) == {1: 3.0}
+
     cubic = problem.with_laws({"storey 1": [laws.PowerSeries(3)]})
-    assert (
-        cubic.layout.n_terms > problem.layout.n_terms
-        and problem.laws["storey 1"] == LINEAR
-    )
-    assert pickle.loads(pickle.dumps(problem)).known_masses == problem.known_masses
+    assert cubic.layout.n_terms > problem.layout.n_terms
+    assert problem.laws["storey 1"] == LINEAR
 
 
-def test_links_join_the_chain_and_a_storey_without_laws_transmits_no_force():
-    problem = Problem(
-        Chain(3), {"link 3-1": LINEAR, "storey 1": LINEAR, "storey 3": LINEAR}
-    )
-    assert (
-        problem.chain == Chain(3, links=["link 3-1"]) and problem.laws["storey 2"] == ()
-    )
-    assert [str(s) for s in problem.layout.acting] == [
-        "storey 1",
-        "storey 3",
-        "link 3-1",
-    ]
+def test_a_problem_survives_pickling():
+    problem = linear_chain(2, known_masses={2: 12.0})
+    again = pickle.loads(pickle.dumps(problem))
+    assert again.known_masses == problem.known_masses
+    assert again.laws == problem.laws
+
+
+def test_links_join_the_chain():
+    sites = ["link 3-1", "storey 1", "storey 3"]
+    problem = Problem(Chain(3), dict.fromkeys(sites, LINEAR))
+    assert problem.chain == Chain(3, links=["link 3-1"])
+    acting = [str(site) for site in problem.layout.acting]
+    assert acting == ["storey 1", "storey 3", "link 3-1"]
+
+
+def test_a_storey_without_laws_transmits_no_force():
+    problem = Problem(Chain(3), {"storey 1": LINEAR, "storey 3": LINEAR})
+    assert problem.laws["storey 2"] == ()
 
 
 def test_the_order_of_the_solve_follows_from_what_is_excited():
-    problem = Problem(Chain(2), storeys(2))
+    problem = linear_chain(2)
     assert problem.solve_order([1, 2]).strategy == "joint"
-    assert replace(problem, excited=[2]).solve_order([1, 2]).strategy == "sequential"
+    one_force = replace(problem, excited=[2])
+    assert one_force.solve_order([1, 2]).strategy == "sequential"
+
+
+def test_what_cannot_be_solved_is_refused():
+    problem = linear_chain(2)
     with pytest.raises(ExcitationError, match="known_masses"):
         problem.solve_order([])
     with pytest.raises(IdentifiabilityError, match="m1 cannot be found"):
@@ -77,11 +93,11 @@ def test_the_order_of_the_solve_follows_from_what_is_excited():
 
 
 def test_a_chain_optimizer_stands_for_the_one_inside_it():
-    assert Problem(Chain(1), storeys(1), optimizer=ChainOptimizer()).optimizer is None
+    assert linear_chain(1, optimizer=ChainOptimizer()).optimizer is None
 
 
 @pytest.mark.parametrize(
-    "known, said",
+    ("known_masses", "message"),
     [
         ({3: 1.0}, "DOF 3"),
         ({1: -1.0}, "is not a mass"),
@@ -89,6 +105,6 @@ def test_a_chain_optimizer_stands_for_the_one_inside_it():
         ([1.0], "mapping"),
     ],
 )
-def test_known_masses_that_cannot_be_are_refused(known, said):
-    with pytest.raises(ChainError, match=said):
-        Problem(Chain(2), storeys(2), known)
+def test_known_masses_that_cannot_be_are_refused(known_masses, message):
+    with pytest.raises(ChainError, match=message):
+        linear_chain(2, known_masses=known_masses)

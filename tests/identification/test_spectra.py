@@ -1,114 +1,143 @@
-"""Noise levels from the error of a free run, and the force corrected by the motion."""
+"""Noise levels from the gaps of a free run, and forces corrected by the motion."""
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from chains import driven
 
-from pysindy_nrf import ChainModel, KinematicSmoother, excitation, laws, simulate
-from pysindy_nrf.chain.layout import LawLayout
-from pysindy_nrf.identification.instrumental_variables import run_of
-from pysindy_nrf.identification.noise_spectra import (
-    corrected,
-    linearised,
-    noise_model,
+from pysindy_nrf import (
+    ChainModel,
+    KinematicSmoother,
+    Record,
+    excitation,
+    laws,
+    simulate,
+)
+from pysindy_nrf.chain import LawLayout
+from pysindy_nrf.identification.free_runs import simulated
+from pysindy_nrf.identification.linear_response import (
+    equivalent_matrices,
     transfer,
     unbalanced,
 )
-from pysindy_nrf.records.input_arrays import from_arrays
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.identification.noise_spectra import NoiseModel, corrected, noise_model
+from pysindy_nrf.records import Segment, from_arrays
+from pysindy_nrf.simulation import add_noise
 
-FS, LEVEL = 1000.0, 0.05
-TRUTH = ChainModel(
-    [12.4] * 3, {f"storey {i}": laws.PowerSeries(1, [25.0, 1.4e5]) for i in (1, 2, 3)}
-)
+FS = 1000.0
+LEVEL = 0.05
+STIFFNESS = 1.4e5
+
+
+def chain(damping):
+    storeys = {i: laws.PowerSeries(1, [damping, STIFFNESS]) for i in (1, 2, 3)}
+    return ChainModel([12.4] * 3, storeys)
+
+
+TRUTH = chain(25.0)
+LAYOUT = LawLayout(TRUTH.chain, TRUTH.laws)
+
+
+@dataclass(frozen=True)
+class Noisy:
+    """A record with noise, what the true model misses of it, and the noise found."""
+
+    exact: Record
+    segment: Segment
+    run: Segment
+    gap: np.ndarray
+    noise: NoiseModel
 
 
 @pytest.fixture(scope="module")
 def noisy():
+    """A force on the top of three floors, 5 % of noise in all channels."""
     F = excitation.band_limited_random(
         3, 16.0, FS, excited=[3], rms=100.0, band=(0.5, 60.0), random_state=0
     )
-    rec = add_noise(
-        simulate(TRUTH, F, 1 / FS, hold="cubic"),
-        LEVEL,
-        random_state=np.random.default_rng(1),
-    )
-    segment = from_arrays(rec, smooth=KinematicSmoother(joint=False)).segments[0]
-    run, layout = run_of(TRUTH, segment), LawLayout(TRUTH.chain, TRUTH.laws)
-    gap = unbalanced(TRUTH, linearised(TRUTH, layout, [run]), segment)
-    return F, segment, gap, noise_model(TRUTH, layout, [segment], [run], [gap])
+    exact = simulate(TRUTH, F, 1 / FS, hold="cubic")
+    record = add_noise(exact, LEVEL, random_state=np.random.default_rng(1))
+    (segment,) = from_arrays(record, smooth=KinematicSmoother(joint=False)).segments
+
+    run = simulated(TRUTH, segment)
+    gap = unbalanced(TRUTH, equivalent_matrices(TRUTH, LAYOUT, [run]), segment)
+    noise = noise_model(TRUTH, LAYOUT, [segment], [run], [gap])
+    return Noisy(exact, segment, run, gap, noise)
 
 
 def test_the_level_of_the_force_noise_is_found(noisy):
-    F, _, _, noise = noisy
-    true = (LEVEL * np.sqrt(np.mean(F[:, 2] ** 2))) ** 2 / FS
-    assert noise.force[2] == pytest.approx(true, rel=0.3)
-    assert (
-        noise.force[[0, 1, 3]].max() == 0.0
-    )  # unforced DOFs and a base at rest have none
+    rms = np.sqrt(np.mean(noisy.exact.force[:, 2] ** 2))
+
+    assert noisy.noise.force[2] == pytest.approx((LEVEL * rms) ** 2 / FS, rel=0.3)
 
 
-def test_the_motions_noise_is_that_of_three_channels_together(noisy):
-    """Density of the best velocity from white noise on a, v and x: 1 / (w^2/a^2 + 1/v^2
-    + 1/(w x)^2).
-    """
-    F, _, _, noise = noisy
-    exact = simulate(TRUTH, F, 1 / FS, hold="cubic")
-    a, v, x = (
-        LEVEL * y.std(axis=0)
-        for y in (exact.acceleration, exact.velocity, exact.displacement)
-    )
+def test_unforced_floors_and_a_base_at_rest_have_no_noise(noisy):
+    assert noisy.noise.force[[0, 1, 3]].max() == 0.0
+
+
+def test_the_noise_of_the_motion_is_that_of_three_channels_together(noisy):
+    """The best velocity from white noise on a, v and x: 1 / (w^2/a^2 + 1/v^2 + ...)."""
+    a = LEVEL * noisy.exact.acceleration.std(axis=0)
+    v = LEVEL * noisy.exact.velocity.std(axis=0)
+    x = LEVEL * noisy.exact.displacement.std(axis=0)
     f = np.array([12.0, 20.0, 30.0, 45.0])
     w = 2 * np.pi * f[:, None]
+
     best = 1 / ((w / a) ** 2 + 1 / v**2 + 1 / (w * x) ** 2) / FS
-    assert np.median(np.abs(np.log(noise.motion(f) / best))) < 0.35
+    ratio = noisy.noise.motion(f) / best
+    assert np.median(np.abs(np.log(ratio))) < 0.35
 
 
-def test_the_corrected_force_is_nearer_and_its_error_independent_of_what_the_run_misses(
-    noisy,
-):
-    F, segment, gap, noise = noisy
-    better = corrected(segment, gap, noise)
-    errors = [np.fft.rfft(s.F[:, 2] - F[:, 2]) for s in (segment, better)]
-    f = np.fft.rfftfreq(len(F), 1 / FS)
+def force_errors(noisy):
+    """Lines of the error of the measured and of the corrected force in 2 to 40 Hz."""
+    better = corrected(noisy.segment, noisy.gap, noisy.noise)
+    f = np.fft.rfftfreq(len(noisy.exact.force), 1 / FS)
     band = (f > 2) & (f < 40)
-    before, after = (np.sum(np.abs(e[band]) ** 2) for e in errors)
-    assert after < 0.7 * before
-    missed = np.fft.rfft(np.cumsum(segment.v - run_of(TRUTH, segment).v, axis=1)[:, 2])
-    G = transfer(noise.matrices, f[band])[:, 2, 2]
-    alike = [
-        abs(np.sum(np.conj(e[band]) * missed[band] / G))
-        / np.linalg.norm(e[band])
-        / np.linalg.norm(missed[band] / G)
-        for e in errors
-    ]
-    assert alike[1] < 0.3 * alike[0]
+    lines = []
+    for segment in (noisy.segment, better):
+        error = segment.F[:, 2] - noisy.exact.force[:, 2]
+        lines.append(np.fft.rfft(error)[band])
+    return f, band, lines
 
 
-def test_exact_motion_needs_no_noise_model():
-    rec = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
-    segment = from_arrays(rec, smooth=False).segments[0]
-    run, layout = replace(segment), LawLayout(TRUTH.chain, TRUTH.laws)
-    gap = unbalanced(TRUTH, linearised(TRUTH, layout, [run]), segment)
-    assert noise_model(TRUTH, layout, [segment], [run], [gap]) is None
+def test_the_corrected_force_is_nearer(noisy):
+    _, _, (measured, better) = force_errors(noisy)
+
+    assert np.linalg.norm(better) ** 2 < 0.7 * np.linalg.norm(measured) ** 2
+
+
+def test_the_error_of_the_corrected_force_is_independent_of_the_gap(noisy):
+    f, band, errors = force_errors(noisy)
+    missed = np.cumsum(noisy.segment.v - noisy.run.v, axis=1)[:, 2]
+    G = transfer(noisy.noise.matrices, f[band])[:, 2, 2]
+    as_force = np.fft.rfft(missed)[band] / G
+
+    coherence = []
+    for error in errors:
+        size = np.linalg.norm(error) * np.linalg.norm(as_force)
+        coherence.append(abs(np.vdot(error, as_force)) / size)
+    assert coherence[1] < 0.3 * coherence[0]
+
+
+def test_exact_motion_has_no_noise_model():
+    record = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
+    (segment,) = from_arrays(record, smooth=False).segments
+    matrices = equivalent_matrices(TRUTH, LAYOUT, [segment])
+    gap = unbalanced(TRUTH, matrices, segment)
+
+    assert noise_model(TRUTH, LAYOUT, [segment], [segment], [gap]) is None
 
 
 def test_transfer_is_what_a_steady_sine_shows():
-    """A sine of 9 Hz on DOF 2, long after it began: amplitude and phase of every
-    velocity.
-    """
+    """A sine of 9 Hz on DOF 2, long after it began: all velocities."""
     t = np.arange(20_000) / FS
     F = np.zeros((len(t), 3))
     F[:, 1] = np.sin(2 * np.pi * 9.0 * t)
-    heavy = TRUTH.with_laws(
-        {f"storey {i}": laws.PowerSeries(1, [400.0, 1.4e5]) for i in (1, 2, 3)}
-    )
-    v = simulate(heavy, F, 1 / FS, hold="cubic").velocity[10_000:]
-    phasor = (
-        2 * np.mean(v * np.exp(-2j * np.pi * 9.0 * t[10_000:])[:, None], axis=0) * 1j
-    )
-    np.testing.assert_allclose(
-        phasor, transfer(heavy.matrices(), np.array([9.0]))[0, :, 1], rtol=1e-4
-    )
+    heavy = chain(400.0)
+    velocity = simulate(heavy, F, 1 / FS, hold="cubic").velocity[10_000:]
+
+    carrier = np.exp(-2j * np.pi * 9.0 * t[10_000:])
+    phasors = 2j * np.mean(velocity * carrier[:, None], axis=0)
+    expected = transfer(heavy.matrices(), np.array([9.0]))[0, :, 1]
+    np.testing.assert_allclose(phasors, expected, rtol=1e-4)

@@ -1,4 +1,4 @@
-"""Compiled laws: the right code from the disk, in every process."""
+"""Compiled code: the right one from the disk, in every process."""
 
 import os
 import subprocess
@@ -7,131 +7,169 @@ import sys
 import numpy as np
 import pytest
 
-from pysindy_nrf import laws
-from pysindy_nrf.common import compiled
+from pysindy_nrf import ChainModel, laws, simulate
+from pysindy_nrf.common.code_cache import fingerprint
+from pysindy_nrf.common.compiled import inline
 from pysindy_nrf.exceptions import LawError
+from pysindy_nrf.laws.callbacks import cannot_compile, compiled_kernel
 from pysindy_nrf.laws.shape import Motion
 
-START = """
+FIT_AND_SIMULATE = """
 import numpy as np
-from pysindy_nrf import ChainModel, laws, simulate
-from pysindy_nrf.equations.compiled_sums import _kernel
-from pysindy_nrf.simulation.integrators import runge_kutta
-simulate(ChainModel([1.0], {1: [laws.Dahl(sigma=1e4, Fd=1.0)]}), np.ones((5, 1)), 1e-3)
-for compiled in (runge_kutta, _kernel()):
-    print(sum(compiled.stats.cache_hits.values()), sum(compiled.stats.cache_misses.values()))
+from pysindy_nrf import NRFRegressor, datasets, laws
+record = datasets.load_demo()
+model = NRFRegressor(degree=1, estimation="ls").fit(*record.to_features())
+simulate(model, record.force[:50], dt=record.dt)
 """
-
-
-@pytest.mark.slow
-def test_second_process_loads_integrator_and_gram_pass_from_disk():
-    """Whatever the seed of the hashes of a process."""
-    for seed in ("1", "2"):
-        env = {**os.environ, "PYTHONHASHSEED": seed}
-        done = subprocess.run(
-            [sys.executable, "-c", START],
-            check=True,
-            capture_output=True,
-            text=True,
-            env=env,
-        )
-    assert done.stdout.split() == ["1", "0"] * 2
-
-
-def test_fingerprints_are_of_the_code_and_of_all_it_uses():
-    def make(table, factor=2.0, deeper=3.0, function=np.sin):
-        def inner(x):
-            return function(x) + deeper
-
-        def outer(x):
-            return inner(x) * table[0] * factor
-
-        return outer
-
-    one, two = np.array([1.0]), np.array([2.0])
-    made = (
-        make(one),
-        make(two),
-        make(one, 2.5),
-        make(one, 2.0, 4.0),
-        make(one, function=np.cos),
-    )
-    assert len({compiled.fingerprint(f) for f in made}) == 5
-    assert compiled.fingerprint(make(one)) == compiled.fingerprint(make(one.copy()))
-    assert compiled.fingerprint(make(one), make(two)) != compiled.fingerprint(make(one))
-    fast = [
-        compiled.fingerprint(compiled.inline(make(one), fastmath=f))
-        for f in (False, True)
-    ]
-    assert fast[0] != fast[1]
-
-    def recursive(x):
-        return recursive(x - 1) if x else 0
-
-    assert compiled.fingerprint(recursive)
-
-
-TOGETHER = """
+SUM_OF_STATES = """
 import sys
 import numpy as np
 from pysindy_nrf import laws
 t = np.arange(300) / 1000
 motion = laws.Motion(1e-3 * np.sin(90 * t), 0.09 * np.cos(90 * t), t=t)
-held = {"dahl": laws.Dahl(sigma=1500.0), "jenkins": laws.Jenkins(uy=7e-4)}
 for name in sys.argv[1:]:
-    print(name, repr(float(np.abs(held[name].features(motion)).sum())))
+    law = laws.Dahl(sigma=1500.0) if name == "dahl" else laws.Jenkins(uy=7e-4)
+    print(name, repr(float(np.abs(law.features(motion)).sum())))
 """
 
 
-def total(cache, *names):
-    """Sums that a fresh process prints, with its cache of machine code there."""
-    env = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    out = subprocess.run(
-        [sys.executable, "-c", TOGETHER, *names],
+def run_script(script, *arguments, cache, seed="0"):
+    """What a fresh process prints, whose machine code is cached in a folder."""
+    variables = {"NUMBA_CACHE_DIR": str(cache), "PYTHONHASHSEED": seed}
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script, *arguments],
         check=True,
         capture_output=True,
         text=True,
-        env=env,
+        env={**os.environ, **variables},
     )
-    return dict(line.split() for line in out.stdout.splitlines())
+    return done.stdout
+
+
+def sums(cache, *names):
+    """Sums of the states of laws by name, from a fresh process."""
+    lines = run_script(SUM_OF_STATES, *names, cache=cache).splitlines()
+    return dict(line.split() for line in lines)
 
 
 @pytest.mark.slow
-def test_laws_take_the_right_code_from_the_disk_or_are_compiled_anew(tmp_path):
-    """Two processes start numbering their machine code at the same number; code that
-    cannot be read is no code.
-    """
-    alone = total(tmp_path, "dahl") | total(tmp_path, "jenkins")
-    assert (
-        alone["dahl"] != alone["jenkins"]
-        and total(tmp_path, "jenkins", "dahl") == alone
-    )
+def test_a_second_process_compiles_nothing(tmp_path):
+    """Whatever the seed of the hashes of a process."""
+    run_script(FIT_AND_SIMULATE, cache=tmp_path, seed="1")
+    written = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nb?")}
+    assert written
+    run_script(FIT_AND_SIMULATE, cache=tmp_path, seed="2")
+    again = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nb?")}
+    assert again == written
+
+
+@pytest.mark.slow
+def test_code_of_two_processes_is_not_mixed_up(tmp_path):
+    """Both start to number their machine code at the same number."""
+    dahl = sums(tmp_path, "dahl")
+    jenkins = sums(tmp_path, "jenkins")
+    assert dahl["dahl"] != jenkins["jenkins"]
+    assert sums(tmp_path, "jenkins", "dahl") == dahl | jenkins
+
+
+@pytest.mark.slow
+def test_code_that_cannot_be_read_or_written_is_compiled(tmp_path):
+    jenkins = sums(tmp_path, "jenkins")
     for file in tmp_path.rglob("*.nbc"):
         file.write_bytes(b"")
+    assert sums(tmp_path, "jenkins") == jenkins
+
     (tmp_path / "file").write_text("")
-    for folder in (
-        tmp_path,
-        tmp_path / "file" / "below",
-    ):  # damaged, and where none can be written
-        assert total(folder, "jenkins")["jenkins"] == alone["jenkins"]
+    no_folder = tmp_path / "file" / "below"
+    assert sums(no_folder, "jenkins") == jenkins
 
 
-def test_what_cannot_be_compiled_is_named():
-    class Strange(laws.Dahl):
-        @staticmethod
-        def advance(z, s0, v0, s1, v1, dt, u, theta):
-            z[0] = {}.no_such_thing(s0)
+# -- fingerprints --------------------------------------------------------------
 
-    for call in (
-        lambda law: law.features(Motion(np.zeros(3), np.zeros(3))),
-        compiled.pointers,
-    ):
-        with pytest.raises(
-            LawError, match="Strange cannot be compiled for single samples"
-        ):
-            call(Strange(sigma=1.0))
-    law = laws.Dahl()
-    assert "(the last line)" in str(
-        compiled.cannot_compile(law, ValueError("first\nthe last line\n"))
-    )
-    assert "(ValueError)" in str(compiled.cannot_compile(law, ValueError(" ")))
+
+def make(table=(1.0,), factor=2.0, summand=3.0, function=np.sin):
+    """A function that uses an array, a number and a function, which uses others."""
+    array = np.array(table)
+
+    def inner(x):
+        return function(x) + summand
+
+    def outer(x):
+        return inner(x) * array[0] * factor
+
+    return outer
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"table": (2.0,)}, {"factor": 2.5}, {"summand": 4.0}, {"function": np.cos}],
+)
+def test_a_fingerprint_is_of_all_that_a_function_uses(change):
+    assert fingerprint(make(**change)) != fingerprint(make())
+
+
+def test_a_fingerprint_is_of_nothing_else():
+    assert fingerprint(make()) == fingerprint(make())
+    assert fingerprint(make(), make(factor=5.0)) != fingerprint(make())
+
+
+def test_a_fingerprint_is_of_the_compilers_options():
+    exact = inline(make(), fastmath=False)
+    fast = inline(make(), fastmath=True)
+    assert fingerprint(exact) != fingerprint(fast)
+
+
+def test_a_function_that_calls_itself_has_a_fingerprint():
+    def factorial(n):
+        return n * factorial(n - 1) if n else 1
+
+    assert fingerprint(factorial)
+
+
+# -- laws of users -------------------------------------------------------------
+
+
+def softened(s, width):
+    return s / (1.0 + abs(s) / width)
+
+
+class SoftSpring(laws.ForceLaw):
+    """A law that calls a plain function of its module."""
+
+    columns = (laws.Term("k", "soft(s)", "N/m"),)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = softened(s, 1e-3)
+
+
+def test_a_law_may_call_functions_of_its_module():
+    """A spring of 2000 N/m softens to 1000 N/m at 1 mm, where it holds 1 N."""
+    model = ChainModel([1.0], {1: [SoftSpring(k=2e3), laws.LinearViscous(45.0)]})
+    run = simulate(model, np.ones((1000, 1)), 1e-3)
+    assert run.displacement[-1, 0] == pytest.approx(1e-3, rel=1e-6)
+
+
+class Strange(laws.Dahl):
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = {}.no_such_thing(s)
+
+    @staticmethod
+    def advance(z, s0, v0, s1, v1, dt, u, theta):
+        z[0] = {}.no_such_thing(s0)
+
+
+def test_a_law_that_cannot_be_compiled_is_named():
+    with pytest.raises(LawError, match="Strange cannot be compiled"):
+        Strange(sigma=1.0).features(Motion(np.zeros(3), np.zeros(3)))
+    with pytest.raises(LawError, match="Strange cannot be compiled"):
+        compiled_kernel(Strange(sigma=1.0))
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [("first\nthe last line\n", "(the last line)"), (" ", "(ValueError)")],
+)
+def test_the_reason_is_the_last_line_of_the_compilers_error(message, reason):
+    assert reason in str(cannot_compile(laws.Dahl(), ValueError(message)))

@@ -1,5 +1,7 @@
 """The state of a law with memory along a sampled motion."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
@@ -7,65 +9,70 @@ from numpy.polynomial import Polynomial
 from pysindy_nrf import laws
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.laws import ForceLaw, Motion, Shape, Term
-from pysindy_nrf.laws.memory import state_path
-
-SIGMA = 5e3
-
-
-ONE_SAMPLE = Motion(*np.array([[1.0], [0.0], [0.0], [0.0]]))
 
 
 def two_tones(t):
-    s = 1e-3 * np.sin(60 * t) + 4e-4 * np.sin(171 * t + 1)
-    v = 0.06 * np.cos(60 * t) + 0.0684 * np.cos(171 * t + 1)
-    a = -3.6 * np.sin(60 * t) - 11.6964 * np.sin(171 * t + 1)
-    return s, v, a
+    return Motion(
+        s=1e-3 * np.sin(60 * t) + 4e-4 * np.sin(171 * t + 1),
+        v=0.06 * np.cos(60 * t) + 0.0684 * np.cos(171 * t + 1),
+        a=-3.6 * np.sin(60 * t) - 11.6964 * np.sin(171 * t + 1),
+        t=t,
+    )
 
 
-def test_path_in_blocks_that_share_a_sample_is_the_same_to_the_last_bit():
+def test_blocks_that_share_a_sample_are_the_whole_to_the_last_bit():
     t = np.arange(2001) / 1000
-    s, v, a = two_tones(t)
-    law = laws.Dahl(sigma=SIGMA)
-    none = np.empty((0, len(t)))
-    whole = state_path(law, Motion(s, v, a, t), none, law.theta)
-    state, pieces = np.zeros(1), []
+    law = laws.Dahl(sigma=5e3)
+    whole = law.features(two_tones(t))
+    state = np.zeros(1)
     for start in range(0, 2000, 250):
         rows = slice(start, start + 251)
-        piece = state_path(
-            law,
-            Motion(s[rows], v[rows], a[rows], t[rows]),
-            none[:, rows],
-            law.theta,
-            state,
-        )
-        assert state[0] == piece[0, -1]
-        pieces.append(piece[:, 1:])
-    assert np.array_equal(np.hstack([whole[:, :1], *pieces]), whole)
+        block = law.features(two_tones(t[rows]), state)
+        assert state[0] == block[-1, 0]
+        np.testing.assert_array_equal(block[1:], whole[rows][1:])
 
 
-# -- the way between two samples -----------------------------------------------
+# -- the path between two samples ----------------------------------------------
+
+
+class Path(NamedTuple):
+    """What a law reads along the parts of a path, one value a part."""
+
+    s0: np.ndarray
+    v0: np.ndarray
+    s1: np.ndarray
+    v1: np.ndarray
+    dt: np.ndarray
+    level: np.ndarray
+
+    @property
+    def drifts(self):
+        """Drifts at the ends of all parts."""
+        np.testing.assert_array_equal(self.s0[1:], self.s1[:-1])
+        return np.append(self.s0[:1], self.s1)
+
+
+N_PARTS = 8
 
 
 class Diary(ForceLaw):
-    """Notes every stretch of the way that its state is moved along, the last eight of
-    them word by word.
+    """Its state notes the parts of the path along which it is moved, the last eight.
+
+    The state is their number, and then the numbers of each part.
     """
 
+    columns = (Term("c", "count", "N"),)
     shapes = (Shape("pace", "1", 1.0, 2.0),)  # not read
-    n_states = 3 + 6 * 8
+    n_states = 1 + 6 * N_PARTS
     covariates = ("level",)
-
-    def terms(self):
-        return (Term("c", "distance", "N/m"), Term("d", "count", "N"))
 
     @staticmethod
     def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = z[1]
-        out[1] = z[0]
+        out[0] = z[0]
 
     @staticmethod
     def advance(z, s0, v0, s1, v1, dt, u, theta):
-        row = 3 + 6 * (int(z[0]) % 8)
+        row = 1 + 6 * (int(z[0]) % N_PARTS)
         z[row] = s0
         z[row + 1] = v0
         z[row + 2] = s1
@@ -73,116 +80,123 @@ class Diary(ForceLaw):
         z[row + 4] = dt
         z[row + 5] = u[0]
         z[0] += 1.0
-        z[1] += abs(s1 - s0)
-        z[2] += dt
 
 
-DIARY = Diary({"pace": 1.5})
+DIARY = Diary(pace=1.5)
 
 
-def read(motion, state=None):
-    """What the diary says at the end: the stretches."""
-    state = np.zeros(Diary.n_states) if state is None else state
+def path_of(motion):
+    """The path that a law is moved along."""
+    state = np.zeros(Diary.n_states)
     columns = DIARY.features(motion, state)
-    return state[3:].reshape(8, 6)[: int(state[0])], columns
+    count = int(state[0])
+    assert columns[-1, 0] == count
+    rows = state[1:].reshape(N_PARTS, 6)[:count]
+    return Path(*rows.T)
 
 
-def moving_by(p, edges, with_a=True, with_t=True):
+def sampled(drift, times, with_a=True, with_t=True):
     """A motion that is a polynomial of the time, known at a few times."""
-    t = np.asarray(edges, dtype=float)
-    v, a = p.deriv(), p.deriv(2)
+    t = np.asarray(times, dtype=float)
     return Motion(
-        p(t),
-        v(t),
-        a(t) if with_a else None,
+        drift(t),
+        drift.deriv()(t),
+        drift.deriv(2)(t) if with_a else None,
         t if with_t else None,
         {"level": np.arange(1.0, len(t) + 1.0)},
     )
 
 
-def stretches(p, way, levels):
-    v = p.deriv()
-    return [
-        (p(b), v(b), p(e), v(e), e - b, x)
-        for b, e, x in zip(way[:-1], way[1:], levels, strict=True)
-    ]
+STEP = 0.02  # s
+SIZE = 1e-3  # m
 
 
-H, SIZE = 0.02, 1e-3
+class Turns(NamedTuple):
+    """A drift by time within a step, and the shares of the step where it turns."""
+
+    drift: Polynomial
+    shares: list[float]
+
+    @property
+    def edges(self):
+        """Times at which the parts of the path begin and end."""
+        return STEP * np.array([0.0] + self.shares + [1.0])
 
 
-def _in_time(roots, factor=(1.0,)):
-    """Drift of SIZE (m) on a time of H (s) whose rate has these zeros, in shares of
-    H.
-    """
+def turns(shares, factor=(1.0,), other_roots=()):
+    """A drift that turns at shares of the step; its rate has a further factor."""
     rate = Polynomial(factor)
-    for root in roots:
+    for root in shares + list(other_roots):
         rate = rate * Polynomial([-root, 1.0])
-    share = rate.integ()
-    return Polynomial([SIZE * c / H**k for k, c in enumerate(share.coef)])
+    by_share = rate.integ()
+    powers = STEP ** np.arange(len(by_share.coef))
+    return Turns(Polynomial(SIZE * by_share.coef / powers), shares)
 
 
-# rate as a polynomial, where it turns inside the step, whether the acceleration is
-# given
-TURNS = {
-    "straight": (_in_time([], (1.0, 0.5)), [], True),
-    "parabola": (_in_time([0.3]), [0.3], False),
-    "parabola late": (_in_time([0.9]), [0.9], True),
-    "cubic": (_in_time([0.3, -1.0]), [0.3], False),
-    "cubic late": (_in_time([0.8], (-1.0, 0.2)), [0.8], False),
-    "quintic": (_in_time([0.4], (1.0, 0.3, -0.2, 0.8)), [0.4], True),
-    "quintic early": (_in_time([0.15], (-1.0, 0.5, 0.3, -0.4)), [0.15], True),
-    "twice": (_in_time([0.2, 0.7], (1.0, 0.0, 1.0)), [0.2, 0.7], True),
-    "twice, late": (_in_time([0.45, 0.85], (-1.0, 0.1, -0.3)), [0.45, 0.85], True),
-    "twice, and once later": (_in_time([0.2, 0.7], (1.6, -1.0)), [0.2, 0.7], True),
-    "dips only": (_in_time([], (0.35, -1.0, 1.0)), [], True),
-    "twice, not seen": (_in_time([0.2, 0.7]), [], False),
+# without accelerations the path is a cubic, with them a quintic
+CUBICS = {
+    "parabola": turns([0.3]),
+    "cubic": turns([0.3], other_roots=[-1.0]),
+    "cubic, late": turns([0.8], (-1.0, 0.2)),
 }
+QUINTICS = {
+    "none": turns([], (1.0, 0.5)),
+    "parabola, late": turns([0.9]),
+    "quintic": turns([0.4], (1.0, 0.3, -0.2, 0.8)),
+    "quintic, early": turns([0.15], (-1.0, 0.5, 0.3, -0.4)),
+    "dips only": turns([], (0.35, -1.0, 1.0)),
+}
+TWICE = {
+    "twice": turns([0.2, 0.7], (1.0, 0.0, 1.0)),
+    "twice, late": turns([0.45, 0.85], (-1.0, 0.1, -0.3)),
+    "twice, and once later": turns([0.2, 0.7], (1.6, -1.0)),
+}
+TURNS = CUBICS | QUINTICS | TWICE
 
 
-@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def path_along(case, sign):
+    """The drift of a case, the times where it turns, and the path that is found."""
+    drift = sign * TURNS[case].drift
+    motion = sampled(drift, [0.0, STEP], with_a=case not in CUBICS)
+    return drift, TURNS[case].edges, path_of(motion)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("case", TURNS)
-def test_the_way_is_cut_where_the_motion_turns(case, mirror):
-    p, turns, with_a = TURNS[case]
-    p = p * mirror
-    edges = [0.0, H]
-    expected = stretches(p, [0.0, *(H * x for x in turns), H], [1.5] * (1 + len(turns)))
-    found, columns = read(moving_by(p, edges, with_a))
-    assert columns[1, 1] == 1 + len(turns)
-    ends = np.array([(e[0], e[2]) for e in expected])
-    seen = (
-        np.array([[True, True], [True, False], [False, True]])
-        if len(turns) == 2
-        else np.full(ends.shape, True)
-    )
-    np.testing.assert_allclose(found[:, [0, 2]][seen], ends[seen], atol=1e-12 * SIZE)
-    np.testing.assert_allclose(
-        found[:, [1, 3]], [[e[1], e[3]] for e in expected], atol=1e-12 * SIZE / H
-    )
-    np.testing.assert_allclose(found[:, 4], [e[4] for e in expected], atol=1e-9 * H)
-    assert found[:, 5].tolist() == [1.5] * len(expected)  # the mean of both samples
-    for k in range(len(turns)):
-        assert found[k, 3] == 0.0 == found[k + 1, 1]  # at rest where it turns
+def test_the_path_is_cut_where_the_motion_turns(case, sign):
+    drift, edges, path = path_along(case, sign)
+    assert len(path.dt) == len(edges) - 1
+    np.testing.assert_allclose(path.dt, np.diff(edges), atol=1e-9 * STEP)
+    rates = drift.deriv()(edges)
+    tolerance = 1e-12 * SIZE / STEP
+    np.testing.assert_allclose(path.v0, rates[:-1], atol=tolerance)
+    np.testing.assert_allclose(path.v1, rates[1:], atol=tolerance)
+    assert (path.level == 1.5).all()  # the mean of both samples
 
 
-def test_without_time_every_way_is_straight():
-    p, _, _ = TURNS["parabola"]
-    law = laws.Jenkins(uy=10.0 * SIZE)
-    direct = (p(H) - p(0.0)) / (10.0 * SIZE)
-    for with_a in (True, False):
-        assert law.features(moving_by(p, [0.0, H], with_a, with_t=False))[
-            1, 0
-        ] == pytest.approx(direct, rel=1e-12)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("case", CUBICS | QUINTICS)
+def test_the_path_passes_the_drift_where_the_motion_turns(case, sign):
+    drift, edges, path = path_along(case, sign)
+    np.testing.assert_allclose(path.drifts, drift(edges), atol=1e-12 * SIZE)
 
 
-def _two_samples(s, v, a=None, h=1.0):
-    return Motion(
-        np.array(s),
-        np.array(v),
-        None if a is None else np.array(a),
-        np.array([0.0, h]),
-        {"level": np.ones(2)},
-    )
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_turns_in_a_step_are_not_seen_without_accelerations(sign):
+    drift = sign * turns([0.2, 0.7]).drift
+    path = path_of(sampled(drift, [0.0, STEP], with_a=False))
+    assert path.dt == pytest.approx([STEP])
+    assert path.v0 == pytest.approx([drift.deriv()(0.0)])
+    assert path.v1 == pytest.approx([drift.deriv()(STEP)])
+
+
+@pytest.mark.parametrize("with_a", [True, False])
+def test_without_time_every_path_is_straight(with_a):
+    drift = TURNS["parabola"].drift
+    motion = sampled(drift, [0.0, STEP], with_a, with_t=False)
+    columns = laws.Jenkins(uy=10.0 * SIZE).features(motion)
+    straight = (drift(STEP) - drift(0.0)) / (10.0 * SIZE)
+    assert columns[1, 0] == pytest.approx(straight, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -193,7 +207,7 @@ def _two_samples(s, v, a=None, h=1.0):
         ([0.0, 0.0], [1.0, -1.0], [-900.0, -900.0], [0.0, 0.25, 0.0]),
         ([0.0, 0.0], [-1.0, 1.0], [900.0, 900.0], [0.0, -0.25, 0.0]),
         ([0.0, 0.0], [1.0, -1.0], [-2.0, -2.0], [0.0, 0.25, 0.0]),  # a true parabola
-        # the rates contradict the drift: the straight way
+        # the rates contradict the drift: the straight path
         ([0.0, 3.0], [1.0, -1.0], [0.0, 0.0], [0.0, 3.0]),
         ([0.0, -3.0], [1.0, -1.0], None, [0.0, -3.0]),
         ([0.0, 3.0], [-1.0, 1.0], None, [0.0, 3.0]),
@@ -203,29 +217,46 @@ def _two_samples(s, v, a=None, h=1.0):
         ([0.0, 0.4], [0.0, 1.0], None, [0.0, 0.4]),
     ],
 )
-def test_noise_does_not_bend_the_way(s, v, a, drifts):
-    found, _ = read(_two_samples(s, v, a))
-    assert [*found[:, 0], found[-1, 2]] == pytest.approx(drifts, abs=1e-9)
+def test_noise_does_not_bend_the_path(s, v, a, drifts):
+    motion = Motion(
+        np.array(s),
+        np.array(v),
+        None if a is None else np.array(a),
+        t=np.array([0.0, 1.0]),
+        covariates={"level": np.ones(2)},
+    )
+    assert path_of(motion).drifts == pytest.approx(drifts, abs=1e-9)
 
 
-def test_records_of_one_sample_and_of_none():
+# -- short records and errors --------------------------------------------------
+
+
+def test_a_record_of_one_sample_keeps_its_state():
+    sample = Motion(s=np.ones(1), v=np.zeros(1), a=np.zeros(1), t=np.zeros(1))
     law = laws.Dahl(sigma=1e3)
-    assert law.features(ONE_SAMPLE).tolist() == [[0.0]]
     state = np.array([0.4])
-    assert law.features(ONE_SAMPLE, state).tolist() == [[0.4]] and state.tolist() == [
-        0.4
-    ]
-    assert law.features(Motion(np.empty(0), np.empty(0))).shape == (0, 1)
+    assert law.features(sample).tolist() == [[0.0]]
+    assert law.features(sample, state).tolist() == [[0.4]]
+    assert state.tolist() == [0.4]
 
 
-def test_states_that_cannot_be_moved_are_named():
-    s, level = np.array([0.0, 1.0]), {"level": np.ones(2)}
-    with pytest.raises(LawError, match="Diary needs the time of the samples"):
+def test_a_record_without_samples_has_no_features():
+    nothing = Motion(np.empty(0), np.empty(0))
+    assert laws.Dahl(sigma=1e3).features(nothing).shape == (0, 1)
+
+
+def test_a_state_that_cannot_be_moved_is_named():
+    s = np.array([0.0, 1.0])
+    level = {"level": np.ones(2)}
+    with pytest.raises(LawError, match="needs the time"):
         DIARY.features(Motion(s, s, covariates=level))
-    with pytest.raises(LawError, match=r"The state of Diary diverges .*\(pace = 1.5\)"):
+    with pytest.raises(LawError, match=r"diverges .*\(pace = 1.5\)"):
         DIARY.features(Motion(s, s, t=np.array([0.0, np.nan]), covariates=level))
-    for bad in (Motion(np.array([0.0, np.nan]), s), Motion(s, np.array([np.inf, 0.0]))):
-        with pytest.raises(
-            ChannelError, match="The motion of a law with memory is not finite"
-        ):
-            laws.Dahl(sigma=1.0).features(bad)
+
+
+@pytest.mark.parametrize(
+    ("s", "v"), [([0.0, np.nan], [0.0, 1.0]), ([0.0, 1.0], [np.inf, 0.0])]
+)
+def test_a_motion_that_is_not_finite_is_refused(s, v):
+    with pytest.raises(ChannelError, match="motion .* is not finite"):
+        laws.Dahl(sigma=1.0).features(Motion(np.array(s), np.array(v)))

@@ -23,9 +23,7 @@ def written(tmp_path):
 
 @pytest.fixture
 def columns_file(written):
-    """Function that writes a head line, columns of cells and a footer as delimited
-    text.
-    """
+    """Function that writes a head line, columns of cells and a footer as text."""
 
     def write(head, columns, separator=";", tail="", name="own.csv"):
         rows = "\n".join(separator.join(cells) for cells in zip(*columns))
@@ -36,22 +34,16 @@ def columns_file(written):
 
 @pytest.fixture(scope="session")
 def frame():
-    """Motions of two floors and a force on the upper one, 300 samples at 500 Hz, SI
-    units.
-    """
+    """Motions of two floors and a force on the upper one, 300 samples at 500 Hz."""
+    w = 40.0
     t = np.arange(300) / 500.0
-    x = np.column_stack([1e-3 * np.sin(40 * t), 1.7e-3 * np.sin(40 * t + 0.3)])
-    v = np.column_stack([0.04 * np.cos(40 * t), 0.068 * np.cos(40 * t + 0.3)])
-    columns = {
-        "t": t,
-        "F1": 0 * t,
-        "F2": 30 * np.cos(40 * t),
-        "a1": -1600 * x[:, 0],
-        "a2": -1600 * x[:, 1],
-    }
-    return pd.DataFrame(
-        columns | {"v1": v[:, 0], "v2": v[:, 1], "x1": x[:, 0], "x2": x[:, 1]}
-    )
+    table = pd.DataFrame({"t": t, "F1": 0 * t, "F2": 30 * np.cos(w * t)})
+    for j, amplitude, phase in ((1, 1e-3, 0.0), (2, 1.7e-3, 0.3)):
+        x = amplitude * np.sin(w * t + phase)
+        table[f"a{j}"] = -(w**2) * x
+        table[f"v{j}"] = amplitude * w * np.cos(w * t + phase)
+        table[f"x{j}"] = x
+    return table
 
 
 @pytest.fixture
@@ -60,10 +52,8 @@ def small():
     t = np.arange(200) / 100.0
 
     def record(**more):
-        options = {"fs": 100.0, "name": "small"} | more
-        return Record(
-            displacement=np.sin(t)[:, None], force=np.cos(t)[:, None], **options
-        )
+        lines = {"displacement": np.sin(t)[:, None], "force": np.cos(t)[:, None]}
+        return Record(**lines | {"fs": 100.0, "name": "small"} | more)
 
     return record
 

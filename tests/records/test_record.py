@@ -1,6 +1,4 @@
-"""Records and the arrays they are made of: clocks, gaps, values that stand for "not
-measured".
-"""
+"""Records: clocks, gaps, parts, and values that stand for "not measured"."""
 
 import warnings
 
@@ -24,49 +22,67 @@ def test_a_clock_in_the_index_of_a_table(frame):
     np.testing.assert_array_equal(again.acceleration, record.acceleration)
 
 
-def test_a_record_without_a_clock_serves_an_element_without_mass_only():
-    """A spring and a slider along a path that is known by its samples alone."""
+@pytest.fixture(scope="module")
+def quasi_static():
+    """A spring and a slider (400 N) along a path that is known by its samples alone."""
     x = 0.01 * np.sin(np.linspace(0.0, 40.0, 2000)) * np.linspace(0.2, 1.0, 2000)
-    steps, slider = np.diff(x, prepend=0.0), np.zeros(len(x))
-    for i, step in enumerate(steps):
-        slider[i] = np.clip(slider[i - 1] + step, -0.002, 0.002)
-    record = Record(force=(3e4 * x + 2e5 * slider)[:, None], displacement=x[:, None])
-    assert not record.has_clock and "without a clock" in repr(record)
-    element = NRFRegressor(
-        laws={1: [laws.LinearElastic(), laws.Jenkins()]}, massless=True
-    ).fit(record)
-    spring, found = element.model_.laws["storey 1"]
-    assert (
-        record.rows(slice(10, 90)).by_sample().time[0] == 0.0
-    )  # a part counts its samples anew
-    assert spring.parameters["k"] == pytest.approx(3e4, rel=1e-3)
-    assert found.parameters["Fy"] == pytest.approx(400.0, rel=1e-3)
-    assert element.masses_ == pytest.approx([0.0])
-    for other in (
-        NRFRegressor(degree=1, massless=True),
-        NRFRegressor(laws={1: [laws.LinearElastic()]}),
-    ):
-        with pytest.raises(ChannelError, match="has no clock.*massless=True"):
-            other.fit(record)
+    slip = 0.0
+    force = []
+    for step in np.diff(x, prepend=0.0):
+        slip = np.clip(slip + step, -0.002, 0.002)
+        force.append(2e5 * slip)
+    force = 3e4 * x + np.array(force)
+    return Record(force=force[:, None], displacement=x[:, None])
+
+
+def test_a_record_without_a_clock_counts_its_samples(quasi_static):
+    assert not quasi_static.has_clock
+    assert "without a clock" in repr(quasi_static)
+    part = quasi_static.rows(slice(10, 90)).by_sample()
+    assert part.time[0] == 0.0
     with pytest.raises(ChannelError, match="no clock"):
-        _ = record.time
+        _ = quasi_static.time
+
+
+def test_a_record_without_a_clock_serves_an_element_without_mass(quasi_static):
+    model = NRFRegressor(
+        laws={1: [laws.LinearElastic(), laws.Jenkins()]}, massless=True
+    ).fit(quasi_static)
+    spring, slider = model.model_.laws["storey 1"]
+    assert spring.parameters["k"] == pytest.approx(3e4, rel=1e-3)
+    assert slider.parameters["Fy"] == pytest.approx(400.0, rel=1e-3)
+    assert model.masses_ == pytest.approx([0.0])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"degree": 1, "massless": True}, {"laws": {1: [laws.LinearElastic()]}}],
+    ids=["damper", "mass"],
+)
+def test_dampers_and_masses_need_a_clock(quasi_static, options):
+    with pytest.raises(ChannelError, match="has no clock.*massless=True"):
+        NRFRegressor(**options).fit(quasi_static)
+
+
+def test_accelerations_need_a_clock():
     with pytest.raises(ChannelError, match="no clock"):
         Record(force=np.zeros((9, 1)), acceleration=np.ones((9, 1)))
 
 
 @pytest.mark.parametrize(
-    "time, words",
+    ("time", "words"),
     [
-        ([-1e308, 0.0, 1e308, 1.2e308], "is not a time in seconds"),
-        ([0.0, 1e-320, 2e-320, 3e-320], "is not a time in seconds"),
-        ([0.0, 1e-320, 2e-320, 1e308], "the clock is uneven"),
+        ([-1e308, 0.0, 1e308, 1.2e308], "not a time in seconds"),
+        ([0.0, 1e-320, 2e-320, 3e-320], "not a time in seconds"),
+        ([0.0, 1e-320, 2e-320, 1e308], "clock is uneven"),
         ([0.0, 0.0, 0.0, 0.0], "stands still"),
     ],
 )
 def test_times_that_are_not_seconds_are_refused(time, words):
+    displacement = np.sin(np.arange(4.0))[:, None]
     with warnings.catch_warnings(action="error", category=RuntimeWarning):
         with pytest.raises(ChannelError, match=words):
-            Record(displacement=np.sin(np.arange(4.0))[:, None], time=np.array(time))
+            Record(displacement=displacement, time=np.array(time))
 
 
 @pytest.mark.parametrize(
@@ -82,54 +98,83 @@ def test_gaps_and_clocks_are_refused(written, text, words):
         read_record(written(text))
 
 
-def test_gaps_and_jitter_are_named_and_counted(tmp_path):
-    path = tmp_path / "a.csv"
-    rng = np.random.default_rng(0)
-    t = np.arange(1000) / 256
+T = np.arange(1000) / 256
 
-    def timed(time):
-        pd.DataFrame({"t": time, "a1": np.sin(9 * t[: len(time)])}).to_csv(
-            path, index=False
-        )
+
+@pytest.fixture
+def timed(tmp_path):
+    """Function that writes a record with some times and returns the path."""
+
+    def write(time):
+        path = tmp_path / "a.csv"
+        columns = {"t": time, "a1": np.sin(9 * T[: len(time)])}
+        pd.DataFrame(columns).to_csv(path, index=False)
         return path
 
-    even = inspect_record(timed(t))
-    assert even.record.fs == 256 and even.clock == "256 Hz, from the time 't', even"
-    loose = inspect_record(timed(t + rng.uniform(-0.01, 0.01, 1000) / 256))
-    assert (
-        loose.record.fs == pytest.approx(256, rel=1e-4)
-        and "steps vary by up to" in loose.clock
-    )
-    with pytest.raises(ChannelError, match="2 gaps, about 75 samples are missing"):
-        inspect_record(
-            timed(np.delete(np.concatenate([t[:300], t[350:]]), slice(600, 625)))
-        )
+    return write
+
+
+def jitter(share):
+    """Deviations of the times by up to a share of a step."""
+    return np.random.default_rng(0).uniform(-share, share, len(T)) / 256
+
+
+def test_an_even_clock_is_described(timed):
+    reading = inspect_record(timed(T))
+    assert reading.record.fs == 256
+    assert reading.clock == "256 Hz, from the time 't', even"
+
+
+def test_small_jitter_is_described(timed):
+    reading = inspect_record(timed(T + jitter(0.01)))
+    assert reading.record.fs == pytest.approx(256, rel=1e-4)
+    assert "steps vary by up to" in reading.clock
+
+
+def test_large_jitter_is_refused(timed):
+    path = timed(T + jitter(0.3))
     with pytest.raises(ChannelError, match="jitter, steps of .*resample"):
-        inspect_record(timed(t + rng.uniform(-0.3, 0.3, 1000) / 256))
-    # a time rounded to milliseconds is not jitter of the clock: the cure says so, and
-    # works
-    with pytest.raises(ChannelError, match="jitter.*only rounded.*t = 'none'.*fs=256"):
-        inspect_record(timed(t.round(3)))
-    assert (
-        inspect_record(path, mapping={"t": "none"}, fs=256.0).clock
-        == "256 Hz, as given"
-    )
+        inspect_record(path)
+
+
+def test_gaps_are_counted(timed):
+    is_kept = np.ones(len(T), dtype=bool)
+    is_kept[300:350] = is_kept[650:675] = False
+    path = timed(T[is_kept])
+    with pytest.raises(ChannelError, match="2 gaps, about 75 samples"):
+        inspect_record(path)
+
+
+def test_a_time_rounded_to_milliseconds_has_a_cure_that_works(timed):
+    path = timed(T.round(3))
+    with pytest.raises(ChannelError, match="only rounded.*t = 'none'.*fs=256"):
+        inspect_record(path)
+    reading = inspect_record(path, mapping={"t": "none"}, fs=256.0)
+    assert reading.clock == "256 Hz, as given"
 
 
 def test_a_part_of_a_record_keeps_its_times(frame):
     record = Record.from_frame(frame)
     part = record.window(0.1, 0.3)
-    assert (
-        part.n_samples == 100
-        and part.time[0] == pytest.approx(0.1)
-        and record.n_samples == 300
-    )
+    assert part.n_samples == 100
+    assert part.time[0] == pytest.approx(0.1)
     np.testing.assert_array_equal(part.displacement, record.displacement[50:150])
     np.testing.assert_array_equal(record.rows(slice(50, 150)).time, part.time)
     assert part.replace(name="hit").t0 == part.t0
-    for rows in (slice(0, 1), slice(0, 10, 2), slice(400, 500)):
-        with pytest.raises(ChannelError, match="is not a part of its 300 samples"):
-            record.rows(rows)
+    assert record.n_samples == 300
+
+
+@pytest.mark.parametrize("rows", [slice(0, 1), slice(0, 10, 2), slice(400, 500)])
+def test_a_part_of_a_record_has_consecutive_rows(frame, rows):
+    with pytest.raises(ChannelError, match="not a part of its 300 samples"):
+        Record.from_frame(frame).rows(rows)
+
+
+def test_a_record_may_start_at_another_time(small):
+    record = small()
+    later = record.starting_at(7.0)
+    np.testing.assert_allclose(later.time, record.time + 7.0)
+    assert record.t0 == 0.0
 
 
 @pytest.mark.fuzz
@@ -139,15 +184,15 @@ def test_a_part_of_a_record_keeps_its_times(frame):
     st.integers(2, 5),
 )
 def test_only_values_far_beyond_all_others_are_fillers(line, value, times):
-    """A channel that comes near the number by itself, or holds it in half of its rows,
-    is left as it is.
-    """
+    """A channel that comes near the number, or mostly holds it, is left as it is."""
     line = np.array(line)
-    held = np.insert(line, np.linspace(0, len(line), times).astype(int), value)
-    rows, _ = fillers(held)
-    if np.abs(line).max() * 5 < abs(value) and 2 * times <= len(held):
-        assert rows.tolist() == np.flatnonzero(held == value).tolist()
-    elif np.abs(line).max() < abs(value):
+    places = np.linspace(0, len(line), times).astype(int)
+    filled = np.insert(line, places, value)
+    rows, _ = fillers(filled)
+    largest = np.abs(line).max()
+    if largest * 5 < abs(value) and 2 * times <= len(filled):
+        assert rows.tolist() == np.flatnonzero(filled == value).tolist()
+    elif largest < abs(value):
         assert not len(rows)
 
 
@@ -166,4 +211,5 @@ def test_only_values_far_beyond_all_others_are_fillers(line, value, times):
 )
 def test_honest_channels_are_left_alone(line):
     with warnings.catch_warnings(action="error"):
-        assert len(fillers(np.array(line, dtype=float))[0]) == 0
+        rows, _ = fillers(np.array(line, dtype=float))
+    assert len(rows) == 0

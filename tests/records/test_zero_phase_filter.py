@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, sosfreqz
 
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
+from pysindy_nrf.records import ZeroPhaseFilter
 
 BANDS = [(1.0, 40.0), (None, 40.0), (0, 40.0), (1.0, None), None, (None, None)]
 

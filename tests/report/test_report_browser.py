@@ -1,5 +1,6 @@
-"""The page in a real headless Chromium: drawn, sorted, turned, at phone and desk width,
-in light and dark.
+"""The page in a real headless Chromium: drawn, sorted, turned, printed.
+
+At the width of a phone and of a desk, in light and in dark.
 """
 
 import shutil
@@ -13,10 +14,8 @@ from pysindy_nrf.report import available
 webdriver = pytest.importorskip(
     "selenium.webdriver", reason="selenium is not installed"
 )
-BROWSER = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))),
-    None,
-)
+BROWSERS = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
+BROWSER = next(filter(None, BROWSERS), None)
 DRIVER = shutil.which("chromedriver")
 pytestmark = [
     pytest.mark.browser,
@@ -38,201 +37,240 @@ FLAGS = (
     "--enable-unsafe-swiftshader",
 )
 DESK, PHONE = (1280, 900), (375, 740)
+TAB, ENTER = "\ue004", "\ue007"
+LEFT = "\ue012"
+
+ALL_DRAWN = "return document.documentElement.dataset.drawn === 'all'"
+DRAWN = (
+    "const p = arguments[0].querySelector('svg.main-svg, canvas');"
+    " return p && p.getBoundingClientRect().width > 100"
+)
+INTO_VIEW = "arguments[0].scrollIntoView({block: 'center'})"
+WIDTHS = "return [document.documentElement.scrollWidth, window.innerWidth]"
+OVERFLOWING = """
+return [...document.querySelectorAll('main *')]
+  .filter(e => !e.closest('.scroll, pre, .plot, .hidden'))
+  .filter(e => e.getBoundingClientRect().right > window.innerWidth + 1)
+  .map(e => e.outerHTML.slice(0, 80))
+"""
+BACKGROUND = (
+    "return getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)"
+)
+EMPTY_PLOTS = (
+    "return [...document.querySelectorAll('.plot:not(.turns)')]"
+    ".filter(p => !p.querySelector('svg')).length"
+)
+CATCH_COPIES = (
+    "Object.defineProperty(navigator, 'clipboard', {value: {writeText: t => {"
+    " window.copied = t; return Promise.resolve(); }}})"
+)
+HAS_WEBGL = "return Boolean(document.createElement('canvas').getContext('webgl'))"
+EYE = "const c = arguments[0]._fullLayout.scene.camera.eye; return [c.x, c.y, c.z]"
+
+
+class Browser:
+    """The page as a person sees it."""
+
+    def __init__(self, driver, address):
+        self.driver = driver
+        self.address = address
+
+    def open(self, size, scheme="light"):
+        width, height = size
+        self.driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {
+                "width": width,
+                "height": height,
+                "deviceScaleFactor": 1,
+                "mobile": width < 600,
+            },
+        )
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        self.driver.execute_cdp_cmd(
+            "Emulation.setEmulatedMedia", {"features": [feature]}
+        )
+        self.driver.get(self.address)
+        self.run("document.documentElement.style.scrollBehavior = 'auto'")
+
+    def run(self, script, *arguments):
+        return self.driver.execute_script(script, *arguments)
+
+    def wait(self, condition, seconds=60):
+        """The value of a condition as soon as it is true."""
+        end = time.monotonic() + seconds
+        value = condition()
+        while not value and time.monotonic() < end:
+            time.sleep(0.1)
+            value = condition()
+        return value
+
+    def find(self, selector):
+        return self.driver.find_element("css selector", selector)
+
+    def find_all(self, selector):
+        return self.driver.find_elements("css selector", selector)
+
+    def scroll_to(self, selector):
+        """The first element of a kind, scrolled to and drawn."""
+        place = self.find(selector)
+        self.run(INTO_VIEW, place)
+        assert self.wait(lambda: self.run(DRAWN, place)), f"{selector} is not drawn"
+        return place
+
+    def press(self, key):
+        webdriver.ActionChains(self.driver).send_keys(key).perform()
+
+    @property
+    def errors(self):
+        entries = self.driver.get_log("browser")
+        return [entry["message"] for entry in entries if entry["level"] == "SEVERE"]
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    loop_report().to_html(path)
+
     options = webdriver.ChromeOptions()
     options.binary_location = BROWSER
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+    profile = tmp_path_factory.mktemp("profile")
+    for flag in (*FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    service = webdriver.ChromeService(DRIVER)
+    driver = webdriver.Chrome(options=options, service=service)
     driver.set_page_load_timeout(120)
     driver.set_script_timeout(60)
-    yield driver
+    yield Browser(driver, path.as_uri())
     driver.quit()
 
 
-@pytest.fixture(scope="module")
-def address(tmp_path_factory):
-    path = tmp_path_factory.mktemp("page") / "report.html"
-    loop_report().to_html(path)
-    return path.as_uri()
+# -- drawn ---------------------------------------------------------------------
 
-
-def opened(browser, address, size, scheme="light"):
-    metrics = {
-        "width": size[0],
-        "height": size[1],
-        "deviceScaleFactor": 1,
-        "mobile": size[0] < 600,
-    }
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
-    browser.get(address)
-    browser.execute_script("document.documentElement.style.scrollBehavior = 'auto'")
-
-
-def until(condition, seconds=60):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.1)
-    return condition()
-
-
-def shown(browser, selector):
-    """The first element of a kind, scrolled to and drawn."""
-    place = browser.find_element("css selector", selector)
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", place)
-    drawn = (
-        "const p = arguments[0].querySelector('svg.main-svg, canvas'); return p &&"
-        " p.getBoundingClientRect().width > 100"
-    )
-    assert until(lambda: browser.execute_script(drawn, place)), (
-        f"{selector} was not drawn"
-    )
-    return place
-
-
-def errors(browser):
-    return [
-        entry["message"]
-        for entry in browser.get_log("browser")
-        if entry["level"] == "SEVERE"
-    ]
-
-
-def eye(browser, place):
-    return browser.execute_script(
-        "const c = arguments[0]._fullLayout.scene.camera.eye; return [c.x, c.y, c.z]",
-        place,
-    )
-
-
-def column(table, k):
-    return [
-        (cell := row.find_elements("css selector", "th, td")[k]).get_attribute("data-v")
-        or cell.text
-        for row in table.find_elements("css selector", "tbody tr")
-    ]
-
-
-@pytest.mark.parametrize(
+SIGHTS = pytest.mark.parametrize(
     ("size", "scheme"),
     [(DESK, "light"), (PHONE, "dark")],
     ids=["desk, light", "phone, dark"],
 )
-def test_every_figure_is_drawn_without_an_error_and_nothing_overflows_and_print_is_light(
-    browser, address, size, scheme
-):
+
+
+@SIGHTS
+def test_every_figure_is_drawn_without_an_error(browser, size, scheme):
     """Plane figures are drawn before anybody scrolls to them."""
-    opened(browser, address, size, scheme)
-    assert until(
-        lambda: browser.execute_script(
-            "return document.documentElement.dataset.drawn === 'all'"
-        )
-    )
-    places = browser.find_elements("css selector", ".plot")
+    browser.open(size, scheme)
+    assert browser.wait(lambda: browser.run(ALL_DRAWN))
+    places = browser.find_all(".plot")
     assert len(places) >= 12
     for place in places:
-        shown(browser, f"#{place.get_attribute('id')}")
-    assert errors(browser) == []
-    wide = "return [document.documentElement.scrollWidth, window.innerWidth]"
-    needed, given = browser.execute_script(wide)
-    assert needed <= given == size[0]
-    out = """return [...document.querySelectorAll('main *')].filter(e => !e.closest('.scroll, pre, .plot, .hidden')
-        && e.getBoundingClientRect().right > window.innerWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
-    assert browser.execute_script(out) == []
-    light = browser.execute_script(
-        "return"
-        " getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)"
-    )
-    assert (sum(light) > 600) == (scheme == "light")
-    if scheme == "dark":  # for the paper all figures are drawn anew, in light
-        pdf = browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})[
-            "data"
-        ]
-        assert len(pdf) > 50_000 and errors(browser) == []
-    empty = (
-        "return [...document.querySelectorAll('.plot:not(.turns)')].filter(p =>"
-        " !p.querySelector('svg')).length"
-    )
-    assert browser.execute_script(empty) == 0
+        browser.scroll_to(f"#{place.get_attribute('id')}")
+    assert browser.errors == []
 
 
-def test_the_keyboard_reaches_the_content_and_a_table_is_sorted_and_copied_with_all_digits(
-    browser, address
-):
-    opened(browser, address, DESK)
-    webdriver.ActionChains(browser).send_keys("\ue004").perform()  # Tab
-    assert (
-        browser.execute_script("return document.activeElement.textContent")
-        == "Skip to the content"
+@SIGHTS
+def test_nothing_overflows(browser, size, scheme):
+    browser.open(size, scheme)
+    needed, available_width = browser.run(WIDTHS)
+    assert needed <= available_width == size[0]
+    assert browser.run(OVERFLOWING) == []
+
+
+@SIGHTS
+def test_the_background_follows_the_scheme(browser, size, scheme):
+    browser.open(size, scheme)
+    assert (sum(browser.run(BACKGROUND)) > 600) == (scheme == "light")
+
+
+def test_all_figures_are_printed_in_light(browser):
+    """For the paper they are drawn anew."""
+    browser.open(PHONE, "dark")
+    assert browser.wait(lambda: browser.run(ALL_DRAWN))
+    printed = browser.driver.execute_cdp_cmd(
+        "Page.printToPDF", {"printBackground": True}
     )
-    webdriver.ActionChains(browser).send_keys("\ue007").perform()
-    assert until(lambda: browser.execute_script("return location.hash") == "#main")
-    table = browser.find_element("css selector", "#measured table")
-    peak = next(
-        b
-        for b in table.find_elements("css selector", "button.sort")
-        if b.text.startswith("peak")
-    )
-    k = [b.text for b in table.find_elements("css selector", "button.sort")].index(
-        peak.text
-    )
-    before = [float(x) for x in column(table, k)]
+    assert len(printed["data"]) > 50_000
+    assert browser.run(EMPTY_PLOTS) == 0
+    assert browser.errors == []
+
+
+# -- used ----------------------------------------------------------------------
+
+
+def test_the_keyboard_reaches_the_content(browser):
+    browser.open(DESK)
+    browser.press(TAB)
+    focused = browser.run("return document.activeElement.textContent")
+    assert focused == "Skip to the content"
+    browser.press(ENTER)
+    assert browser.wait(lambda: browser.run("return location.hash") == "#main")
+
+
+def column(table, number):
+    """Numbers of a column, with all digits."""
+    values = []
+    for row in table.find_elements("css selector", "tbody tr"):
+        cell = row.find_elements("css selector", "th, td")[number]
+        values.append(float(cell.get_attribute("data-v") or cell.text))
+    return values
+
+
+def test_a_table_is_sorted_by_mouse_and_by_key(browser):
+    browser.open(DESK)
+    table = browser.find("#measured table")
+    buttons = table.find_elements("css selector", "button.sort")
+    names = [button.text for button in buttons]
+    number = next(k for k, name in enumerate(names) if name.startswith("peak"))
+    peak, before = buttons[number], column(table, number)
     assert before != sorted(before)
+
     peak.click()
-    assert [float(x) for x in column(table, k)] == sorted(before)
-    browser.execute_script("arguments[0].focus()", peak)
-    peak.send_keys("\ue007")  # Enter
-    assert [float(x) for x in column(table, k)] == sorted(before, reverse=True)
+    assert column(table, number) == sorted(before)
+    browser.run("arguments[0].focus()", peak)
+    peak.send_keys(ENTER)
+    assert column(table, number) == sorted(before, reverse=True)
+
     head = peak.find_element("xpath", "..")
     assert head.get_attribute("aria-sort") == "descending"
-    assert "peak" in browser.find_element("id", "status").get_attribute("textContent")
-    assert len(column(table, 0)) == len(before) and errors(browser) == []
-    catch = (
-        "Object.defineProperty(navigator, 'clipboard', {value: {writeText: t => {"
-        " window.copied = t; return Promise.resolve(); }}})"
-    )
-    browser.execute_script(catch)
-    table = browser.find_element("css selector", "#model .table")
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", table)
+    assert "peak" in browser.find("#status").get_attribute("textContent")
+    assert browser.errors == []
+
+
+def test_a_table_is_copied_with_all_digits(browser):
+    browser.open(DESK)
+    browser.run(CATCH_COPIES)
+    table = browser.find("#model .table")
+    browser.run(INTO_VIEW, table)
     table.find_element("css selector", "[data-copy]").click()
-    lines = until(
-        lambda: browser.execute_script("return window.copied || ''")
-    ).splitlines()
-    masses = loop_report().model.masses
-    assert [float(line.split("\t")[1]) for line in lines[1:]] == list(masses)
+    copied = browser.wait(lambda: browser.run("return window.copied || ''"))
+    cells = [line.split("\t") for line in copied.splitlines()[1:]]
+    assert [float(row[1]) for row in cells] == list(loop_report().model.masses)
 
 
-def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser, address):
-    opened(browser, address, PHONE)
-    place = shown(browser, ".turns")
-    if not browser.execute_script(
-        "return Boolean(document.createElement('canvas').getContext('webgl'))"
-    ):
+def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser):
+    browser.open(PHONE)
+    place = browser.scroll_to(".turns")
+    if not browser.run(HAS_WEBGL):
         pytest.skip("this browser draws nothing in space (no WebGL)")
-    start = until(lambda: eye(browser, place))
-    drag = webdriver.ActionChains(browser).move_to_element(place).click_and_hold()
+
+    def eye():
+        return browser.run(EYE, place)
+
+    start = browser.wait(eye)
+    mouse = webdriver.ActionChains(browser.driver)
+    drag = mouse.move_to_element(place).click_and_hold()
     for _ in range(5):
         drag = drag.move_by_offset(14, 6)
     drag.release().perform()
-    assert until(lambda: eye(browser, place) != start)
-    dragged = eye(browser, place)
-    browser.execute_script("arguments[0].focus()", place)
-    webdriver.ActionChains(browser).send_keys("\ue012").perform()  # left arrow
-    assert until(lambda: eye(browser, place) != dragged)
-    pressed = eye(browser, place)
-    browser.find_element("css selector", "[data-turn=down]").click()
-    assert until(lambda: eye(browser, place)[2] < pressed[2])
-    browser.find_element("css selector", "[data-turn=home]").click()
-    assert (
-        until(lambda: eye(browser, place) == pytest.approx(start))
-        and errors(browser) == []
-    )
+    assert browser.wait(lambda: eye() != start)
+
+    dragged = eye()
+    browser.run("arguments[0].focus()", place)
+    browser.press(LEFT)
+    assert browser.wait(lambda: eye() != dragged)
+
+    pressed = eye()
+    browser.find("[data-turn=down]").click()
+    assert browser.wait(lambda: eye()[2] < pressed[2])
+    browser.find("[data-turn=home]").click()
+    assert browser.wait(lambda: eye() == pytest.approx(start))
+    assert browser.errors == []

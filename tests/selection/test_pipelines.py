@@ -1,6 +1,6 @@
-"""Raw channels to a model in one scikit-learn pipeline; records, time, base and
-covariates as routed metadata.
-"""
+"""Raw channels to a model in one scikit-learn pipeline, with routed metadata."""
+
+from dataclasses import dataclass
 
 import chains
 import numpy as np
@@ -8,22 +8,27 @@ import pandas as pd
 import pytest
 from chains import worst
 from sklearn import config_context
-from sklearn.model_selection import GridSearchCV, KFold, cross_validate
+from sklearn.model_selection import (
+    GridSearchCV,
+    KFold,
+    LeaveOneGroupOut,
+    LeaveOneOut,
+    cross_validate,
+)
 from sklearn.pipeline import make_pipeline
 
 from pysindy_nrf import (
     BlockedTimeSplit,
     KinematicSmoother,
     NRFRegressor,
-    RecordSplit,
     laws,
+    scorers,
 )
 from pysindy_nrf.exceptions import ChannelError, LawError
-from pysindy_nrf.selection import scorers
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
-DT, N = 1e-3, 1200
-ROUTED = dict(record=True, time=True, base_acceleration=True, covariates=True)
+DT = 1e-3
+N = 1200  # samples of a record
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -32,274 +37,314 @@ def _routing():
         yield
 
 
-@pytest.fixture(scope="module")
-def tests():
-    """Three tests of one linear chain, one below the other: channels, forces, record
-    ids, clock.
-    """
-    given = chains.parameters(2, np.random.default_rng(4), cubic=False)
-    cases = [
-        chains.duffing(2, [2], seed=s, n_samples=N, given=given, substeps=2)
-        for s in (1, 2, 3)
-    ]
-    rng = np.random.default_rng(0)
-    raw = []
-    for case in cases:
-        x = case.s.cumsum(axis=1)
-        channels = np.hstack([case.a, x])
-        raw.append(
-            channels + 0.01 * channels.std(axis=0) * rng.standard_normal(channels.shape)
-        )
-    table = pd.DataFrame(np.vstack(raw), columns=["a1", "a2", "x1", "x2"])
-    return (
-        cases,
-        table,
-        np.vstack([c.F for c in cases]),
-        np.repeat(["one", "two", "three"], N),
-        np.tile(np.arange(N) * DT, 3),
-    )
+def whole_records():
+    """Records are held out one by one; their ids come as metadata named record."""
+    return LeaveOneGroupOut().set_split_request(groups="record")
 
 
 def regressor(**options):
-    routed = {k: True for k in ROUTED}
-    return (
-        NRFRegressor(**options)
-        .set_fit_request(**routed)
-        .set_score_request(**routed)
-        .set_predict_request(**routed)
-    )
+    names = ("record", "time", "base_acceleration", "covariates")
+    routed = dict.fromkeys(names, True)
+    model = NRFRegressor(**options).set_fit_request(**routed)
+    return model.set_score_request(**routed).set_predict_request(**routed)
 
 
 def smoother(**options):
-    routed = dict(record=True, time=True)
-    return (
-        KinematicSmoother(fs=1 / DT, **options)
-        .set_fit_request(**routed)
-        .set_transform_request(**routed)
-    )
+    routed = {"record": True, "time": True}
+    one = KinematicSmoother(fs=1 / DT, joint=False, **options)
+    return one.set_fit_request(**routed).set_transform_request(**routed)
 
 
-def whole(**options):
-    options = {"joint": False, **options}
-    return make_pipeline(
-        smoother(**options), regressor(degree=1, coordinates="absolute")
-    )
+def pipeline(**options):
+    linear = regressor(degree=1, coordinates="absolute")
+    return make_pipeline(smoother(**options), linear)
 
 
-def test_raw_channels_to_masses_record_by_record(tests):
-    """Each record is fused by itself: the same as fusing three Records."""
-    cases, table, F, ids, time = tests
-    pipe = whole().fit(table, F, record=ids, time=time)
-    assert worst(pipe[-1].masses_, cases[0].m) < 0.02
-    smooth = pipe[:-1].transform(table, record=ids, time=time)
-    assert list(smooth.columns) == ["a1", "a2", "v1", "v2", "x1", "x2"]
-    alone = KinematicSmoother(
-        fs=1 / DT, noise=dict(pipe[0].noise_), joint=False
-    ).fit_transform(table.iloc[N : 2 * N])
-    assert np.allclose(smooth.iloc[N : 2 * N], alone, rtol=1e-6, atol=1e-9)
-    careless = make_pipeline(
-        KinematicSmoother(fs=1 / DT, joint=False),
-        NRFRegressor(degree=1, coordinates="absolute"),
-    ).fit(table, F)
-    assert worst(careless[-1].masses_, cases[0].m) > worst(
-        pipe[-1].masses_, cases[0].m
-    )  # the seams are smoothed over
+@dataclass
+class Tests:
+    """Raw channels of three tests of one linear chain, one below the other."""
 
+    __test__ = False
+    table: pd.DataFrame
+    F: np.ndarray
+    record: np.ndarray
+    time: np.ndarray
+    m: np.ndarray
 
-def test_masked_edges_of_every_record_are_left_out_and_scored_correctly(tests):
-    cases, table, F, ids, time = tests
-    pipe = whole(band=(None, 80.0)).fit(table, F, record=ids, time=time)
-    X = pipe[:-1].transform(table, record=ids, time=time)
-    rows = X.notna().all(axis=1).to_numpy()
-    edge = pipe[0].edge_
-    assert (
-        edge > 5 and (~rows).sum() == 6 * edge and not rows[N - edge : N + edge].any()
-    )
-    assert pipe[-1].n_samples_ == rows.sum()
-    predicted = pipe.predict(table, record=ids, time=time)
-    assert np.array_equal(np.isfinite(predicted).all(axis=1), rows)
-    # R^2 of the accelerations by hand, from the finite rows alone
-    a, gap = (
-        X.loc[rows, ["a1", "a2"]].to_numpy(),
-        (F[rows] - predicted[rows]) / pipe[-1].masses_,
-    )
-    by_hand = 1 - (gap**2).sum() / ((a - a.mean(axis=0)) ** 2).sum()
-    assert pipe.score(table, F, record=ids, time=time) == pytest.approx(
-        by_hand, abs=1e-12
-    )
-    assert scorers.acceleration(pipe, table, F, record=ids, time=time) == pytest.approx(
-        by_hand, abs=1e-12
-    )
+    def rows(self, rows):
+        return Tests(
+            self.table[rows], self.F[rows], self.record[rows], self.time[rows], self.m
+        )
 
+    @property
+    def metadata(self):
+        return {"record": self.record, "time": self.time}
 
-def test_cross_validation_of_the_whole_pipeline(tests):
-    cases, table, F, ids, time = tests
-    found = cross_validate(
-        whole(band=(None, 80.0)),
-        table,
-        F,
-        cv=RecordSplit(),
-        params={"record": ids, "time": time},
-        return_estimator=True,
-        scoring={"balance": scorers.balance, "acceleration": scorers.acceleration},
-        error_score="raise",
-    )
-    assert len(found["test_balance"]) == 3 and (found["test_acceleration"] > 0.98).all()
-    for i, name in enumerate(["one", "two", "three"]):
-        rows = ids == name
-        model = found["estimator"][i]
-        assert model[0].noise_.index.tolist() == list(table.columns)
-        again = model.score(table[rows], F[rows], record=ids[rows], time=time[rows])
-        assert found["test_acceleration"][i] == pytest.approx(again, abs=1e-12)
-        assert found["test_balance"][i] == scorers.balance(
-            model, table[rows], F[rows], record=ids[rows], time=time[rows]
+    def fit(self, pipe):
+        return pipe.fit(self.table, self.F, **self.metadata)
+
+    def features(self, pipe):
+        """What the smoother of a fitted pipeline makes of the channels."""
+        return pipe[:-1].transform(self.table, **self.metadata)
+
+    def cross_validate(self, pipe, splitter, scoring):
+        return cross_validate(
+            pipe,
+            self.table,
+            self.F,
+            cv=splitter,
+            params=self.metadata,
+            scoring=scoring,
+            return_estimator=True,
+            error_score="raise",
         )
 
 
-def test_blocks_in_time_leave_gaps_that_are_not_smoothed_over(tests):
-    cases, table, F, ids, time = tests
-    found = cross_validate(
-        whole(band=(None, 80.0)),
-        table,
-        F,
-        cv=BlockedTimeSplit(3, gap=50),
-        params={"record": ids, "time": time},
-        scoring=scorers.balance,
-        return_estimator=True,
-        error_score="raise",
+@pytest.fixture(scope="module")
+def tests():
+    given = chains.parameters(2, np.random.default_rng(4), cubic=False)
+    rng = np.random.default_rng(0)
+    raw, forces = [], []
+    for seed in (1, 2, 3):
+        case = chains.duffing(2, [2], seed=seed, n_samples=N, given=given, substeps=2)
+        channels = np.hstack([case.a, case.s.cumsum(axis=1)])
+        noise = channels.std(axis=0) * rng.standard_normal(channels.shape)
+        raw.append(channels + 0.01 * noise)
+        forces.append(case.F)
+    table = pd.DataFrame(np.vstack(raw), columns=["a1", "a2", "x1", "x2"])
+    ids = np.repeat(["one", "two", "three"], N)
+    time = np.tile(np.arange(N) * DT, 3)
+    return Tests(table, np.vstack(forces), ids, time, given[0])
+
+
+# -- records stay apart --------------------------------------------------------
+
+
+def test_every_record_is_fused_by_itself(tests):
+    pipe = tests.fit(pipeline())
+    assert worst(pipe[-1].masses_, tests.m) < 0.02
+    features = tests.features(pipe)
+    assert list(features.columns) == ["a1", "a2", "v1", "v2", "x1", "x2"]
+    second = slice(N, 2 * N)
+    alone = KinematicSmoother(fs=1 / DT, noise=dict(pipe[0].noise_), joint=False)
+    expected = alone.fit_transform(tests.table.iloc[second])
+    assert np.allclose(features.iloc[second], expected, rtol=1e-6, atol=1e-9)
+
+
+def test_without_ids_the_seams_are_smoothed_over(tests):
+    careless = make_pipeline(
+        KinematicSmoother(fs=1 / DT, joint=False),
+        NRFRegressor(degree=1, coordinates="absolute"),
     )
-    edge, middle = found["estimator"][1][0].edge_, found["estimator"][1][-1]
-    pieces = (
-        3 * 2
-        # of each record the block in the middle is held out, 50 samples on either side
-        # of it left out
-    )
-    assert middle.n_samples_ == 3 * (N - N // 3 - 2 * 50) - pieces * 2 * edge
+    careless.fit(tests.table, tests.F)
+    careful = tests.fit(pipeline())
+    error = worst(careful[-1].masses_, tests.m)
+    assert worst(careless[-1].masses_, tests.m) > error
+
+
+@pytest.fixture(scope="module")
+def filtered(tests):
+    """A pipeline whose filter masks the edges of every record."""
+    return tests.fit(pipeline(band=(None, 80.0)))
+
+
+def test_masked_edges_of_every_record_are_left_out(tests, filtered):
+    rows = tests.features(filtered).notna().all(axis=1).to_numpy()
+    edge = filtered[0].edge_
+    assert edge > 5
+    assert (~rows).sum() == 6 * edge
+    assert not rows[N - edge : N + edge].any()
+    assert filtered[-1].n_samples_ == rows.sum()
+    predicted = filtered.predict(tests.table, **tests.metadata)
+    assert np.array_equal(np.isfinite(predicted).all(axis=1), rows)
+
+
+def test_a_score_is_of_the_rows_inside_the_edges(tests, filtered):
+    """R^2 of the accelerations by hand."""
+    features = tests.features(filtered)
+    rows = features.notna().all(axis=1).to_numpy()
+    a = features.loc[rows, ["a1", "a2"]].to_numpy()
+    predicted = filtered.predict(tests.table, **tests.metadata)
+    gap = (tests.F[rows] - predicted[rows]) / filtered[-1].masses_
+    expected = 1 - (gap**2).sum() / ((a - a.mean(axis=0)) ** 2).sum()
+    own = filtered.score(tests.table, tests.F, **tests.metadata)
+    scored = scorers.acceleration(filtered, tests.table, tests.F, **tests.metadata)
+    assert own == pytest.approx(expected, abs=1e-12)
+    assert scored == pytest.approx(expected, abs=1e-12)
+
+
+# -- cross-validation ----------------------------------------------------------
+
+
+def test_cross_validation_of_the_whole_pipeline(tests):
+    scoring = {"balance": scorers.balance, "acceleration": scorers.acceleration}
+    pipe = pipeline(band=(None, 80.0))
+    found = tests.cross_validate(pipe, whole_records(), scoring)
+    assert (found["test_acceleration"] > 0.98).all()
+    for i, name in enumerate(np.unique(tests.record)):
+        held_out = tests.rows(tests.record == name)
+        model = found["estimator"][i]
+        data = held_out.table, held_out.F
+        expected = model.score(*data, **held_out.metadata)
+        assert found["test_acceleration"][i] == pytest.approx(expected, abs=1e-12)
+        expected = scorers.balance(model, *data, **held_out.metadata)
+        assert found["test_balance"][i] == expected
+
+
+def test_gaps_that_blocks_in_time_leave_are_not_smoothed_over(tests):
+    splitter, pipe = BlockedTimeSplit(3, gap=50), pipeline(band=(None, 80.0))
+    found = tests.cross_validate(pipe, splitter, scorers.balance)
+    middle = found["estimator"][1]
+    # of each record the middle block is held out, and 50 samples on either side
+    n_rows = 3 * (N - N // 3 - 2 * 50)
+    n_pieces = 3 * 2
+    assert middle[-1].n_samples_ == n_rows - n_pieces * 2 * middle[0].edge_
     assert (-found["test_score"] < 30).all()
 
 
 def test_a_search_over_smoother_and_degree(tests):
-    cases, *every = tests
-    table, F, ids, time = (of[: 2 * N] for of in every)
+    two = tests.rows(slice(0, 2 * N))
     search = GridSearchCV(
-        whole(),
+        pipeline(),
         {"kinematicsmoother__band": [(None, 100.0)], "nrfregressor__degree": [1, 2]},
-        cv=RecordSplit(),
+        cv=whole_records(),
         scoring=scorers.acceleration,
-    ).fit(table, F, record=ids, time=time)
-    assert search.best_estimator_[-1].masses_ == pytest.approx(cases[0].m, rel=0.03)
-    assert search.score(table, F, record=ids, time=time) > 0.99
+    )
+    search.fit(two.table, two.F, **two.metadata)
+    assert search.best_estimator_[-1].masses_ == pytest.approx(two.m, rel=0.03)
+    assert search.score(two.table, two.F, **two.metadata) > 0.99
 
 
 def test_base_acceleration_and_covariates_reach_fit_and_score():
-    """A damper switched by a voltage, on a chain shaken at its base: wrong rows of
-    either would ruin the fold.
-    """
+    """A damper switched by a voltage, on one DOF that is shaken at its base."""
     rng = np.random.default_rng(0)
+    m, c, k, _ = chains.parameters(1, rng, cubic=False)
     ag = chains.band_limited(3 * N, DT, rng, rms=2.0)
     u = np.repeat([0.0, 1.0, 2.0, 0.5, 1.5], 3 * N // 5)
-    m, c, k, _ = chains.parameters(1, rng, cubic=False)
-    # one DOF: the motion needs no integrator to close the balance, only a, v, s that
-    # satisfy it
     s = chains.band_limited(3 * N, DT, rng, rms=1e-3, band=(1.0, 20.0))
     v = np.gradient(s, DT)
     F = chains.band_limited(3 * N, DT, rng, rms=50.0)
-    a = (F - c * v - k * s - (20.0 + 40.0 * u) * np.sign(v) - 300.0 * u * v) / m
-    X = np.column_stack([a, v, s])
-    damper = {"storey 1": [laws.PowerSeries(1), laws.CovariateFriction("u")]}
-    ids = np.repeat([1, 2, 3], N)
+    damper = (20.0 + 40.0 * u) * np.sign(v) + 300.0 * u * v
+    a = (F - c * v - k * s - damper) / m
+
+    given = {"storey 1": [laws.PowerSeries(1), laws.CovariateFriction("u")]}
+    metadata = {
+        "record": np.repeat([1, 2, 3], N),
+        "covariates": pd.DataFrame({"u": u}),
+        "base_acceleration": ag,
+    }
     found = cross_validate(
-        regressor(laws=damper),
-        X,
+        regressor(laws=given),
+        np.column_stack([a, v, s]),
         F[:, None],
-        cv=RecordSplit(),
-        error_score="raise",
+        cv=whole_records(),
+        params=metadata,
         return_estimator=True,
-        params={
-            "record": ids,
-            "covariates": pd.DataFrame({"u": u}),
-            "base_acceleration": ag,
-        },
+        error_score="raise",
     )
     assert (found["test_score"] > 1 - 1e-9).all()
-    assert all(worst(e.masses_, m) < 1e-8 for e in found["estimator"])
+    for model in found["estimator"]:
+        assert worst(model.masses_, m) < 1e-8
+
+
+# -- laws that remember the path -----------------------------------------------
+
+
+class Dahl:
+    """Three tests of the paper's chain with its damper, one below the other."""
+
+    laws = {1: [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}
+
+    def __init__(self):
+        cases = [chains.paper_case(seed=s, duration=0.8)[0] for s in (0, 1, 2)]
+        self.n = len(cases[0].X)
+        self.dt = cases[0].dt
+        self.m = cases[0].m
+        self.X = np.vstack([case.X for case in cases])
+        self.F = np.vstack([case.F for case in cases])
+        self.record = np.repeat(["one", "two", "three"], self.n)
+        self.time = np.tile(np.arange(self.n) * self.dt, 3)
 
 
 @pytest.fixture(scope="module")
-def two_dahl():
-    cases = [chains.paper_case(seed=s, duration=0.8)[0] for s in (0, 1, 2)]
-    n = len(cases[0].X)
-    held = {1: [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}
-    X, F = np.vstack([c.X for c in cases]), np.vstack([c.F for c in cases])
-    return (
-        cases,
-        X,
-        F,
-        np.repeat(["one", "two", "three"], n),
-        np.tile(np.arange(n) * cases[0].dt, 3),
-        held,
-    )
+def three_dahl():
+    return Dahl()
 
 
-def test_a_law_with_memory_restarts_at_every_record(two_dahl):
-    cases, X, F, ids, time, held = two_dahl
-    params = {"record": ids, "time": time}
-    found = cross_validate(
-        regressor(degree=1, laws=held),
-        X,
-        F,
-        cv=RecordSplit(),
-        params=params,
+@pytest.fixture(scope="module")
+def models_of_folds(three_dahl):
+    """One model for each record held out, and its score."""
+    test = three_dahl
+    return cross_validate(
+        regressor(degree=1, laws=test.laws),
+        test.X,
+        test.F,
+        cv=whole_records(),
+        params={"record": test.record, "time": test.time},
         return_estimator=True,
         error_score="raise",
     )
-    assert (
-        found["test_score"] > 1 - 1e-9
-    ).all()  # the state is known only if it starts anew where the record does
-    assert all(worst(e.masses_, cases[0].m) < 1e-4 for e in found["estimator"])
-    run_on = NRFRegressor(degree=1, laws=held, dt=cases[0].dt).fit(
-        X, F
-    )  # as if it were one record
-    assert worst(run_on.masses_, cases[0].m) > 10 * max(
-        worst(e.masses_, cases[0].m) for e in found["estimator"]
-    )
 
 
-@pytest.mark.parametrize("clock", ["time", "dt", "index"])
-def test_a_law_with_memory_refuses_shuffled_folds(two_dahl, clock):
-    cases, X, F, ids, time, held = two_dahl
-    cv = KFold(5, shuffle=True, random_state=0)
-    n = len(cases[0].X)
-    model = regressor(degree=1, laws=held, dt=cases[0].dt if clock == "dt" else None)
-    X1, F1, params = X[:n], F[:n], {"time": time[:n]} if clock == "time" else {}
-    if clock == "index":
-        X1 = pd.DataFrame(
-            X1,
-            columns=["a1", "a2", "v1", "v2", "s1", "s2"],
-            index=pd.Index(time[:n], name="t"),
-        )
+def test_a_law_with_memory_starts_anew_with_every_record(three_dahl, models_of_folds):
+    assert (models_of_folds["test_score"] > 1 - 1e-9).all()
+    for model in models_of_folds["estimator"]:
+        assert worst(model.masses_, three_dahl.m) < 1e-4
+
+
+def test_a_state_that_runs_on_spoils_the_masses(three_dahl, models_of_folds):
+    test = three_dahl
+    as_one = NRFRegressor(degree=1, laws=test.laws, dt=test.dt).fit(test.X, test.F)
+    errors = [worst(m.masses_, test.m) for m in models_of_folds["estimator"]]
+    assert worst(as_one.masses_, test.m) > 10 * max(errors)
+
+
+@pytest.fixture(params=["time", "dt", "index"])
+def clocked(request, three_dahl):
+    """One record whose samples have a time in some way: X, metadata, sampling step."""
+    test, n = three_dahl, three_dahl.n
+    X, metadata, dt = test.X[:n], {}, None
+    if request.param == "time":
+        metadata = {"time": test.time[:n]}
+    elif request.param == "dt":
+        dt = test.dt
+    else:
+        index = pd.Index(test.time[:n], name="t")
+        X = pd.DataFrame(X, columns=["a1", "a2", "v1", "v2", "s1", "s2"], index=index)
+    return X, metadata, dt
+
+
+def test_a_law_with_memory_refuses_shuffled_folds(three_dahl, clocked):
+    X, metadata, dt = clocked
+    F = three_dahl.F[: len(X)]
+    model = regressor(degree=1, laws=three_dahl.laws, dt=dt)
+    shuffled = KFold(5, shuffle=True, random_state=0)
     with pytest.raises(LawError, match="law remembers the path"):
-        cross_validate(model, X1, F1, cv=cv, params=params, error_score="raise")
-    mixed = np.random.default_rng(0).permutation(n)
-    with pytest.raises((LawError, ChannelError), match="never shuffle|law remembers"):
-        model.fit(
-            X1.iloc[mixed] if clock == "index" else X1[mixed],
-            F1[mixed],
-            **{k: v[mixed] for k, v in params.items()},
-        )
+        cross_validate(model, X, F, cv=shuffled, params=metadata, error_score="raise")
 
 
-def test_a_search_over_whole_records():
-    """Records themselves are the samples: nothing to route."""
+def test_a_law_with_memory_refuses_shuffled_samples(three_dahl, clocked):
+    X, metadata, dt = clocked
+    mixed = np.random.default_rng(0).permutation(len(X))
+    F = three_dahl.F[mixed]
+    X = X.iloc[mixed] if isinstance(X, pd.DataFrame) else X[mixed]
+    metadata = {name: values[mixed] for name, values in metadata.items()}
+    model = regressor(degree=1, laws=three_dahl.laws, dt=dt)
+    with pytest.raises((LawError, ChannelError), match="shuffle|law remembers"):
+        model.fit(X, F, **metadata)
+
+
+def test_records_themselves_are_the_samples_of_a_search():
     given = chains.parameters(2, np.random.default_rng(4), cubic=False)
-    records = [
-        chains.duffing(
-            2, [1, 2], seed=k, n_samples=1200, given=given, substeps=2
-        ).record()
-        for k in (1, 2, 3)
-    ]
+    records = []
+    for seed in (1, 2, 3):
+        case = chains.duffing(
+            2, [1, 2], seed=seed, n_samples=N, given=given, substeps=2
+        )
+        records.append(case.record())
     search = GridSearchCV(
-        NRFRegressor(), {"degree": [1, 3]}, cv=RecordSplit(), scoring=scorers.free_run
-    ).fit(records)
+        NRFRegressor(), {"degree": [1, 3]}, cv=LeaveOneOut(), scoring=scorers.free_run
+    )
+    search.fit(records)
     assert worst(search.best_estimator_.masses_, given[0]) < 0.02
     assert search.cv_results_["mean_test_score"][0] > -5.0

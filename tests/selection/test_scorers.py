@@ -1,79 +1,79 @@
-"""Named scorers: what they mean, on estimators and pipelines, with and without metadata
-routing.
-"""
+"""Named scorers: what they mean, on estimators and pipelines."""
 
 import chains
 import numpy as np
 import pytest
 from sklearn import config_context
 from sklearn.linear_model import LinearRegression
-from sklearn.model_selection import cross_val_score, cross_validate
+from sklearn.model_selection import LeaveOneGroupOut, cross_val_score, cross_validate
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from pysindy_nrf import NRFRegressor, RecordSplit
+from pysindy_nrf import NRFRegressor, scorers
 from pysindy_nrf.exceptions import ChannelError, NRFError
-from pysindy_nrf.selection import scorers
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 
 
 @pytest.fixture(scope="module")
-def fitted():
-    case = chains.duffing(2, [2], seed=6, n_samples=2000, substeps=4)
-    return case, NRFRegressor(degree=1, dt=case.dt).fit(case.X, case.F)
+def case():
+    return chains.duffing(2, [2], seed=6, n_samples=2000, substeps=4)
 
 
-def test_balance_is_the_pooled_error_by_hand(fitted):
-    """Each balance divided by the rms of its storey force; reference F where forced, m
-    a elsewhere.
-    """
-    case, model = fitted
+@pytest.fixture(scope="module")
+def model(case):
+    return NRFRegressor(degree=1, dt=case.dt).fit(case.X, case.F)
+
+
+def mean_squares(signals):
+    return np.mean(signals**2, axis=0)
+
+
+def test_balance_is_the_pooled_error_by_hand(case, model):
+    """Over F where forced, m a elsewhere, each over the storey force."""
     residual = model.predict(case.X) - case.F
-    storey = np.sqrt(np.mean(model.restoring_force(case.X) ** 2, axis=0))
-    reference = np.column_stack([model.masses_[0] * case.a[:, 0], case.F[:, 1]])
-    top, bottom = (
-        np.sum(np.mean(y**2, axis=0) / storey**2) for y in (residual, reference)
-    )
-    assert scorers.balance(model, case.X, case.F) == pytest.approx(
-        -100 * np.sqrt(top / bottom), rel=1e-9
-    )
+    storey = mean_squares(model.restoring_force(case.X))
+    inertia = model.masses_[0] * case.a[:, 0]
+    reference = np.column_stack([inertia, case.F[:, 1]])
+    missed = np.sum(mean_squares(residual) / storey)
+    whole = np.sum(mean_squares(reference) / storey)
+    expected = -100 * np.sqrt(missed / whole)
+    found = scorers.balance(model, case.X, case.F)
+    assert found == pytest.approx(expected, rel=1e-9)
 
 
-def test_acceleration_is_the_estimators_own_score_and_not_r2_of_forces(fitted):
-    case, model = fitted
+def test_acceleration_is_the_estimators_own_score(case, model):
     found = scorers.acceleration(model, case.X, case.F)
     assert found == model.score(case.X, case.F)
     gap = (case.F - model.predict(case.X)) / model.masses_
-    assert found == pytest.approx(
-        1 - np.sum(gap**2) / np.sum((case.a - case.a.mean(axis=0)) ** 2), abs=1e-12
-    )
+    variation = np.sum((case.a - case.a.mean(axis=0)) ** 2)
+    assert found == pytest.approx(1 - np.sum(gap**2) / variation, abs=1e-12)
 
 
-def test_weights_take_samples_out_of_the_score(fitted):
-    case, model = fitted
-    rows = np.arange(2000) < 700
-    assert model.score(case.X, case.F, sample_weight=1.0 * rows) == pytest.approx(
-        model.score(case.X[rows], case.F[rows]), abs=1e-12
-    )
+def test_weights_take_samples_out_of_the_score(case, model):
+    weights = 1.0 * (np.arange(2000) < 700)
+    found = model.score(case.X, case.F, sample_weight=weights)
+    expected = model.score(case.X[:700], case.F[:700])
+    assert found == pytest.approx(expected, abs=1e-12)
     with pytest.raises(ChannelError, match="not valid weights"):
-        model.score(case.X, case.F, sample_weight=-1.0 * rows)
+        model.score(case.X, case.F, sample_weight=-weights)
 
 
-def test_the_free_run_is_the_simulation_from_the_first_state(fitted):
-    case, _ = fitted
+def test_the_free_run_is_the_simulation_from_the_first_state(case):
     model = NRFRegressor(degree=3, dt=case.dt).fit(case.X, case.F)
-    x = case.s.cumsum(axis=1)
-    run = model.simulate(case.F, x0=x[0], v0=case.v[0].cumsum())
-    error = np.sqrt(
-        np.mean(np.mean((run.displacement - x) ** 2, axis=0) / np.mean(x**2, axis=0))
-    )
-    assert scorers.free_run(model, case.X, case.F) == pytest.approx(
-        -100 * error, rel=1e-6
-    )
-    assert 100 * error < 1.0
+    x, v = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
+    run = model.simulate(case.F, x0=x[0], v0=v[0])
+    shares = mean_squares(run.displacement - x) / mean_squares(x)
+    expected = -100 * np.sqrt(np.mean(shares))
+    found = scorers.free_run(model, case.X, case.F)
+    assert found == pytest.approx(expected, rel=1e-6)
+    assert -1.0 < found < 0.0
+
+
+def test_the_free_run_needs_a_clock(case):
+    model = NRFRegressor(degree=3).fit(case.X, case.F)
     with pytest.raises(ChannelError, match="time of the samples"):
-        scorers.free_run(NRFRegressor(degree=3).fit(case.X, case.F), case.X, case.F)
+        scorers.free_run(model, case.X, case.F)
 
 
 def test_what_is_no_chain_is_refused():
@@ -81,51 +81,65 @@ def test_what_is_no_chain_is_refused():
         scorers.balance(LinearRegression(), np.zeros((3, 3)), np.zeros(3))
 
 
-def test_in_a_pipeline_the_steps_before_are_run(fitted):
-    case, model = fitted
-    millimetres = case.X * np.array([1.0, 1.0, 1e3, 1e3, 1e3, 1e3])
-    pipe = make_pipeline(
-        FunctionTransformer(lambda X: X / np.array([1.0, 1.0, 1e3, 1e3, 1e3, 1e3])),
-        NRFRegressor(degree=1, dt=case.dt),
-    )
-    pipe.fit(millimetres, case.F)
-    for scorer in (scorers.balance, scorers.acceleration, scorers.free_run):
-        assert scorer(pipe, millimetres, case.F) == pytest.approx(
-            scorer(model, case.X, case.F), rel=1e-7
-        )
+MILLIMETRES = np.array([1.0, 1.0, 1e3, 1e3, 1e3, 1e3])
 
 
-def test_cross_validation_with_and_without_routing():
+def to_metres(X):
+    return X / MILLIMETRES
+
+
+@pytest.mark.parametrize(
+    "scorer", [scorers.balance, scorers.acceleration, scorers.free_run], ids=str
+)
+def test_in_a_pipeline_the_steps_before_are_run(case, model, scorer):
+    X = case.X * MILLIMETRES
+    linear = NRFRegressor(degree=1, dt=case.dt)
+    pipe = make_pipeline(FunctionTransformer(to_metres), linear).fit(X, case.F)
+    expected = scorer(model, case.X, case.F)
+    assert scorer(pipe, X, case.F) == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.fixture(scope="module")
+def two_records():
+    """Features, forces and record ids of two tests of one chain."""
     given = chains.parameters(2, np.random.default_rng(4))
-    cases = [
-        chains.duffing(2, [2], seed=s, n_samples=900, given=given, substeps=2)
-        for s in (1, 2)
-    ]
-    X, F = np.vstack([c.X for c in cases]), np.vstack([c.F for c in cases])
-    ids, time = np.repeat(["a", "b"], 900), np.tile(np.arange(900) * cases[0].dt, 2)
-    plain = cross_val_score(
+    cases = []
+    for seed in (1, 2):
+        cases.append(
+            chains.duffing(2, [2], seed=seed, n_samples=900, given=given, substeps=2)
+        )
+    X = np.vstack([case.X for case in cases])
+    F = np.vstack([case.F for case in cases])
+    return X, F, np.repeat(["a", "b"], 900)
+
+
+def test_cross_validation_without_routing(two_records):
+    X, F, ids = two_records
+    scores = cross_val_score(
         NRFRegressor(degree=3),
         X,
         F,
         groups=ids,
-        cv=RecordSplit(),
+        cv=LeaveOneGroupOut(),
         scoring=scorers.balance,
     )
-    assert (plain > -1e-8).all() and len(
-        plain
-    ) == 2  # round-off, not the square root of it
+    # round-off, not the square root of it
+    assert len(scores) == 2
+    assert (scores > -1e-8).all()
+
+
+def test_the_clock_of_a_free_run_is_routed(two_records):
+    X, F, ids = two_records
+    metadata = {"record": ids, "time": np.tile(np.arange(900) * 1e-3, 2)}
     with config_context(enable_metadata_routing=True):
         model = NRFRegressor(degree=3).set_fit_request(record=True, time=True)
-        params = {"record": ids, "time": time}
         found = cross_validate(
             model,
             X,
             F,
-            cv=RecordSplit(),
-            scoring={"f": scorers.free_run},
-            params=params,
+            cv=LeaveOneGroupOut().set_split_request(groups="record"),
+            scoring=scorers.free_run,
+            params=metadata,
             error_score="raise",
         )
-        assert (
-            -found["test_f"] < 2.0
-        ).all()  # the sampling step came with the metadata
+    assert (-found["test_score"] < 2.0).all()

@@ -1,8 +1,7 @@
-"""The contract that PySINDy's own tests ask of a feature library and of an optimizer,
-asked of ours.
-"""
+"""What PySINDy's own tests ask of a library and of an optimizer, asked of ours."""
 
 import warnings
+from dataclasses import dataclass, replace
 
 import chains
 import numpy as np
@@ -14,370 +13,349 @@ from sklearn.base import clone
 from pysindy_nrf import (
     Chain,
     ChainOptimizer,
+    ForceLawLibrary,
+    InterstoryPolynomialLibrary,
     NRFRegressor,
     StateSpaceChainOptimizer,
     laws,
 )
 from pysindy_nrf.exceptions import BiasWarning, ChannelError, LawError
-from pysindy_nrf.sindy.feature_library import (
-    ForceLawLibrary,
-    InterstoryPolynomialLibrary,
-)
 
 N = 3
 X = np.random.default_rng(0).normal(size=(40, 3 * N))
+STOREY = [laws.LinearViscous(), laws.Duffing()]
+FRICTION = laws.CoulombFriction()
+BRACED = Chain(N, ["link 3-1"])
+LIBRARIES = {
+    "polynomial": InterstoryPolynomialLibrary(2),
+    "polynomial box, brace": InterstoryPolynomialLibrary(
+        (1, 3), chain=BRACED, orders={"link 3-1": 1}
+    ),
+    "polynomial, state": InterstoryPolynomialLibrary(2, inputs="state"),
+    "laws": ForceLawLibrary(STOREY),
+    "laws by site": ForceLawLibrary({1: STOREY, 3: FRICTION}),
+    "laws, state": ForceLawLibrary(STOREY, inputs="state"),
+    "laws with memory": ForceLawLibrary({1: STOREY, 2: laws.Dahl(sigma=1.0)}, dt=0.01),
+    "sum": InterstoryPolynomialLibrary(2) + ForceLawLibrary({2: FRICTION}),
+}
 
 
-def libraries():
-    storey = [laws.LinearViscous(), laws.Duffing()]
-    return {
-        "polynomial": InterstoryPolynomialLibrary(2),
-        "polynomial box, brace": InterstoryPolynomialLibrary(
-            (1, 3), chain=Chain(N, ["link 3-1"]), orders={"link 3-1": 1}
-        ),
-        "polynomial, state": InterstoryPolynomialLibrary(2, inputs="state"),
-        "laws": ForceLawLibrary(storey),
-        "laws by site": ForceLawLibrary({1: storey, 3: laws.CoulombFriction()}),
-        "laws, state": ForceLawLibrary(storey, inputs="state"),
-        "laws with memory": ForceLawLibrary(
-            {1: storey, 2: laws.Dahl(sigma=1.0)}, dt=1e-2
-        ),
-        "sum": (
-            InterstoryPolynomialLibrary(2)
-            + ForceLawLibrary({2: laws.CoulombFriction()})
-        ),
-    }
-
-
-@pytest.fixture(params=libraries())
+@pytest.fixture(params=LIBRARIES)
 def library(request):
-    return libraries()[request.param]
+    return clone(LIBRARIES[request.param])
 
 
-def test_fit_counts_what_transform_gives_as_an_axes_array(library):
-    assert library.fit(X) is library and library.n_features_in_ == X.shape[1]
+# -- libraries -----------------------------------------------------------------
+
+
+def test_fit_counts_what_transform_gives(library):
+    assert library.fit(X) is library
+    assert library.n_features_in_ == X.shape[1]
     out = library.transform(X)
-    assert out.shape == (len(X), library.n_output_features_) and np.isfinite(out).all()
-    assert (
-        library.size == library.n_output_features_ == len(library.get_feature_names())
-    )
-    assert isinstance(out, AxesArray) and (out.ax_time, out.ax_coord) == (0, 1)
+    assert out.shape == (len(X), library.n_output_features_)
+    assert np.isfinite(out).all()
+    assert library.size == library.n_output_features_
+    assert len(library.get_feature_names()) == library.n_output_features_
 
 
-def test_feature_names_with_and_without_input_features(library):
-    library.fit(X)
-    names = library.get_feature_names()
-    assert all(isinstance(name, str) for name in names) and len(set(names)) == len(
-        names
-    )
-    assert (
-        library.get_feature_names(input_features=[f"x{i}" for i in range(3 * N)])
-        == names
-    )  # PySINDy's placeholders
+def test_features_are_an_axes_array(library):
+    out = library.fit_transform(X)
+    assert isinstance(out, AxesArray)
+    assert (out.ax_time, out.ax_coord) == (0, 1)
+
+
+def test_names_of_features_are_distinct_and_placeholders_are_no_names(library):
+    names = library.fit(X).get_feature_names()
+    assert len(set(names)) == len(names)
+    placeholders = [f"x{i}" for i in range(3 * N)]
+    assert library.get_feature_names(placeholders) == names
+
+
+def test_the_users_names_replace_those_of_columns_that_pass_through(library):
+    names = library.fit(X).get_feature_names()
     given = [f"channel {i}" for i in range(3 * N)]
     renamed = library.get_feature_names(input_features=given)
-    leading, trailing = (
-        (given[:N], [])
-        if library.inputs == "balance"
-        else (given[N : 2 * N], given[2 * N :])
-    )
-    assert renamed[:N] == leading and renamed[len(names) - len(trailing) :] == trailing
-    assert (
-        renamed[N : len(names) - len(trailing)] == names[N : len(names) - len(trailing)]
-    )  # terms belong to storeys
+    if library.inputs == "balance":
+        assert renamed == given[:N] + names[N:]
+    else:
+        assert renamed == given[N : 2 * N] + names[N:-N] + given[2 * N :]
+
+
+def test_a_wrong_number_of_names_is_refused(library):
     with pytest.raises(ChannelError, match="2 names for 9 columns"):
-        library.get_feature_names(["a", "b"])
+        library.fit(X).get_feature_names(["a", "b"])
 
 
-def test_columns_are_what_their_names_say():
-    """Each name, read as an expression of the inter-storey motion, gives its column."""
-    for inputs in ("balance", "state"):
-        library = InterstoryPolynomialLibrary(3, inputs=inputs).fit(X)
-        a, v, s = np.hsplit(X, 3)
-        if inputs == "state":
-            v, s = np.diff(X[:, N : 2 * N], prepend=0.0), np.diff(X[:, :N], prepend=0.0)
-        values = {
-            f"{q}{i + 1}": y[:, i]
-            for q, y in (("a", a), ("v", v), ("s", s))
-            for i in range(N)
-        }
-        values |= {f"xdot{i + 1}": X[:, N + i] for i in range(N)} | {
-            f"F{i + 1}": X[:, 2 * N + i] for i in range(N)
-        }
-        for name, column in zip(
-            library.get_feature_names(), np.asarray(library.transform(X)).T, strict=True
-        ):
-            factors = [part.partition("^") for part in name.split(" ")]
-            expected = np.prod(
-                [values[base] ** int(power or 1) for base, _, power in factors], axis=0
-            )
-            assert np.allclose(column, expected, rtol=1e-12, atol=1e-14), (inputs, name)
+def named_channels(inputs):
+    """Channels of the test data by the name that a feature gives them."""
+    first, second, third = np.hsplit(X, 3)
+    channels = {"a": first, "v": second, "s": third}
+    if inputs == "state":
+        v, s = np.diff(second, prepend=0.0), np.diff(first, prepend=0.0)
+        channels = {"v": v, "s": s, "xdot": second, "F": third}
+    named = {}
+    for kind, matrix in channels.items():
+        for j in range(N):
+            named[f"{kind}{j + 1}"] = matrix[:, j]
+    return named
 
 
-def test_lists_of_trajectories(library):
+@pytest.mark.parametrize("inputs", ["balance", "state"])
+def test_columns_are_what_their_names_say(inputs):
+    """Each name, read as a product of powers of channels, gives its column."""
+    library = InterstoryPolynomialLibrary(3, inputs=inputs).fit(X)
+    channels = named_channels(inputs)
+    columns = np.asarray(library.transform(X)).T
+    for name, column in zip(library.get_feature_names(), columns, strict=True):
+        expected = np.ones(len(X))
+        for factor in name.split(" "):
+            base, _, power = factor.partition("^")
+            expected = expected * channels[base] ** int(power or 1)
+        assert np.allclose(column, expected, rtol=1e-12, atol=1e-14), name
+
+
+def test_laws_start_anew_in_every_trajectory(library):
     records = [X, X[:7], X[:1]]
-    out = clone(library).fit(records).transform(records)
-    assert isinstance(out, list) and [o.shape for o in out] == [
-        (k, library.fit(X).n_output_features_) for k in (40, 7, 1)
-    ]
-    for one, record in zip(out, records):  # laws that remember start anew
-        assert isinstance(one, AxesArray) and np.array_equal(
-            one, library.transform(record)
-        )
+    out = library.fit(records).transform(records)
+    for features, record in zip(out, records, strict=True):
+        assert isinstance(features, AxesArray)
+        assert np.array_equal(features, library.transform(record))
 
 
-def test_pysindys_algebra_with_another_library(library):
+def test_a_sum_with_another_library_is_pysindys(library):
     other = ps.PolynomialLibrary(1, include_bias=False)
-    own, extra = (
-        clone(library).fit_transform(X),
-        np.asarray(clone(other).fit_transform(X)),
-    )
-    for both, parts in [
-        (library + other, [own, extra]),
-        (clone(other) + clone(library), [extra, own]),
-    ]:
-        assert isinstance(both, ps.ConcatLibrary)
-        assert np.array_equal(both.fit(X).transform(X), np.hstack(parts))
-        assert (
-            both.n_output_features_
-            == len(both.get_feature_names())
-            == own.shape[1] + extra.shape[1]
-        )
-    product = clone(library) * clone(other)
-    out = np.asarray(product.fit(X).transform(X))
-    assert (
-        isinstance(product, ps.TensoredLibrary)
-        and len(product.get_feature_names()) == out.shape[1]
-    )
-    assert np.allclose(
-        out, (np.asarray(own)[:, :, None] * extra[:, None, :]).reshape(len(X), -1)
-    )
+    own = np.asarray(clone(library).fit_transform(X))
+    extra = np.asarray(clone(other).fit_transform(X))
+    ours_first, theirs_first = library + other, clone(other) + clone(library)
+    assert isinstance(ours_first, ps.ConcatLibrary)
+    assert isinstance(theirs_first, ps.ConcatLibrary)
+    assert np.array_equal(ours_first.fit(X).transform(X), np.hstack([own, extra]))
+    assert np.array_equal(theirs_first.fit(X).transform(X), np.hstack([extra, own]))
+    n_features = own.shape[1] + extra.shape[1]
+    assert ours_first.n_output_features_ == n_features
+    assert len(ours_first.get_feature_names()) == n_features
+
+
+def test_a_product_with_another_library_is_pysindys(library):
+    other = ps.PolynomialLibrary(1, include_bias=False)
+    own = np.asarray(clone(library).fit_transform(X))
+    extra = np.asarray(clone(other).fit_transform(X))
+    product = library * other
+    assert isinstance(product, ps.TensoredLibrary)
+    expected = (own[:, :, None] * extra[:, None, :]).reshape(len(X), -1)
+    assert np.allclose(product.fit(X).transform(X), expected)
+    assert len(product.get_feature_names()) == expected.shape[1]
 
 
 def test_the_sum_of_two_chain_libraries_is_one_of_the_chain():
-    both = (
-        InterstoryPolynomialLibrary(1)
-        + ForceLawLibrary({2: laws.CoulombFriction()})
-        + ForceLawLibrary({1: laws.CubicStiffness()})
-    )
-    names = both.fit(X).get_feature_names()
-    assert names == [
-        "a1",
-        "a2",
-        "a3",
-        "v1",
-        "s1",
-        "s1^3",
-        "v2",
-        "s2",
-        "sgn(v2)",
-        "v3",
-        "s3",
-    ]
+    both = InterstoryPolynomialLibrary(1) + ForceLawLibrary({2: FRICTION})
+    all_three = both + ForceLawLibrary({1: laws.CubicStiffness()})
+    names = "a1 a2 a3 v1 s1 s1^3 v2 s2 sgn(v2) v3 s3"
+    assert all_three.fit(X).get_feature_names() == names.split()
 
 
-@pytest.mark.parametrize(
-    ("add", "message"),
-    [
-        (
-            lambda: InterstoryPolynomialLibrary(1) + InterstoryPolynomialLibrary(3),
-            "storey 1: .* both hold the term 'v'",
-        ),
-        (
-            lambda: (
-                InterstoryPolynomialLibrary(1)
-                + InterstoryPolynomialLibrary(2, inputs="state")
-            ),
-            "inputs='balance' and another",
-        ),
-        (
-            lambda: (
-                InterstoryPolynomialLibrary(1, Chain(3))
-                + ForceLawLibrary({2: laws.CoulombFriction()}, Chain(2))
-            ),
-            "chain=.* and another",
-        ),
-    ],
-)
-def test_sums_that_make_no_sense_are_refused(add, message):
+LINEAR = InterstoryPolynomialLibrary(1)
+SENSELESS_SUMS = [
+    (LINEAR + InterstoryPolynomialLibrary(3), "both hold the term 'v'"),
+    (LINEAR + InterstoryPolynomialLibrary(2, inputs="state"), "inputs='balance' and"),
+    (
+        InterstoryPolynomialLibrary(1, Chain(3)) + ForceLawLibrary({}, Chain(2)),
+        "chain=.* and another",
+    ),
+]
+
+
+@pytest.mark.parametrize(("library_sum", "message"), SENSELESS_SUMS)
+def test_sums_that_make_no_sense_are_refused(library_sum, message):
     with pytest.raises(LawError, match=message):
-        add().fit(X)
+        library_sum.fit(X)
 
 
+# -- optimizers ----------------------------------------------------------------
+
+STLSQ = ps.STLSQ(threshold=0.003)
 INNER = {
     "least squares": None,
-    "STLSQ": ps.STLSQ(threshold=0.003),
+    "STLSQ": STLSQ,
     "STLSQ, biased": ps.STLSQ(threshold=0.003, alpha=1e-6, unbias=False),
     "SR3": ps.SR3(reg_weight_lam=1e-5),
     "SSR": ps.SSR(kappa=1e-4),
     "FROLS": ps.FROLS(max_iter=8, kappa=1e-6),
-    "library ensemble": ps.EnsembleOptimizer(
-        ps.STLSQ(threshold=0.003), library_ensemble=True, n_models=6
-    ),
+    "library ensemble": ps.EnsembleOptimizer(STLSQ, library_ensemble=True, n_models=6),
 }
+INNERS = pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
 
 
-def problem(kind, seed=6):
-    """A three-storey Duffing chain: x, u and x_dot of ``ps.SINDy.fit``, and the
-    library.
-    """
-    case = chains.duffing(N, [2], seed=seed, n_samples=900)
-    if kind is ChainOptimizer:
-        library = InterstoryPolynomialLibrary(3)
-        return case, case.X, None, case.F, library
-    x, rate = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
-    return (
-        case,
-        np.hstack([x, rate]),
-        case.F,
-        np.hstack([rate, case.a]),
-        InterstoryPolynomialLibrary(3, inputs="state"),
-    )
+@dataclass
+class Task:
+    """What ``ps.SINDy.fit`` gets of a chain of three Duffing storeys, DOF 2 forced."""
+
+    kind: type
+    library: ForceLawLibrary
+    x: np.ndarray
+    y: np.ndarray
+    u: np.ndarray | None
+    m: np.ndarray
+    dt: float
+
+    @classmethod
+    def of(cls, kind):
+        case = chains.duffing(N, [2], seed=6, n_samples=900)
+        if kind is ChainOptimizer:
+            library = InterstoryPolynomialLibrary(3)
+            return cls(kind, library, case.X, case.F, None, case.m, case.dt)
+        x, xdot = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
+        library = InterstoryPolynomialLibrary(3, inputs="state")
+        state, rates = np.hstack([x, xdot]), np.hstack([xdot, case.a])
+        return cls(kind, library, state, rates, case.F, case.m, case.dt)
+
+    def rows(self, rows):
+        u = None if self.u is None else self.u[rows]
+        return replace(self, x=self.x[rows], y=self.y[rows], u=u)
+
+    def features(self):
+        columns = self.x if self.u is None else np.hstack([self.x, self.u])
+        return self.library.fit_transform(columns)
+
+    def optimizer(self, inner=None):
+        return self.kind(inner, terms=self.library)
+
+    def sindy(self, inner=None, **options):
+        model = ps.SINDy(self.optimizer(inner), self.library)
+        return model.fit(self.x, t=self.dt, x_dot=self.y, u=self.u, **options)
 
 
-def features(kind):
-    case, x, u, y, library = problem(kind)
-    return case, library.fit_transform(x if u is None else np.hstack([x, u])), y
+KINDS = [ChainOptimizer, StateSpaceChainOptimizer]
 
 
-@pytest.fixture(
-    params=[ChainOptimizer, StateSpaceChainOptimizer], ids=lambda kind: kind.__name__
-)
-def kind(request):
+@pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)
+def task(request):
     np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
     with warnings.catch_warnings(action="ignore", category=BiasWarning):
-        yield request.param
+        yield Task.of(request.param)
 
 
-@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
-def test_fit_gives_what_pysindy_reads(kind, inner):
-    case, theta, y = features(kind)
-    optimizer = kind(inner)
-    assert optimizer.fit(theta, y) is optimizer
-    assert optimizer.coef_.shape == optimizer.ind_.shape == (y.shape[1], theta.shape[1])
-    assert optimizer.ind_.dtype == bool and np.array_equal(
-        optimizer.ind_, optimizer.coef_ != 0
-    )
-    assert optimizer.complexity == np.count_nonzero(optimizer.coef_)
-    assert optimizer.intercept_ == 0 and optimizer.n_features_in_ == theta.shape[1]
-    assert np.array_equal(
-        optimizer.predict(theta), np.asarray(theta) @ optimizer.coef_.T
-    )
-    assert np.abs(optimizer.masses_ / case.m - 1).max() < 0.02
-    assert (
-        optimizer.score(theta, y) > 0.99
-    )  # of ChainOptimizer, too, two of whose targets are zero throughout
+@INNERS
+def test_fit_gives_what_pysindy_reads(task, inner):
+    features = task.features()
+    optimizer = task.kind(inner)
+    assert optimizer.fit(features, task.y) is optimizer
+    coef = optimizer.coef_
+    assert coef.shape == (task.y.shape[1], features.shape[1])
+    assert np.array_equal(optimizer.ind_, coef != 0)
+    assert optimizer.complexity == np.count_nonzero(coef)
+    assert optimizer.intercept_ == 0
+    assert optimizer.n_features_in_ == features.shape[1]
+    assert np.array_equal(optimizer.predict(features), np.asarray(features) @ coef.T)
 
 
-def test_one_target_or_many():
+@INNERS
+def test_fit_finds_the_masses(task, inner):
+    features = task.features()
+    optimizer = task.kind(inner).fit(features, task.y)
+    assert np.abs(optimizer.masses_ / task.m - 1).max() < 0.02
+    # of ChainOptimizer, too, two of whose targets are zero throughout
+    assert optimizer.score(features, task.y) > 0.99
+
+
+def test_one_target_is_a_line_or_a_column():
     case = chains.duffing(1, [1], n_samples=500)
-    theta = np.asarray(InterstoryPolynomialLibrary(3).fit_transform(case.X))
-    flat, column = (
-        ChainOptimizer().fit(theta, case.F[:, 0]),
-        ChainOptimizer().fit(theta, case.F),
-    )
-    assert np.array_equal(flat.coef_, column.coef_) and flat.coef_.shape == (
-        1,
-        theta.shape[1],
-    )
-    assert flat.predict(theta).shape == (500,) and column.predict(theta).shape == (
-        500,
-        1,
-    )
+    features = np.asarray(InterstoryPolynomialLibrary(3).fit_transform(case.X))
+    line = ChainOptimizer().fit(features, case.F[:, 0])
+    column = ChainOptimizer().fit(features, case.F)
+    assert np.array_equal(line.coef_, column.coef_)
+    assert line.coef_.shape == (1, features.shape[1])
+    assert line.predict(features).shape == (500,)
+    assert column.predict(features).shape == (500, 1)
 
 
-@pytest.mark.parametrize("inner", INNER.values(), ids=INNER)
-def test_inside_sindy(kind, inner, capsys):
-    case, x, u, y, library = problem(kind)
-    model = ps.SINDy(optimizer=kind(inner, terms=library), feature_library=library).fit(
-        x, t=case.dt, x_dot=y, u=u
-    )
-    assert model.coefficients().shape == (y.shape[1], len(model.get_feature_names()))
+@INNERS
+def test_inside_sindy(task, inner):
+    model = task.sindy(inner)
+    n_features = len(model.get_feature_names())
+    assert model.coefficients().shape == (task.y.shape[1], n_features)
     assert model.complexity == model.optimizer.complexity
-    assert len(model.equations(precision=3)) == y.shape[1]
-    assert np.allclose(model.predict(x, u=u), y, atol=0.05 * np.abs(y).max())
-    model.print(precision=2)
-    said = capsys.readouterr().out.splitlines()
-    assert len(said) == y.shape[1] and all("=" in line for line in said)
-    largest = model.score(
-        x, t=case.dt, x_dot=y, u=u, metric=lambda one, two, **_: np.abs(one - two).max()
-    )
-    assert largest == pytest.approx(np.abs(model.predict(x, u=u) - y).max())
+    assert len(model.equations(precision=3)) == task.y.shape[1]
+    largest = np.abs(task.y).max()
+    assert np.allclose(model.predict(task.x, u=task.u), task.y, atol=0.05 * largest)
+
+
+def largest_gap(one, other, **_):
+    return np.abs(one - other).max()
+
+
+def test_a_metric_of_sindy_gets_the_targets(task):
+    model = task.sindy()
+    score = model.score(task.x, t=task.dt, x_dot=task.y, u=task.u, metric=largest_gap)
+    expected = largest_gap(model.predict(task.x, u=task.u), task.y)
+    assert score == pytest.approx(expected)
+
+
+def test_sindy_prints_an_equation_for_each_target(task, capsys):
+    task.sindy().print(precision=2)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == task.y.shape[1]
+    assert all("=" in line for line in lines)
 
 
 def test_the_users_names_reach_the_equations(capsys):
-    case, x, u, y, library = problem(StateSpaceChainOptimizer)
-    names = ["x_low", "x_mid", "x_top", "v_low", "v_mid", "v_top", "P1", "shaker", "P3"]
-    model = ps.SINDy(
-        optimizer=StateSpaceChainOptimizer(terms=library), feature_library=library
-    )
-    model.fit(x, t=case.dt, x_dot=y, u=u, feature_names=names)
-    assert (
-        model.get_feature_names()[:3] == ["v_low", "v_mid", "v_top"]
-        and model.get_feature_names()[-2] == "shaker"
-    )
+    names = "x_low x_mid x_top v_low v_mid v_top P1 shaker P3".split()
+    model = Task.of(StateSpaceChainOptimizer).sindy(feature_names=names)
+    found = model.get_feature_names()
+    assert found[:3] == ["v_low", "v_mid", "v_top"]
+    assert found[-2] == "shaker"
     model.print()
-    said = capsys.readouterr().out.splitlines()
-    assert said[1] == "(x_mid)' =  1.000 v_mid" and "shaker" in said[4]
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1] == "(x_mid)' =  1.000 v_mid"
+    assert "shaker" in lines[4]
 
 
-def test_trajectories_of_different_length_inside_sindy(kind):
-    case, x, u, y, library = problem(kind)
-    cut = [slice(0, 500), slice(500, 900)]
-    pieces = lambda z: None if z is None else [z[rows] for rows in cut]  # noqa: E731
-    model = ps.SINDy(optimizer=kind(terms=library), feature_library=library)
-    model.fit(
-        pieces(x), t=pieces(np.arange(900) * case.dt), x_dot=pieces(y), u=pieces(u)
-    )
-    whole = ps.SINDy(optimizer=kind(terms=library), feature_library=clone(library)).fit(
-        x, t=case.dt, x_dot=y, u=u
-    )
-    assert np.allclose(model.optimizer.masses_, whole.optimizer.masses_, rtol=1e-9)
-    assert [p.shape for p in model.predict(pieces(x), u=pieces(u))] == [
-        y[rows].shape for rows in cut
-    ]
+def test_trajectories_of_different_length_inside_sindy(task):
+    parts = [task.rows(slice(0, 500)), task.rows(slice(500, 900))]
+    u = None if task.u is None else [part.u for part in parts]
+    x, y = [part.x for part in parts], [part.y for part in parts]
+    model = ps.SINDy(task.optimizer(), task.library)
+    model.fit(x, t=[np.arange(len(p)) * task.dt for p in x], x_dot=y, u=u)
+    whole = task.sindy().optimizer.masses_
+    assert np.allclose(model.optimizer.masses_, whole, rtol=1e-9)
+    shapes = [rates.shape for rates in model.predict(x, u=u)]
+    assert shapes == [part.y.shape for part in parts]
 
 
-class NextSINDy(ps.SINDy):
-    """What PySINDy's development version does at the seam: weights of the samples reach
-    every ``optimizer.fit``.
-    """
-
-    def fit(self, x, t, x_dot, u=None, sample_weight=None):
-        features = self.feature_library.fit_transform(
-            x if u is None else np.hstack([x, u])
-        )
-        self.optimizer.fit(features, x_dot, sample_weight=sample_weight)
-        return self
-
-
-@pytest.mark.parametrize(
+WEIGHTED = pytest.mark.parametrize(
     "inner", [None, ps.STLSQ(threshold=0.02)], ids=["least squares", "STLSQ"]
 )
-def test_a_weight_of_two_is_the_row_twice(kind, inner):
-    case, x, u, y, library = problem(kind)
+
+
+def noisy(task):
+    """An inexact fit, so that weights matter; and weights of 0, 1 and 2."""
     rng = np.random.default_rng(0)
-    x = x + 0.01 * x.std(axis=0) * rng.standard_normal(
-        x.shape
-    )  # an inexact fit, so that weights tell
-    weights = rng.integers(0, 3, len(x))
-    twice = np.repeat(np.arange(len(x)), weights)
-    weighted, repeated, plain = (
-        NextSINDy(kind(inner), library)
-        .fit(x[rows], case.dt, y[rows], None if u is None else u[rows], w)
-        .optimizer.coef_
-        for rows, w in ((slice(None), weights), (twice, None), (slice(None), None))
-    )
-    assert np.allclose(weighted, repeated, rtol=1e-9) and not np.allclose(
-        weighted, plain, rtol=1e-6
-    )
-    if kind is ChainOptimizer:
-        ours, again = (
-            NRFRegressor(optimizer=inner).fit(x[i], y[i], w)
-            for i, w in ((slice(None), weights), (twice, None))
-        )
-        assert np.allclose(
-            ours.masses_, again.masses_, rtol=1e-9
-        ) and ours.n_samples_ == len(twice)
-        assert np.allclose(ours.errors_["error"], again.errors_["error"], rtol=1e-9)
-        assert np.allclose(ours.masses_, np.diag(weighted), rtol=1e-9)
+    x = task.x + 0.01 * task.x.std(axis=0) * rng.standard_normal(task.x.shape)
+    return replace(task, x=x), rng.integers(0, 3, len(x))
+
+
+@WEIGHTED
+def test_a_weight_of_two_is_the_row_twice(task, inner):
+    """PySINDy's development version passes weights to ``optimizer.fit``."""
+    task, weights = noisy(task)
+    twice = task.rows(np.repeat(np.arange(len(weights)), weights))
+    weighted = task.kind(inner).fit(task.features(), task.y, sample_weight=weights)
+    repeated = task.kind(inner).fit(twice.features(), twice.y)
+    plain = task.kind(inner).fit(task.features(), task.y)
+    assert np.allclose(weighted.coef_, repeated.coef_, rtol=1e-9)
+    assert not np.allclose(weighted.coef_, plain.coef_, rtol=1e-6)
+
+
+@WEIGHTED
+def test_a_weight_of_the_regressor_is_that_of_the_optimizer(inner):
+    task, weights = noisy(Task.of(ChainOptimizer))
+    rows = np.repeat(np.arange(len(weights)), weights)
+    model = NRFRegressor(optimizer=inner)
+    weighted = clone(model).fit(task.x, task.y, weights)
+    repeated = clone(model).fit(task.x[rows], task.y[rows])
+    optimizer = ChainOptimizer(inner).fit(task.features(), task.y, weights)
+    assert np.allclose(weighted.masses_, repeated.masses_, rtol=1e-9)
+    assert weighted.n_samples_ == len(rows)
+    errors = repeated.errors_["error"]
+    assert np.allclose(weighted.errors_["error"], errors, rtol=1e-9)
+    assert np.allclose(weighted.masses_, optimizer.masses_, rtol=1e-9)

@@ -1,15 +1,17 @@
-"""Data that do not fit in memory: files by path, iterators of tables, and answers that
-can be resumed.
-"""
+"""Data that do not fit in memory: files, iterators, and fits that can be resumed."""
 
-from .fit import fit_streamed, is_streamed, partial_fit
-from .sources import Chunk, Source, open_source
+from .chunks import Chunk
+from .fit import fit_pieces, identified, with_records
+from .running_sums import RunningSums, StreamSettings
+from .sources import Source, open_source
 
 __all__ = [
     "Chunk",
+    "RunningSums",
     "Source",
-    "fit_streamed",
-    "is_streamed",
+    "StreamSettings",
+    "fit_pieces",
+    "identified",
     "open_source",
-    "partial_fit",
+    "with_records",
 ]

@@ -1,25 +1,21 @@
-"""Fits of data that do not fit in memory, the state of an interrupted fit on disk, and
-``partial_fit``.
-"""
+"""Fits of data that do not fit in memory, and of records that come one by one."""
 
-import hashlib
-import json
+from __future__ import annotations
+
 import os
-import time as clock
-import warnings
-import zipfile
-import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from ...chain.identifiability import SolveOrder
-from ...chain.sites import Site
-from ...common.files import atomic_write, file_behind
+from ...common.files import file_behind
+from ...common.warn import warn_user
 from ...equations.chain_solve import (
     Solution,
     model_of,
@@ -29,481 +25,252 @@ from ...equations.chain_solve import (
     solved_safely,
 )
 from ...equations.normal_equations import NormalEquations
-from ...exceptions import ChannelError, DataQualityWarning, FileFormatError, NRFError
-from ...records.channels import is_dask
-from ...records.dataset import Dataset, Extent, Segment
-from ...records.input_arrays import holds_records
-from ...records.record import Record
+from ...exceptions import ChannelError, DataQualityWarning, NRFError
+from ...records.input_arrays import Input, records_in
+from ..examination import Finding
 from ..intervals import Resolver
-from ..problem import Estimate, law_list
-from .accumulator import LINES, Accumulator, BlockEntry, Model, Run
-from .sources import Chunk, Source, chunk_of, content, open_source
+from ..methods import LeastSquares, examined_result
+from ..problem import Estimate
+from ..result import IdentificationResult
+from .chunks import Chunk, content, record_chunk
+from .running_sums import RunningSums, StreamSettings
+from .sources import Source, open_source
+from .state import PassState, identity, load, save
+
+# s between two states on disk
+SECONDS_BETWEEN_STATES = 10.0
+
+Pass = Callable[[str], RunningSums]
 
 
-def fitted(add_up: Callable[[str], Accumulator], kind: str = "gram") -> Any:
-    """The estimator, fitted from one pass; from a second one, by QR, if digits were
-    lost.
+def fit_pieces(
+    settings: StreamSettings, given: Input, state: Any = None
+) -> IdentificationResult:
+    """Fit files or an iterator, chunk by chunk; memory does not grow with them.
+
+    Parameters
+    ----------
+    settings : StreamSettings
+    given : Input
+        Paths or an iterator, and what was passed beside them.
+    state : path-like, optional
+        File or folder for the state of an interrupted fit.
     """
-    accumulator = add_up(kind)
-    solution, grams, solve_order = solution_of(accumulator)
-    if solution is None:
-        accumulator = add_up("root")
-        solution, grams, solve_order = solution_of(accumulator)
-    assert solution is not None  # only Gram matrices lose digits
-    return publish(accumulator, solution, grams, solve_order)
+    source = open_source(given, settings.reader)
+    passes = _Passes(settings, source, state)
+    # the matrices are small, and other fits may run beside this one
+    with threadpool_limits(1, "blas"):
+        result = identified(passes.run, "gram" if source.again else "root")
+    passes.delete_state()
+    return result
 
 
-def solution_of(
-    accumulator: Accumulator,
-) -> tuple[Solution | None, NormalEquations, SolveOrder]:
-    """Solution of the chain (None if the Gram matrices may have lost digits), its Gram
-    matrices and solve order.
+def with_records(
+    sums: RunningSums | None, settings: StreamSettings, given: Input
+) -> RunningSums:
+    """Sums of earlier records and of further ones; the earlier sums do not change.
+
+    Raises
+    ------
+    NRFError
+        If the settings are others than before.
     """
-    model, grams = accumulator.require_model(), accumulator.grams().sum()
-    _require_usable(accumulator, grams)
-    solve_order = accumulator.solve_order()
-    solver = solved_safely if accumulator.kind == "gram" else solve
-    return (
-        solver(grams, solve_order, model.known_masses, model.problem.optimizer),
-        grams,
-        solve_order,
-    )
-
-
-def publish(
-    accumulator: Accumulator,
-    solution: Solution,
-    grams: NormalEquations,
-    solve_order: SolveOrder,
-) -> Any:
-    """The estimator, with the results as its attributes."""
-    problem = accumulator.require_model().problem
-    solution.pass_on(stacklevel=5)
-    solve_order = solution.followed(solve_order)
-    found = Estimate(
-        problem, solve_order, model_of(problem.layout, solution), solution, grams
-    )
-    pieces, known = accumulator.grams().squares(), dict(problem.known_masses)
-    data = _shown(accumulator)
-    return accumulator.estimator._publish_chunks(
-        found,
-        Resolver(pieces, solve_order, known, problem.optimizer),
-        data,
-        _judged(accumulator, data),
-        sorted({j for run in accumulator.runs for j in run.unknown}),
-    )
-
-
-def _require_usable(accumulator: Accumulator, grams: NormalEquations) -> None:
-    data, model = _shown(accumulator), accumulator.require_model()
-    require_moving(data, model.layout)
-    require_clock(data, model.layout)
-    for dofs, matrix in grams.matrices.items():
-        unknowns, size = matrix.shape[0] - 1, int(grams.sizes[dofs])
-        if 0 < size < unknowns + 1 and len(dofs) == 1:
-            what = (
-                f"{size} samples are too few for the balance of DOF {dofs[0]}, which"
-                f" has up to {unknowns} unknowns"
-            )
-            raise ChannelError(what, "Use a longer record or a lower degree.")
-
-
-def _judged(accumulator: Accumulator, data: Dataset) -> Dataset:
-    """Windows at the start of a record if a law has memory (its states are known
-    there), else all.
-    """
-    if not accumulator.require_model().layout.has_memory:
-        return data
-    starts = {run.first for run in accumulator.runs}
-    chosen = [w for key, w in accumulator.windows if key[:2] in starts and key[2] == 0]
-    return Dataset(chosen or data.segments[:1], data.n_samples)
-
-
-def _shown(accumulator: Accumulator) -> Dataset:
-    """The kept windows, with the channel range of all samples."""
-    if not accumulator.windows or accumulator.extent is None:
-        raise ChannelError(
-            "There are no samples", "The source is empty, or holds only NaN."
-        )
-    segments: list[Segment] = []
-    at = 0
-    for _, window in accumulator.windows:
-        size = window.n_samples
-        window.rows = slice(at, at + size)
-        window._extent = (window.valid, accumulator.extent)
-        segments.append(window)
-        at += size
-    return Dataset(segments, at)
-
-
-SAVE_EVERY = 10.0  # s between two states on disk
-
-
-def is_streamed(X: Any) -> bool:
-    """True if ``fit`` reads X in chunks: a path, an iterator, a Dask collection, or a
-    list of those.
-    """
-    if isinstance(X, (list, tuple)):
-        return (
-            len(X) > 0
-            and not isinstance(X[0], (list, tuple, Record))
-            and is_streamed(X[0])
-        )
-    return isinstance(X, (str, os.PathLike)) or isinstance(X, Iterator) or is_dask(X)
-
-
-def fit_streamed(
-    estimator: Any,
-    X: Any,
-    F: Any = None,
-    *,
-    state: Any = None,
-    save_every: float = SAVE_EVERY,
-    chunk_samples: int | None = None,
-    **beside: Any,
-) -> Any:
-    """Fit an estimator in one pass over chunks (``beside`` X: record, time, ...);
-    memory does not grow with them.
-    """
-    if is_dask(X) or (isinstance(X, (list, tuple)) and is_dask(X[0])):
-        from ..distributed import fit_distributed
-
-        return fit_distributed(estimator, X, F, **beside)
-
-    read = sorted({c for law in law_list(estimator.laws) for c in law.covariates})
-    options: Any = dict(
-        coordinates=estimator.coordinates, laws_read=read, chunk_samples=chunk_samples
-    )
-    source = open_source(X, F, **beside, **options)
-    with threadpool_limits(
-        1, "blas"
-    ):  # the matrices are small, and other fits may run beside this one
-        passes = _Passes(estimator, source, state, save_every)
-        fitted(passes.run, "gram" if source.again else "root")
-    passes.done()
-    return estimator
-
-
-def partial_fit(
-    estimator: Any,
-    X: Any,
-    F: Any,
-    record: Any,
-    time: Any,
-    base_acceleration: Any,
-    covariates: Any,
-) -> Any:
-    """Add samples to an estimator and solve again."""
-
-    held = getattr(estimator, "_stream", None)
-    # a copy: a call that fails does not change the samples of earlier calls
-    accumulator, number = (
-        (Accumulator(estimator, "root"), 0)
-        if held is None
-        else (held[0].copy(), held[1])
-    )
-    if held is not None and accumulator.settings != _settings(estimator):
-        cure = "Set them back, or start again with fit or with a clone."
+    if sums is None:
+        sums = RunningSums(settings, "root")
+    elif sums.settings.in_words() != settings.in_words():
         raise NRFError(
             "The settings of the estimator changed between two calls of partial_fit",
-            cure,
+            "Set them back, or start again with fit or with a clone.",
         )
-    if holds_records(X):
-        chunks: Iterable[Chunk] = (
-            chunk_of(r) for r in ([X] if isinstance(X, Record) else X)
-        )
+
+    out = sums.copy()
+    records = records_in(given.X)
+    if records is None:
+        chunks = [Chunk(given, f"call {out.n_chunks}")]
     else:
-        extra = (
-            {}
-            if covariates is None
-            else {k: np.asarray(c) for k, c in dict(covariates).items()}
-        )
-        chunks = [
-            Chunk(X, F, f"call {number}", True, record, time, base_acceleration, extra)
-        ]
+        chunks = [record_chunk(record) for record in records]
     with threadpool_limits(1, "blas"):
         for chunk in chunks:
-            accumulator.add(chunk, number)
-            number += 1
-        accumulator.settings = _settings(estimator)
-        fitted(lambda *_: accumulator)
-    estimator._stream = accumulator, number
-    return estimator
+            out.add(chunk, out.n_chunks)
+    return out
 
 
-def _settings(estimator: Any) -> dict[str, str]:
-    return {k: _exact(v) for k, v in estimator.get_params(deep=False).items()}
+# -- from sums to a result -----------------------------------------------------------
 
 
-def _exact(value: Any) -> str:
-    """A setting in all its digits; a law prints fewer."""
-    if isinstance(value, Mapping):
-        return ", ".join(
-            sorted(f"{key!s}: {_exact(held)}" for key, held in value.items())
-        )
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return f"[{', '.join(map(_exact, value))}]"
-    return _exact(value.to_dict()) if hasattr(value, "to_dict") else repr(value)
+def identified(add_up: Pass, kind: str = "gram") -> IdentificationResult:
+    """The result of one pass; of a second one, by QR, if digits were lost."""
+    with threadpool_limits(1, "blas"):
+        sums = add_up(kind)
+        order, total = _order_and_total(sums)
+        solution = _solution(sums, order, total)
+        if solution is None:
+            sums = add_up("root")
+            order, total = _order_and_total(sums)
+            solution = _solution(sums, order, total)
+        assert solution is not None  # only Gram matrices lose digits
+        return _result_of(sums, order, total, solution)
+
+
+def _order_and_total(sums: RunningSums) -> tuple[SolveOrder, NormalEquations]:
+    """The order of the solve, and the sums of all blocks."""
+    layout, data = sums.require_problem().layout, sums.shown()
+    total = sums.pieces().sum()
+    require_moving(data, layout)
+    require_clock(data, layout)
+    for dofs, matrix in total.matrices.items():
+        n_unknowns, n_samples = matrix.shape[0] - 1, int(total.sizes[dofs])
+        if len(dofs) == 1 and 0 < n_samples <= n_unknowns:
+            raise ChannelError(
+                f"{n_samples} samples are too few for the balance of DOF {dofs[0]},"
+                f" which has up to {n_unknowns} unknowns",
+                "Use a longer record or a lower degree.",
+            )
+    return sums.solve_order(), total
+
+
+def _solution(
+    sums: RunningSums, order: SolveOrder, total: NormalEquations
+) -> Solution | None:
+    """Solution of the chain; None if Gram matrices may have lost digits."""
+    problem = sums.require_problem().problem
+    solver = solved_safely if sums.kind == "gram" else solve
+    return solver(total, order, dict(problem.known_masses), problem.optimizer)
+
+
+def _result_of(
+    sums: RunningSums, order: SolveOrder, total: NormalEquations, solution: Solution
+) -> IdentificationResult:
+    problem = sums.require_problem().problem
+    solution.pass_on()
+    order = solution.followed(order)
+    model = model_of(problem.layout, solution)
+    estimate = Estimate(problem, order, model, solution, total)
+    resolver = Resolver(
+        sums.pieces().squares(), order, dict(problem.known_masses), problem.optimizer
+    )
+    facts = {"asked": sums.settings.estimator.estimation, "found": LeastSquares.name}
+    found = Finding(
+        estimate,
+        sums.shown(),
+        facts,
+        resolver,
+        by_least_squares=estimate,
+        judged=sums.judged(),
+        in_memory=False,
+    )
+    # the forces themselves were not kept
+    unknown = {f"F{j}": pd.Series(dtype=float) for j in sums.unknown_somewhere}
+    return replace(
+        examined_result(found), data=None, unknown_forces=pd.DataFrame(unknown)
+    )
+
+
+# -- passes over a source ------------------------------------------------------------
 
 
 class _Passes:
     """Passes over a source with progress and a state on disk."""
 
-    def __init__(
-        self, estimator: Any, source: Source, state: Any, save_every: float
-    ) -> None:
-        self.estimator, self.source, self.save_every = estimator, source, save_every
-        self.mark = identity(estimator, source) if source.again else ""
-        self.path: Path | None = None
-        self.own = False  # true once the file is known to be a state
-        if state is not None and not source.again:
-            cure = "Give files by path."
-            raise ChannelError(
-                "An iterator cannot be read again from the middle, so state= has no"
-                " effect",
-                cure,
-            )
-        if state is not None:
-            self.path = file_behind(
-                Path(state) / "fit.nrf-state" if Path(state).is_dir() else state
-            )
-        elif source.again and os.access(Path.cwd(), os.W_OK):
-            self.path = Path.cwd() / f".fit-{self.mark[:12]}.nrf-state"
+    def __init__(self, settings: StreamSettings, source: Source, state: Any) -> None:
+        self.settings = settings
+        self.source = source
+        self.mark = identity(settings, source) if source.again else ""
+        self.path = self._path_of_state(state)
+        # whether the file at the path is known to be a state
+        self.is_own = False
 
-    def run(self, kind: str) -> Accumulator:
-        """Result of one pass; of the second one where a state of it is resumed."""
+    def _path_of_state(self, state: Any) -> Path | None:
+        if state is not None:
+            if not self.source.again:
+                raise ChannelError(
+                    "An iterator cannot be read again from the middle, so state= has"
+                    " no effect",
+                    "Give files by path.",
+                )
+            is_folder = Path(state).is_dir()
+            return file_behind(Path(state) / "fit.nrf-state" if is_folder else state)
+        if self.source.again and os.access(Path.cwd(), os.W_OK):
+            return Path.cwd() / f".fit-{self.mark[:12]}.nrf-state"
+        return None
+
+    def run(self, kind: str) -> RunningSums:
+        """Sums of one pass; of the second one where a state of it is resumed."""
         from tqdm.auto import tqdm
 
-        accumulator, number, used = (
-            Accumulator(self.estimator, kind, self.source.n_samples),
-            0,
-            0,
-        )
+        state = PassState(RunningSums(self.settings, kind, self.source.n_samples))
         chunks = self.source.chunks()
-        if (
-            kind == "root"
-        ):  # interrupted in the second pass, a fit does not repeat the first
-            self.save(accumulator, number, used)
-        elif self.path is not None:
-            found = load(self.path, self.estimator, self.mark)
-            self.own = self.path.exists()  # load refuses any other file
-            if found and content(islice(chunks, found[1])) == found[2]:
-                accumulator, number, used = found
-            else:
+        if kind == "root":
+            # interrupted in the second pass, a fit does not repeat the first
+            self._save(state)
+        else:
+            resumed = self._resumed(chunks)
+            if resumed is None:
                 chunks = self.source.chunks()
-        saved = clock.monotonic()
+            state = resumed or state
+
+        second = self.source.again and state.sums.kind == "root"
         with tqdm(
             total=self.source.n_samples,
-            initial=accumulator.n_samples,
+            initial=state.sums.n_samples,
             unit="sample",
             unit_scale=True,
             delay=1.0,
-            desc=(
-                "fit, second pass"
-                if self.source.again and accumulator.kind == "root"
-                else "fit"
-            ),
+            desc="fit, second pass" if second else "fit",
             disable=None,
         ) as bar:
-            try:
-                for chunk in chunks:
-                    accumulator.add(chunk, number)
-                    number, used = number + 1, content([chunk], used)
-                    bar.update(chunk.n_samples)
-                    if clock.monotonic() - saved >= self.save_every:
-                        self.save(accumulator, number, used)
-                        saved = clock.monotonic()
-            except KeyboardInterrupt as stop:
-                if number:
-                    self.save(accumulator, number, used)
-                if number and self.path is not None:  # without a path there is no state
+            self._add(chunks, state, bar.update)
+        return state.sums
+
+    def _resumed(self, chunks: Iterator[Chunk]) -> PassState | None:
+        """The state of an interrupted pass, if the first chunks are those it used."""
+        if self.path is None:
+            return None
+        state = load(self.path, self.settings, self.mark)
+        self.is_own = self.path.exists()  # load refuses any other file
+        if state is None:
+            return None
+        used = content(islice(chunks, state.sums.n_chunks))
+        return state if used == state.used else None
+
+    def _add(
+        self, chunks: Iterator[Chunk], state: PassState, progress: Callable[[int], Any]
+    ) -> None:
+        """Add chunks; where the user interrupts, the state is saved."""
+        saved = time.monotonic()
+        try:
+            for chunk in chunks:
+                state.add(chunk)
+                progress(chunk.n_samples)
+                if time.monotonic() - saved >= SECONDS_BETWEEN_STATES:
+                    self._save(state)
+                    saved = time.monotonic()
+        except KeyboardInterrupt as stop:
+            if state.sums.n_chunks:
+                self._save(state)
+                if self.path is not None:
                     stop.add_note(
                         f"The state is in {self.path}; the same call continues from"
                         " there."
                     )
-                raise
-        return accumulator.close()
+            raise
 
-    def save(self, accumulator: Accumulator, number: int, used: int) -> None:
-        """Write the state of the pass; a warning if that fails."""
+    def _save(self, state: PassState) -> None:
+        """Write the state; where that fails the fit goes on without one."""
         if self.path is None:
             return
         try:
-            save(self.path, accumulator, number, used, self.mark)
-            self.own = True
-        except OSError as error:  # the fit goes on without a state
-            warnings.warn(
+            save(self.path, state, self.mark)
+            self.is_own = True
+        except OSError as error:
+            warn_user(
                 f"The state of the fit cannot be written to {self.path} ({error}); the"
                 " fit goes on, but cannot be resumed.",
                 DataQualityWarning,
-                stacklevel=4,
             )
             self.path = None
 
-    def done(self) -> None:
-        """Delete the state."""
-        if self.path is not None and self.own:
+    def delete_state(self) -> None:
+        """Delete the state of a fit that is done."""
+        if self.path is not None and self.is_own:
             self.path.unlink(missing_ok=True)
-
-
-_SCHEMA, _VERSION = "pysindy_nrf.FitState", 7
-_DAMAGED = (
-    OSError,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    OverflowError,
-    EOFError,
-)
-
-
-def identity(estimator: Any, source: Source) -> str:
-    """Hash of the sources, the laws and the settings of a pass."""
-    text = json.dumps(
-        [_VERSION, source.identity(), _settings(estimator)], default=str, sort_keys=True
-    )
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def save(path: Path, acc: Accumulator, following: int, used: int, mark: str) -> None:
-    """Write the state of a pass; ``following`` is the next chunk, ``used`` the content
-    of those before it.
-    """
-    arrays: dict[str, Any] = {}
-    entries, carry, extent = acc.entries, acc._carry, acc.extent
-    if entries:
-        arrays |= {
-            f"grams.{k}": x
-            for k, x in NormalEquations.stack([e.grams for e in entries])
-            .to_arrays()
-            .items()
-        }
-    for i, (_, segment) in enumerate(acc.windows):
-        arrays |= _lines(f"window{i}", segment)
-    if carry is not None:
-        arrays |= {
-            f"state {site} {law}": state
-            for (site, law), state in carry["states"].items()
-        }
-        if carry["last"] is not None:
-            arrays |= _lines("last", carry["last"])
-    if extent is not None:
-        arrays |= {"low": extent.low, "high": extent.high, "finite": extent.finite}
-    if acc.origin is not None:
-        arrays["origin"] = np.asarray(acc.origin)
-    meta = {
-        "schema": _SCHEMA,
-        "mark": mark,
-        "following": following,
-        "used": used,
-        "n_dof": None if acc.model is None else acc.model.chain.n_dof,
-        "kind": acc.kind,
-        "block_rows": acc.block_rows,
-        "n_samples": acc.n_samples,
-        "blocks": [[e.key, e.record] for e in entries],
-        "open": acc._open is not None,
-        "runs": [vars(run) for run in acc.runs],
-        "windows": [[k, w.name] for k, w in acc.windows],
-        "window_every": acc.window_every,
-        "offered": acc._offered,
-        "carry": None if carry is None else carry["end"],
-    }
-    with atomic_write(path, "wb") as file:
-        np.savez(
-            file,
-            meta=np.frombuffer(json.dumps(meta).encode(), dtype=np.uint8),
-            **arrays,
-        )
-
-
-def load(path: Path, estimator: Any, mark: str) -> tuple[Accumulator, int, int] | None:
-    """Accumulator, number of the next chunk, content of those before it, if it is a
-    state of these settings.
-    """
-    if not path.exists():
-        return None
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
-        meta = json.loads(bytes(data.pop("meta")).decode())
-        if meta["schema"] != _SCHEMA:
-            raise FileFormatError(
-                f"{path} bears the signature {meta['schema']!r}",
-                "Give another path for the state.",
-            )
-        if meta["mark"] != mark:
-            return None
-        acc = Accumulator(estimator, meta["kind"])
-        acc.block_rows, acc.n_samples = meta["block_rows"], meta["n_samples"]
-        acc.window_every, acc._offered = meta["window_every"], meta["offered"]
-        acc.origin = data["origin"][()] if "origin" in data else None
-        for run in meta["runs"]:
-            values: dict[str, Any] = {
-                k: tuple(v) if isinstance(v, list) else v for k, v in run.items()
-            }
-            acc.runs.append(Run(**values))
-        if meta["n_dof"] is not None:
-            acc.model = Model(estimator, meta["n_dof"])
-            if meta["blocks"]:
-                held = {
-                    k.removeprefix("grams."): x
-                    for k, x in data.items()
-                    if k.startswith("grams.")
-                }
-                grams = NormalEquations.from_arrays(
-                    held, acc.model.layout, acc.model.groups, acc.model.known_masses
-                )
-                acc.blocks = [
-                    BlockEntry(tuple(key), name, grams[i])
-                    for i, (key, name) in enumerate(meta["blocks"])
-                ]
-            if meta["open"]:
-                held_open = acc.blocks.pop()
-                acc._open = held_open.key, held_open.record, acc.sums(held_open.grams)
-            windows = enumerate(meta["windows"])
-            acc.windows = [
-                (tuple(key), _segment(name, data, f"window{i}"))
-                for i, (key, name) in windows
-            ]
-        if "low" in data:
-            acc.extent = Extent(data["low"], data["high"], data["finite"])
-        if meta["carry"] is not None:
-            names = {k: k[6:].rpartition(" ") for k in data if k.startswith("state ")}
-            states = {
-                (Site(site), int(law)): data[k] for k, (site, _, law) in names.items()
-            }
-            last = _segment("last", data, "last") if "last.a" in data else None
-            acc._carry = {"end": float(meta["carry"]), "states": states, "last": last}
-        return acc, int(meta["following"]), int(meta["used"])
-    except FileFormatError:
-        raise
-    except (*_DAMAGED, zipfile.BadZipFile, zlib.error) as error:
-        what = (
-            f"{path} is not the state of an interrupted fit ({type(error).__name__}:"
-            f" {error})"
-        )
-        raise FileFormatError(
-            what, "Give another path for the state, or delete the file to start again."
-        ) from error
-
-
-def _lines(name: str, segment: Segment) -> dict[str, np.ndarray]:
-    lines = {
-        f"{name}.{k}": getattr(segment, k)
-        for k in LINES
-        if getattr(segment, k) is not None
-    }
-    return lines | {f"{name}.covariate {k}": c for k, c in segment.covariates.items()}
-
-
-def _segment(name: str, data: dict[str, np.ndarray], stem: str) -> Segment:
-    lines: dict[str, Any] = {k: data.get(f"{stem}.{k}") for k in LINES}
-    head = f"{stem}.covariate "
-    covariates = {
-        k.removeprefix(head): v for k, v in data.items() if k.startswith(head)
-    }
-    size = len(lines["a"])
-    return Segment(
-        name, slice(0, size), **lines, covariates=covariates, valid=slice(0, size)
-    )

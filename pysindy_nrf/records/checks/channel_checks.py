@@ -1,11 +1,11 @@
 """What is wrong with the channels of a record; a summary of it for pages."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import pandas as pd
 
+from ...common.warn import warn_user
 from ...exceptions import DataQualityWarning
 from ..files.summary import kind_of, summary
 from ..quality import QualityNote, messages
@@ -68,10 +68,9 @@ def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
     rows = [(note.channel, note.kind, note.size, note.message) for note in notes]
     table = pd.DataFrame(rows, columns=["channel", "problem", "share", "message"])
     if warn and notes:
-        warnings.warn(
+        warn_user(
             f"Record {record.name!r}: {' '.join(table['message'])}",
             DataQualityWarning,
-            stacklevel=2,
         )
     return table
 

@@ -1,29 +1,43 @@
 """Measured frequency responses as rows of the force balances."""
 
-import itertools
 import re
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ...exceptions import ChannelError, FileFormatError
-from .reading import read_table
+from .formats import DELIMITED_TEXT, format_called
 from .table import MAX_BYTES, check_file, unreadable
+from .tables import read_table
 
 # Power of i w that converts a response to acceleration over force.
 KINDS = {"accelerance": 0, "mobility": 1, "receptance": 2}
+Band = tuple[float | None, float | None]  # Hz; None leaves an end open
 
 
 @dataclass(frozen=True)
 class FrequencyResponse:
-    """Responses of all DOFs to a force on one of them."""
+    """Responses of all DOFs to a force on one of them.
 
-    f: np.ndarray  # Hz, rising, positive
-    H: np.ndarray  # accelerance, m/s^2/N, (n_lines, n_dof)
-    excited: int = 1  # DOF on which the force acts
+    Parameters
+    ----------
+    f : ndarray of shape (n_lines,)
+        Frequencies, Hz, rising and positive.
+    H : ndarray of complex, shape (n_lines, n_dof)
+        Accelerance, m/s^2/N.
+    excited : int
+        The DOF on which the force acts.
+    name : str
+    """
+
+    f: np.ndarray
+    H: np.ndarray
+    excited: int = 1
     name: str = "frequency response"
 
     @property
@@ -31,29 +45,29 @@ class FrequencyResponse:
         """Number of degrees of freedom."""
         return self.H.shape[1]
 
-    def describe(self, band: tuple[float | None, float | None] | None = None) -> str:
-        """Summary in words."""
-        size = ", ".join(
-            f"H{j + 1} {a:.4g}" for j, a in enumerate(np.abs(self.H).max(axis=0))
-        )
+    def describe(self, band: Band | None = None) -> str:
+        """Summary in words; lines in the band are those that are used."""
+        dofs = "DOFs" if self.n_dof > 1 else "DOF"
+        lines = f"{len(self.f)} lines from {self.f[0]:g} to {self.f[-1]:g} Hz"
         used = self.f[in_band(self.f, band)]
-        part = (
-            f"; {len(used)} of them in {used[0]:g} to {used[-1]:g} Hz are used"
-            if len(used)
-            else ""
-        )
-        idle = ", ".join(str(j) for j in range(1, self.n_dof + 1) if j != self.excited)
+        if len(used):
+            lines += f"; {len(used)} of them in {used[0]:g} to {used[-1]:g} Hz are used"
+
+        peaks = np.abs(self.H).max(axis=0)
+        sizes = ", ".join(f"H{j} {peak:.4g}" for j, peak in enumerate(peaks, 1))
+        forces = f"forced: DOF {self.excited}"
+        unforced = [str(j) for j in range(1, self.n_dof + 1) if j != self.excited]
+        if unforced:
+            forces += f"; known to be unforced: DOF {', '.join(unforced)}"
         return (
-            f"{self.name}: frequency response of {self.n_dof}"
-            f" DOF{'s' if self.n_dof > 1 else ''}, {len(self.f)} lines from"
-            f" {self.f[0]:g} to {self.f[-1]:g} Hz{part}\n  accelerance in m/s^2/N, peak"
-            f" {size}\n  forced: DOF {self.excited}"
-            + (f"; known to be unforced: DOF {idle}" if idle else "")
+            f"{self.name}: frequency response of {self.n_dof} {dofs}, {lines}\n"
+            f"  accelerance in m/s^2/N, peak {sizes}\n"
+            f"  {forces}"
         )
 
 
 def read_frf(
-    path: Any,
+    path: str | PathLike[str],
     *,
     excited: int = 1,
     kind: str = "accelerance",
@@ -92,22 +106,58 @@ def read_frf(
     ...     read_frf(path, excited=1).H.shape
     (2, 2)
     """
-    path = Path(path)
-    check_file(path, max_bytes)
-    text = path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat", ".asc")
-    f, H = _from_text(path) if text else _from_variables(path, max_bytes)
-    return frequency_response(f, H, excited, kind, path.stem)
+    file = Path(path)
+    check_file(file, max_bytes)
+    if format_called(file) is DELIMITED_TEXT:
+        f, H = _from_text(file)
+    else:
+        f, H = _from_variables(file, max_bytes)
+    return frequency_response(f, H, excited, kind, file.stem)
 
 
 def frequency_response(
-    f: Any,
-    H: Any,
+    f: ArrayLike,
+    H: ArrayLike,
     excited: int = 1,
     kind: str = "accelerance",
     name: str = "frequency response",
 ) -> FrequencyResponse:
-    """Check frequencies and responses and convert them to accelerance."""
-    f, H = np.asarray(f), np.asarray(H)
+    """Check frequencies and responses and convert them to accelerance.
+
+    A line at 0 Hz, where a force moves no accelerometer, is left out.
+
+    Raises
+    ------
+    ChannelError
+        If the arrays do not fit each other, are not finite, the frequencies do not
+        rise, or ``kind`` or ``excited`` is wrong.
+    """
+    frequencies = _real_frequencies(np.asarray(f), name)
+    responses = np.asarray(H).astype(complex)
+    if responses.ndim == 1:
+        responses = responses[:, None]
+    if responses.ndim != 2 or frequencies.shape != responses.shape[:1]:
+        raise ChannelError(
+            f"{name}: {frequencies.shape} frequencies for responses of shape"
+            f" {responses.shape}",
+            "Give one row of H for each frequency, one column for each DOF.",
+        )
+    if kind not in KINDS:
+        raise ChannelError(
+            f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}."
+        )
+    _require_dof(excited, responses.shape[1], name)
+    _require_finite(responses, name)
+    _require_rising(frequencies, name)
+
+    moving = frequencies > 0
+    frequencies = frequencies[moving]
+    iw = 2j * np.pi * frequencies[:, None]
+    accelerance = responses[moving] * iw ** KINDS[kind]
+    return FrequencyResponse(frequencies, accelerance, int(excited), name)
+
+
+def _real_frequencies(f: np.ndarray, name: str) -> np.ndarray:
     if np.iscomplexobj(f):
         if np.abs(f.imag).max(initial=0) > 0:
             raise ChannelError(
@@ -115,55 +165,49 @@ def frequency_response(
                 "The first column holds frequencies in Hz.",
             )
         f = f.real
-    f, H = f.astype(float), np.atleast_2d(H.T).T.astype(complex)
-    if H.ndim != 2 or f.ndim != 1 or len(f) != len(H):
-        cure = "Give one row of H for each frequency, one column for each DOF."
+    return f.astype(float)
+
+
+def _require_dof(excited: Any, n_dof: int, name: str) -> None:
+    is_integer = hasattr(excited, "__index__") and not isinstance(excited, bool)
+    if not is_integer or not 1 <= int(excited) <= n_dof:
         raise ChannelError(
-            f"{name}: {f.shape} frequencies for responses of shape {H.shape}", cure
+            f"excited={excited!r} is not one of the {n_dof} DOFs of {name}",
+            "Name the DOF the force acts on.",
         )
-    if kind not in KINDS:
+
+
+def _require_finite(H: np.ndarray, name: str) -> None:
+    bad = np.argwhere(~np.isfinite(H))
+    if bad.size:
+        row, column = bad[0]
         raise ChannelError(
-            f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}."
+            f"{name}: H{column + 1} is not finite in row {row}", "Cut this line."
         )
-    if (
-        isinstance(excited, bool)
-        or not hasattr(excited, "__index__")
-        or not 1 <= int(excited) <= H.shape[1]
-    ):
-        cure = "Name the DOF the force acts on."
-        raise ChannelError(
-            f"excited={excited!r} is not one of the {H.shape[1]} DOFs of {name}", cure
-        )
-    for row, j in np.argwhere(~np.isfinite(H))[:1]:
-        raise ChannelError(
-            f"{name}: H{j + 1} is not finite in row {row}", "Cut this line."
-        )
+
+
+def _require_rising(f: np.ndarray, name: str) -> None:
+    """Refuse frequencies that are not positive, or do not rise."""
     bad = np.flatnonzero(~np.isfinite(f) | (f < 0))
     if bad.size:
         raise ChannelError(
             f"{name}: the frequency in row {bad[0]} is {f[bad[0]]}",
             "Give positive frequencies in Hz.",
         )
-    if (np.diff(f) <= 0).any():
-        cure = "Sort the lines."
+    falls = np.flatnonzero(np.diff(f) <= 0)
+    if falls.size:
         raise ChannelError(
-            f"{name}: the frequency does not rise after row"
-            f" {int(np.argmax(np.diff(f) <= 0))}",
-            cure,
+            f"{name}: the frequency does not rise after row {falls[0]}",
+            "Sort the lines.",
         )
-    moving = f > 0
-    f, H = f[moving], H[moving]
-    return FrequencyResponse(
-        f, H * (2j * np.pi * f[:, None]) ** KINDS[kind], int(excited), name
-    )
 
 
 def frf_to_features(
-    f: Any,
-    H: Any = None,
+    f: ArrayLike | FrequencyResponse,
+    H: ArrayLike | None = None,
     excited: int = 1,
-    band: tuple[float | None, float | None] | None = None,
-    weight: Any = None,
+    band: Band | None = None,
+    weight: ArrayLike | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     r"""Rows of the force balances from a frequency response.
 
@@ -217,114 +261,140 @@ def frf_to_features(
     ... )
     (array([2.5]), {'v': 4.0, 's': 3000.0})
     """
-    frf = f if isinstance(f, FrequencyResponse) else frequency_response(f, H, excited)
+    if isinstance(f, FrequencyResponse):
+        frf = f
+    else:
+        frf = frequency_response(f, np.asarray(H), excited)
     used = in_band(frf.f, band)
     if not used.any():
-        cure = f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz."
-        raise ChannelError(f"{frf.name} has no line in the band {band} Hz", cure)
-    scale = np.ones(len(frf.f)) if weight is None else np.asarray(weight, dtype=float)
-    if scale.shape != frf.f.shape or not np.isfinite(scale).all() or (scale < 0).any():
-        what = (
-            f"weight has the shape {scale.shape} for {len(frf.f)} lines, or is not"
-            " positive and finite"
+        raise ChannelError(
+            f"{frf.name} has no line in the band {band} Hz",
+            f"Its lines go from {frf.f[0]:g} to {frf.f[-1]:g} Hz.",
         )
-        raise ChannelError(what, "Give one positive number for each line.")
+
+    scale = _line_weights(weight, len(frf.f))[used, None]
     iw = 2j * np.pi * frf.f[used, None]
-    a, scale = frf.H[used] * scale[used, None], scale[used]
-    columns = np.hstack(
-        [a, *(np.diff(y, axis=1, prepend=0.0) for y in (a / iw, a / iw**2))]
-    )
-    n = frf.n_dof
-    force = np.zeros((len(scale), n), dtype=complex)
-    force[:, frf.excited - 1] = scale
+    acceleration = frf.H[used] * scale
+    rate = np.diff(acceleration / iw, axis=1, prepend=0.0)
+    drift = np.diff(acceleration / iw**2, axis=1, prepend=0.0)
+    force = np.zeros_like(acceleration)
+    force[:, frf.excited - 1] = scale[:, 0]
 
-    def rows(values: np.ndarray, kinds: str) -> pd.DataFrame:
-        names = [f"{kind}{j}" for kind in kinds for j in range(1, n + 1)]
-        return pd.DataFrame(np.vstack([values.real, values.imag]), columns=names)
-
-    return rows(columns, "avs"), rows(force, "F")
+    X = _real_and_imaginary(np.hstack([acceleration, rate, drift]), "avs")
+    F = _real_and_imaginary(force, "F")
+    return X, F
 
 
-def in_band(
-    f: np.ndarray, band: tuple[float | None, float | None] | None
-) -> np.ndarray:
-    """Lines inside a band, whose ends may be open."""
+def _line_weights(weight: ArrayLike | None, n_lines: int) -> np.ndarray:
+    """A factor for each line, 1 if None."""
+    if weight is None:
+        return np.ones(n_lines)
+    scale = np.asarray(weight, dtype=float)
+    is_usable = np.isfinite(scale).all() and (scale >= 0).all()
+    if scale.shape != (n_lines,) or not is_usable:
+        raise ChannelError(
+            f"weight has the shape {scale.shape} for {n_lines} lines, or is not"
+            " positive and finite",
+            "Give one positive number for each line.",
+        )
+    return scale
+
+
+def _real_and_imaginary(values: np.ndarray, letters: str) -> pd.DataFrame:
+    """Real parts over imaginary parts; each letter is numbered by DOF."""
+    n_dof = values.shape[1] // len(letters)
+    names = [f"{letter}{j}" for letter in letters for j in range(1, n_dof + 1)]
+    return pd.DataFrame(np.vstack([values.real, values.imag]), columns=names)
+
+
+def in_band(f: np.ndarray, band: Band | None) -> np.ndarray:
+    """Whether each line is inside a band, whose ends may be open."""
     low, high = band if band is not None else (None, None)
-    return (f >= (0.0 if low is None else low)) & (
-        f <= (np.inf if high is None else high)
-    )
+    above = f >= (0.0 if low is None else low)
+    below = f <= (np.inf if high is None else high)
+    return above & below
 
 
+_COMMENT = re.compile(r"\s*([#%]|$)")
 _CURE = "Give rows of frequency and complex responses: f;H1;H2."
 
 
 def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies and responses from the columns of a text."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (UnicodeError, OSError) as error:
         raise unreadable(path, "a frequency response in text", error) from error
-    lines = [
-        line
-        for line in text.splitlines()
-        if line.strip() and line.lstrip()[:1] not in ("#", "%")
-    ]
+    lines = [line for line in text.splitlines() if not _COMMENT.match(line)]
     if not lines:
         raise FileFormatError(f"{path} holds no rows", _CURE)
-    separator = next((s for s in (";", "\t", ",") if s in lines[-1]), None)
-    if separator is None:
+
+    separators = [mark for mark in (";", "\t", ",") if mark in lines[-1]]
+    if not separators:
         raise FileFormatError(f"{path} has one column only", _CURE)
-    start = 0 if _row(lines[0].split(separator)) is not None else 1
-    width = len(lines[-1].split(separator))
-    rows = []
-    for number, line in enumerate(lines[start:], start + 1):
-        row = _row(line.split(separator))
-        if row is None or len(row) != width:
-            what = (
-                f"{path}, row {number}: {line[:60]!r} is not {width} numbers separated"
-                f" by {separator!r}"
-            )
-            raise FileFormatError(what, "Write complex numbers as 0.1-0.2j.")
-        rows.append(row)
-    if not rows:
-        raise FileFormatError(f"{path} holds no rows of numbers", _CURE)
-    values = np.array(rows)
+    values = _complex_rows(path, lines, separators[0])
     if np.abs(values[:, 1:].imag).max() == 0:
-        cure = (
+        raise FileFormatError(
+            f"{path} holds no complex responses",
             "Magnitudes alone do not identify a model; export real and imaginary parts"
-            " as 0.1-0.2j."
+            " as 0.1-0.2j.",
         )
-        raise FileFormatError(f"{path} holds no complex responses", cure)
     return values[:, 0], values[:, 1:]
 
 
-def _row(cells: list[str]) -> list[complex] | None:
+def _complex_rows(path: Path, lines: list[str], separator: str) -> np.ndarray:
+    """Complex numbers of the lines, of which the first may be a header."""
+    width = len(lines[-1].split(separator))
+    has_header = _complex_numbers(lines[0].split(separator)) is None
+    rows = []
+    for number, line in enumerate(lines, 1):
+        if number == 1 and has_header:
+            continue
+        row = _complex_numbers(line.split(separator))
+        if row is None or len(row) != width:
+            raise FileFormatError(
+                f"{path}, row {number}: {line[:60]!r} is not {width} numbers separated"
+                f" by {separator!r}",
+                "Write complex numbers as 0.1-0.2j.",
+            )
+        rows.append(row)
+    if not rows:
+        raise FileFormatError(f"{path} holds no rows of numbers", _CURE)
+    return np.array(rows)
+
+
+def _complex_numbers(cells: list[str]) -> list[complex] | None:
+    """Numbers of cells, with i or j; None if one is a text."""
+    plain = [re.sub("[ijIJ]", "j", cell.replace(" ", "")) for cell in cells]
     try:
-        return [complex(re.sub("[ijIJ]", "j", cell.replace(" ", ""))) for cell in cells]
+        return [complex(cell) for cell in plain]
     except ValueError:
         return None
 
 
 def _from_variables(path: Path, max_bytes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies and responses from the variables f and H, or H1, H2, ..."""
     table = read_table(path, max_bytes=max_bytes)
-    plain = {name.lower(): values for name, values in table.variables.items()}
-    f = next(
-        (
-            plain[name]
-            for name in ("f", "freq", "frequency", "frequencies")
-            if name in plain
-        ),
-        None,
-    )
-    H = plain.get("h")
-    single = [
-        plain[f"h{j}"]
-        for j in itertools.takewhile(lambda j: f"h{j}" in plain, itertools.count(1))
-    ]
-    if H is None and len({len(h) for h in single}) == 1:
-        H = np.column_stack(single)
+    variables = {name.lower(): values for name, values in table.variables.items()}
+    names = ("f", "freq", "frequency", "frequencies")
+    f = next((variables[name] for name in names if name in variables), None)
+
+    H = variables.get("h")
+    if H is None:
+        H = _side_by_side(variables)
     if f is None or H is None or not np.iscomplexobj(H):
         raise FileFormatError(
             f"{path} holds no frequencies 'f' and complex responses 'H'",
             f"It holds {table.names}.",
         )
     return f, H
+
+
+def _side_by_side(variables: dict[str, np.ndarray]) -> np.ndarray | None:
+    """The responses h1, h2, ... as columns; None if there are none of one length."""
+    columns: list[np.ndarray] = []
+    while f"h{len(columns) + 1}" in variables:
+        columns.append(variables[f"h{len(columns) + 1}"])
+    if len({len(column) for column in columns}) != 1:
+        return None
+    return np.column_stack(columns)

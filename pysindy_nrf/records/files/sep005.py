@@ -9,12 +9,17 @@ import numpy as np
 from ...common import number_of
 from ...exceptions import ChannelError
 from ..record import Record
+from .attributes import Attributes, columns_of
 from .reading import understand
-from .table import Attributes, Table, columns_of
+from .table import Table
 from .units import si_unit
 
 _QUANTITIES = {"x": "d", "v": "v", "a": "a", "F": "f"}
-_KEY = "pysindy_nrf"
+_KEY = "pysindy_nrf"  # of the attributes of a record
+MAX_TEXT_SHOWN = 40  # characters of a value in a message
+MAX_CHANNELS_SHOWN = 3
+
+Channel = Mapping[str, Any]
 
 
 def to_sep005(record: Record) -> list[dict[str, Any]]:
@@ -51,9 +56,9 @@ def to_sep005(record: Record) -> list[dict[str, Any]]:
     >>> io.from_sep005(channels)
     Record('test 7': 1 DOF, 3 samples at 100 Hz (0.03 s), channels F1, a1)
     """
-    attributes = Attributes.of(record)
+    attributes = Attributes.of_record(record)
     text = attributes.to_json()
-    out = []
+    channels = []
     for name, line in columns_of(record).items():
         channel = {
             "data": line.copy(),
@@ -64,12 +69,13 @@ def to_sep005(record: Record) -> list[dict[str, Any]]:
             _KEY: text,
         }
         if name not in attributes.covariates:
-            channel |= {"unit_str": si_unit(name), "quantity": _QUANTITIES[name[0]]}
-        out.append(channel)
-    return out
+            channel["unit_str"] = si_unit(name)
+            channel["quantity"] = _QUANTITIES[name[0]]
+        channels.append(channel)
+    return channels
 
 
-def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record:
+def from_sep005(channels: Sequence[Channel] | Channel, **options: Any) -> Record:
     """Convert SEP005 dictionaries to a record.
 
     Parameters
@@ -101,81 +107,107 @@ def from_sep005(channels: Sequence[Mapping[str, Any]], **options: Any) -> Record
     >>> record.fs, round(float(record.displacement.max()), 6)  # m
     (200.0, 0.001)
     """
-    if isinstance(channels, Mapping):
-        channels = [channels]
-    channels = list(channels)
-    if not channels or not all(isinstance(one, Mapping) for one in channels):
-        raise ChannelError(
-            "No SEP005 channel was given",
-            "Give a list of dictionaries with data, name, unit_str, fs.",
-        )
+    channels = _listed(channels)
     variables: dict[str, np.ndarray] = {}
-    units = {}
-    for i, one in enumerate(channels):
-        label = one.get("name", f"number {i + 1}")
-        missing = [key for key in ("data", "name", "unit_str") if key not in one]
-        missing += [] if "fs" in one or "time" in one else ["fs or time"]
-        if missing:
-            raise ChannelError(
-                f"SEP005 channel {label!r} lacks {', '.join(missing)}", "Add it."
-            )
-        data = np.asarray(one["data"])
-        if data.ndim != 1:
-            raise ChannelError(
-                f"SEP005 channel {label!r} has data of the shape {data.shape}",
-                "Give one line.",
-            )
-        if str(label) in variables:
-            raise ChannelError(
-                f"Two SEP005 channels are named {label!r}", "Rename one."
-            )
-        variables[str(label)] = data
-        if one["unit_str"]:
-            units[str(label)] = str(one["unit_str"])
-    _same(channels, "fs", "Resample them to one clock.")
-    _same(channels, "start_timestamp", "Cut them to one start.")
-    fs = next((_rate(one) for one in channels if one.get("fs") is not None), None)
-    times = [np.asarray(one["time"]) for one in channels if one.get("time") is not None]
-    if times:
-        if any(not np.array_equal(times[0], time) for time in times):
-            raise ChannelError(
-                "The times of the SEP005 channels differ", "Resample them to one clock."
-            )
-        if "t" not in variables and (fs is None or len(times) == len(channels)):
-            variables = {"t": times[0]} | variables
-    texts = {str(one[_KEY]) for one in channels if _KEY in one}
-    own = (
-        Attributes.from_json(texts.pop(), "the SEP005 channels")
-        if len(texts) == 1
-        else None
-    )
-    complete = own is not None and set(own.columns) == set(
-        variables
-    )  # no channel was taken out or added
+    units: dict[str, str] = {}
+    for i, channel in enumerate(channels, 1):
+        name = str(channel.get("name", f"number {i}"))
+        _check_channel(channel, name)
+        if name in variables:
+            raise ChannelError(f"Two SEP005 channels are named {name!r}", "Rename one.")
+        variables[name] = np.asarray(channel["data"])
+        if channel["unit_str"]:
+            units[name] = str(channel["unit_str"])
+
+    _require_same(channels, "fs", "Resample them to one clock.")
+    _require_same(channels, "start_timestamp", "Cut them to one start.")
+    fs = _common_rate(channels)
+    times = _common_times(channels, fs)
+    if times is not None and "t" not in variables:
+        variables = {"t": times} | variables
+
     start = channels[0].get("start_timestamp")
-    notes = [f"starts {start}"] if start else []
     table = Table(
-        Path("SEP005"), "SEP005", variables, units, notes, own if complete else None, fs
+        Path("SEP005"),
+        "SEP005",
+        variables,
+        units,
+        notes=(f"starts {start}",) if start else (),
+        attributes=_own_attributes(channels, set(variables)),
+        fs=fs,
     )
     return understand(table, **options).record
 
 
-def _rate(channel: Mapping[str, Any]) -> float:
-    rate = number_of(channel["fs"])
-    if not 0 < rate < float("inf"):
+def _listed(channels: Sequence[Channel] | Channel) -> list[Channel]:
+    """The channels, of which a single one need not be in a list."""
+    listed = [channels] if isinstance(channels, Mapping) else list(channels)
+    if not listed or not all(isinstance(channel, Mapping) for channel in listed):
         raise ChannelError(
-            f"SEP005 channel {channel['name']!r} has fs = {str(channel['fs'])[:40]}",
-            "Give Hz above 0.",
+            "No SEP005 channel was given",
+            "Give a list of dictionaries with data, name, unit_str, fs.",
         )
-    return rate
+    return listed
 
 
-def _same(channels: Sequence[Mapping[str, Any]], key: str, cure: str) -> None:
-    values = {
-        str(one[key]): one["name"] for one in channels if one.get(key) is not None
-    }
-    if len(values) > 1:
-        shown = ", ".join(
-            f"{name!r} {value}" for value, name in list(values.items())[:3]
+def _check_channel(channel: Channel, name: str) -> None:
+    """Refuse a dictionary that lacks a key, or whose data are no line."""
+    missing = [key for key in ("data", "name", "unit_str") if key not in channel]
+    if "fs" not in channel and "time" not in channel:
+        missing.append("fs or time")
+    if missing:
+        raise ChannelError(
+            f"SEP005 channel {name!r} lacks {', '.join(missing)}", "Add it."
         )
-        raise ChannelError(f"The SEP005 channels differ in {key}: {shown}", cure)
+
+    shape = np.shape(channel["data"])
+    if len(shape) != 1:
+        raise ChannelError(
+            f"SEP005 channel {name!r} has data of the shape {shape}", "Give one line."
+        )
+
+
+def _require_same(channels: Sequence[Channel], key: str, cure: str) -> None:
+    """Refuse channels in which a key has several values."""
+    names = {str(c[key]): c["name"] for c in channels if c.get(key) is not None}
+    if len(names) > 1:
+        shown = list(names.items())[:MAX_CHANNELS_SHOWN]
+        text = ", ".join(f"{name!r} {value}" for value, name in shown)
+        raise ChannelError(f"The SEP005 channels differ in {key}: {text}", cure)
+
+
+def _common_rate(channels: Sequence[Channel]) -> float | None:
+    """The sampling rate, Hz; None if only times are given."""
+    for channel in channels:
+        if channel.get("fs") is None:
+            continue
+        rate = number_of(channel["fs"])
+        if not 0 < rate < float("inf"):
+            raise ChannelError(
+                f"SEP005 channel {channel['name']!r} has fs ="
+                f" {str(channel['fs'])[:MAX_TEXT_SHOWN]}",
+                "Give Hz above 0.",
+            )
+        return rate
+    return None
+
+
+def _common_times(channels: Sequence[Channel], fs: float | None) -> np.ndarray | None:
+    """The times of the samples, s; None if a rate serves channels without times."""
+    times = [np.asarray(c["time"]) for c in channels if c.get("time") is not None]
+    if not times:
+        return None
+    if not all(np.array_equal(times[0], other) for other in times):
+        raise ChannelError(
+            "The times of the SEP005 channels differ", "Resample them to one clock."
+        )
+    return times[0] if fs is None or len(times) == len(channels) else None
+
+
+def _own_attributes(channels: Sequence[Channel], names: set[str]) -> Attributes | None:
+    """Attributes of a record from here, if no channel was taken out or added."""
+    texts = {str(channel[_KEY]) for channel in channels if _KEY in channel}
+    if len(texts) != 1:
+        return None
+    attributes = Attributes.from_json(texts.pop(), "the SEP005 channels")
+    return attributes if set(attributes.columns) == names else None

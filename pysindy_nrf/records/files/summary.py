@@ -1,12 +1,15 @@
-"""Summaries of records and files, in words and as plain data."""
+"""Summaries of records and files: in words, as HTML and as plain data."""
 
+from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from ..channels import finite_span
 from ..record import BASES, Record
-from .reading import Reading
+from .reading import Reading, Source
 from .table import Table, short
 from .units import si_unit
 
@@ -16,11 +19,13 @@ _KINDS = {
     "x": "displacement",
     "F": "force",
 }
+MAX_VARIABLES_SHOWN = 40
+MAX_UNUSED_SHOWN = 12
+MAX_NAME_WIDTH = 40  # characters
 
 
 def describe(what: Record | Reading) -> str:
-    """Describe a record in words: clock, channels, units, sizes, and which DOFs are
-    forced.
+    """Describe a record in words: clock, channels, units, sizes, and forced DOFs.
 
     Parameters
     ----------
@@ -48,75 +53,109 @@ def describe(what: Record | Reading) -> str:
       x2  displacement relative to base     rms 1.407 m, peak 2 m
       forced: DOF 1; known to be unforced: DOF 2; the base is at rest
     """
-    reading = what if isinstance(what, Reading) else None
-    record = what.record if isinstance(what, Reading) else what
-    assumed = (
-        set()
-        if reading is None
-        else {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
-    )
-    columns = record.channels()
-    shown = [name for name in columns if name not in assumed]
-    width = max(map(len, shown))
-    where = f" from {reading.table.path}" if reading else ""
-    dofs = f"{record.n_dof} DOF{'s' if record.n_dof > 1 else ''}"
-    lasts = record.n_samples / record.fs
-    lines = [
-        f"{record.name}{where}: {dofs}, {record.n_samples} samples at {record.fs:g} Hz,"
-        f" {lasts:.4g} s"
-    ]
-    if reading:
-        lines.append(
-            f"  read as {'; '.join([reading.table.kind, *reading.table.notes])}"
-        )
-        lines.append(f"  clock: {reading.clock}")
-    for name in shown:
-        source = _origin(reading, name) if reading else ""
-        lines.append(
-            f"  {name:{width}s}  {kind_of(record, name):33s}"
-            f" {_size(record, name, columns[name])}{source}"
-        )
-    lines.append(f"  {_forces(record)}")
-    valid = finite_span(list(columns.values()), list(columns), record.name)
-    lost = record.n_samples - (valid.stop - valid.start)
-    if lost:
-        lines.append(
-            f"  {lost} rows at the edges are empty in some channel and not used"
-        )
-    if reading and reading.unused:
-        lines.append(
-            "  not used:"
-            f" {', '.join(reading.unused[:12])}{' and more' if len(reading.unused) > 12 else ''}"
-        )
+    if isinstance(what, Reading):
+        return _describe_reading(what)
+    lines = [_title(what, what.name)]
+    lines += _channel_lines(what, what.channels(), sources={})
+    lines += _lines_on_use(what)
     return "\n".join(lines)
 
 
-def contents(table: Table, most: int = 40) -> str:
+def _describe_reading(reading: Reading) -> str:
+    record, table = reading.record, reading.table
+    lines = [
+        _title(record, f"{record.name} from {table.path}"),
+        f"  read as {table.in_words}",
+        f"  clock: {reading.clock}",
+    ]
+
+    # a force that is not in the file is not shown: it is known to be zero
+    assumed = {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
+    channels = {c: line for c, line in record.channels().items() if c not in assumed}
+    lines += _channel_lines(record, channels, reading.sources)
+    lines += _lines_on_use(record)
+
+    if reading.unused:
+        shown = ", ".join(reading.unused[:MAX_UNUSED_SHOWN])
+        more = " and more" if len(reading.unused) > MAX_UNUSED_SHOWN else ""
+        lines.append(f"  not used: {shown}{more}")
+    return "\n".join(lines)
+
+
+def _title(record: Record, name: str) -> str:
+    dofs = _plural("DOF", record.n_dof)
+    return (
+        f"{name}: {record.n_dof} {dofs}, {record.n_samples} samples at {record.fs:g}"
+        f" Hz, {record.n_samples / record.fs:.4g} s"
+    )
+
+
+def _channel_lines(
+    record: Record, channels: dict[str, np.ndarray], sources: dict[str, Source]
+) -> list[str]:
+    """A line for each channel: name, quantity, size and origin."""
+    width = max(map(len, channels))
+    lines = []
+    for name, line in channels.items():
+        origin = _origin(name, sources[name]) if name in sources else ""
+        quantity = kind_of(record, name)
+        size = _size(record, name, line)
+        lines.append(f"  {name:{width}s}  {quantity:33s} {size}{origin}")
+    return lines
+
+
+def _lines_on_use(record: Record) -> list[str]:
+    """Which DOFs are forced, and which rows are not used."""
+    lines = [f"  {_forces(record)}"]
+    columns = record.channels()
+    valid = finite_span(list(columns.values()), list(columns), record.name)
+    n_lost = record.n_samples - (valid.stop - valid.start)
+    if n_lost:
+        lines.append(
+            f"  {n_lost} rows at the edges are empty in some channel and not used"
+        )
+    return lines
+
+
+def contents(table: Table, most: int = MAX_VARIABLES_SHOWN) -> str:
     """List of the variables of a file, for a user who has to map them."""
-    width = min(max((len(name) for name in table.variables), default=0), 40)
-    lines = [f"{table.path} holds ({'; '.join([table.kind, *table.notes])}):"]
+    longest = max((len(name) for name in table.variables), default=0)
+    width = min(longest, MAX_NAME_WIDTH)
+    lines = [f"{table.path} holds ({table.in_words}):"]
     for name, values in list(table.variables.items())[:most]:
-        unit = f" {table.units[name]}" if name in table.units else ""
-        lines.append(f"  {short(name):{width}s}  {_extent(values)}{unit}")
-    rest = len(table.variables) - most
-    return "\n".join([*lines, *([f"  and {rest} more"] if rest > 0 else [])])
+        line = f"  {short(name):{width}s}  {_extent(values)}"
+        if name in table.units:
+            line += f" {table.units[name]}"
+        lines.append(line)
+
+    n_hidden = len(table.variables) - most
+    if n_hidden > 0:
+        lines.append(f"  and {n_hidden} more")
+    return "\n".join(lines)
 
 
 def _extent(values: np.ndarray) -> str:
+    """Shape and range of a variable."""
+    is_real = values.dtype.kind in "iuf"
     if values.ndim == 0:
-        return f"{values[()]:.6g}" if values.dtype.kind in "iuf" else str(values[()])
-    shape = (
-        f"{len(values)} values"
-        if values.ndim == 1
-        else " x ".join(map(str, values.shape))
-    )
-    if values.dtype.kind not in "iuf" or not np.isfinite(values).any():
-        return f"{shape}, no numbers" if values.dtype.kind in "OUS" else shape
+        return f"{values[()]:.6g}" if is_real else str(values[()])
+
+    shape = " x ".join(map(str, values.shape))
+    if values.ndim == 1:
+        shape = f"{len(values)} values"
+    if values.dtype.kind in "OUS":
+        return f"{shape}, no numbers"
+    if not is_real or not np.isfinite(values).any():
+        return shape
     return f"{shape}, {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
 
 
 def summary(record: Record) -> dict[str, Any]:
     """Summary of a record as plain data, for JSON."""
+    channels = {
+        name: {"unit": si_unit(name), "rms": _rms(line), "peak": _peak(line)}
+        for name, line in record.channels().items()
+    }
     return {
         "name": record.name,
         "n_dof": record.n_dof,
@@ -127,62 +166,83 @@ def summary(record: Record) -> dict[str, Any]:
         "forced": list(record.forced),
         "force_unknown": list(record.unknown),
         "base_moves": record.base_moves,
-        "channels": {
-            name: {
-                "unit": si_unit(name),
-                "rms": _rms(line),
-                "peak": float(np.nanmax(np.abs(line))),
-            }
-            for name, line in record.channels().items()
-        },
+        "channels": channels,
     }
+
+
+def record_html(record: Record) -> str:
+    """A record as a small table for notebooks; every name is escaped."""
+    rows = [
+        [name, kind_of(record, name), si_unit(name), _rms(line), _peak(line)]
+        for name, line in record.channels().items()
+    ]
+    table = pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak"])
+    body = table.to_html(index=False, border=0, float_format="{:.4g}".format)
+    title = escape(f"Record: {_title(record, record.name)}")
+    forces = escape(_forces(record))
+    return f"<div><p><b>{title}</b></p><p>{forces}</p>{body}</div>"
 
 
 def kind_of(record: Record, name: str) -> str:
     """Quantity of a channel, in words."""
-    bases = {short: key.replace("_", " ") for key, short in BASES.items()}
-    if name in bases:
-        return bases[name]
+    for key, channel in BASES.items():
+        if channel == name:
+            return key.replace("_", " ")
     if name[:1] not in _KINDS or not name[1:].isdigit():
         return "covariate"
-    reference = (
-        " relative to base" if record.coordinates == "relative" else ", absolute"
-    )
-    return _KINDS[name[0]] + (reference if name[0] in "vx" else "")
+
+    kind = _KINDS[name[0]]
+    if name[0] not in "vx":
+        return kind
+    is_relative = record.coordinates == "relative"
+    return f"{kind} relative to base" if is_relative else f"{kind}, absolute"
 
 
 def _rms(line: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(line.astype(float) ** 2)))
 
 
+def _peak(line: np.ndarray) -> float:
+    return float(np.nanmax(np.abs(line)))
+
+
 def _size(record: Record, name: str, line: np.ndarray) -> str:
-    peak = np.nanmax(np.abs(line))
+    """Root mean square and peak of a channel with their unit."""
+    peak = _peak(line)
     if peak == 0:
         return "zero throughout"
     unit = "" if name in record.covariates else f" {si_unit(name)}"
     return f"rms {_rms(line):.4g}{unit}, peak {peak:.4g}{unit}"
 
 
-def _origin(reading: Reading, name: str) -> str:
-    if name not in reading.sources:
-        return ""
-    source = reading.sources[name]
-    unit = f"in {source.unit}" if source.unit not in ("", si_unit(name)) else ""
-    came = " ".join(filter(None, [source.text if source.text != name else "", unit]))
-    return f"   <- {came}" if came else ""
-
-
-def _dofs(numbers: Any) -> str:
-    return f"DOF{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+def _origin(name: str, source: Source) -> str:
+    """Column and unit that a channel came from, where they are not its own."""
+    parts = []
+    if source.text != name:
+        parts.append(source.text)
+    if source.unit not in ("", si_unit(name)):
+        parts.append(f"in {source.unit}")
+    return f"   <- {' '.join(parts)}" if parts else ""
 
 
 def _forces(record: Record) -> str:
+    """Which DOFs are forced, unforced and unknown, and whether the base moves."""
     forced, unknown = record.forced, record.unknown
-    idle = sorted(set(range(1, record.n_dof + 1)) - {*forced, *unknown})
-    parts = [f"forced: {_dofs(forced)}" if forced else "no force is measured"]
-    if idle:
-        parts.append(f"known to be unforced: {_dofs(idle)}")
+    others = set(range(1, record.n_dof + 1)).difference(forced, unknown)
+    parts = ["no force is measured"]
+    if forced:
+        parts = [f"forced: {_dofs(forced)}"]
+    if others:
+        parts.append(f"known to be unforced: {_dofs(sorted(others))}")
     if unknown:
         parts.append(f"force unknown: {_dofs(unknown)}")
     parts.append("the base moves" if record.base_moves else "the base is at rest")
     return "; ".join(parts)
+
+
+def _dofs(numbers: Sequence[int]) -> str:
+    return f"{_plural('DOF', len(numbers))} {', '.join(map(str, numbers))}"
+
+
+def _plural(noun: str, number: int) -> str:
+    return f"{noun}s" if number > 1 else noun

@@ -1,142 +1,184 @@
 """Units of channels, converted to SI by pint."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...common.lazy import require
 from ...exceptions import ChannelError
 
-_DIMENSIONS = {
-    "x": "length",
-    "v": "velocity",
-    "a": "acceleration",
-    "F": "force",
-    "t": "time",
+if TYPE_CHECKING:
+    import pint
+    from pint.facets.plain import PlainQuantity
+
+MAX_UNIT_LENGTH = 24  # characters
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a kind of channel measures."""
+
+    name: str  # also pint's name of the dimension, in brackets
+    noun: str
+    si: str
+    examples: str
+    # usage of engineers where pint reads the same letters as something else: g is a
+    # gram, mil an angle, lb a mass
+    jargon: dict[str, str] = field(default_factory=dict)
+
+
+QUANTITIES = {
+    "x": Quantity(
+        "length", "a displacement", "m", "m, mm, in", {"mil": "thou", "mils": "thou"}
+    ),
+    "v": Quantity("velocity", "a velocity", "m/s", "m/s, mm/s, in/s"),
+    "a": Quantity(
+        "acceleration",
+        "an acceleration",
+        "m/s^2",
+        "m/s^2, g, cm/s^2",
+        {
+            "g": "standard_gravity",
+            "mg": "millistandard_gravity",
+            "gal": "galileo",
+            "gals": "galileo",
+        },
+    ),
+    "F": Quantity(
+        "force",
+        "a force",
+        "N",
+        "N, kN, kip",
+        {
+            "lb": "lbf",
+            "lbs": "lbf",
+            "kp": "kgf",
+            "n": "N",
+            "kn": "kN",
+            "mn": "mN",
+        },
+    ),
+    "t": Quantity("time", "the time", "s", "s, ms"),
 }
-_SI = {
-    "length": "m",
-    "velocity": "m/s",
-    "acceleration": "m/s^2",
-    "force": "N",
-    "time": "s",
+# Dimensions that messages name, beside those of channels.
+_OTHER_DIMENSIONS = {
+    "mass": "[mass]",
+    "a frequency": "[frequency]",
+    "energy": "[energy]",
+    "a pressure": "[pressure]",
+    "a stiffness": "[force] / [length]",
+    "a number or an angle": "[]",
 }
-_ARTICLE = {
-    "length": "a displacement",
-    "velocity": "a velocity",
-    "acceleration": "an acceleration",
-    "force": "a force",
-    "time": "the time",
-}
-_EXAMPLES = {
-    "length": "m, mm, in",
-    "velocity": "m/s, mm/s, in/s",
-    "acceleration": "m/s^2, g, cm/s^2",
-    "force": "N, kN, kip",
-    "time": "s, ms",
-}
-# Usage of engineers where pint reads the same letters as something else (g = gram, mil
-# = angle, lb = mass).
-_JARGON = {
-    "length": {"mil": "thou", "mils": "thou"},
-    "acceleration": {
-        "g": "standard_gravity",
-        "mg": "millistandard_gravity",
-        "gal": "galileo",
-        "gals": "galileo",
-    },
-    "force": {"lb": "lbf", "lbs": "lbf", "kp": "kgf", "n": "N", "kn": "kN", "mn": "mN"},
-}
-# exponents (mass, length, time) of what channels measure
-_EXPONENTS = {
-    "length": (0, 1, 0),
-    "velocity": (0, 1, -1),
-    "acceleration": (0, 1, -2),
-    "force": (1, 1, -2),
-    "time": (0, 0, 1),
-    "mass": (1, 0, 0),
-    "a frequency": (0, 0, -1),
-    "energy": (1, 2, -2),
-    "a pressure": (1, -1, -2),
-    "a stiffness": (1, 0, -2),
-    "a number or an angle": (0, 0, 0),
-}
-_TOKEN = re.compile(r"([A-Za-zµμ_]+?)(?:(?:\^|\*\*)?(-?[1-4]))?")
-_MOST = 24  # characters of a unit
+
+
+def _quantity_of(channel: str) -> Quantity | None:
+    """What a channel measures, None for a covariate."""
+    is_channel = re.fullmatch(r"t|[avxF]\d+|[avx]g", channel)
+    return QUANTITIES[channel[0]] if is_channel else None
 
 
 def dimension_of(channel: str) -> str | None:
-    """Quantity that a channel measures, None for a covariate."""
-    return (
-        _DIMENSIONS[channel[0]]
-        if re.fullmatch(r"t|[avxF]\d+|[avx]g", channel)
-        else None
-    )
+    """Name of the quantity that a channel measures, None for a covariate."""
+    quantity = _quantity_of(channel)
+    return None if quantity is None else quantity.name
 
 
 def si_unit(channel: str) -> str:
     """SI unit of a channel, ``""`` for a covariate."""
-    return _SI.get(dimension_of(channel) or "", "")
+    quantity = _quantity_of(channel)
+    return "" if quantity is None else quantity.si
 
 
 def factor(unit: str, channel: str) -> float:
-    """Factor from a unit to the SI unit of a channel."""
-    kind = dimension_of(channel)
-    if kind is None:
-        cure = "Scale it: name * number."
+    """Factor from a unit to the SI unit of a channel.
+
+    Raises
+    ------
+    ChannelError
+        If the unit is unknown, or measures something else than the channel.
+    """
+    quantity = _quantity_of(channel)
+    if quantity is None:
         raise ChannelError(
             f"{channel!r} is a covariate and keeps its unit, {unit!r} cannot be"
             " converted",
-            cure,
+            "Scale it: name * number.",
         )
-    text = _clean(unit)
-    if text == _SI[kind]:
+
+    text = _one_spelling(unit)
+    if text == quantity.si:
         return 1.0
-    measured = []
-    for candidate in _readings(text, kind):
-        found = _parsed(candidate)
-        if found is not None:
-            size, dimension = found
-            if dimension == _EXPONENTS[kind]:
-                return float(f"{size:.15g}")  # pint's own round-off
-            measured.append(dimension)
-    if measured:
-        other = next((k for k, words in _JARGON.items() if text in words), None)
-        other = other or next(
-            (name for name, known in _EXPONENTS.items() if known == measured[0]),
-            "something else",
-        )
-        cure = f"Write e.g. {_EXAMPLES[kind]}."
+
+    known = [m for m in map(_measured, _readings(text, quantity)) if m is not None]
+    for measured in known:
+        if measured.check(f"[{quantity.name}]"):
+            return float(f"{measured.magnitude:.15g}")  # without pint's own round-off
+
+    if known:
         raise ChannelError(
-            f"Channel {channel} is {_ARTICLE[kind]}, but its unit {unit!r} measures"
-            f" {other}",
-            cure,
+            f"Channel {channel} is {quantity.noun}, but its unit {unit!r} measures"
+            f" {_dimension_in_words(text, known[0])}",
+            f"Write e.g. {quantity.examples}.",
         )
-    cure = f"Write e.g. {_EXAMPLES[kind]}, or scale the channel: name * number."
-    raise ChannelError(f"The unit {unit!r} of channel {channel} is unknown", cure)
-
-
-_SUFFIXES = {
-    u.lower(): u
-    for u in (
-        "g",
-        "mg",
-        "gal",
-        "m",
-        "mm",
-        "cm",
-        "in",
-        "ft",
-        "N",
-        "kN",
-        "lbf",
-        "kip",
-        "s",
-        "ms",
+    raise ChannelError(
+        f"The unit {unit!r} of channel {channel} is unknown",
+        f"Write e.g. {quantity.examples}, or scale the channel: name * number.",
     )
-}
-_SUFFIXES |= {
+
+
+def _dimension_in_words(text: str, measured: PlainQuantity[float]) -> str:
+    """What a unit measures; engineers' usage goes before pint's reading."""
+    for quantity in QUANTITIES.values():
+        if text in quantity.jargon:
+            return quantity.name
+    for quantity in QUANTITIES.values():
+        if measured.check(f"[{quantity.name}]"):
+            return quantity.name
+    for words, dimension in _OTHER_DIMENSIONS.items():
+        if measured.check(dimension):
+            return words
+    return "something else"
+
+
+def kind_of_unit(unit: str | None) -> str | None:
+    """Letter of the channels that a unit measures: ``a``, ``v``, ``x``, ``F``, ``t``.
+
+    None if it is a unit of none of them.
+    """
+    text = _one_spelling(unit or "")
+    if not text:
+        return None
+    # sorted: "mn" is a millinewton before it is anything else
+    for letter, quantity in sorted(QUANTITIES.items()):
+        if text == quantity.si or _measures(text, quantity):
+            return letter
+    return None
+
+
+def _measures(text: str, quantity: Quantity) -> bool:
+    """Whether a unit measures a quantity, in one of its readings."""
+    dimension = f"[{quantity.name}]"
+    readings = map(_measured, _readings(text, quantity))
+    return any(unit is not None and unit.check(dimension) for unit in readings)
+
+
+def is_unit(text: str) -> bool:
+    """True if a text of a header is a unit that a channel may have."""
+    unit = _one_spelling(text)
+    if unit in {quantity.si for quantity in QUANTITIES.values()}:
+        return True
+    # "acc (A)" is sensor A, but "acc (g)" is a unit
+    numbers_a_sensor = len(unit) == 1 and unit not in "msgNGh"
+    return not numbers_a_sensor and kind_of_unit(text) is not None
+
+
+# Units that a column's name may end with, behind an underscore or a slash.
+_PLAIN_SUFFIXES = "g mg gal m mm cm in ft N kN lbf kip s ms".split()
+_SUFFIXES = {unit.lower(): unit for unit in _PLAIN_SUFFIXES} | {
     "um": "µm",
     "us": "µs",
     "mps": "m/s",
@@ -145,134 +187,123 @@ _SUFFIXES |= {
     "mps2": "m/s^2",
     "mss": "m/s^2",
 }
+_BRACKETS = {"]": "[", ")": "(", "）": "（", "］": "［", "】": "【"}
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
-    """Name of a column and the unit behind its last underscore or slash: ``acc_2_g``,
-    ``time_ms``, ``Weg 1/mm``.
+    """Name of a column and the unit behind its last underscore or slash.
+
+    ``acc_2_g``, ``time_ms``, ``Weg 1/mm``.
     """
-    bare, _, suffix = name.strip().replace("/", "_").rpartition("_")
-    known = bool(bare) and suffix.lower() in _SUFFIXES
-    return (
-        (name.strip()[: len(bare)], _SUFFIXES[suffix.lower()])
-        if known
-        else (name.strip(), None)
-    )
+    text = name.strip()
+    bare, _, suffix = text.replace("/", "_").rpartition("_")
+    unit = _SUFFIXES.get(suffix.lower())
+    if not bare or unit is None:
+        return text, None
+    return text[: len(bare)], unit
 
 
-def kind_of_unit(unit: str | None) -> str | None:
-    """Letter of the channels that a unit measures (``a``, ``v``, ``x``, ``F``, ``t``),
-    if it is one of theirs.
+def split_unit(column: str) -> tuple[str, str | None]:
+    """Name of a column and the unit in brackets behind it.
+
+    ``a1 [mm]``, ``a1 (g)``, or brackets of full width.
     """
-    text = _clean(unit or "")
-    for letter, kind in sorted(_DIMENSIONS.items()) if text else ():
-        if text == _SI[kind] or any(
-            found is not None and found[1] == _EXPONENTS[kind]
-            for found in map(_parsed, _readings(text, kind))
-        ):
-            return letter
-    return None
+    text = column.strip()
+    bracket = _BRACKETS.get(text[-1:])
+    if bracket is None:
+        return text, None
+
+    opening = max(text.rfind(bracket), 0)
+    name = text[:opening].strip()
+    if not name:
+        return text, None
+    return name, text[opening + 1 : -1].strip() or None
 
 
-def is_unit(text: str) -> bool:
-    """True if a text of a header is a unit of length, velocity, acceleration, force or
-    time.
-    """
-    cleaned = _clean(text)
-    if cleaned in _SI.values():
-        return True
-    numbers_a_sensor = len(cleaned) == 1 and cleaned not in "msgNGh"  # "acc (A)"
-    return not numbers_a_sensor and kind_of_unit(text) is not None
+_SPELLINGS = {"⁻¹": "^-1", "⁻²": "^-2", "²": "^2", "·": "*", "**": "^", "μ": "µ"}
 
 
-def _clean(unit: str) -> str:
+def _one_spelling(unit: str) -> str:
     """One spelling of powers, products and brackets; SI as ``m/s^2``."""
     text = unit.strip().strip("[]()").strip()
-    if len(text) > 2 * _MOST:
+    if len(text) > 2 * MAX_UNIT_LENGTH:
         return text
-    for old, new in (
-        ("⁻¹", "^-1"),
-        ("⁻²", "^-2"),
-        ("²", "^2"),
-        ("·", "*"),
-        ("**", "^"),
-        ("μ", "µ"),
-    ):
+
+    for old, new in _SPELLINGS.items():
         text = text.replace(old, new)
     text = re.sub(r"\s*([*/^])\s*", r"\1", text)
-    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s|m/s\^2|m/\(s\^2\)", text):
+    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s|m/\(s\^2\)", text):
         return "m/s^2"
-    return "m/s" if re.fullmatch(r"m\*?\s*s\^?-1|m/s", text) else text
+    if re.fullmatch(r"m\*?\s*s\^?-1", text):
+        return "m/s"
+    return text
 
 
-def _readings(text: str, kind: str) -> Iterator[str]:
-    """Readings of a unit for a quantity: engineers' usage, as written, and capitals as
-    small letters.
-    """
-    jargon = _JARGON.get(kind, {})
-    yield jargon.get(text, text)
+def _readings(text: str, quantity: Quantity) -> Iterator[str]:
+    """Readings of a unit: engineers' usage or as written, capitals as small letters."""
+    yield quantity.jargon.get(text, text)
     if text.isupper() or (len(text) > 2 and text.istitle()):
-        yield jargon.get(text.lower(), text.lower())
+        small = text.lower()
+        yield quantity.jargon.get(small, small)
 
 
-def _tokens(text: str) -> list[tuple[str, int]] | None:
-    """Unit names and their powers, None for any other text; nothing else is passed to
-    pint.
+_MECHANICAL = {"[mass]", "[length]", "[time]"}
+_FACTOR = re.compile(r"([A-Za-zµμ_]+?)(?:(?:\^|\*\*)?(-?[1-4]))?")
+
+
+def _factors(text: str) -> list[tuple[str, int]] | None:
+    """Names of units and their powers, None for any other text.
+
+    Nothing else is passed to pint, which would compute ``9**9**9``.
     """
-    if not text or len(text) > _MOST:
+    if not text or len(text) > MAX_UNIT_LENGTH:
         return None
-    out: list[tuple[str, int]] = []
-    for sign, part in zip(
-        [1, *(1 if s in "* " else -1 for s in re.findall(r"[*/ ]", text))],
-        re.split(r"[*/ ]", text),
-    ):
-        match = _TOKEN.fullmatch(part)
+
+    operators = ["*", *re.findall(r"[*/ ]", text)]
+    factors = []
+    for operator, part in zip(operators, re.split(r"[*/ ]", text)):
+        match = _FACTOR.fullmatch(part)
         if match is None:
             return None
-        name, power = match[1], sign * int(match[2] or 1)
-        out += (
-            [("m", 1), ("s", power)]
-            if name == "ms" and power < -1 and len(part) == len(text)
-            else [(name, power)]
-        )
-    return out
+        power = int(match[2] or 1)
+        factors.append((match[1], -power if operator == "/" else power))
+
+    name, power = factors[0]
+    if len(factors) == 1 and name == "ms" and power < -1:  # "ms-2" is m s^-2
+        return [("m", 1), ("s", power)]
+    return factors
 
 
 @lru_cache(maxsize=256)
-def _parsed(text: str) -> tuple[float, tuple[int, int, int]] | None:
-    """Size in SI and exponents of mass, length and time; None if the text is not a
-    unit.
-    """
-    tokens = _tokens(text)
-    if tokens is None:
+def _measured(text: str) -> PlainQuantity[float] | None:
+    """One of a mechanical unit in SI base units; None for any other text."""
+    factors = _factors(text)
+    if factors is None:
         return None
-    pint = require("pint", "files", f"Converting the unit {text!r}")
-    registry = _registry()
+
+    require("pint", "files", f"Converting the unit {text!r}")
+    registry, errors = _pint()
     try:
-        quantity = registry.Quantity(1.0)
-        for name, power in tokens:
-            quantity = (
-                quantity * registry.Quantity(1.0, registry.parse_units(name)) ** power
-            )
-        dimensions = dict(quantity.dimensionality)
-        size = float(quantity.to_base_units().magnitude)
-    except (
+        measured = registry.Quantity(1.0)
+        for name, power in factors:
+            unit = registry.parse_units(name)
+            measured = measured * registry.Quantity(1.0, unit) ** power
+        is_mechanical = set(measured.dimensionality) <= _MECHANICAL
+        return measured.to_base_units() if is_mechanical else None
+    except errors:
+        return None
+
+
+@cache
+def _pint() -> tuple[pint.UnitRegistry, tuple[type[Exception], ...]]:
+    """The registry of units, and what it raises for a text that is none."""
+    import pint
+
+    return pint.UnitRegistry(), (
         pint.PintError,
         ValueError,
         TypeError,
         AttributeError,
         OverflowError,
         ZeroDivisionError,
-    ):
-        return None
-    mass, length, time = (
-        int(dimensions.pop(key, 0)) for key in ("[mass]", "[length]", "[time]")
     )
-    return None if dimensions else (size, (mass, length, time))
-
-
-@cache
-def _registry() -> Any:
-    import pint
-
-    return pint.UnitRegistry()

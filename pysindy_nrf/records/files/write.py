@@ -1,8 +1,10 @@
-"""Writing of records, tables of results and reconstructed forces. A file is written
-completely or not at all.
+"""Writing of records, tables of results and reconstructed forces.
+
+A file is written completely or not at all.
 """
 
 import csv
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +15,16 @@ from ...common.files import atomic_write
 from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
 from ..record import Record
-from .arrays import ATTRIBUTES_KEY
-from .table import Attributes, columns_of
-from .uff import history, write_sets, write_uff
+from .attributes import Attributes, columns_of
+from .formats import PARQUET, UFF
+from .formats.parquet import ATTRIBUTES_KEY
+from .formats.uff import REACTION_FORCE, TimeHistory, write_data_sets, write_uff
 
-_REACTION = 9  # UFF's specific data type
+CSV = (".csv",)
+FORMULA_SIGNS = ("=", "+", "-", "@")  # by which a spreadsheet knows a formula
 
 
-def write_record(record: Record, path: Any) -> Path:
+def write_record(record: Record, path: str | PathLike[str]) -> Path:
     """Write a record so that :func:`read_record` gives it back bit for bit.
 
     Parameters
@@ -51,60 +55,70 @@ def write_record(record: Record, path: Any) -> Path:
     True
     """
     path = Path(path)
-    suffix = _suffix(path, (".parquet", ".pq", ".uff", ".unv", ".csv"))
-    attributes, columns = Attributes.of(record), columns_of(record)
-    if suffix in (".uff", ".unv"):
+    suffix = _known_suffix(path, PARQUET.suffixes + UFF.suffixes + CSV)
+    attributes = Attributes.of_record(record)
+    columns = columns_of(record)
+
+    if suffix in UFF.suffixes:
         write_uff(path, columns, attributes)
-    elif suffix == ".csv":
-        _write_csv(path, {"t": record.time, **columns}, attributes)
+        return path
+
+    columns = {"t": record.time, **columns}
+    if suffix in CSV:
+        _write_csv(path, columns, attributes)
     else:
-        _write_parquet(path, {"t": record.time, **columns}, attributes)
+        _write_parquet(path, columns, attributes)
     return path
 
 
 def _write_csv(
     path: Path, columns: dict[str, np.ndarray], attributes: Attributes
 ) -> None:
+    """Write attributes, names and numbers as delimited text."""
+    frame = pd.DataFrame(dict(enumerate(columns.values())))
     with atomic_write(path) as file:
         file.write(f"# {attributes.to_json()}\n")
         # the second line is for human readers; names are read from the first
         csv.writer(file, lineterminator="\n").writerow(map(_no_formula, columns))
-        frame = pd.DataFrame({i: line for i, line in enumerate(columns.values())})
         frame.to_csv(file, index=False, header=False, na_rep="nan", lineterminator="\n")
 
 
 def _write_parquet(
     path: Path, columns: dict[str, np.ndarray], attributes: Attributes | None = None
 ) -> None:
-    pyarrow: Any = require("pyarrow", "files", "Writing Parquet files")
-    parquet: Any = require("pyarrow.parquet", "files", "Writing Parquet files")
+    """Write columns, and the attributes of a record as metadata."""
+    pyarrow = require("pyarrow", "files", "Writing Parquet files")
+    parquet = require("pyarrow.parquet", "files", "Writing Parquet files")
     try:
         # from_pandas=False: NaN is kept and not turned into a missing value
-        table = pyarrow.table(
-            {
-                name: pyarrow.array(line, from_pandas=False)
-                for name, line in columns.items()
-            }
-        )
+        arrays = {
+            name: pyarrow.array(line, from_pandas=False)
+            for name, line in columns.items()
+        }
+        table = pyarrow.table(arrays)
     except (pyarrow.ArrowException, UnicodeError) as error:
         raise ChannelError(
             f"{path}: a column cannot be written: {error}", "Rename it."
         ) from error
+
     if attributes is not None:
-        table = table.replace_schema_metadata(
-            {ATTRIBUTES_KEY: attributes.to_json().encode()}
-        )
+        metadata = {ATTRIBUTES_KEY: attributes.to_json().encode()}
+        table = table.replace_schema_metadata(metadata)
     with atomic_write(path, "wb") as file:
         parquet.write_table(table, file)
 
 
 def _no_formula(cell: Any) -> Any:
     """A text on one line, quoted if spreadsheets would run it as a formula."""
-    text = " ".join(cell.split()) if isinstance(cell, str) else ""
-    return f"'{text}" if text[:1] in tuple("=+-@") else text or cell
+    if not isinstance(cell, str):
+        return cell
+    text = " ".join(cell.split())
+    if text.startswith(FORMULA_SIGNS):
+        return f"'{text}"
+    return text or cell
 
 
-def write_table(table: pd.DataFrame, path: Any) -> Path:
+def write_table(table: pd.DataFrame, path: str | PathLike[str]) -> Path:
     """Write a table of results.
 
     Parameters
@@ -139,23 +153,23 @@ def write_table(table: pd.DataFrame, path: Any) -> Path:
     m2,10.03
     """
     path = Path(path)
-    suffix = _suffix(path, (".csv", ".parquet", ".pq"))
+    suffix = _known_suffix(path, CSV + PARQUET.suffixes)
     flat = table.reset_index() if table.index.name else table
-    if suffix == ".csv":
+
+    if suffix in CSV:
+        safe = flat.map(_no_formula).rename(columns=_no_formula)
         with atomic_write(path) as file:
-            flat.map(_no_formula).rename(columns=_no_formula).to_csv(
-                file, index=False, lineterminator="\n"
-            )
+            safe.to_csv(file, index=False, lineterminator="\n")
     else:
-        _write_parquet(
-            path, {str(name): flat[name].to_numpy() for name in flat.columns}
-        )
+        columns = {str(name): flat[name].to_numpy() for name in flat.columns}
+        _write_parquet(path, columns)
     return path
 
 
-def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
-    """Write the restoring forces that a model reconstructs along a record, one column
-    for each site.
+def write_forces(
+    model: Any, data: Any, path: str | PathLike[str], **options: Any
+) -> Path:
+    """Write the restoring forces that a model reconstructs along a record.
 
     Parameters
     ----------
@@ -190,36 +204,44 @@ def write_forces(model: Any, data: Any, path: Any, **options: Any) -> Path:
     ['t', 'storey 1', 'storey 2', 'storey 3']
     """
     path = Path(path)
-    suffix = _suffix(path, (".uff", ".unv", ".parquet", ".pq", ".csv"))
+    suffix = _known_suffix(path, UFF.suffixes + PARQUET.suffixes + CSV)
     model = getattr(model, "model_", model)
     segments = model.segments(data, **options)
     if len(segments.segments) != 1:
         raise FileFormatError(
             "Forces are written one record at a time", "Pass one record."
         )
+
     segment = segments.segments[0]
     dt = segment.dt or 1.0
-    sites = {site: i for i, (site, laws) in enumerate(model.laws.items()) if laws}
-    forces = segments.scatter(model.site_forces(segments))[:, list(sites.values())]
-    if suffix in (".uff", ".unv"):
-        sets = []
-        for line, site in zip(forces.T, sites):
-            texts = [f"restoring force of {site}, N", segment.name]
-            sets.append(
-                history(
-                    line, 1.0 / dt, 0.0, texts, _REACTION, site.p, max(site.q, 0), "N"
-                )
-            )
-        write_sets(path, sets)
-        return path
+    forces = segments.scatter(model.site_forces(segments))
     columns = {
-        "t": np.arange(len(forces)) * dt,
-        **{str(s): line for s, line in zip(sites, forces.T)},
+        site: forces[:, i] for i, (site, laws) in enumerate(model.laws.items()) if laws
     }
-    return write_table(pd.DataFrame(columns), path)
+    if suffix in UFF.suffixes:
+        data_sets = [
+            _history_of_force(site, line, 1.0 / dt, segment.name).encoded()
+            for site, line in columns.items()
+        ]
+        write_data_sets(path, data_sets)
+        return path
+
+    named = {str(site): line for site, line in columns.items()}
+    table = pd.DataFrame({"t": np.arange(len(forces)) * dt, **named})
+    return write_table(table, path)
 
 
-def _suffix(path: Path, known: tuple[str, ...]) -> str:
+def _history_of_force(
+    site: Any, line: np.ndarray, fs: float, record: str
+) -> TimeHistory:
+    """The force of a site, between the nodes of its DOFs."""
+    titles = (f"restoring force of {site}, N", record)
+    lower = max(site.q, 0)
+    return TimeHistory(line, fs, 0.0, titles, REACTION_FORCE, site.p, lower, "N")
+
+
+def _known_suffix(path: Path, known: tuple[str, ...]) -> str:
+    """The suffix of a file to be written, in small letters."""
     suffix = path.suffix.lower()
     if suffix not in known:
         raise FileFormatError(

@@ -4,13 +4,13 @@ Band, noise levels, fusion, filter: each step is a function of what the steps be
 return.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from ...common.warn import warn_user
 from ...exceptions import ChannelError, DataQualityWarning
 from ..checks.transfer_function import ORDERS
 from ..record import BASES, Record
@@ -243,13 +243,12 @@ def choose_band(tables: Sequence[ChannelTable], settings: FusionSettings) -> Ban
     if not edges:
         return None
 
-    warnings.warn(
+    warn_user(
         f"DOF {', '.join(map(str, sorted(accelerated)))}: only the acceleration is"
         f" measured, which tells the displacement above about {max(edges):.3g} Hz."
         " Force and response are taken from there up; give band=(lo, hi) to choose"
         " yourself.",
         DataQualityWarning,
-        stacklevel=5,
     )
     return max(edges), None
 
@@ -259,13 +258,12 @@ def warn_of_lost_motion(fused: FusedChannels) -> None:
     corners = {j: corner for j, corner in fused.high_pass.items() if corner > 0}
     if not corners or fused.band is not None:
         return
-    warnings.warn(
+    warn_user(
         f"DOF {', '.join(map(str, corners))}: no displacement is measured, so motion"
         f" below about {2 * max(corners.values()):.3g} Hz is lost while the force keeps"
         " it. Give band=(lo, hi) above that, so that force and response are treated"
         " alike.",
         DataQualityWarning,
-        stacklevel=5,
     )
 
 

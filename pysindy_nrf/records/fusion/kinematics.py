@@ -3,7 +3,6 @@
 The result has absolute accelerations, inter-storey velocities and drifts (paper eq. 8).
 """
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from ...common.warn import warn_user
 from ...exceptions import ChannelError, DataQualityWarning
 from ..checks.channel_checks import channel_notes
 from ..quality import QualityNote, messages
@@ -188,8 +188,7 @@ def to_features(
     Returns
     -------
     X, F : DataFrame
-        Columns ``a1.., v1.., s1..`` and ``F1..``, indexed by time. ``X.attrs`` has
-        ``band``, ``noise``, ``resolved``, ``joint_fusion`` and ``doubts``.
+        Columns ``a1.., v1.., s1..`` and ``F1..``, indexed by time.
     """
     fused = fuse_record(record, smooth, check)
     index = pd.Index(fused.time, name="t")
@@ -197,17 +196,6 @@ def to_features(
     names = [f"{kind}{j}" for kind in "avs" for j in dofs]
     X = pd.DataFrame(fused.motion, index=index, columns=names, copy=False)
     F = pd.DataFrame(fused.force, index=index, columns=[f"F{j}" for j in dofs])
-
-    if fused.resolved is not None:
-        X.attrs["resolved"] = fused.resolved
-    if any(spacing > 1.0 for spacing in fused.spacing.values()):
-        X.attrs["joint_fusion"] = fused.joint
-    if fused.spacing:
-        X.attrs["noise"] = dict(fused.noise)
-    if fused.band is not None:
-        X.attrs["band"] = fused.band
-    if fused.notes:
-        X.attrs["doubts"] = messages(fused.notes)
     return X, F
 
 
@@ -297,12 +285,11 @@ def _checked(record: Record) -> tuple[QualityNote, ...]:
     notes = channel_notes(record)
     if notes:
         faults = "; ".join(message.rstrip(".") for message in messages(notes))
-        warnings.warn(
+        warn_user(
             f"Record {record.name!r}: {faults}. See"
             " pysindy_nrf.records.checks.alignment and"
             " pysindy_nrf.records.checks.channel_checks.",
             DataQualityWarning,
-            stacklevel=4,
         )
     return notes
 

@@ -1,16 +1,19 @@
-"""Figures of what a model leaves: residuals, what explains them, where the missing
-force acts, what it depends on.
-"""
+"""Figures of what a model leaves: residuals, and what explains them."""
 
+from __future__ import annotations
+
+import itertools
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from ...discrepancy.evidence import Evidence
+from ...diagnosis.effects import plain_name
+from ..results import Characterisation, Detection, Evidence, Loop, NoiseFloor
 from .figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 
+# Word and unit of the variables over which the mean of a missing force is drawn.
 _VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}
 _DEPENDENCES = {
     "constant": "nothing (constant)",
@@ -18,65 +21,77 @@ _DEPENDENCES = {
     "line": "a spectral line",
     "path": "the path (memory)",
 }
+# Sites that are drawn, and that the table lists.
+DRAWN_SITES, LISTED_SITES = 8, 20
+# Upper end of an axis of shares, percent, and of one of errors, times the largest.
+SHARE_LIMIT, ERROR_HEADROOM = 105.0, 1.15
 
 
 def evidence_figures(evidence: Evidence, means: bool = True) -> list[Figure]:
-    """What can be drawn of one step of the loop: residual, detection, localisation,
-    dependence, ``means`` by bins.
+    """What can be drawn of one step of the loop.
+
+    Residual, detection, localisation, dependence and, with ``means``, the mean of the
+    missing force over drift and rate.
     """
-    made = [residual_figure(evidence.sizes, evidence.floor)]
+    figures = [residual_figure(evidence.sizes, evidence.floor)]
     if evidence.detection is not None:
-        made.append(_detection(evidence.detection))
+        figures.append(_detection_figure(evidence.detection))
     if evidence.localisation is not None and evidence.site:
-        made.append(localisation_figure(evidence.localisation.table, evidence.chosen))
-    found = [figure for figure in made if figure is not None]
+        sites = evidence.localisation.table
+        figures.append(localisation_figure(sites, evidence.chosen))
+    drawn = [figure for figure in figures if figure is not None]
     if evidence.characterisation is not None:
-        found += dependence_figures(
-            evidence.characterisation, f" at {evidence.site}", means
-        )
-    return found
+        where = f" at {evidence.site}"
+        drawn += dependence_figures(evidence.characterisation, where, means)
+    return drawn
 
 
-def _lying(
-    count: int, label: str, names: Sequence[str], high: float = 105.0, unit: str = "%"
-) -> dict[str, Any]:
-    """Axes and size of lying bars."""
-    x = Axis(label, unit, (0, high))
-    return {
-        "x": x,
-        "y": Axis(ticks=list(names)),
-        "lying": True,
-        "size": (5.0, 1.0 + 0.3 * count),
-    }
+def _height_of_lying_bars(n_bars: int) -> float:
+    """Height of a figure on the sheet, inches."""
+    return 1.0 + 0.3 * n_bars
 
 
-def residual_figure(sizes: pd.DataFrame, floor: Any = None) -> Figure | None:
-    """Residual of each balance and storey beside what noise alone leaves; None if there
-    is none.
+# -- residual ------------------------------------------------------------------
+
+
+def residual_figure(
+    sizes: pd.DataFrame, floor: NoiseFloor | None = None
+) -> Figure | None:
+    """Residual of each balance and storey beside what noise alone leaves.
+
+    Parameters
+    ----------
+    sizes : DataFrame
+        ``rms`` (N), ``percent``, ``reference`` (N) and ``of`` by ``"dof j"`` and
+        ``"storey i"``.
+    floor : NoiseFloor, optional
+
+    Returns
+    -------
+    Figure or None
+        None if no residual is known.
     """
-    sizes = sizes[np.isfinite(sizes["percent"])] if len(sizes) else sizes
-    if not len(sizes):
+    if len(sizes):
+        sizes = sizes[np.isfinite(sizes["percent"])]
+    if sizes.empty:
         return None
-    names = [dof_words(n) for n in sizes.index]
-    noise = np.full(len(sizes), np.nan)
-    if floor is not None:
-        level, reference = (
-            np.array([floor.at(str(where)) for where in sizes.index]),
-            sizes["reference"].to_numpy(),
-        )
-        np.divide(100 * level, reference, out=noise, where=reference > 0)
+    names = [dof_words(name) for name in sizes.index]
+    of_balances = sizes.index.str.startswith("dof")
+    colors = np.where(of_balances, "sky", "blue").tolist()
+    noise = _noise_percent(sizes, floor)
+    marks: list[Mark] = [Bars(sizes["percent"], color=colors)]
     caption = (
         "DOF: error of its force balance. Storey: the force that is missing across it."
     )
-    colors = ["sky" if n.startswith("DOF") else "blue" for n in names]
-    known = bool(np.isfinite(noise).any())
-    marks: list[Mark] = [Bars(sizes["percent"], "residual" * known, colors)]
-    if known:
-        marks.append(
-            Line(noise, np.arange(len(noise)), "noise alone", "red", 0, "", "|")
-        )
+    if np.isfinite(noise).any():
+        heights = np.arange(len(noise))
+        marks = [
+            Bars(sizes["percent"], "residual", colors),
+            Line(noise, heights, "noise alone", "red", 0, "", "|"),
+        ]
         caption += " The red mark is what noise alone would leave."
-    worst = sizes["percent"].idxmax()
+
+    largest = float(np.nanmax([*sizes["percent"], *noise]))
     shown = sizes[["rms", "percent", "of"]].assign(noise=noise).set_axis(names, axis=0)
     head = {
         "rms": "residual rms (N)",
@@ -84,36 +99,44 @@ def residual_figure(sizes: pd.DataFrame, floor: Any = None) -> Figure | None:
         "of": "percent of",
         "noise": "noise alone (%)",
     }
-    high = 1.15 * float(np.nanmax([*sizes["percent"], *noise])) or 1.0
     return Figure(
         "Residual: how much is left",
         marks,
-        **_lying(len(names), "residual", names, high, "% of its reference"),
+        Axis("residual", "% of its reference", (0, ERROR_HEADROOM * largest or 1.0)),
+        Axis(ticks=names),
+        lying=True,
+        size=(5.0, _height_of_lying_bars(len(names))),
         alt=(
             "Residual of each balance and storey in percent; the largest is"
-            f" {sizes['percent'].max():.3g} in {worst}."
+            f" {sizes['percent'].max():.3g} in {sizes['percent'].idxmax()}."
         ),
         caption=caption,
         table=table("Residual on the search data", shown, head, index="where"),
     )
 
 
-def _detection(found: Any) -> Figure | None:
-    """What the motion explains of the residual of each balance and storey; None where
-    nothing was asked.
-    """
+def _noise_percent(sizes: pd.DataFrame, floor: NoiseFloor | None) -> np.ndarray:
+    """What noise alone leaves, percent of each reference; NaN where unknown."""
+    percent = np.full(len(sizes), np.nan)
+    if floor is not None:
+        level = np.array([floor.at(str(where)) for where in sizes.index])
+        reference = sizes["reference"].to_numpy()
+        np.divide(100 * level, reference, out=percent, where=reference > 0)
+    return percent
+
+
+# -- detection and localisation ------------------------------------------------
+
+
+def _detection_figure(found: Detection) -> Figure | None:
+    """What the motion explains of the residual; None where nothing was asked."""
     shares = found.verdicts[["linear share", "nonlinear share", "verdict"]].dropna()
-    if not len(shares):
+    if shares.empty:
         return None
     linear, rest = 100 * shares["linear share"], 100 * shares["nonlinear share"]
-    names = [dof_words(n) for n in shares.index]
-    shown = pd.DataFrame(
-        {
-            "linear": linear,
-            "rest": rest,
-            "verdict": [v.value for v in shares["verdict"]],
-        }
-    )
+    names = [dof_words(name) for name in shares.index]
+    verdicts = [verdict.value for verdict in shares["verdict"]]
+    shown = pd.DataFrame({"linear": linear, "rest": rest, "verdict": verdicts})
     head = {
         "linear": "linear (%)",
         "rest": "of the rest, nonlinear (%)",
@@ -125,7 +148,10 @@ def _detection(found: Any) -> Figure | None:
             Bars(linear, "linearly", "sky"),
             Bars(rest, "of the rest, nonlinearly", "blue"),
         ],
-        **_lying(2 * len(names), "explained on data left out", names),
+        Axis("explained on data left out", "%", (0, SHARE_LIMIT)),
+        Axis(ticks=names),
+        lying=True,
+        size=(5.0, _height_of_lying_bars(2 * len(names))),
         alt=(
             f"Nonlinear laws of its own motion explain at most {rest.max():.0f}"
             f" percent, in {rest.idxmax()}."
@@ -143,33 +169,60 @@ def _detection(found: Any) -> Figure | None:
     )
 
 
-def localisation_figure(
-    found: pd.DataFrame, chosen: str = "", most: int = 8
-) -> Figure | None:
-    """Share of the residual that a force at each site explains; sites that no balance
-    tells apart share a bar.
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """Sites that no balance tells apart, and the row of the first of them."""
+
+    sites: list[str]
+    row: pd.Series
+
+    @property
+    def name(self) -> str:
+        """The first site, whether there are others, and the signs in the balances."""
+        name = self.sites[0]
+        if len(self.sites) > 1:
+            name += f" or {self.sites[1]}"
+        if len(self.sites) > 2:
+            name += ", …"
+        return f"{name}  ({self.row['balances']})"
+
+
+def localisation_figure(sites: pd.DataFrame, chosen: str = "") -> Figure | None:
+    """Share of the residual that a force at each site explains.
+
+    Sites that no balance tells apart share a bar.
+
+    Parameters
+    ----------
+    sites : DataFrame
+        ``share``, ``low``, ``high``, ``own`` (percent), ``balances`` and ``pattern`` by
+        site, best first.
+    chosen : str
+        The site that the loop chose; it is always drawn.
+
+    Returns
+    -------
+    Figure or None
+        None if there are fewer than two patterns.
     """
-    found = found[found["share"].notna()]
-    groups = [
-        (list(g.index), g.iloc[0]) for _, g in found.groupby("pattern", sort=False)
-    ]
-    if len(groups) < 2:
+    sites = sites[sites["share"].notna()]
+    patterns = _patterns_of(sites)
+    if len(patterns) < 2:
         return None
-    late = any(chosen in sites for sites, _ in groups[most:])
-    groups = [g for k, g in enumerate(groups) if k < most - late or chosen in g[0]]
-    heads = pd.DataFrame([first for _, first in groups])
-    colors = [
-        "orange" if chosen in sites else "sky" if k else "blue"
-        for k, (sites, _) in enumerate(groups)
-    ]
-    more = [
-        f" or {sites[1]}{', …' if len(sites) > 2 else ''}" if len(sites) > 1 else ""
-        for sites, _ in groups
-    ]
-    names = [
-        f"{sites[0]}{other}  ({row['balances']})"
-        for (sites, row), other in zip(groups, more)
-    ]
+    patterns = _drawn_patterns(patterns, chosen)
+
+    colors = ["blue"] + ["sky"] * (len(patterns) - 1)
+    caption = (
+        "By the pattern of signs across the balances (Newton's third law); lines are"
+        " about 95 %."
+    )
+    for k, pattern in enumerate(patterns):
+        if chosen in pattern.sites:
+            colors[k] = "orange"
+            caption += " Orange: the site the loop chose."
+
+    rows = pd.DataFrame([pattern.row for pattern in patterns])
+    low, high = rows["low"].clip(0, 100), rows["high"].clip(0, 100)
     head = {
         "share": "explains (%)",
         "low": "from (%)",
@@ -177,96 +230,115 @@ def localisation_figure(
         "own": "follows its own motion (%)",
         "balances": "signs in the balances",
     }
-    shown = found.head(20)[[c for c in head if c in found]]
-    low, high = heads["low"].clip(0, 100), heads["high"].clip(0, 100)
+    listed = sites.head(LISTED_SITES)
     return Figure(
         "Localisation: where the missing force acts",
-        [Bars(heads["share"], color=colors, low=low, high=high)],
-        **_lying(len(names), "residual explained by a force there", names),
+        [Bars(rows["share"], color=colors, low=low, high=high)],
+        Axis("residual explained by a force there", "%", (0, SHARE_LIMIT)),
+        Axis(ticks=[pattern.name for pattern in patterns]),
+        lying=True,
+        size=(5.0, _height_of_lying_bars(len(patterns))),
         alt=(
-            f"A force at {found.index[0]} would explain {heads['share'].iloc[0]:.0f}"
+            f"A force at {sites.index[0]} would explain {rows['share'].iloc[0]:.0f}"
             " percent of the residual."
         ),
-        caption=(
-            "By the pattern of signs across the balances (Newton's third law); lines"
-            " are about 95 %."
-        )
-        + " Orange: the site the loop chose." * ("orange" in colors),
+        caption=caption,
         table=table(
             "Sites by the share of the residual that a force there would explain",
-            shown,
+            listed[[name for name in head if name in listed]],
             head,
             index="site",
         ),
     )
 
 
-def dependence_figures(found: Any, where: str = "", means: bool = True) -> list[Figure]:
-    """What a force depends on, without any formula, and its mean over single
-    variables.
+def _patterns_of(sites: pd.DataFrame) -> list[_Pattern]:
+    """Groups of sites that no balance tells apart, best first."""
+    patterns = []
+    for _, rows in sites.groupby("pattern", sort=False):
+        patterns.append(_Pattern(list(rows.index), rows.iloc[0]))
+    return patterns
+
+
+def _drawn_patterns(patterns: Sequence[_Pattern], chosen: str) -> list[_Pattern]:
+    """The best patterns; the one that was chosen takes the place of the last."""
+    best = list(patterns[:DRAWN_SITES])
+    for pattern in patterns[DRAWN_SITES:]:
+        if chosen in pattern.sites:
+            best[-1] = pattern
+    return best
+
+
+# -- characterisation ----------------------------------------------------------
+
+
+def dependence_figures(
+    found: Characterisation, where: str = "", means: bool = True
+) -> list[Figure]:
+    """What a force depends on, without any formula.
+
+    With ``means`` its mean over drift and rate, too.
     """
     shares = found.shares
-    names = [_DEPENDENCES.get(str(n), str(n)) for n in shares.index]
-    bars = Bars(
-        shares["share"].clip(lower=0),
-        color=["blue" if chosen else "sky" for chosen in shares["chosen"]],
-        low=shares["low"].clip(0, 100),
-        high=shares["high"].clip(0, 100),
-    )
+    names = [_DEPENDENCES.get(str(name), str(name)) for name in shares.index]
     head = {
         "share": "explains (%)",
         "low": "from (%)",
         "high": "to (%)",
         "gain": "more than linear (points)",
     }
-    shown = shares[list(head)].set_axis(names)
-    whole = Figure(
-        f"Characterisation: what the force{where} depends on",
-        [bars],
-        **_lying(len(names), "explained on data left out", names)
-        | {"size": (4.2, 3.2)},
-        alt=found.sentence,
-        caption=(
-            "Without any formula. Highlighted: the simplest that explains nearly as"
-            " much as the best."
-        ),
-        table=table(
-            "Share of the missing force that is a function of", shown, head, index="of"
-        ),
+    bars = Bars(
+        shares["share"].clip(lower=0),
+        color=["blue" if chosen else "sky" for chosen in shares["chosen"]],
+        low=shares["low"].clip(0, 100),
+        high=shares["high"].clip(0, 100),
     )
-    drawn = [name for name in _VARIABLES if means and name in found.curves]
-    return [
-        whole,
-        *(_mean(found.curves[name], *_VARIABLES[name], where) for name in drawn),
+    figures = [
+        Figure(
+            f"Characterisation: what the force{where} depends on",
+            [bars],
+            Axis("explained on data left out", "%", (0, SHARE_LIMIT)),
+            Axis(ticks=names),
+            lying=True,
+            size=(4.2, 3.2),
+            alt=found.sentence,
+            caption=(
+                "Without any formula. Highlighted: the simplest that explains nearly as"
+                " much as the best."
+            ),
+            table=table(
+                "Share of the missing force that is a function of",
+                shares[list(head)].set_axis(names),
+                head,
+                index="of",
+            ),
+        )
     ]
+    for variable in _VARIABLES:
+        if means and variable in found.curves:
+            figures.append(_mean_figure(found.curves[variable], variable, where))
+    return figures
 
 
-def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:
+def _mean_figure(curve: pd.DataFrame, variable: str, where: str) -> Figure:
     """Mean force in bins of one variable, with twice its error."""
+    word, unit = _VARIABLES[variable]
     head = {
         "centre": f"{word} ({unit})",
         "mean": "mean force (N)",
         "error": "its error (N)",
         "count": "samples",
     }
+    mean, error = curve["mean"], 2 * curve["error"]
     shown = curve[list(head)].astype({"count": int})
-    first, last = curve["mean"].iloc[0], curve["mean"].iloc[-1]
     return Figure(
         f"The missing force{where} against its {word.split()[0]}",
-        [
-            Line(
-                curve["centre"],
-                curve["mean"],
-                width=1.6,
-                marker="o",
-                error=2 * curve["error"],
-            )
-        ],
+        [Line(curve["centre"], mean, width=1.6, marker="o", error=error)],
         Axis(word, unit),
         Axis("mean missing force", "N", zero=True),
         alt=(
-            f"Mean missing force from {first:.3g} N at the lowest {word} to {last:.3g}"
-            " N at the highest."
+            f"Mean missing force from {mean.iloc[0]:.3g} N at the lowest {word} to"
+            f" {mean.iloc[-1]:.3g} N at the highest."
         ),
         caption="Mean in bins of equal count, with twice its error.",
         table=table(f"Mean missing force{where}", shown, head),
@@ -275,41 +347,42 @@ def _mean(curve: pd.DataFrame, word: str, unit: str, where: str) -> Figure:
     )
 
 
-def before_after_figure(report: Any) -> Figure:
-    """Held-out errors of the baseline and after each effect that the closed loop
-    added.
-    """
-    balances = [c for c in report.table if c.startswith("held-out dof")]
-    columns = ["held-out", *balances] if len(balances) > 1 else ["held-out"]
-    named = [
-        "pooled" if c == "held-out" else dof_words(c.removeprefix("held-out "))
-        for c in columns
-    ]
-    held = [True, *(step.confirmed for step in report.steps)]
-    words = [
-        ("+ " if k else "") + str(i).replace("_", " ")
-        for k, i in enumerate(report.table.index)
-    ]
-    errors = report.table[columns].to_numpy(dtype=float)
+# -- the loop ------------------------------------------------------------------
+
+
+def before_after_figure(report: Loop) -> Figure:
+    """Held-out errors of the baseline and after each effect of a closed loop."""
+    held_out = report.table.filter(like="held-out")
+    if held_out.shape[1] == 2:  # the error of the only balance is the pooled one
+        held_out = held_out[["held-out"]]
+    groups = ["pooled"]
+    for name in held_out.columns[1:]:
+        groups.append(dof_words(name.removeprefix("held-out ")))
+
+    errors = held_out.to_numpy(dtype=float)
+    models = [plain_name(name) for name in held_out.index]
+    models[1:] = [f"+ {name}" for name in models[1:]]
+    marks = [Bars(errors[0], models[0], "muted")]
+    colors = itertools.cycle((*CYCLE, "muted"))
+    for step, name, row, color in zip(report.steps, models[1:], errors[1:], colors):
+        if not step.confirmed:
+            name = f"{name} (not confirmed)"
+        marks.append(Bars(row, name, color, hatched=not step.confirmed))
+
     first, last = errors[0, 0], report.final["held-out"]
-    names = [n if kept else f"{n} (not confirmed)" for n, kept in zip(words, held)]
-    marks: list[Mark] = [
-        Bars(row, name, ("muted", *CYCLE)[k % 7], hatched=not held[k])
-        for k, (name, row) in enumerate(zip(names, errors))
-    ]
     return Figure(
         "Held-out balance error before and after",
         marks,
-        Axis(ticks=named),
+        Axis(ticks=groups),
         Axis("held-out balance error", "% NRMSE", (0, 1.25 * np.nanmax(errors))),
         alt=(
-            f"Held-out error by balance; {named[0]}: from {first:.3g} to {last:.3g}"
+            f"Held-out error by balance; {groups[0]}: from {first:.3g} to {last:.3g}"
             " percent."
         ),
         caption="Data that neither the search nor any fit has seen.",
         table=table(
             "Held-out balance error, percent NRMSE",
-            pd.DataFrame(errors, words, named),
+            pd.DataFrame(errors, models, groups),
             index="model",
         ),
         wide=True,

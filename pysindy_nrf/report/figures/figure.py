@@ -1,48 +1,54 @@
-"""A figure apart from how it is drawn: axes in SI units, marks, words, and the table of
-its numbers.
+"""The language of figures: axes in SI units, marks, words, and a table of the numbers.
+
+A figure says what is drawn, apart from how. Two renderers read it: matplotlib's sheet
+and plotly's page.
 """
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
+from ..tables import Table, table
+
+__all__ = [
+    "CYCLE",
+    "DASHES",
+    "Axis",
+    "Bars",
+    "Figure",
+    "Line",
+    "Map",
+    "Mark",
+    "Surface",
+    "Table",
+    "dof_words",
+    "rms",
+    "table",
+]
+
+# Colours and dashes of lines that stand for things of one kind.
 CYCLE = ("blue", "red", "green", "orange", "sky", "ink")
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "shortdot")
 
 
-@dataclass(eq=False)
-class Table:
-    """Rows of values below a head, with a caption."""
-
-    caption: str
-    head: list[str]
-    rows: list[list[Any]]
-
-
-def table(
-    caption: str,
-    frame: pd.DataFrame,
-    names: Mapping[str, str] | None = None,
-    index: str | None = None,
-) -> Table:
-    """Table of a frame, its columns renamed; the index comes first under the heading
-    ``index``, if that is given.
-    """
-    rows = [
-        list(row) if index is not None else list(row[1:])
-        for row in frame.itertuples(name=None)
-    ]
-    head = [(names or {}).get(str(c), str(c)) for c in frame.columns]
-    return Table(caption, [index, *head] if index is not None else head, rows)
-
-
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Axis:
-    """Label, SI unit and range of an axis; ``ticks`` are the words at 0, 1, 2, ...;
-    ``s_{2}`` is an s with index 2.
+    """One axis.
+
+    Parameters
+    ----------
+    label, unit : str
+        In a label ``s_{2}`` is an s with index 2.
+    limits : (float or None, float or None), optional
+        Its range; as wide as the marks if None.
+    ticks : sequence of str, optional
+        Words at 0, 1, 2, ...
+    log, zero : bool
+        Whether it is logarithmic, and whether a line marks its zero.
     """
 
     label: str = ""
@@ -53,10 +59,20 @@ class Axis:
     zero: bool = False
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Line:
-    """Curve, in the plane or in space; without a dash only its markers ("o", "s", "|"
-    or "ring").
+    """A curve in the plane, or in space if it has a z.
+
+    Parameters
+    ----------
+    x, y, z, error : array-like
+        Points, and the half-length of their error bars.
+    name, color : str
+        Name in the legend; colour by name.
+    width, opacity : float
+    dash : str
+        One of ``DASHES``; only markers are drawn if it is empty.
+    marker : {"", "o", "s", "|", "ring"}
     """
 
     x: Any
@@ -71,10 +87,20 @@ class Line:
     z: Any = None
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Bars:
-    """Bars at 0, 1, 2, ...; several in one figure stand beside each other; texts stand
-    behind lying bars.
+    """Bars at 0, 1, 2, ...; several in one figure stand beside each other.
+
+    Parameters
+    ----------
+    values, low, high : array-like
+        Lengths, and the ends of their error bars.
+    name : str
+    color : str or sequence of str
+        Of all, or of each.
+    texts : sequence of str
+        Behind lying bars.
+    hatched : bool
     """
 
     values: Any
@@ -86,10 +112,22 @@ class Bars:
     hatched: bool = False
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Map:
-    """Values from -limit to limit over a plane by colour; hatched where they are in
-    doubt, and why.
+    """Values from -limit to limit over a plane by colour.
+
+    Parameters
+    ----------
+    x, y, values : array-like of shape (n, n)
+    label : str
+        Of the bar of colours.
+    limit : float
+    hatched : array-like of shape (n, n)
+        Where the values are in doubt.
+    doubt : str
+        Why they are.
+    bar : bool
+        Whether the bar of colours is drawn.
     """
 
     x: Any
@@ -102,10 +140,15 @@ class Map:
     bar: bool = True
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Surface:
-    """Surface over the grid of x (along rows) and y (along columns): "full", "faint" or
-    a "net".
+    """A surface over the grid of x (along rows) and y (along columns).
+
+    Parameters
+    ----------
+    x, y, z : array-like of shape (n, n)
+    name : str
+    style : {"full", "faint", "net"}
     """
 
     x: Any
@@ -118,15 +161,38 @@ class Surface:
 Mark = Line | Bars | Map | Surface
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Figure:
-    """What one pair (or triple) of axes shows, and its words."""
+    """What one pair of axes shows, or three axes in space, and its words.
+
+    Parameters
+    ----------
+    title : str
+        On the page.
+    marks : list of Mark
+    x, y, z : Axis
+        With a z the figure is drawn in space and can be turned.
+    alt, caption : str
+        What is seen, for readers who do not see it, and what it means.
+    heading : str
+        On the sheet.
+    table : Table, optional
+        The numbers.
+    lying, wide : bool
+        Whether bars lie, and whether the page gives it a row of its own.
+    legend : {"inside", "above", "sheet"}
+        Where it stands; once for a whole sheet.
+    size : (float, float)
+        On the sheet, inches.
+    height : int
+        On the page, pixels.
+    """
 
     title: str
-    marks: list[Mark]
+    marks: Sequence[Mark]
     x: Axis
     y: Axis
-    z: Axis | None = None  # if given, it is drawn in space and can be turned
+    z: Axis | None = None
     alt: str = ""
     caption: str = ""
     heading: str = ""
@@ -142,14 +208,22 @@ class Figure:
         """Whether it has a legend."""
         return any(getattr(mark, "name", "") for mark in self.marks)
 
+    @property
+    def axes(self) -> list[Axis]:
+        """Its two or three axes."""
+        return [axis for axis in (self.x, self.y, self.z) if axis is not None]
+
+    @property
+    def n_bars(self) -> int:
+        """How many sets of bars stand beside each other."""
+        return sum(isinstance(mark, Bars) for mark in self.marks)
+
 
 def dof_words(name: Any) -> str:
-    """Name of a balance or an effect as it is printed: ``DOF 2`` for ``dof 2``, no
-    underscores.
-    """
+    """The name of a balance or an effect as it is printed: ``DOF 2`` for ``dof 2``."""
     return str(name).replace("dof", "DOF").replace("_", " ")
 
 
-def rms(x: Any) -> float:
+def rms(values: Any) -> float:
     """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(x))))
+    return float(np.sqrt(np.mean(np.square(values))))

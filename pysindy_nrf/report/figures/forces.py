@@ -1,27 +1,68 @@
 """Figures of restoring forces: surfaces, loops, the energy dissipated."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
-from ...discrepancy.residual import SiteLoop
+from ...diagnosis.site_loops import SiteLoop
 from ...exceptions import NRFError
-from .figure import (
-    CYCLE,
-    DASHES,
-    Axis,
-    Figure,
-    Line,
-    Mark,
-    Surface,
-    Table,
-    rms,
-)
+from .figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Surface, Table, rms
 
 _TURN = "Drag to turn, or use the arrow keys."
+# Points along each side of a surface on the page, and the share by which it goes beyond
+# the data.
+GRID_SIZE, GRID_MARGIN = 29, 0.08
+# Share of the range of the force where the data were, by which what lies beyond them
+# may exceed it; the rest is cut off.
+HEADROOM = 0.15
+# Rows and columns of the table of a surface.
+N_TABLE = 7
+
+
+# -- in space ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """A force over a square grid of rates (along columns) and drifts (along rows)."""
+
+    v: np.ndarray
+    s: np.ndarray
+    force: np.ndarray
+    visited: np.ndarray
+
+    @classmethod
+    def of_table(cls, surface: pd.DataFrame) -> _Grid:
+        """The grid of a table with columns v, s, R and visited."""
+        size = int(round(len(surface) ** 0.5))
+        columns = []
+        for name in ("v", "s", "R", "visited"):
+            columns.append(surface[name].to_numpy().reshape(size, size))
+        return cls(*columns)
+
+    @property
+    def where_visited(self) -> np.ndarray:
+        """The force where the data were; everywhere if they were nowhere."""
+        return self.force[self.visited] if self.visited.any() else self.force
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Range of the force that is drawn."""
+        inside = self.where_visited
+        spare = HEADROOM * float(np.ptp(inside)) or 1.0
+        return float(inside.min()) - spare, float(inside.max()) + spare
+
+    def cut(self, force: np.ndarray) -> np.ndarray:
+        """A force on this grid; NaN beyond the range that is drawn."""
+        low, high = self.limits
+        return np.where((force > low) & (force < high), force, np.nan)
 
 
 def surface_figure(
@@ -31,196 +72,231 @@ def surface_figure(
     name: str = "paper",
     loop: SiteLoop | None = None,
 ) -> Figure:
-    """Restoring force over drift and rate; a reference is a net, the path of the data a
-    line.
+    """Restoring force over drift and rate.
+
+    Parameters
+    ----------
+    grid : DataFrame
+        As of :meth:`ChainModel.surface`.
+    site : str or Site
+    reference : array-like, optional
+        Another force on the same grid, drawn as a net.
+    name : str
+        Name of the reference.
+    loop : SiteLoop, optional
+        The path of the data.
     """
-    size = int(round(len(grid) ** 0.5))
-    v, s, R, visited = (
-        grid[k].to_numpy().reshape(size, size) for k in ("v", "s", "R", "visited")
-    )
-    inside = R[visited] if visited.any() else R
-    spare = 0.15 * float(np.ptp(inside)) or 1.0
-    low, high = float(inside.min()) - spare, float(inside.max()) + spare
-
-    def kept(force: np.ndarray, where: Any = True) -> np.ndarray:
-        return np.where(where & (force > low) & (force < high), force, np.nan)
-
+    shown = _Grid.of_table(grid)
+    where_visited = np.where(shown.visited, shown.force, np.nan)
+    beyond = shown.cut(shown.force)
     marks: list[Mark] = [
-        Surface(s, v, np.where(visited, R, np.nan), "identified, where visited"),
-        Surface(s, v, kept(R), "not visited", "faint"),
+        Surface(shown.s, shown.v, where_visited, "identified, where visited"),
+        Surface(shown.s, shown.v, beyond, "not visited", "faint"),
     ]
     if reference is not None:
-        marks.append(
-            Surface(
-                s, v, kept(np.reshape(reference, (size, size)), visited), name, "net"
-            )
-        )
+        other = shown.cut(np.reshape(reference, shown.force.shape))
+        other = np.where(shown.visited, other, np.nan)
+        marks.append(Surface(shown.s, shown.v, other, name, "net"))
     if loop is not None:
-        marks.append(_path_line(loop, "ink", 1.5))
-    pick = np.linspace(0, size - 1, 7).astype(int)
-    rows = [
-        [
-            float(f"{v[i, 0]:.3g}"),
-            *(float(R[i, j]) if visited[i, j] else "" for j in pick),
-        ]
-        for i in pick
-    ]
-    head = ["v (m/s)", *(f"s = {s[0, j]:.3g} m" for j in pick)]
+        marks.append(_path(loop, "ink", 1.5))
+
+    x, y, z = _axes_in_space(site, shown.limits)
     return Figure(
         f"Restoring-force surface of {site}",
         marks,
-        *_space(site, (low, high)),
-        alt=(
-            f"Restoring force of {site} over drift and rate. It reaches from"
-            f" {inside.min():.3g} to {inside.max():.3g} N for drifts of {s.min():.3g}"
-            f" to {s.max():.3g} m and rates of {v.min():.3g} to {v.max():.3g} m/s."
-        ),
+        x,
+        y,
+        z,
+        alt=_alt_of_surface(site, shown),
         caption=(
             "Coloured where the data were, grey where the law is extrapolated; the line"
-            " is the path of the data. "
-        )
-        + _TURN,
-        table=Table(
-            f"Force of {site} (N) by rate and drift; empty where the data never were",
-            head,
-            rows,
+            f" is the path of the data. {_TURN}"
         ),
+        table=_table_of_surface(site, shown),
         heading=str(site),
         size=(4.8, 4.0),
         height=380,
     )
 
 
-def force_figure(model: Any, site: Site, loop: SiteLoop | None = None) -> Figure | None:
-    """Surface of a site's force or, where it is none, the path of the force along the
-    data; None without data.
+def _alt_of_surface(site: Any, grid: _Grid) -> str:
+    """The ranges of force, drift and rate."""
+    force = grid.where_visited
+    s, v = grid.s, grid.v
+    return (
+        f"Restoring force of {site} over drift and rate. It reaches from"
+        f" {force.min():.3g} to {force.max():.3g} N for drifts of {s.min():.3g} to"
+        f" {s.max():.3g} m and rates of {v.min():.3g} to {v.max():.3g} m/s."
+    )
+
+
+def _table_of_surface(site: Any, grid: _Grid) -> Table:
+    """The force at some rates and drifts; empty where the data never were."""
+    picked = np.linspace(0, len(grid.force) - 1, N_TABLE).astype(int)
+    head = ["v (m/s)"]
+    for j in picked:
+        head.append(f"s = {grid.s[0, j]:.3g} m")
+
+    rows: list[list[Any]] = []
+    for i in picked:
+        row: list[Any] = [float(f"{grid.v[i, 0]:.3g}")]
+        for j in picked:
+            row.append(float(grid.force[i, j]) if grid.visited[i, j] else "")
+        rows.append(row)
+    caption = f"Force of {site} (N) by rate and drift; empty where the data never were"
+    return Table(caption, head, rows)
+
+
+def force_figure(
+    model: ChainModel, site: Site, loop: SiteLoop | None = None
+) -> Figure | None:
+    """The force of a site: its surface, or its path along the data.
+
+    None where it is no surface and there are no data.
     """
-    memory = model.restoring_forces[site].has_memory
-    if not memory and site in model.visited:
+    is_surface = not model.restoring_forces[site].has_memory
+    why = "The force depends on the path, so it is no surface"
+    if is_surface and site in model.visited:
         try:
-            return surface_figure(model.surface(site, 29, margin=0.08), site, loop=loop)
+            grid = model.surface(site, GRID_SIZE, margin=GRID_MARGIN)
+            return surface_figure(grid, site, loop=loop)
         except NRFError:  # a law that needs time or a covariate is no surface
-            memory = True
+            is_surface = False
     if loop is None:
         return None
-    why = (
-        "The force depends on the path, so it is no surface"
-        if memory
-        else "The visited region is not known"
-    )
+
+    if is_surface:
+        why = "The visited region is not known"
+    x, y, z = _axes_in_space(site)
     return Figure(
         f"Force of {site} along its path",
-        [_path_line(loop, "blue", 3)],
-        *_space(site),
+        [_path(loop, "blue", 3)],
+        x,
+        y,
+        z,
         alt=(
             f"Path of the identified force of {site} over drift and rate, from"
             f" {_span(loop.identified)}."
         ),
         caption=f"{why}: the identified force along the data. {_TURN}",
-        table=_loop_table(loop),
+        table=_table_of_loop(loop),
         height=380,
     )
 
 
-def _path_line(loop: SiteLoop, color: str, width: float) -> Line:
+def _path(loop: SiteLoop, color: str, width: float) -> Line:
     return Line(loop.s, loop.v, "path of the data", color, width, z=loop.identified)
 
 
-def _space(
+def _axes_in_space(
     site: Any, limits: tuple[float, float] | None = None
 ) -> tuple[Axis, Axis, Axis]:
     """Axes of drift, rate and force."""
-    i = index_of(site)
+    index = index_of(site)
     return (
-        Axis(f"drift s_{{{i}}}", "m"),
-        Axis(f"rate v_{{{i}}}", "m/s"),
-        Axis(f"force R_{{{i}}}", "N", limits),
+        Axis(f"drift s_{{{index}}}", "m"),
+        Axis(f"rate v_{{{index}}}", "m/s"),
+        Axis(f"force R_{{{index}}}", "N", limits),
     )
 
 
-def loop_figures(model: Any, loops: Sequence[SiteLoop]) -> list[Figure]:
+# -- in the plane --------------------------------------------------------------
+
+
+def loop_figures(model: ChainModel, loops: Sequence[SiteLoop]) -> list[Figure]:
     """Every loop and, where its site has a spring, the same without it."""
-    springs = {
-        str(site): float(force.linear_part()["k"])
-        for site, force in model.restoring_forces.items()
-    }
-    return [
-        loop_figure(loop, k)
-        for loop in loops
-        for k in dict.fromkeys((0.0, springs[loop.site]))
-    ]
+    stiffness = {}
+    for site, force in model.restoring_forces.items():
+        stiffness[str(site)] = float(force.linear_part()["k"])
+
+    figures = []
+    for loop in loops:
+        figures.append(loop_figure(loop))
+        if stiffness[loop.site]:
+            figures.append(loop_figure(loop, stiffness[loop.site]))
+    return figures
 
 
 def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
-    """Force over drift, identified over measured; without the spring of ``stiffness``
-    (N/m), if that is given.
+    """Force over drift, identified over measured.
+
+    Parameters
+    ----------
+    loop : SiteLoop
+    stiffness : float
+        Of a linear spring that is taken off both forces, N/m.
     """
     spring = stiffness * loop.s
-    found = loop.identified - spring
-    measured = None if loop.measured is None else loop.measured - spring
-    marks: list[Mark] = [Line(loop.s, found, "identified", "blue", 1.0)]
-    gap, how = "", "Nothing else measures it."
-    if measured is not None:
+    identified = loop.identified - spring
+    marks: list[Mark] = [Line(loop.s, identified, "identified", "blue", 1.0)]
+    difference = ""
+    if loop.measured is not None:
+        measured = loop.measured - spring
         marks.insert(0, Line(loop.s, measured, "measured", "orange", 3.4))
-        gap = f", rms difference {rms(measured - found):.3g} N"
-        how = "Measured: the force that the measured motion asks for."
-    if loop.record not in ("", "0"):
-        how += f" Around the largest motion of {loop.record}."
+        difference = f", rms difference {rms(measured - identified):.3g} N"
+
+    index = index_of(loop.site)
+    title = f"Hysteresis loops of {loop.site}"
+    force, name = f"force R_{{{index}}}", loop.site
     if stiffness:
-        how = (
-            f"The same without its linear spring, k = {stiffness / 1e3:.4g} kN/m: what"
-            " is left is damping, friction, "
-        )
-        how += "memory and curvature."
-    i, without = index_of(loop.site), " without its linear spring" if stiffness else ""
+        title = f"Loops of {loop.site} without its spring"
+        force = f"force R_{{{index}}} − k s_{{{index}}}"
+        name = f"{loop.site} without its linear spring"
     return Figure(
-        (
-            f"Loops of {loop.site} without its spring"
-            if stiffness
-            else f"Hysteresis loops of {loop.site}"
-        ),
+        title,
         marks,
-        Axis(f"drift s_{{{i}}}", "m"),
-        Axis(
-            f"force R_{{{i}}} − k s_{{{i}}}" if stiffness else f"force R_{{{i}}}", "N"
-        ),
+        Axis(f"drift s_{{{index}}}", "m"),
+        Axis(force, "N"),
         alt=(
-            f"Force of {loop.site}{without} over its drift, identified over measured:"
-            f" {_span(found)}{gap}."
+            f"Force of {name} over its drift, identified over measured:"
+            f" {_span(identified)}{difference}."
         ),
-        caption=how,
-        heading=f"{loop.site}{without}",
+        caption=_caption_of_loop(loop, stiffness),
+        heading=name,
         height=380,
-        table=_loop_table(loop, spring) if loop.t.size else None,
+        table=_table_of_loop(loop, spring) if loop.t.size else None,
     )
 
 
-def _loop_table(loop: SiteLoop, spring: Any = 0.0) -> Table:
+def _caption_of_loop(loop: SiteLoop, stiffness: float) -> str:
+    """What the two lines of a loop are."""
+    if stiffness:
+        return (
+            f"The same without its linear spring, k = {stiffness / 1e3:.4g} kN/m: what"
+            " is left is damping, friction, memory and curvature."
+        )
+    caption = "Nothing else measures it."
+    if loop.measured is not None:
+        caption = "Measured: the force that the measured motion asks for."
+    if loop.record not in ("", "0"):  # "0" is the name of data without records
+        caption += f" Around the largest motion of {loop.record}."
+    return caption
+
+
+def _table_of_loop(loop: SiteLoop, spring: Any = 0.0) -> Table:
     """Size and work of the forces in the stretch drawn."""
     forces = {"identified": loop.identified - spring}
     if loop.measured is not None:
-        forces |= {
-            "measured": loop.measured - spring,
-            "difference": loop.measured - loop.identified,
-        }
-    rows = [
-        [n, rms(R), float(np.abs(R).max()), float(np.trapezoid(R * loop.v, loop.t))]
-        for n, R in forces.items()
-    ]
+        forces["measured"] = loop.measured - spring
+        forces["difference"] = loop.measured - loop.identified
+
+    rows: list[list[Any]] = []
+    for name, force in forces.items():
+        work = float(np.trapezoid(force * loop.v, loop.t))
+        rows.append([name, rms(force), float(np.abs(force).max()), work])
     head = ["force", "rms (N)", "peak (N)", "energy taken out (J)"]
     return Table(f"Forces of {loop.site} in the stretch drawn", head, rows)
 
 
-def _span(x: np.ndarray) -> str:
-    return f"{x.min():.3g} to {x.max():.3g} N"
+def _span(force: np.ndarray) -> str:
+    return f"{force.min():.3g} to {force.max():.3g} N"
 
 
 def energy_figure(energy: pd.DataFrame) -> Figure:
     """Energy dissipated over time (J by s), one line a column."""
-    marks: list[Mark] = [
-        Line(energy.index, line, str(name), CYCLE[k % 6], 1.5, DASHES[k % 6])
-        for k, (name, line) in enumerate(energy.items())
-    ]
-    return Figure(
-        "Dissipated energy", marks, Axis("time", "s"), Axis("dissipated energy", "J")
-    )
+    marks = []
+    for k, (name, line) in enumerate(energy.items()):
+        color, dash = CYCLE[k % len(CYCLE)], DASHES[k % len(DASHES)]
+        marks.append(Line(energy.index, line, str(name), color, 1.5, dash))
+    x, y = Axis("time", "s"), Axis("dissipated energy", "J")
+    return Figure("Dissipated energy", marks, x, y)

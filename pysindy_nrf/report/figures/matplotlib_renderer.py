@@ -1,18 +1,22 @@
-"""Figures on matplotlib's axes, and the base of all displays; matplotlib is imported
-when something is drawn.
-"""
+"""Figures on matplotlib's axes; matplotlib is imported when something is drawn."""
+
+from __future__ import annotations
 
 import re
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from ...common.files import atomic_write
 from ...common.lazy import require
 from .figure import Axis, Bars, Figure, Line, Map
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Sheet
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their
 # lightness.
@@ -46,17 +50,26 @@ _MARKERS: dict[str, dict[str, Any]] = {
         "markeredgewidth": 1.5,
     },
 }
-_MOST = 20_000  # points of a curve: a long record is a picture and not a 100 MB file
+# Units in which an axis is drawn, and the factor from SI.
+_DRAWN_UNITS = {"m": ("mm", 1e3)}
+# Points of a curve: a long record becomes a picture and not a 100 MB file.
+MAX_POINTS = 20_000
+# Share of the distance between two bars that they take up.
+LYING_BARS_WIDTH, UPRIGHT_BARS_WIDTH = 0.6, 0.8
 
 
 class Drawing:
-    """Figures that stand beside each other; ``ax_`` (array of Axes) and ``figure_`` are
-    where they were drawn.
+    """Figures that stand beside each other.
+
+    Attributes
+    ----------
+    ax_ : array of Axes
+        Where they were drawn.
+    figure_ : matplotlib Figure
     """
 
-    _columns: ClassVar[int] = (
-        2  # axes beside each other; 0: a single figure, and ``ax_`` is no array
-    )
+    # axes beside each other; 0: a single figure, and ``ax_`` is no array
+    _columns: ClassVar[int] = 2
     ax_: Any
     figure_: Any
 
@@ -77,15 +90,14 @@ class Drawing:
         """
         figures = self.figures()
         if ax is None:
-            plt = require("matplotlib.pyplot", "plot", "Drawing")
-            ax = _subplots(
-                plt.figure(layout="constrained"), figures, self._columns or 1
-            )
-        self.ax_ = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
-        self.figure_ = self.ax_[0].figure
-        _draw_all(figures, self.ax_)
-        if not self._columns:
-            self.ax_ = self.ax_[0]
+            pyplot = require("matplotlib.pyplot", "plot", "Drawing")
+            sheet = pyplot.figure(layout="constrained")
+            ax = _subplots(sheet, figures, self._columns or 1)
+
+        axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+        _draw_all(figures, list(axes))
+        self.figure_ = axes[0].figure
+        self.ax_ = axes if self._columns else axes[0]
         return self
 
 
@@ -97,7 +109,13 @@ def available() -> bool:
 def save(
     path: Path, figures: Sequence[Figure], columns: int = 1, title: str = ""
 ) -> list[Path]:
-    """Write figures to one PNG, side by side in rows; nothing without matplotlib."""
+    """Write figures to one PNG, side by side in rows.
+
+    Returns
+    -------
+    list of Path
+        What was written: nothing without matplotlib or without figures.
+    """
     if not available() or not figures:
         return []
     # no pyplot: no global state, no display
@@ -114,80 +132,86 @@ def save(
     return [path]
 
 
-def _subplots(sheet: Any, figures: Sequence[Figure], columns: int) -> list[Any]:
+def _subplots(sheet: Sheet, figures: Sequence[Figure], columns: int) -> list[Axes]:
     """New axes for figures, in rows; in a single column they share their abscissa."""
     columns = min(columns, len(figures))
     rows = -(-len(figures) // columns)
-    width, height = np.max([f.size for f in figures], axis=0)
-    sheet.set_size_inches(
-        columns * width, rows * height + (0.6 if height < 2.5 else 0.0)
-    )
-    out: list[Any] = []
+    width, height = np.max([figure.size for figure in figures], axis=0)
+    # flat figures leave no room for the labels of the sheet
+    labels = 0.6 if height < 2.5 else 0.0
+    sheet.set_size_inches(columns * width, rows * height + labels)
+
+    axes: list[Axes] = []
     for k in range(len(figures)):
-        out.append(
-            sheet.add_subplot(
-                rows, columns, k + 1, sharex=out[0] if out and columns == 1 else None
-            )
-        )
+        shared = axes[0] if axes and columns == 1 else None
+        ax = sheet.add_subplot(rows, columns, k + 1, sharex=shared)
         if columns == 1 and k < rows - 1:
-            out[-1].tick_params(labelbottom=False)
-    return out
+            ax.tick_params(labelbottom=False)
+        axes.append(ax)
+    return axes
 
 
-def _draw_all(figures: Sequence[Figure], axes: Sequence[Any]) -> None:
+def _draw_all(figures: Sequence[Figure], axes: Sequence[Axes]) -> None:
     """Draw figures on axes; a legend of the sheet is drawn once."""
     for figure, ax in zip(figures, axes):
         _draw(figure, ax)
     if figures and figures[0].legend == "sheet":
-        handles = axes[0].get_legend_handles_labels()
-        axes[0].figure.legend(
-            *handles,
+        sheet = axes[0].figure
+        handles, labels = axes[0].get_legend_handles_labels()
+        sheet.legend(
+            handles,
+            labels,
+            loc="outside upper center",
+            ncols=3,
             frameon=False,
             fontsize="small",
-            ncols=3,
-            loc="outside upper center",
         )
 
 
-def _draw(figure: Figure, ax: Any) -> None:
+def _draw(figure: Figure, ax: Axes) -> None:
     """Draw one figure on its axes."""
-    scales = [1e3 if axis.unit == "m" else 1.0 for axis in (figure.x, figure.y)]
-    beside = [mark for mark in figure.marks if isinstance(mark, Bars)]
+    scales = [_DRAWN_UNITS.get(axis.unit, ("", 1.0))[1] for axis in figure.axes]
+    n_bars_drawn = 0
     for mark in figure.marks:
         if isinstance(mark, Bars):
-            _bars(ax, mark, figure.lying, beside.index(mark), len(beside))
+            _draw_bars(ax, mark, figure, n_bars_drawn)
+            n_bars_drawn += 1
         elif isinstance(mark, Map):
-            _map(ax, mark, *scales)
+            _draw_map(ax, mark, scales[0], scales[1])
         elif isinstance(mark, Line):
-            _line(ax, mark, *scales)
+            _draw_line(ax, mark, scales[0], scales[1])
+
     dress(ax, "x", figure.x)
     dress(ax, "y", figure.y)
     if figure.lying:
         ax.invert_yaxis()
     if figure.heading:
-        ax.set_title(
-            figure.heading, loc="left" if isinstance(figure.marks[0], Map) else "center"
-        )
+        is_map = isinstance(figure.marks[0], Map)
+        ax.set_title(figure.heading, loc="left" if is_map else "center")
+    _draw_legend(figure, ax)
+
+
+def _draw_legend(figure: Figure, ax: Axes) -> None:
+    """The legend of one figure, if it has names."""
+    has_labels = bool(ax.get_legend_handles_labels()[0])
     if figure.legend == "above" and figure.named:
-        place: dict[str, Any] = {
-            "loc": "lower right",
-            "bbox_to_anchor": (1, 1),
-            "borderaxespad": 0.2,
-            "ncols": 2,
-        }
-        ax.legend(frameon=False, fontsize="x-small", **place)
-    elif figure.legend == "inside" and (
-        figure.named or ax.get_legend_handles_labels()[0]
-    ):
+        ax.legend(
+            frameon=False,
+            fontsize="x-small",
+            loc="lower right",
+            bbox_to_anchor=(1, 1),
+            borderaxespad=0.2,
+            ncols=2,
+        )
+    elif figure.legend == "inside" and (figure.named or has_labels):
         ax.legend(frameon=False, fontsize="small")
 
 
 def dress(ax: Any, side: str, axis: Axis) -> None:
-    """Label, ticks, range and scale of one axis."""
-    unit = {"m": "mm"}.get(axis.unit, axis.unit)
-    getattr(ax, f"set_{side}label")(
-        _text(f"{axis.label} ({unit})" if unit else axis.label)
-    )
+    """Label, ticks, range and scale of one axis (``side`` x, y or z)."""
+    unit, _ = _DRAWN_UNITS.get(axis.unit, (axis.unit, 1.0))
+    label = f"{axis.label} ({unit})" if unit else axis.label
+    getattr(ax, f"set_{side}label")(_with_indices(label))
     if axis.log:
         getattr(ax, f"set_{side}scale")("log")
     if axis.ticks is not None:
@@ -195,72 +219,59 @@ def dress(ax: Any, side: str, axis: Axis) -> None:
     if axis.limits is not None:
         getattr(ax, f"set_{side}lim")(*axis.limits)
     if axis.zero:
-        (ax.axhline if side == "y" else ax.axvline)(
-            0, color="0.5", linewidth=0.6, zorder=0
-        )
+        draw_zero = ax.axhline if side == "y" else ax.axvline
+        draw_zero(0, color="0.5", linewidth=0.6, zorder=0)
 
 
-def _text(text: str) -> str:
-    """Indices as formulas."""
-    return re.sub(r"(\w)_\{([^}]*)\}", lambda m: f"${m[1]}_{{{m[2]}}}$", text)
+def _with_indices(text: str) -> str:
+    """Indices such as ``s_{2}`` as formulas."""
+    return re.sub(r"(\w_\{[^}]*\})", r"$\1$", text)
 
 
-def _line(ax: Any, line: Line, fx: float, fy: float) -> None:
+def _draw_line(ax: Axes, line: Line, x_scale: float, y_scale: float) -> None:
     """Draw a curve, every k-th sample of a long one."""
-    every = slice(None, None, max(1, len(line.x) // _MOST))
-    x, y = (
-        fx * np.asarray(line.x, dtype=float)[every],
-        fy * np.asarray(line.y, dtype=float)[every],
-    )
-    style: dict[str, Any] = {
+    every = slice(None, None, max(1, len(line.x) // MAX_POINTS))
+    x = x_scale * np.asarray(line.x, dtype=float)[every]
+    y = y_scale * np.asarray(line.y, dtype=float)[every]
+    style = {
         "color": _COLORS[line.color],
         "linewidth": line.width,
         "linestyle": _DASHES[line.dash],
         "alpha": line.opacity,
-        "label": _text(line.name) or None,
+        "label": _with_indices(line.name) or None,
         **_MARKERS[line.marker],
     }
-    if line.error is not None:
-        ax.errorbar(
-            x,
-            y,
-            yerr=fy * np.asarray(line.error, dtype=float)[every],
-            capsize=3,
-            **style,
-        )
-    else:
+    if line.error is None:
         ax.plot(x, y, **style)
+    else:
+        error = y_scale * np.asarray(line.error, dtype=float)[every]
+        ax.errorbar(x, y, yerr=error, capsize=3, **style)
 
 
-def _bars(ax: Any, bars: Bars, lying: bool, k: int, n: int) -> None:
-    """Draw the k-th of n rows of bars."""
+def _draw_bars(ax: Axes, bars: Bars, figure: Figure, number: int) -> None:
+    """Draw one of several sets of bars that stand beside each other."""
     values = np.asarray(bars.values, dtype=float)
-    width = (0.6 if lying else 0.8) / n
-    at = np.arange(len(values)) + (k - (n - 1) / 2) * width
-    color = (
-        _COLORS[bars.color]
-        if isinstance(bars.color, str)
-        else [_COLORS[c] for c in bars.color]
-    )
-    style: dict[str, Any] = {"color": color, "label": _text(bars.name) or None}
-    if lying:
-        style |= {"edgecolor": "black", "linewidth": 0.5}
-    if bars.hatched:
-        style |= {"hatch": "////", "edgecolor": "white"}
-    (ax.barh if lying else ax.bar)(at, values, width, **style)
+    together = LYING_BARS_WIDTH if figure.lying else UPRIGHT_BARS_WIDTH
+    width = together / figure.n_bars
+    middle = (figure.n_bars - 1) / 2
+    places = np.arange(len(values)) + (number - middle) * width
+
+    draw = ax.barh if figure.lying else ax.bar
+    draw(places, values, width, **_style_of_bars(bars, figure.lying))
     if bars.low is not None:
-        ends = np.nan_to_num(
-            np.abs(np.asarray([bars.low, bars.high], dtype=float) - values)
-        )
-        points = (values, at) if lying else (at, values)
+        bounds = np.asarray([bars.low, bars.high], dtype=float)
+        ends = np.nan_to_num(np.abs(bounds - values))
         thin: dict[str, Any] = {
             "fmt": "none",
             "color": "black",
             "capsize": 2,
             "linewidth": 1,
         }
-        ax.errorbar(*points, **{"xerr" if lying else "yerr": ends}, **thin)
-    for text, end, place in zip(bars.texts, values, at):
+        if figure.lying:
+            ax.errorbar(values, places, xerr=ends, **thin)
+        else:
+            ax.errorbar(places, values, yerr=ends, **thin)
+    for text, end, place in zip(bars.texts, values, places):
         ax.annotate(
             text,
             (end, place),
@@ -271,9 +282,24 @@ def _bars(ax: Any, bars: Bars, lying: bool, k: int, n: int) -> None:
         )
 
 
-def _map(ax: Any, found: Map, fx: float, fy: float) -> None:
+def _style_of_bars(bars: Bars, lying: bool) -> dict[str, Any]:
+    """Colours, edges and label of bars."""
+    if isinstance(bars.color, str):
+        color: Any = _COLORS[bars.color]
+    else:
+        color = [_COLORS[name] for name in bars.color]
+    style: dict[str, Any] = {"color": color}
+    style["label"] = _with_indices(bars.name) or None
+    if lying:
+        style |= {"edgecolor": "black", "linewidth": 0.5}
+    if bars.hatched:
+        style |= {"hatch": "////", "edgecolor": "white"}
+    return style
+
+
+def _draw_map(ax: Axes, found: Map, x_scale: float, y_scale: float) -> None:
     """Draw a map with its bar of colours; what is in doubt is hatched."""
-    x, y = fx * np.asarray(found.x), fy * np.asarray(found.y)
+    x, y = x_scale * np.asarray(found.x), y_scale * np.asarray(found.y)
     image = ax.pcolormesh(
         x,
         y,
@@ -284,19 +310,26 @@ def _map(ax: Any, found: Map, fx: float, fy: float) -> None:
         vmax=found.limit,
     )
     if np.any(found.hatched):
-        from matplotlib.patches import Patch
-
-        doubt = ax.contourf(
-            x, y, found.hatched, levels=[0.5, 1.5], colors="none", hatches=["////"]
-        )
-        doubt.set(edgecolor="0.6", linewidth=0.0)
-        mark = Patch(facecolor="none", edgecolor="0.6", hatch="////", label=found.doubt)
-        ax.legend(
-            handles=[mark],
-            frameon=False,
-            fontsize="x-small",
-            loc="lower right",
-            bbox_to_anchor=(1, 0.99),
-        )
+        _draw_doubt(ax, x, y, found)
     if found.bar:
         ax.figure.colorbar(image, ax=ax, label=found.label)
+
+
+def _draw_doubt(ax: Axes, x: np.ndarray, y: np.ndarray, found: Map) -> None:
+    """Hatch what is in doubt, and say why."""
+    from matplotlib.patches import Patch
+
+    hatch = "////"
+    levels = [0.5, 1.5]  # about the 1 of what is hatched
+    doubt = ax.contourf(
+        x, y, found.hatched, levels=levels, colors="none", hatches=[hatch]
+    )
+    doubt.set(edgecolor="0.6", linewidth=0.0)
+    mark = Patch(facecolor="none", edgecolor="0.6", hatch=hatch, label=found.doubt)
+    ax.legend(
+        handles=[mark],
+        frameon=False,
+        fontsize="x-small",
+        loc="lower right",
+        bbox_to_anchor=(1, 0.99),
+    )

@@ -1,16 +1,25 @@
-"""Figures of motion and of models: free runs, modes, frequency responses, orders, the
-change between two tests.
-"""
+"""Figures of motion and of models: free runs, modes, frequency responses, changes."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...chain.sites import index_of
-from ...selection.one_se_rule import errors_of, standard_error
+from ...diagnosis.free_run import FreeRuns
 from .figure import CYCLE, DASHES, Axis, Figure, Line, Map, Mark, Table
-from .matplotlib_renderer import Drawing
+
+# Cycles of a free run that are drawn, about the largest motion.
+DRAWN_CYCLES = 25
+# Points of a line of a free run, at most about this many.
+DRAWN_POINTS = 1500
+# A free run that leaves the measured motion by more than this factor is cut off.
+CUT_OFF = 2.5
+# Modes that are drawn; more lines hide each other.
+DRAWN_MODES = 6
 
 
 def below(dof: int, label: str, unit: str) -> Axis:
@@ -18,184 +27,196 @@ def below(dof: int, label: str, unit: str) -> Axis:
     return Axis(label, unit) if dof == 1 else Axis()
 
 
-def free_run_figure(free: Any, cycles: float = 25.0) -> list[Figure]:
-    """The free run over the measurement, at the DOF that moves most, over some cycles
-    about its largest motion.
+def free_run_figure(runs: FreeRuns | None) -> list[Figure]:
+    """The first free run over the measurement, at the DOF that moves most.
+
+    Empty without a run.
     """
-    if free is None or not free.runs:
+    if runs is None or not runs.runs:
         return []
-    (seg, run), errors = free.runs[0], free.table.iloc[0]
-    x = np.cumsum(seg.s[seg.valid], axis=1)
-    j = int(np.argmax(np.abs(x).max(axis=0)))
-    crossings = int(np.count_nonzero(np.diff(np.signbit(x[:, j] - x[:, j].mean()))))
-    width = min(len(x), int(2 * cycles * len(x)) // max(crossings, 1) + 2)
-    start = int(np.clip(np.abs(x[:, j]).argmax() - width // 3, 0, len(x) - width))
-    rows = slice(start, start + width, max(1, width // 1500))
-    own = np.clip(
-        run.displacement[rows, j], *(2.5 * np.abs(x[:, j]).max() * np.array([-1, 1]))
-    )
-    marks: list[Mark] = [
-        Line(run.time[rows], x[rows, j], "measured", "orange", 3.4),
-        Line(
-            run.time[rows],
-            own,
-            f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)",
-            "blue",
-            1.1,
+    segment, run = runs.runs[0]
+    errors = runs.table.iloc[0]
+    measured = np.cumsum(segment.s[segment.valid], axis=1)
+    largest = np.abs(measured).max(axis=0)
+    j = int(np.argmax(largest))
+    rows = _rows_about_the_largest(measured[:, j])
+
+    bound = CUT_OFF * largest[j]
+    free = np.clip(np.asarray(run.displacement)[rows, j], -bound, bound)
+    alone = f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)"
+    by_dof = [f"{name} {error:.3g} %" for name, error in errors.items()]
+    figure = Figure(
+        f"Free run: the model alone under the measured force, DOF {j + 1}",
+        [
+            Line(run.time[rows], measured[rows, j], "measured", "orange", 3.4),
+            Line(run.time[rows], free, alone, "blue", 1.1),
+        ],
+        Axis("time", "s"),
+        Axis(f"x_{{{j + 1}}}", "m"),
+        alt=f"Free-run error over the record, percent NRMSE: {', '.join(by_dof)}.",
+        wide=True,
+        caption=(
+            f"Error over the whole record: {', '.join(by_dof)}. Drawn about the largest"
+            " motion."
         ),
-    ]
-    said = ", ".join(f"{name} {e:.3g} %" for name, e in errors.items())
-    numbers = Table(
-        "Free-run error, percent NRMSE",
-        ["DOF", "error (%)"],
-        [*map(list, errors.items())],
+        size=(8.0, 3.0),
+        height=320,
+        table=Table(
+            "Free-run error, percent NRMSE",
+            ["DOF", "error (%)"],
+            [list(pair) for pair in errors.items()],
+        ),
     )
-    return [
-        Figure(
-            f"Free run: the model alone under the measured force, DOF {j + 1}",
-            marks,
-            Axis("time", "s"),
-            Axis(f"x_{{{j + 1}}}", "m"),
-            alt=f"Free-run error over the record, percent NRMSE: {said}.",
-            wide=True,
-            caption=(
-                f"Error over the whole record: {said}. Drawn about the largest motion."
-            ),
-            size=(8.0, 3.0),
-            height=320,
-            table=numbers,
-        )
-    ]
+    return [figure]
+
+
+def _rows_about_the_largest(x: np.ndarray) -> slice:
+    """Rows of some cycles about the largest displacement."""
+    n_crossings = int(np.count_nonzero(np.diff(np.signbit(x - x.mean()))))
+    of_cycles = int(2 * DRAWN_CYCLES * len(x)) // max(n_crossings, 1) + 2
+    width = min(len(x), of_cycles)
+    start = int(np.clip(np.abs(x).argmax() - width // 3, 0, len(x) - width))
+    return slice(start, start + width, max(1, width // DRAWN_POINTS))
 
 
 def response_figures(
     f: np.ndarray, measured: np.ndarray, found: np.ndarray
 ) -> list[Figure]:
-    """Size of measured and modelled frequency responses (accelerance), one figure a
-    DOF, the uppermost first.
+    """Size of measured and modelled frequency responses, one figure a DOF.
+
+    Parameters
+    ----------
+    f : ndarray of shape (n_lines,)
+        Hz.
+    measured, found : ndarray of shape (n_lines, n_dof)
+        Accelerance, m/s^2 by N. The uppermost DOF comes first.
     """
-    out = []
+    figures = []
     for j in range(measured.shape[1], 0, -1):
         marks: list[Mark] = [
-            Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8)
+            Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8),
+            Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"),
         ]
-        marks.append(Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"))
-        x, y = below(j, "frequency", "Hz"), Axis(f"|H_{{{j}}}|", "m/s²/N", log=True)
-        out.append(
-            Figure(
-                f"Accelerance of DOF {j}", marks, x, y, legend="above", size=(8.0, 2.1)
-            )
+        figure = Figure(
+            f"Accelerance of DOF {j}",
+            marks,
+            below(j, "frequency", "Hz"),
+            Axis(f"|H_{{{j}}}|", "m/s²/N", log=True),
+            legend="above",
+            size=(8.0, 2.1),
         )
-    return out
+        figures.append(figure)
+    return figures
 
 
 def modes_figure(modes: pd.DataFrame) -> Figure:
-    """Shapes of the linear part's first six modes, floor over displacement."""
-    floors = [c for c in modes.columns if str(c).startswith("dof")]
-    shown = modes.head(6)
-    at = np.arange(len(floors) + 1)
-    marks: list[Mark] = [
-        Line(
-            [0.0, *row[floors]],
-            at,
-            f"{row['frequency']:.4g} Hz, damping {100 * row['damping']:.2g} %",
-            CYCLE[k % 6],
-            1.5,
-            DASHES[k % 6],
-            "o",
-        )
-        for k, (_, row) in enumerate(shown.iterrows())
-    ]
-    said = "; ".join(
-        f"mode {i} at {row['frequency']:.4g} Hz" for i, row in shown.iterrows()
-    )
+    """Shapes of the first modes of the linear part, floor over displacement.
+
+    Parameters
+    ----------
+    modes : DataFrame
+        As of :meth:`ChainModel.modes`.
+    """
+    floors = [name for name in modes.columns if str(name).startswith("dof")]
+    heights = np.arange(len(floors) + 1)
+    marks, frequencies = [], []
+    for k, (number, mode) in enumerate(modes.head(DRAWN_MODES).iterrows()):
+        frequency = f"{mode['frequency']:.4g} Hz"
+        name = f"{frequency}, damping {100 * mode['damping']:.2g} %"
+        shape = np.concatenate([[0.0], mode[floors].to_numpy(dtype=float)])
+        marks.append(Line(shape, heights, name, CYCLE[k], 1.5, DASHES[k], "o"))
+        frequencies.append(f"mode {number} at {frequency}")
+
+    ticks = ["base", *(f"DOF {name[4:]}" for name in floors)]
     return Figure(
         "Mode shapes of the linear part",
         marks,
         Axis("mode shape (largest entry 1)", zero=True),
-        Axis(ticks=["base", *(f"DOF {f[4:]}" for f in floors)]),
-        alt=f"Shapes of the modes, largest entry 1: {said}.",
+        Axis(ticks=ticks),
+        alt=f"Shapes of the modes, largest entry 1: {'; '.join(frequencies)}.",
         legend="above",
         height=120 + 58 * len(floors),
     )
 
 
-def order_drawing(selection: Any) -> Drawing:
-    """Held-out error by order of the power series, with its standard error over the
-    folds.
+def order_figure(
+    table: pd.DataFrame, errors: np.ndarray, orders: Sequence[str], scoring: str
+) -> Figure:
+    """Held-out error by order of the power series.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``chosen`` and, if it was asked for, ``free_run_error`` (%), by order.
+    errors : ndarray of shape (n_orders, n_folds)
+        Shares of the reference; inf where an order could not be fitted.
+    orders : sequence of str
+    scoring : str
+        What the folds are judged by.
     """
-    errors = 100.0 * errors_of(selection.fold_scores.to_numpy())
-    folds = np.where(np.isfinite(errors), errors, np.nan)
-    at, error = np.arange(len(folds)), folds.mean(axis=1)
-    marks: list[Mark] = [
-        Line(at, fold, "" if k else "each fold", width=0.8, opacity=0.3)
-        for k, fold in enumerate(folds.T)
-    ]
-    spread = [standard_error(row) for row in folds]
-    marks.append(
-        Line(at, error, "mean and standard error", width=1.5, marker="o", error=spread)
-    )
-    if "free_run_error" in selection.table:
-        marks.append(
-            Line(
-                at,
-                selection.table["free_run_error"],
-                "free run",
-                "orange",
-                1.5,
-                "dash",
-                "s",
-            )
-        )
-    chosen = selection.table["chosen"].to_numpy()
-    marks.append(
-        Line(at[chosen], error[chosen], "chosen", "red", dash="", marker="ring")
-    )
-    low, high = np.nanmin(error), np.nanmax(error)
-    log = bool(low > 0 and high > 20 * low)
-    what = {"acceleration": "acceleration", "free_run": "free-run"}.get(
-        selection.scoring, "balance"
-    )
-    y = Axis(
-        f"held-out {what} error (% NRMSE)", limits=None if log else (0, None), log=log
-    )
-    ticks = [str(order) for order in selection.fold_scores.index]
-    return Drawing(
-        [
-            Figure(
-                "Order selection",
-                marks,
-                Axis("total degree, or box (k, q)", ticks=ticks),
-                y,
-            )
-        ]
+    folds = np.where(np.isfinite(errors), 100.0 * errors, np.nan)
+    n_folds = folds.shape[1]
+    mean, spread = folds.mean(axis=1), np.zeros(len(folds))
+    if n_folds > 1:
+        spread = folds.std(axis=1, ddof=1) / np.sqrt(n_folds)
+
+    x = np.arange(len(folds))
+    marks: list[Mark] = []
+    for k, fold in enumerate(folds.T):
+        name = "" if k else "each fold"
+        marks.append(Line(x, fold, name, width=0.8, opacity=0.3))
+    name = "mean and standard error"
+    marks.append(Line(x, mean, name, width=1.5, marker="o", error=spread))
+    if "free_run_error" in table:
+        free = table["free_run_error"]
+        marks.append(Line(x, free, "free run", "orange", 1.5, "dash", "s"))
+    chosen = table["chosen"].to_numpy()
+    marks.append(Line(x[chosen], mean[chosen], "chosen", "red", dash="", marker="ring"))
+
+    low, high = np.nanmin(mean), np.nanmax(mean)
+    log = bool(0 < 20 * low < high)
+    measures = {"acceleration": "acceleration", "free_run": "free-run"}
+    label = f"held-out {measures.get(scoring, 'balance')} error (% NRMSE)"
+    return Figure(
+        "Order selection",
+        marks,
+        Axis("total degree, or box (k, q)", ticks=list(orders)),
+        Axis(label, limits=None if log else (0, None), log=log),
     )
 
 
 def change_figure(
     table: pd.DataFrame, site: Any, largest: float | None = None, colorbar: bool = True
 ) -> Figure:
-    """Where in the (v, s) plane the force of a site changed (``ChangeReport.map``), and
-    where significantly.
+    """Where in the (v, s) plane the force of a site changed.
+
+    Parameters
+    ----------
+    table : DataFrame
+        As of ``ChangeReport.map``.
+    site : str or Site
+    largest : float, optional
+        Change at the ends of the colours, N; the largest of the table if None.
+    colorbar : bool
     """
-    n = int(round(len(table) ** 0.5))
-    columns = (
-        table[k].to_numpy().reshape(n, n)
-        for k in ("v", "s", "change", "visited", "significant")
-    )
-    v, s, change, visited, significant = columns
-    shown = np.where(visited, change, np.nan)
-    top = largest or float(np.nanmax(np.abs(shown))) or 1.0
-    found = Map(
-        s,
-        v,
-        shown,
+    size = int(round(len(table) ** 0.5))
+    grid = {}
+    for name in ("v", "s", "change", "visited", "significant"):
+        grid[name] = table[name].to_numpy().reshape(size, size)
+
+    change = np.where(grid["visited"], grid["change"], np.nan)
+    limit = largest or float(np.nanmax(np.abs(change))) or 1.0
+    doubtful = grid["visited"] & ~grid["significant"]
+    mark = Map(
+        grid["s"],
+        grid["v"],
+        change,
         "change of force (N)",
-        top,
-        visited & ~significant,
+        limit,
+        doubtful,
         "not significant",
         colorbar,
     )
-    i = index_of(site)
-    x, y = Axis(f"drift s_{{{i}}}", "m"), Axis(f"rate v_{{{i}}}", "m/s")
-    return Figure(f"Change of the force of {site}", [found], x, y, heading=str(site))
+    index = index_of(site)
+    x, y = Axis(f"drift s_{{{index}}}", "m"), Axis(f"rate v_{{{index}}}", "m/s")
+    return Figure(f"Change of the force of {site}", [mark], x, y, heading=str(site))

@@ -8,14 +8,14 @@ from chains import driven
 from pysindy_nrf import ChainModel, Record, laws
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws.sensor import shifted
+from pysindy_nrf.records import channel_alignment
 from pysindy_nrf.records.checks.alignment import (
     align,
-    channel_alignment,
     compare_channels,
     resampled,
     split_at_gaps,
 )
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 NAMES = {"x": "displacement", "v": "velocity", "a": "acceleration"}
 

@@ -6,8 +6,8 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import DataQualityWarning
-from pysindy_nrf.records.checks.channel_checks import channel_notes, check_channels
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.records import channel_notes, check_channels
+from pysindy_nrf.simulation import add_noise
 
 
 def forces(kind):

@@ -13,10 +13,10 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.records.checks.alignment import channel_alignment
-from pysindy_nrf.records.checks.channel_checks import channel_notes, data_warnings
+from pysindy_nrf.records import channel_alignment, channel_notes
+from pysindy_nrf.records.checks.channel_checks import data_warnings
 from pysindy_nrf.records.files import read_record
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 STOREY = laws.PowerSeries(1, [60.0, 1e5])
 TRUTH = ChainModel([10.0, 12.0, 11.0], {f"storey {i}": STOREY for i in (1, 2, 3)})

@@ -9,7 +9,8 @@ import pytest
 
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.exceptions import DataQualityWarning
-from pysindy_nrf.records.checks.motion_checks import motion_doubts, motion_notes
+from pysindy_nrf.records import motion_notes
+from pysindy_nrf.records.checks.motion_checks import motion_doubts
 
 DT = 1e-3
 

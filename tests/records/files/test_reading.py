@@ -1,13 +1,10 @@
-"""From files to records: types of files, units by header, option and mapping, several
-files, words on the result.
-"""
+"""From files to records: units, several files, descriptions, excitations."""
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy.io import savemat
 
-from pysindy_nrf import io
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
 from pysindy_nrf.records.files import (
     describe,
@@ -16,123 +13,168 @@ from pysindy_nrf.records.files import (
     read_table,
     write_record,
 )
+from pysindy_nrf.records.files.formats import FORMATS, format_called
 from pysindy_nrf.records.files.reading import read_excitation
-from pysindy_nrf.records.files.summary import summary
+from pysindy_nrf.records.files.summary import record_html, summary
 
 T = np.arange(200) / 100.0
+SHAKER = pd.DataFrame(
+    {
+        "t": T,
+        "F2": np.sin(9 * T),
+        "a1": np.sin(T),
+        "a2": np.cos(T),
+        "x1 [mm]": T,
+        "x2 [mm]": 2 * T,
+        "operator": "Ann",
+    }
+)
 
 
 @pytest.fixture
 def csv(tmp_path):
-    path = tmp_path / "shaker.csv"
-    t = np.arange(400) / 200
-    columns = {
-        "t": t,
-        "F2": np.sin(9 * t),
-        "a1": np.sin(t),
-        "a2": np.cos(t),
-        "x1 [mm]": t,
-        "x2 [mm]": 2 * t,
-    }
-    frame = pd.DataFrame(columns | {"operator": "Ann"})
-    frame.to_csv(path, index=False)
-    return path, frame
+    """Function that writes columns as delimited text and returns the path."""
+
+    def write(columns, name="test.csv"):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        pd.DataFrame(columns).to_csv(path, index=False)
+        return path
+
+    return write
 
 
 def test_units_from_header_option_and_mapping(csv):
-    path, f = csv
-    rec = read_record(
-        path, units={"a": "g", "F2": "kN", "x2": "in"}, mapping={"a2": "a2 @ cm/s^2"}
-    )
-    np.testing.assert_allclose(
-        rec.acceleration,
-        np.column_stack([9.80665 * f["a1"], 0.01 * f["a2"]]),
-        rtol=1e-12,
-    )
-    expected = np.column_stack([1e-3 * f["x1 [mm]"], 0.0254 * f["x2 [mm]"]])
-    np.testing.assert_allclose(rec.displacement, expected, rtol=1e-12)
-    np.testing.assert_allclose(
-        rec.force, np.column_stack([0 * f["t"], 1e3 * f["F2"]]), rtol=1e-12
-    )
-    assert "a1" not in read_record(path, mapping={"a1": "none", "a2": "none"}).measured
+    units = {"a": "g", "F2": "kN", "x2": "in"}
+    record = read_record(csv(SHAKER), units=units, mapping={"a2": "a2 @ cm/s^2"})
+    expected = [9.80665 * np.sin(T), 0.01 * np.cos(T)]
+    np.testing.assert_allclose(record.acceleration.T, expected, rtol=1e-12)
+    expected = [1e-3 * T, 0.0254 * 2 * T]
+    np.testing.assert_allclose(record.displacement.T, expected, rtol=1e-12)
+    expected = [0 * T, 1e3 * np.sin(9 * T)]
+    np.testing.assert_allclose(record.force.T, expected, rtol=1e-12)
+
+
+def test_a_channel_may_be_dropped(csv):
+    record = read_record(csv(SHAKER), mapping={"a1": "none", "a2": "none"})
+    assert "a1" not in record.measured
+
+
+def test_a_unit_of_a_channel_that_is_not_there(csv):
     with pytest.raises(ChannelError, match="'v1'"):
-        read_record(path, units={"v1": "mm/s"})
+        read_record(csv(SHAKER), units={"v1": "mm/s"})
 
 
 def test_the_description_names_origin_units_and_forces(csv):
-    path, _ = csv
-    text = describe(inspect_record(path, units={"a": "g"}))
-    assert "2 DOFs, 400 samples at 200 Hz, 2 s" in text
+    text = describe(inspect_record(csv(SHAKER), units={"a": "g"}))
+    assert "2 DOFs, 200 samples at 100 Hz, 2 s" in text
     assert "forced: DOF 2; known to be unforced: DOF 1" in text
-    assert "<- in g" in text and "<- in mm" in text and "not used: operator" in text
-    data = summary(read_record(path))
-    assert data["forced"] == [2] and data["channels"]["F2"]["unit"] == "N"
-    assert "force unknown: DOF 2" in describe(
-        inspect_record(path, mapping={"F2": "unknown"})
-    )
+    assert "<- in g" in text
+    assert "<- in mm" in text
+    assert "not used: operator" in text
 
 
-def test_files_of_one_test_share_names_clock_and_rate(tmp_path, small):
-    frame = pd.DataFrame({"t": T, "x1": np.sin(T)})
-    (tmp_path / "b").mkdir()
-    frame.to_csv(tmp_path / "one.csv", index=False)
-    frame.to_csv(tmp_path / "b" / "one.csv", index=False)
-    frame.assign(t=T + 0.003).to_csv(tmp_path / "late.csv", index=False)
-    write_record(small(), tmp_path / "fast.csv")
-    write_record(small(fs=50.0), tmp_path / "slow.csv")
-    for names, words in {
-        (): "No file was given",
-        ("one.csv", "b/one.csv"): "Two files are called 'one'",
-        ("one.csv", "late.csv"): "The times of the files 'one' and 'late' differ",
-        (
-            "fast.csv",
-            "slow.csv",
-        ): "sampled differently: fast.csv 100 Hz, slow.csv 50 Hz",
-    }.items():
-        with pytest.raises(FileFormatError, match=words):
-            read_table([tmp_path / name for name in names])
+def test_an_unknown_force_is_described(csv):
+    text = describe(inspect_record(csv(SHAKER), mapping={"F2": "unknown"}))
+    assert "force unknown: DOF 2" in text
 
 
-def test_columns_by_matrix_name_or_twice(tmp_path):
-    np.savez(tmp_path / "m.npz", t=T, a=np.column_stack([np.sin(T), np.cos(T)]))
-    np.testing.assert_array_equal(
-        read_record(tmp_path / "m.npz").acceleration[:, 1], np.cos(T)
-    )
-    np.savez(tmp_path / "twice.npz", t=T, x1=T, X1=T)
-    with pytest.raises(FileFormatError, match="two columns that are channel x1"):
-        read_record(tmp_path / "twice.npz")
+def test_the_summary_is_plain_data(csv):
+    data = summary(read_record(csv(SHAKER)))
+    assert data["forced"] == [2]
+    assert data["channels"]["F2"]["unit"] == "N"
+
+
+def test_names_are_escaped_in_html(small):
+    record = small(name="<img>", covariates={"<b>": T})
+    html = record_html(record)
+    assert "<img" not in html
+    assert "<b>&lt;b" not in html
+    assert "&lt;img&gt;" in html
+    assert "displacement relative to base" in html
+
+
+def test_files_of_one_test_have_names_of_their_own(csv):
+    paths = [csv(SHAKER, "one.csv"), csv(SHAKER, "b/one.csv")]
+    with pytest.raises(FileFormatError, match="Two files are called 'one'"):
+        read_table(paths)
+    with pytest.raises(FileFormatError, match="No file was given"):
+        read_table([])
+
+
+def test_files_of_one_test_have_one_time(csv):
+    paths = [csv(SHAKER, "one.csv"), csv(SHAKER.assign(t=T + 0.003), "late.csv")]
+    with pytest.raises(FileFormatError, match="files 'one' and 'late' differ"):
+        read_table(paths)
+
+
+def test_files_of_one_test_have_one_rate(tmp_path, small):
+    paths = [
+        write_record(small(), tmp_path / "fast.csv"),
+        write_record(small(fs=50.0), tmp_path / "slow.csv"),
+    ]
+    with pytest.raises(FileFormatError, match="fast.csv 100 Hz, slow.csv 50 Hz"):
+        read_table(paths)
+
+
+def test_files_of_one_test_keep_the_unit_of_their_time(csv):
+    a = csv({"t [ms]": T, "a1": np.sin(30 * T)}, "A.csv")
+    b = csv({"t [ms]": T, "x1": np.sin(30 * T)}, "B.csv")
+    record = read_record([a, b], mapping={"a1": "A.a1", "x1": "B.x1"})
+    assert record.fs == pytest.approx(100e3)
+    c = csv({"t [s]": T, "x1": np.sin(30 * T)}, "C.csv")
+    with pytest.raises(FileFormatError, match="different units: ms, s"):
+        read_table([a, c])
+
+
+def test_a_matrix_named_as_a_channel_is_one_channel_a_column(tmp_path):
+    path = tmp_path / "m.npz"
+    np.savez(path, t=T, a=np.column_stack([np.sin(T), np.cos(T)]))
+    np.testing.assert_array_equal(read_record(path).acceleration[:, 1], np.cos(T))
+
+
+def test_two_columns_of_one_channel_are_refused(tmp_path):
+    path = tmp_path / "twice.npz"
+    np.savez(path, t=T, x1=T, X1=T)
+    with pytest.raises(FileFormatError, match="two columns .* channel x1"):
+        read_record(path)
 
 
 def test_a_covariate_of_a_record_stays_one_under_a_mapping(tmp_path, small):
-    path = write_record(
-        small(covariates={"temperature": 20 + T}), tmp_path / "small.csv"
-    )
+    record = small(covariates={"temperature": 20 + T})
+    path = write_record(record, tmp_path / "small.csv")
     again = read_record(path, mapping={"v1": "x1"}, units={"v1": "m/s"})
     np.testing.assert_array_equal(again.covariates["temperature"], 20 + T)
+
+
+def test_unknown_coordinates_are_refused(csv):
     with pytest.raises(ChannelError, match="coordinates='polar' is unknown"):
-        read_record(path, coordinates="polar")
+        read_record(csv(SHAKER), coordinates="polar")
 
 
-def test_excitations(tmp_path):
-    path = tmp_path / "a.csv"
-    pd.DataFrame({"t": T, "F1": np.cos(T), "x1": T}).to_csv(path, index=False)
-    load = read_excitation(
-        path, 2, mapping={"x2": "laser"}, units={"F": "kN", "x": "mm"}
-    )  # motions do not matter
-    np.testing.assert_allclose(
-        load.force, np.column_stack([1e3 * np.cos(T), 0 * T]), rtol=1e-12
-    )
-    with pytest.raises(ChannelError, match="F1 is unknown"):
-        read_excitation(path, 1, mapping={"F1": "unknown"})
-    with pytest.raises(
-        ChannelError, match="F2 acts on a DOF that the model does not have"
-    ):
-        read_excitation(path, 1, mapping={"F2": "F1"})
-    with pytest.raises(
-        FileFormatError,
-        match="no column is known to be a force or the base acceleration",
-    ):
-        read_excitation(path, 1, mapping={"F1": "none"})
+@pytest.fixture
+def load_file(csv):
+    return csv({"t": T, "F1": np.cos(T), "x1": T})
+
+
+def test_motions_do_not_matter_to_an_excitation(load_file):
+    units = {"F": "kN", "x": "mm"}
+    load = read_excitation(load_file, 2, mapping={"x2": "laser"}, units=units)
+    expected = [1e3 * np.cos(T), 0 * T]
+    np.testing.assert_allclose(load.force.T, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "words"),
+    [
+        ({"F1": "unknown"}, "F1 is unknown"),
+        ({"F2": "F1"}, "F2 acts on a DOF"),
+        ({"F1": "none"}, "no column .* a force"),
+    ],
+)
+def test_excitations_that_cannot_be(load_file, mapping, words):
+    with pytest.raises((ChannelError, FileFormatError), match=words):
+        read_excitation(load_file, 1, mapping=mapping)
 
 
 def test_files_of_another_type_than_their_name(tmp_path):
@@ -141,31 +183,20 @@ def test_files_of_another_type_than_their_name(tmp_path):
     (tmp_path / "a.xyz").write_text("t,a1\n0,1\n")
     (tmp_path / "c.csv").write_text("The quick brown fox\njumps over\n")
     savemat(tmp_path / "d.mat", {"note": "only text"})
-    for name, words in {
+    reasons = {
         "a.xyz": r"type \.xyz",
-        "b.csv": "called .csv but holds a ZIP",
+        "b.csv": "called .csv but holds Excel or NPZ",
         "c.csv": "no rows of numbers",
         "": "not a file",
         "d.mat": "no channel of numbers",
-    }.items():
+    }
+    for name, words in reasons.items():
         with pytest.raises(FileFormatError, match=words):
             read_table(tmp_path / name)
 
 
-def test_several_files_keep_the_unit_of_their_time(tmp_path):
-    t = np.arange(200) * 1e-3
-    pd.DataFrame({"t [ms]": 1e3 * t, "a1": np.sin(30 * t)}).to_csv(
-        tmp_path / "A.csv", index=False
-    )
-    pd.DataFrame({"t [ms]": 1e3 * t, "x1": np.sin(30 * t)}).to_csv(
-        tmp_path / "B.csv", index=False
-    )
-    pd.DataFrame({"t [s]": 1e3 * t, "x1": np.sin(30 * t)}).to_csv(
-        tmp_path / "C.csv", index=False
-    )
-    mapping = {"a1": "A.a1", "x1": "B.x1"}
-    assert io.read_record(
-        [tmp_path / "A.csv", tmp_path / "B.csv"], mapping=mapping
-    ).fs == pytest.approx(1000.0)
-    with pytest.raises(FileFormatError, match="different units: ms, s"):
-        io.read_table([tmp_path / "A.csv", tmp_path / "C.csv"])
+def test_a_suffix_is_that_of_one_format(tmp_path):
+    for file_format in FORMATS:
+        for suffix in file_format.suffixes:
+            assert format_called(tmp_path / f"A{suffix.upper()}") is file_format
+    assert format_called(tmp_path / "a.xyz") is None

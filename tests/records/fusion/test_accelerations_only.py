@@ -10,7 +10,7 @@ import pytest
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
 from pysindy_nrf.exceptions import DataQualityWarning
 from pysindy_nrf.records.zero_phase_filter import lowest_frequency
-from pysindy_nrf.simulation.noise import add_noise
+from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.slow
 

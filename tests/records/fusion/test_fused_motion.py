@@ -19,8 +19,7 @@ from smooth_motions import (
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record, laws
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.fusion import integrate
-from pysindy_nrf.records.fusion.kinematics import to_features
+from pysindy_nrf.records import integrate, to_features
 
 
 @pytest.mark.parametrize("kind", ["random", "hammer"])

@@ -5,7 +5,7 @@ import pytest
 from smooth_motions import FS, rms, two_floors
 
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.fusion import integrate
+from pysindy_nrf.records import integrate
 
 
 @pytest.mark.parametrize(("method", "error"), [("spline", 1e-8), ("cumulative", 1e-3)])

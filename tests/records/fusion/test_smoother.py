@@ -7,7 +7,7 @@ from smooth_motions import FS, chain_test, rms, two_floors
 
 from pysindy_nrf import KinematicSmoother, datasets
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
+from pysindy_nrf.records import ZeroPhaseFilter
 
 
 @pytest.fixture(scope="module")

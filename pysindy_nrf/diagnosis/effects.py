@@ -1,0 +1,277 @@
+"""What a model holds beside linear storeys, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+import pandas as pd
+
+from ..chain.model import ChainModel
+from ..laws.base import ForceLaw
+from ..records.dataset import Dataset
+
+# Share of the force of a site from which on a nonlinear term is named.
+NAMED_SHARE = 0.02
+
+Interval = tuple[float, float]
+Bounds = Mapping[str, Interval]
+
+
+class Effect(Protocol):
+    """One effect that a search found: see :class:`pysindy_nrf.discrepancy.Step`."""
+
+    @property
+    def law(self) -> str:
+        """Name of the law, such as ``"coulomb_friction"``."""
+
+    @property
+    def family(self) -> str:
+        """Family of the law."""
+
+    @property
+    def site(self) -> str:
+        """Where it acts."""
+
+    @property
+    def shape(self) -> Mapping[str, float | None]:
+        """Shape parameters by name, SI units."""
+
+    @property
+    def parameters(self) -> Mapping[str, float | None]:
+        """Coefficients and shape parameters, SI units."""
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Units of the parameters."""
+
+    @property
+    def intervals(self) -> Mapping[str, Interval]:
+        """95 % intervals of the parameters."""
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether held-out data confirm it; the model holds confirmed effects only."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether its name is sure."""
+
+    @property
+    def alternatives(self) -> list[str]:
+        """Families that the data cannot tell from its own."""
+
+    @property
+    def company(self) -> list[str]:
+        """Laws that may stand for one law together with it."""
+
+    @property
+    def sensors(self) -> list[str]:
+        """Other sensors that the data could accuse as well."""
+
+    @property
+    def remainder(self) -> float:
+        """Share of the effect that stays unexplained."""
+
+    @property
+    def gain(self) -> float:
+        """Fall of the cross-validated residual, dB."""
+
+    @property
+    def gain_error(self) -> float:
+        """Standard error of the gain over folds, dB."""
+
+    @property
+    def error_before(self) -> float:
+        """Held-out balance error without it, percent NRMSE."""
+
+    @property
+    def error_after(self) -> float:
+        """Held-out balance error with it, percent NRMSE."""
+
+    @property
+    def free_run_before(self) -> float:
+        """Held-out free-run error without it, percent NRMSE."""
+
+    @property
+    def free_run_after(self) -> float:
+        """Held-out free-run error with it, percent NRMSE."""
+
+
+def plain_name(name: object) -> str:
+    """A name without underscores."""
+    return str(name).replace("_", " ")
+
+
+def law_at_site(effect: Effect) -> str:
+    """An effect by its law and its site."""
+    return f"{plain_name(effect.law)} at {effect.site}"
+
+
+def described(effect: Effect) -> str:
+    """An effect with its size and interval."""
+    units = {}
+    for name, unit in effect.units.items():
+        if name not in effect.shape:
+            units[name] = unit
+    return effect_words(
+        effect.law, effect.site, effect.parameters, effect.intervals, units
+    )
+
+
+def effect_words(
+    law: str,
+    site: str,
+    values: Mapping[str, float | None],
+    intervals: Mapping[str, Interval],
+    units: Mapping[str, str],
+) -> str:
+    """An effect with its leading parameter and the interval of that.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.diagnosis.effects import effect_words
+    >>> force, interval = {"Fc": 173.0}, {"Fc": (169.0, 189.0)}
+    >>> effect_words(
+    ...     "coulomb_friction", "storey 2", force, interval, {"Fc": "N"}
+    ... )
+    'dry friction of 173 N (169 to 189 N) in storey 2'
+    """
+    name = plain_name(law).removeprefix("ground ")
+    if law == "coulomb_friction":
+        name = "dry friction"
+    place = _place(site)
+
+    for key, value in values.items():
+        if value is None or key not in units:
+            continue
+        unit = units[key].replace("^2", "²").replace("^3", "³")
+        unit = f" {unit}" if unit else ""
+        low, high = intervals.get(key, (np.nan, np.nan))
+        text = f"{name} of {digits(low, high, float(value))}{unit}"
+        if np.isfinite(high - low):
+            text += f" ({digits(low, high)}{unit})"
+        return f"{text} {place}"
+    return f"{name} {place}"
+
+
+def _place(site: str) -> str:
+    """Where a site is, in words."""
+    kind, _, number = site.partition(" ")
+    if kind == "ground":
+        return f"between floor {number} and the ground"
+    if kind == "dof":
+        return f"on floor {number}"
+    return f"in {site}"
+
+
+def digits(low: float, high: float, *values: float) -> str:
+    """The two ends of an interval with the digits that tell them apart.
+
+    Or other values with the same digits.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.diagnosis.effects import digits
+    >>> digits(1234.5, 1235.5), digits(1234.5, 1235.5, 1235.1)
+    ('1234.5 to 1235.5', '1235.1')
+    """
+    needed = 3
+    if high > low:
+        largest = max(abs(low), abs(high))
+        half_width = (high - low) / 2
+        n_digits = np.floor(np.log10(largest)) - np.floor(np.log10(half_width)) + 1
+        needed = int(np.clip(n_digits, 3, 7))
+    return " to ".join(f"{value:.{needed}g}" for value in values or (low, high))
+
+
+def shares_of(model: ChainModel, data: Dataset) -> dict[str, pd.Series]:
+    """Rms of each term's force, percent of the rms of the force of its site.
+
+    Returns
+    -------
+    dict of str to Series
+        By site; the largest term first. Sites without a force are left out.
+    """
+    shares = {}
+    for site, force in model.restoring_forces.items():
+        if not force.laws:
+            continue
+
+        squares, total = np.zeros(len(force.coefficients)), 0.0
+        for segment in data.segments:
+            motion = segment.motion(site, segment.valid)
+            terms = [law.features(motion) * law.coefficients for law in force.laws]
+            columns = np.hstack(terms)
+            squares += (columns**2).sum(axis=0)
+            total += (columns.sum(axis=1) ** 2).sum()
+
+        if total:
+            percent = 100 * np.sqrt(squares / total)
+            series = pd.Series(percent, index=force.coefficients.index)
+            shares[str(site)] = series.sort_values(ascending=False)
+    return shares
+
+
+def nonlinear_parts(
+    model: ChainModel, shares: Mapping[str, pd.Series], bounds: Bounds | None = None
+) -> dict[str, str]:
+    """What the laws of a model add to linear storeys, in words by site.
+
+    Parameters
+    ----------
+    model : ChainModel
+    shares : mapping of str to Series
+        Percent of the force of each site that a term carries, as of
+        :func:`shares_of`; terms that carry next to nothing are not named.
+    bounds : mapping of str to (float, float), optional
+        95 % intervals by parameter, such as ``"storey 2: Fc"``.
+    """
+    parts: dict[str, str] = {}
+    for site, laws in model.laws.items():
+        carried = shares.get(str(site), pd.Series(dtype=float))
+        texts = [_nonlinear_part(str(site), law, carried, bounds or {}) for law in laws]
+        texts = [text for text in texts if text]
+        if texts:
+            parts[str(site)] = ", ".join(texts)
+    return parts
+
+
+def _nonlinear_part(
+    site: str, law: ForceLaw, carried: pd.Series, bounds: Bounds
+) -> str:
+    """What one law adds to a linear storey; empty if that is nothing."""
+    values: dict[str, float | None] = {}
+    units, intervals = {}, {}
+    noticed = []
+    for term, value in zip(law.terms(), np.asarray(law.coefficients, dtype=float)):
+        if term.label in ("v", "s"):  # what is linear is no effect
+            continue
+        values[term.symbol] = float(value)
+        units[term.symbol] = term.unit
+        intervals[term.symbol] = bounds.get(f"{site}: {term.label}", (np.nan, np.nan))
+        if carried.get(term.label, 0.0) > 100 * NAMED_SHARE:
+            noticed.append(term.label)
+
+    if law.name == "power_series":
+        return _of_power_series(site, noticed, carried)
+    if not values or (len(carried) and not noticed):
+        return ""
+    return effect_words(law.name, site, values, intervals, units)
+
+
+def _of_power_series(site: str, noticed: list[str], carried: pd.Series) -> str:
+    """What the nonlinear terms of a power series are; empty if they carry nothing."""
+    if not noticed:
+        return ""
+    of_drift = any("s" in label for label in noticed)
+    of_rate = any("v" in label for label in noticed)
+    kind = "a nonlinear force"
+    if not of_rate:
+        kind = "nonlinear stiffness"
+    elif not of_drift:
+        kind = "nonlinear damping"
+    first = noticed[0]
+    share = f"{first} carries {carried[first]:.2g} % of its force"
+    return f"{kind} in {site} ({share})"

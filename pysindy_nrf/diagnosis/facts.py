@@ -1,0 +1,328 @@
+"""What is known of a model, of its data and of the search behind it.
+
+A verdict follows from these facts alone; see :mod:`pysindy_nrf.diagnosis.verdict`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+import pandas as pd
+
+from ..chain.model import ChainModel
+from ..chain.restoring_force import RestoringForce
+from ..chain.visited_region import VisitedRegion
+from ..records.quality import QualityNote
+from .effects import Bounds, Effect, described
+from .free_run import FreeRuns
+
+# Share of the force of a site from which on a negative stiffness is no error of a weak
+# spring.
+CARRIES = 0.25
+# Periods of the slowest mode in a record, below which the chain hardly has a spring to
+# the ground.
+FLOATING_PERIODS = 3.0
+# Letters of the labels of terms that are powers of drift and rate.
+_POWERS = set("sv ^123456789")
+
+
+@dataclass(frozen=True)
+class FreeRunFacts:
+    """How far the model alone follows the measured motion.
+
+    Parameters
+    ----------
+    error : float
+        Percent NRMSE over the records; NaN without a run.
+    over_periods : float
+        Percent NRMSE of free runs over some periods; NaN if they were not tried.
+    diverges : bool
+        Whether a run came to no end or grows beyond all numbers.
+    why_not : str
+        Why a run is missing.
+    floats : bool
+        Whether the chain has hardly a spring to the ground, so that it may drift.
+    """
+
+    error: float = float("nan")
+    over_periods: float = float("nan")
+    diverges: bool = False
+    why_not: str = ""
+    floats: bool = True
+
+
+@dataclass(frozen=True)
+class GrowingMode:
+    """A mode of the linear part that grows by itself."""
+
+    number: int
+    damping: float
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What is known of a model, of its data and of the search behind it.
+
+    Parameters
+    ----------
+    unexplained : mapping of int to float
+        Share of the equation of motion of each DOF that the model leaves, percent
+        NRMSE.
+    holds : tuple of str
+        What the model holds beside linear storeys, in words.
+    impossible_masses : mapping of int to float
+        Masses by DOF that were identified and are not positive, kg.
+    negative_stiffness : tuple of str
+        Storeys whose stiffness is negative beyond its interval.
+    intervals : mapping of str to (float, float)
+        95 % intervals by parameter (``"m1"``, ``"storey 2: s"``).
+    growing_mode : GrowingMode, optional
+        The mode with the most negative damping.
+    free_run : FreeRunFacts
+    channel_faults : mapping of str to bool
+        Channels that seem reversed, in another unit or in the wrong column, in words,
+        and whether that is sure.
+    quality : tuple of QualityNote
+        What is known of channels, clocks and units.
+    n_records : int
+        Records behind the model; a note names its own if there are several.
+    effects : tuple of Effect
+        What a search added, confirmed or not.
+    unanswered : mapping of str to str
+        Questions to the residual that have no answer, and why.
+    noise_is_known : bool
+        Whether it is known what noise alone would leave.
+    nothing_claimed : str
+        Why a search claims nothing; empty if it does.
+    wiring : str
+        The error of wiring without which the balances close, if there is one.
+    doubts : tuple of str
+        What else is doubtful, in sentences.
+    """
+
+    unexplained: Mapping[int, float] = field(default_factory=dict)
+    holds: tuple[str, ...] = ()
+    impossible_masses: Mapping[int, float] = field(default_factory=dict)
+    negative_stiffness: tuple[str, ...] = ()
+    intervals: Bounds = field(default_factory=dict)
+    growing_mode: GrowingMode | None = None
+    free_run: FreeRunFacts = FreeRunFacts()
+    channel_faults: Mapping[str, bool] = field(default_factory=dict)
+    quality: tuple[QualityNote, ...] = ()
+    n_records: int = 1
+    effects: tuple[Effect, ...] = ()
+    unanswered: Mapping[str, str] = field(default_factory=dict)
+    noise_is_known: bool = True
+    nothing_claimed: str = ""
+    wiring: str = ""
+    doubts: tuple[str, ...] = ()
+
+
+# -- a model -------------------------------------------------------------------
+
+
+def facts_of_model(
+    model: ChainModel,
+    bounds: Bounds,
+    runs: FreeRuns | None,
+    known_masses: Collection[int] = (),
+    over_periods: float = float("nan"),
+) -> Facts:
+    """What masses, laws, intervals and free runs of a model say of it.
+
+    Parameters
+    ----------
+    model : ChainModel
+    bounds : mapping of str to (float, float)
+        95 % intervals by parameter.
+    runs : FreeRuns, optional
+    known_masses : collection of int
+        DOFs whose mass was given.
+    over_periods : float
+        Error of free runs over some periods, percent NRMSE.
+    """
+    impossible = {}
+    for j, mass in enumerate(model.masses, 1):
+        if mass <= 0 and j not in known_masses:
+            impossible[j] = float(mass)
+
+    modes = pd.DataFrame()
+    if (model.masses > 0).all() and (model.total_masses > 0).all():
+        modes = model.modes()
+    growing = None
+    if len(modes) and modes["damping"].min() < 0:
+        growing = GrowingMode(modes["damping"].idxmin(), float(modes["damping"].min()))
+
+    return Facts(
+        impossible_masses=impossible,
+        negative_stiffness=tuple(_negative_stiffness(model, bounds)),
+        intervals=bounds,
+        growing_mode=growing,
+        free_run=_free_run_facts(runs, modes, over_periods),
+    )
+
+
+def _free_run_facts(
+    runs: FreeRuns | None, modes: pd.DataFrame, over_periods: float
+) -> FreeRunFacts:
+    """How far a model alone follows the measured motion."""
+    if runs is None:
+        return FreeRunFacts(over_periods=over_periods)
+    endless = bool((~np.isfinite(runs.table.to_numpy(dtype=float))).any())
+    floats = True
+    if len(modes) and runs.runs:
+        longest = max(seg.n_valid * (seg.dt or 1.0) for seg, _ in runs.runs)
+        floats = float(modes["frequency"].min()) * longest < FLOATING_PERIODS
+    return FreeRunFacts(
+        runs.error, over_periods, endless or runs.failed, runs.why_not, floats
+    )
+
+
+def _negative_stiffness(model: ChainModel, bounds: Bounds) -> list[str]:
+    """Storeys without memory whose stiffness is negative and carries their force."""
+    found = []
+    for site, force in model.restoring_forces.items():
+        region = model.visited.get(site)
+        stiffness = float(force.linear_part()["k"])
+        upper_end = bounds.get(f"{site}: s", (stiffness, stiffness))[1]
+        surely_negative = stiffness < 0 and upper_end < 0
+        if region is None or not site.is_storey or not surely_negative:
+            continue
+        if _is_polynomial(force) and _pushes_outwards(force, region):
+            found.append(str(site))
+    return found
+
+
+def _is_polynomial(force: RestoringForce) -> bool:
+    """Whether a force is made of powers of drift and rate alone."""
+    if force.has_memory:
+        return False
+    labels = [term.label for law in force.laws for term in law.terms()]
+    return all(set(label) <= _POWERS for label in labels)
+
+
+def _pushes_outwards(force: RestoringForce, region: VisitedRegion) -> bool:
+    """Whether a storey pushes away from its rest, and its spring carries the force."""
+    largest = np.maximum(np.abs(region.low), np.abs(region.high))
+    rate, drift = float(largest[0]), float(largest[1])
+    left, right = force(np.zeros(2), np.array([-drift, drift]))
+
+    linear = force.linear_part()
+    of_spring = -linear["k"] * drift
+    of_dashpot = abs(linear["c"]) * rate
+    carries = of_spring > CARRIES * (of_spring + of_dashpot)
+    return bool(right - left < 0 and carries)
+
+
+# -- a closed loop -------------------------------------------------------------
+
+
+class Obstacle(Protocol):
+    """Why a question to the residual has no answer."""
+
+    @property
+    def reason(self) -> str:
+        """In words."""
+
+    @property
+    def expected(self) -> bool:
+        """Whether nothing is missing."""
+
+
+class Evidence(Protocol):
+    """What is left of the measured forces after one model of the loop."""
+
+    @property
+    def floor(self) -> object | None:
+        """What noise alone would leave; None if that is not known."""
+
+    @property
+    def not_possible(self) -> Mapping[str, Obstacle]:
+        """Questions without an answer."""
+
+
+class Loop(Protocol):
+    """What a verdict reads of a report of the loop."""
+
+    @property
+    def model(self) -> ChainModel:
+        """The model found."""
+
+    @property
+    def bounds(self) -> Bounds:
+        """95 % intervals by parameter."""
+
+    @property
+    def steps(self) -> Sequence[Effect]:
+        """Effects that the search added."""
+
+    @property
+    def final(self) -> pd.Series:
+        """Errors of the model, percent NRMSE."""
+
+    @property
+    def evidence(self) -> Sequence[Evidence]:
+        """What was left after each model."""
+
+    @property
+    def free_runs(self) -> FreeRuns | None:
+        """The model alone under the measured forces."""
+
+    @property
+    def faults(self) -> Mapping[str, bool]:
+        """Channels at fault, and whether that is sure."""
+
+    @property
+    def quality(self) -> Sequence[QualityNote]:
+        """What is known of the channels."""
+
+    @property
+    def stopped_because(self) -> str:
+        """Why the search stopped."""
+
+    @property
+    def nothing_claimed(self) -> bool:
+        """Whether nothing is claimed."""
+
+    @property
+    def wiring(self) -> str:
+        """The mapping of channels with which the balances close."""
+
+
+def facts_of_loop(report: Loop) -> Facts:
+    """What a report of the loop says of its model.
+
+    ``wiring`` is left out: a verdict asks for it where the other facts make it likely.
+    """
+    model = report.model
+    known = [j for j in range(1, model.n_dof + 1) if f"m{j}" not in report.bounds]
+    over_periods = float(report.final["free run"])
+
+    unexplained = {}
+    for j in range(1, model.n_dof + 1):
+        unexplained[j] = float(report.final.get(f"held-out dof {j}", np.nan))
+    confirmed = [step for step in report.steps if step.confirmed]
+    return replace(
+        facts_of_model(model, report.bounds, report.free_runs, known, over_periods),
+        unexplained=unexplained,
+        holds=tuple(map(described, confirmed)),
+        channel_faults=report.faults,
+        quality=tuple(report.quality),
+        effects=tuple(report.steps),
+        unanswered=_unanswered(report.evidence),
+        noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
+        nothing_claimed=report.stopped_because if report.nothing_claimed else "",
+    )
+
+
+def _unanswered(evidence: Sequence[Evidence]) -> dict[str, str]:
+    """Questions to the residuals that have no answer, and why."""
+    unanswered = {}
+    for after_one_model in evidence:
+        for question, obstacle in after_one_model.not_possible.items():
+            if not obstacle.expected:
+                unanswered[question] = obstacle.reason
+    return unanswered

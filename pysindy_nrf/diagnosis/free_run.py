@@ -1,0 +1,111 @@
+"""Free runs of a model over its records: the model alone under the measured forces."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from ..chain.model import ChainModel
+from ..equations.errors import free_run_by_either, squares_of
+from ..exceptions import NRFError
+from ..records.dataset import Dataset, Segment
+from ..records.record import Record
+from ..records.zero_phase_filter import ZeroPhaseFilter
+
+
+@dataclass(frozen=True, eq=False)
+class FreeRuns:
+    """Free runs of a model, and how far they miss the measured motion.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Percent NRMSE by record (rows) and DOF (columns); empty without a run.
+    runs : list of (Segment, Record)
+        The motion that was measured, and that of the model.
+    why_not : str
+        Why a run is missing.
+    failed : bool
+        Whether a run was tried and came to no end.
+    """
+
+    table: pd.DataFrame
+    runs: list[tuple[Segment, Record]] = field(default_factory=list)
+    why_not: str = ""
+    failed: bool = False
+
+    @property
+    def error(self) -> float:
+        """Percent NRMSE of all records and DOFs; NaN without a run."""
+        if self.table.empty:
+            return float("nan")
+        return float(np.sqrt(np.mean(np.square(self.table.to_numpy()))))
+
+
+def free_runs(
+    model: ChainModel,
+    data: Dataset,
+    filters: Sequence[ZeroPhaseFilter | None] | None = None,
+    dt: float | None = None,
+) -> FreeRuns:
+    """Run a model alone under the measured force of every record.
+
+    Parameters
+    ----------
+    model : ChainModel
+    data : Dataset
+        Each run starts from the first measured state of a record.
+    filters : sequence of ZeroPhaseFilter or None, optional
+        Of each record; measured and free motion pass it before they are compared.
+    dt : float, optional
+        Sampling step, s, where the records do not know theirs.
+
+    Returns
+    -------
+    FreeRuns
+    """
+    if (model.masses <= 0).any():
+        why_not = "a mass is not positive, as that of an element by itself"
+        return FreeRuns(pd.DataFrame(), why_not=why_not)
+
+    runs: list[tuple[Segment, Record]] = []
+    errors: dict[str, np.ndarray] = {}
+    why_not, failed = "", False
+    for segment, band in zip(data.segments, filters or [None] * len(data.segments)):
+        obstacle = _obstacle(segment, dt)
+        if obstacle:
+            why_not = obstacle
+            continue
+        try:
+            run = free_run_by_either(model, segment, segment.valid, dt)
+        except NRFError as error:
+            why_not, failed = str(error), True
+            continue
+
+        missed, moved = squares_of(run, segment, segment.valid, band)
+        runs.append((segment, run))
+        errors[_free_name(segment.name, errors)] = 100.0 * np.sqrt(missed / moved)
+
+    columns = [f"x{j + 1}" for j in range(model.n_dof)]
+    table = pd.DataFrame.from_dict(errors, orient="index", columns=columns)
+    return FreeRuns(table, runs, why_not, failed)
+
+
+def _obstacle(segment: Segment, dt: float | None) -> str:
+    """Why no run along a record is possible; empty if it is."""
+    if segment.dt is None and dt is None:
+        return "the sampling step is not known"
+    if np.isnan(segment.F[segment.valid]).any():
+        return f"a force of {segment.name} is unknown"
+    return ""
+
+
+def _free_name(name: str, taken: Container[str]) -> str:
+    """The name of a record, with a number where another has the same."""
+    label, number = name, 2
+    while label in taken:
+        label, number = f"{name} ({number})", number + 1
+    return label

@@ -1,0 +1,81 @@
+"""Every setting of a run of the loop, for the page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..common.audit import constants_of, settings_of
+from .bands import BANDS
+from .candidate_search import SEARCH
+from .certainty import CERTAINTY
+from .chance import CHANCE
+from .channel_errors import CHANNEL_ERRORS
+from .channel_spectra import CHANNELS
+from .claims import CLAIMS
+from .confirmation import CONFIRMATION
+from .contradictions import CONTRADICTIONS
+from .error_fit import ERROR_FIT
+from .error_reduction import REDUCTION
+from .excerpts import EXCERPTS
+from .fitted_model import FIT
+from .folds import FOLDS
+from .free_run import FREE_RUN
+from .heldout import HELDOUT
+from .judge import JUDGE
+from .prepare import FUSION
+from .request import LoopRequest
+from .residual.settings import RESIDUAL
+from .sensor_faults import FAULTS
+from .shape_axes import AXES
+from .signs import SIGNS
+from .windows import WINDOWS
+
+# Every number by which the loop decides, in groups.
+ALL_SETTINGS: dict[str, Any] = {
+    "fusion": FUSION,
+    "folds": FOLDS,
+    "excerpts": EXCERPTS,
+    "windows": WINDOWS,
+    "bands": BANDS,
+    "fit": FIT,
+    "error reduction": REDUCTION,
+    "scan": AXES,
+    "search": SEARCH,
+    "signs": SIGNS,
+    "judge": JUDGE,
+    "chance": CHANCE,
+    "channel errors": CHANNEL_ERRORS,
+    "fit of channel errors": ERROR_FIT,
+    "contradictions": CONTRADICTIONS,
+    "sensor faults": FAULTS,
+    "held-out data": HELDOUT,
+    "confirmation": CONFIRMATION,
+    "free run": FREE_RUN,
+    "claims": CLAIMS,
+    "certainty": CERTAINTY,
+    "residual": RESIDUAL,
+    "fewer sensors": CHANNELS,
+}
+
+
+def audit(request: LoopRequest, calibration: Any) -> dict[str, dict[str, str]]:
+    """Every setting of a run: arguments, declared model, numbers of the decisions."""
+    names = [record.name for record in request.heldout]
+    laws = dict.fromkeys(law.name for law in request.catalogue)
+    band = "found from the data"
+    if request.band is not None:
+        band = f"{request.band} Hz"
+
+    arguments = {
+        "band": band,
+        "random_state": request.random_state,
+        "max_steps": request.max_steps,
+        "calibration": calibration,
+        "held out": "; ".join(names) if names else "a quarter of every record",
+        "catalogue": ", ".join(laws),
+    }
+    return settings_of(
+        loop=arguments,
+        baseline=request.baseline.get_params(deep=False),
+        constants=constants_of(ALL_SETTINGS),
+    )

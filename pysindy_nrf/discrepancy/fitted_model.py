@@ -1,0 +1,361 @@
+"""A set of laws, every shape parameter with a value, fitted and judged fold by fold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..chain.layout import LawLayout
+from ..chain.model import ChainModel
+from ..chain.sites import Site
+from ..chain.structure import Chain
+from ..equations.chain_solve import Solution, model_of
+from ..equations.many_solves import ChainFit
+from ..equations.normal_equations import leave_one_out
+from ..exceptions import NRFError
+from ..laws.base import ForceLaw
+from ..records.dataset import Dataset
+from .error_reduction import REDUCTION, ErrorReduction, Powers, residual_share
+from .spectra import BalanceSpectra
+
+LawsBySite = Mapping[Site, Sequence[ForceLaw]]
+PlacedLaw = tuple[Site, ForceLaw]
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Numbers of the fits."""
+
+    # Iterations of the weights of the bands; they settle in three or four.
+    rounds: int = 6
+    # Relative change of the weights below which they have settled.
+    settled: float = 0.05
+    # Weight that a fold keeps when it is left out. The change of the parameters is
+    # taken for the rest of all: where one fold alone separates parameters (the
+    # transient before a steady state), the others would extrapolate at random.
+    weight_left_out: float = 0.1
+
+
+FIT = FitSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """Laws at the sites of a chain, fitted to spectra; :func:`fit_model` makes one.
+
+    Attributes
+    ----------
+    base : Chain
+        Before the sites of the laws were added to it.
+    products : ndarray of shape (n_folds, n_bands, n_rows, n_rows)
+        Of all rows: columns of the laws, accelerations, forces.
+    weights : ndarray of shape (n_balances, n_bands)
+        One over the power of the residual: bands full of noise do not count.
+    masses, coefficients : ndarray of shape (n_folds + 1, ...)
+        From all folds, then with each fold left out.
+    powers : Powers
+        On folds that the fit did not see.
+    within : ndarray of shape (n_balances, n_bands)
+        Power of the residual where all folds are fitted.
+    solvers : dict
+        Solves with further columns, by their sites and widths.
+    """
+
+    spectra: BalanceSpectra
+    base: Chain
+    layout: LawLayout
+    solver: ChainFit
+    products: np.ndarray
+    weights: np.ndarray
+    masses: np.ndarray
+    coefficients: np.ndarray
+    powers: Powers
+    within: np.ndarray
+    solvers: dict[Any, ChainFit] = field(default_factory=dict, repr=False)
+
+    # -- what the model is made of ---------------------------------------------
+
+    @property
+    def chain(self) -> Chain:
+        """The chain with the sites of all laws."""
+        return self.layout.chain
+
+    @property
+    def laws(self) -> LawsBySite:
+        """The laws by site, coefficients aside."""
+        return self.layout.laws
+
+    @property
+    def first_fixed(self) -> int:
+        """Row of a_1; those of all terms stand before it."""
+        return self.layout.n_terms
+
+    def with_laws(self, placed: Iterable[PlacedLaw]) -> FittedModel:
+        """The model with further laws."""
+        laws = dict(self.laws)
+        for site, law in placed:
+            laws[site] = (*laws.get(site, ()), law)
+        return fit_model(self.spectra, self.base, laws)
+
+    def without(self, site: Site, law: ForceLaw) -> FittedModel:
+        """The model without one law."""
+        remaining = list(self.laws[site])
+        remaining.remove(law)
+        return fit_model(self.spectra, self.base, {**self.laws, site: remaining})
+
+    def on(self, spectra: BalanceSpectra) -> FittedModel:
+        """The same laws fitted to other spectra."""
+        return fit_model(spectra, self.base, self.laws)
+
+    def on_motions(self, dataset: Dataset) -> FittedModel:
+        """The same laws fitted to the same rows of other motions."""
+        data = self.spectra.data.with_data(dataset)
+        return self.on(self.spectra.of_records(data))
+
+    def spring_columns(self, sites: Iterable[Site]) -> np.ndarray:
+        """Mask of the terms at some sites that are springs of positive stiffness."""
+        chosen = set(sites)
+        mask = np.zeros(self.first_fixed, dtype=bool)
+        for site in chosen & set(self.layout.sites):
+            column = self.layout.slices[site].start
+            for law in self.laws.get(site, ()):
+                for term in law.terms():
+                    mask[column] = term.label == "s"
+                    column += 1
+        return mask & (self.coefficients[0, : self.first_fixed] > 0)
+
+    # -- sums of the products --------------------------------------------------
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """Spectra of the columns of the laws, then of accelerations and forces."""
+        return np.vstack(self.spectra.rows(self.layout))
+
+    @cached_property
+    def row_numbers(self) -> list[int]:
+        """Numbers of these rows, the same in every model."""
+        return self.spectra.row_numbers(self.layout)
+
+    @cached_property
+    def summed(self) -> np.ndarray:
+        """Products summed over all folds, (n_bands, n_rows, n_rows)."""
+        return self.products.sum(axis=0)
+
+    @cached_property
+    def weighted(self) -> np.ndarray:
+        """Weighted sums over all folds and bands, (n_balances, n_rows, n_rows)."""
+        return np.tensordot(self.weights, self.summed, 1)
+
+    @cached_property
+    def scan_shares(self) -> np.ndarray:
+        """Residual over reference where all folds are fitted, by balance and band.
+
+        A scan reads all folds, also those in which a force is unknown: both sides of a
+        comparison hold them alike.
+        """
+        residual, reference = self.solver.rows(self.masses[:1], self.coefficients[:1])
+        return residual_share(
+            quadratic_forms(residual[0], self.summed),
+            quadratic_forms(reference[0], self.summed),
+        )
+
+    # -- what came out ---------------------------------------------------------
+
+    def chain_model(
+        self, masses: np.ndarray | None = None, coefficients: np.ndarray | None = None
+    ) -> ChainModel:
+        """The fitted chain model, or that with given masses and coefficients."""
+        return model_of(self.layout, self.solution(masses, coefficients))
+
+    def solution(
+        self, masses: np.ndarray | None = None, coefficients: np.ndarray | None = None
+    ) -> Solution:
+        """Masses and coefficients from all folds, or those that are given."""
+        masses = self.masses[0] if masses is None else masses
+        values = self.coefficients[0] if coefficients is None else coefficients
+        by_site = {site: values[rows] for site, rows in self.layout.slices.items()}
+        return Solution(dict(enumerate(masses.tolist(), 1)), by_site)
+
+    @property
+    def errors_within(self) -> np.ndarray:
+        """Error of each balance on the samples of the fit, percent."""
+        return self.spectra.errors(self.powers_within)
+
+    @property
+    def powers_within(self) -> Powers:
+        """Powers on the samples of the fit."""
+        return Powers(self.within[None], self.powers.reference)
+
+    @property
+    def error(self) -> float:
+        """Error of all balances on folds that the fit did not see, percent."""
+        return self.spectra.error(self.powers)
+
+    @property
+    def balance_errors(self) -> np.ndarray:
+        """Error of each balance on folds that the fit did not see, percent."""
+        return self.spectra.errors(self.powers)
+
+    def reduction_from(self, other: FittedModel) -> ErrorReduction:
+        """Error reduction from another model to this one."""
+        informative = self.spectra.bands.informative
+        return ErrorReduction.between(other.powers, self.powers, informative)
+
+    def powers_on(self, spectra: BalanceSpectra) -> Powers:
+        """Powers of the fitted model on other samples."""
+        products = spectra.products(self.layout)
+        residual, reference = self.solver.rows(self.masses[:1], self.coefficients[:1])
+        known = spectra.used_folds(self.solver)[:, self.solver.judged, None]
+        left = quadratic_forms(residual[0], products)
+        whole = quadratic_forms(reference[0], products)
+        return Powers(
+            np.where(known, np.maximum(left, 0.0), 0.0),
+            np.where(known, whole, 0.0).sum(axis=0),
+        )
+
+
+def fit_model(spectra: BalanceSpectra, chain: Chain, laws: LawsBySite) -> FittedModel:
+    """Fit laws to the folds of a search, each fold judged by the others.
+
+    Raises
+    ------
+    NRFError
+        If the columns of the balances depend on each other.
+    """
+    acting = {site: tuple(held) for site, held in laws.items() if held}
+    layout = LawLayout(chain.with_links(acting), acting)
+    products = spectra.products(layout)
+    where = {s: range(rows.start, rows.stop) for s, rows in layout.slices.items()}
+    solver = spectra.solver(layout, where, layout.n_terms)
+    problem = _FoldProblem(spectra, solver, products)
+
+    weights, within, reference = problem.settled_weights()
+    masses, coefficients = problem.solve_folds(weights.used)
+    powers = Powers(problem.judge_folds(masses, coefficients), reference)
+    if not np.isfinite(powers.residual).all():
+        raise NRFError(
+            "The columns of the balances depend on each other", "Leave a law out."
+        )
+    return FittedModel(
+        spectra,
+        chain,
+        layout,
+        solver,
+        products,
+        weights.final,
+        masses,
+        coefficients,
+        powers,
+        within,
+    )
+
+
+@dataclass(frozen=True)
+class _Weights:
+    """Weights of the bands: those of the last fit, and those that follow from it."""
+
+    used: np.ndarray
+    final: np.ndarray
+
+
+class _FoldProblem:
+    """Fits of one set of columns to all folds and with each fold left out."""
+
+    def __init__(
+        self, spectra: BalanceSpectra, solver: ChainFit, products: np.ndarray
+    ) -> None:
+        self.informative = spectra.bands.informative
+        self.strict = spectra.strict
+        self.solver = solver
+        self.products = products
+        # (n_folds, n_groups)
+        self.used = spectra.used_folds(solver)
+
+    def settled_weights(self) -> tuple[_Weights, np.ndarray, np.ndarray]:
+        """Weights of the bands, and the powers of residual and reference with them."""
+        # what serves each group of balances
+        products = np.tensordot(self.used.T, self.products, 1)
+        weights = self.informative.astype(float)
+
+        for _ in range(FIT.rounds):
+            used = weights
+            residual, reference = self._powers(used, products)
+            floored = residual + REDUCTION.resolution**2 * reference
+            counts = self.informative & (floored > 0)
+            weights = np.where(counts, 1.0 / np.maximum(floored, 1e-300), 0.0)
+            settled = np.allclose(weights, used, rtol=FIT.settled)
+            if settled or not np.isfinite(residual).all():
+                break
+
+        return _Weights(used, weights), residual, reference
+
+    def _powers(self, weights: np.ndarray, products: np.ndarray) -> np.ndarray:
+        """Power of residual and reference where all folds are fitted.
+
+        Shape (2, n_balances, n_bands).
+        """
+        by_group = for_groups(weights, self.solver)
+        sums = np.einsum("uk,ukpq->upq", by_group, products, optimize=True)
+        fit = self.solver.solve(sums[None], self.strict)
+        rows = np.concatenate(self.solver.rows(*fit))[:, :, None, None]
+        power = ((rows @ products[self.solver.judged]) * rows).sum(axis=(-2, -1))
+        return np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
+
+    def solve_folds(self, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masses and coefficients from all folds, then as if each were left out."""
+        sums = weighted_sums(self.products, weights, self.solver, self.used)
+        return solve_folds(self.solver, sums, self.strict)
+
+    def judge_folds(self, masses: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Power of the residual on each fold, which the fit did not see.
+
+        Shape (n_folds, n_balances, n_bands).
+        """
+        residual = self.solver.rows(masses[1:], coefficients[1:])[0][:, None]
+        power = ((residual @ self.products) * residual).sum(axis=-1).swapaxes(1, 2)
+        power = np.where(np.isfinite(power), np.maximum(power, 0.0), np.inf)
+        return np.where(self.used[:, self.solver.judged, None], power, 0.0)
+
+
+def for_groups(by_balance: np.ndarray, solver: ChainFit) -> np.ndarray:
+    """Entries of each group of balances: those of the balance of its lowest DOF."""
+    lowest = [group.dofs[0] - 1 for group in solver.groups]
+    return by_balance[lowest]
+
+
+def weighted_sums(
+    products: np.ndarray, weights: np.ndarray, solver: ChainFit, used: np.ndarray
+) -> np.ndarray:
+    """Products of each fold summed over the bands, for each group of balances.
+
+    Shape (n_folds, n_groups, n_rows, n_rows).
+    """
+    by_group = for_groups(weights, solver)
+    sums = np.einsum("uk,fkpq->fupq", by_group, products, optimize=True)
+    return sums * used[:, :, None, None]
+
+
+def solve_folds(
+    solver: ChainFit, sums: np.ndarray, strict: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Masses and coefficients from all folds, then as if each had been left out."""
+    kept = FIT.weight_left_out
+    others = leave_one_out(sums) + kept * sums
+    masses, coefficients = solver.solve(
+        np.concatenate([sums.sum(axis=0)[None], others]), strict
+    )
+    for values in (masses, coefficients):
+        values[1:] += kept / (1.0 - kept) * (values[1:] - values[0])
+    return masses, coefficients
+
+
+def quadratic_forms(rows: np.ndarray, products: np.ndarray) -> np.ndarray:
+    """Power of combinations of rows (n, p) from products (..., n_bands, p, p).
+
+    Shape (..., n, n_bands).
+    """
+    return np.einsum("ip,...kpq,iq->...ik", rows, products, rows, optimize=True)

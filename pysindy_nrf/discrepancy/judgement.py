@@ -1,0 +1,121 @@
+"""What both loops conclude, and the parts of the report that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from ..chain.model import ChainModel
+from ..chain.visited_region import VisitedRegion
+from ..records.checks.channel_checks import Measured, measured
+from ..records.record import Record
+from . import wording
+from .effects import RankedFinding
+from .heldout import JudgedModel
+from .prepare import Band
+from .report import Step
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What a loop concludes.
+
+    Attributes
+    ----------
+    steps : list of Step
+    judged : list of JudgedModel
+        The baseline, then the model with each effect.
+    final : int
+        Number of the model with all confirmed effects.
+    stopped : list of str
+        Why the search stopped, in sentences.
+    band : (float, float)
+        Hz.
+    last_findings : sequence of RankedFinding
+        Candidates of the last round, best first.
+    nothing_claimed : bool
+    """
+
+    steps: list[Step]
+    judged: list[JudgedModel]
+    final: int
+    stopped: list[str]
+    band: Band
+    last_findings: Sequence[RankedFinding]
+    nothing_claimed: bool = False
+
+    @property
+    def final_model(self) -> JudgedModel:
+        """The model with all confirmed effects."""
+        return self.judged[self.final]
+
+    @property
+    def stopped_because(self) -> str:
+        """Why the search stopped, in one paragraph."""
+        return wording.paragraph(self.stopped)
+
+
+def error_table(judgement: Judgement) -> pd.DataFrame:
+    """Errors of the baseline and of the model with each effect, percent."""
+    rows: dict[str, dict[str, float]] = {}
+    for one in judgement.judged:
+        name = one.name if one.name not in rows else f"{one.name} ({len(rows)})"
+        rows[name] = one.errors
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    return table.assign(band=wording.band(judgement.band))
+
+
+def chain_models(
+    judgement: Judgement, visited: Mapping[Any, VisitedRegion] | None = None
+) -> list[ChainModel]:
+    """The judged models; that with all confirmed effects records its origin."""
+    models = [one.model.chain_model() for one in judgement.judged]
+    band = judgement.band
+    steps = [step for step in judgement.steps if step.confirmed]
+    info = {
+        "band": list(band) if any(band) else None,
+        "steps": [f"{step.law} at {step.site}" for step in steps],
+        "stopped_because": judgement.stopped_because,
+    }
+    final = models[judgement.final]
+    models[judgement.final] = ChainModel(
+        final.masses, final.laws, final.chain, visited, info
+    )
+    return models
+
+
+def candidate_table(findings: Sequence[RankedFinding]) -> pd.DataFrame:
+    """The candidates of the last round, best first."""
+    rows = []
+    for ranked in findings:
+        candidate, reduction = ranked.finding.candidate, ranked.reduction
+        rows.append(
+            [
+                candidate.law.name,
+                ranked.finding.family,
+                candidate.site_names,
+                reduction.value,
+                reduction.standard_error,
+                reduction.least,
+            ]
+        )
+    columns = ["law", "family", "site", "gain (dB)", "standard error", "least"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def measured_records(
+    records: Sequence[Record], noise: Sequence[dict[str, float]], n_heldout: int
+) -> list[Measured]:
+    """What the records of a closed loop hold; those held out whole stand last."""
+    searched = "searched"
+    if not n_heldout:
+        searched += ", but for a quarter that is held out"
+    n_searched = len(records) - n_heldout
+    out = []
+    for i, (record, levels) in enumerate(zip(records, noise)):
+        role = searched if i < n_searched else "held out"
+        out.append(measured(record, levels, role))
+    return out

@@ -1,0 +1,22 @@
+"""Mean period of a signal."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+# Period of a signal that does not move, samples.
+PERIOD_AT_REST = 16.0
+# Lowest rms frequency, radians per sample.
+LOWEST_FREQUENCY = 1e-6
+
+
+def mean_period(parts: Sequence[np.ndarray]) -> float:
+    """Samples of a period at the rms frequency of a signal."""
+    rate, size = 0.0, 0.0
+    for part in parts:
+        rate += float(np.sum(np.diff(part) ** 2))
+        size += float(np.sum((part - part.mean()) ** 2))
+
+    if not size > 0:
+        return PERIOD_AT_REST
+    return float(2 * np.pi / max(np.sqrt(rate / size), LOWEST_FREQUENCY))

@@ -1,0 +1,237 @@
+"""Is the residual noise: what the motion explains beyond what it explains of noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ...chain.sites import Site
+from ...chain.structure import Chain
+from ...diagnosis.residual import Residual, filtered
+from ...equations.normal_equations import Regression
+from ...exceptions import NRFError
+from ...records.dataset import Segment
+from .kinds import ResidualKind
+from .motion_columns import own_columns, thinning
+from .noise_floor import NoiseFloor
+from .settings import RESIDUAL
+
+_COLUMNS = ["verdict", "percent", "floor ratio", "linear share", "nonlinear share"]
+# Groups of columns that explain a residual linearly.
+_LINEAR = ["motion", "inputs"]
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """What the residual of every balance and storey holds.
+
+    ``verdicts`` has rows ``"dof j"`` and ``"storey i"``; columns ``verdict`` (a
+    ``ResidualKind``), ``percent`` (of the reference), ``floor ratio`` (rms over that of
+    the noise floor), ``linear share`` (of the squares that drifts, rates and inputs
+    explain on data left out) and ``nonlinear share`` (of the rest, by laws of the
+    site's own motion).
+    """
+
+    verdicts: pd.DataFrame
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether nothing but noise is left in any balance."""
+        return bool((self.verdicts["verdict"] == ResidualKind.NOISE).all())
+
+
+def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
+    """Find what every balance and storey holds beside noise.
+
+    Parameters
+    ----------
+    residual : Residual
+    floor : NoiseFloor, optional
+        What noise alone would leave, if it is known.
+    """
+    if not isinstance(residual, Residual):
+        raise NRFError(
+            f"{type(residual).__name__} is not a residual",
+            "Make one with residual_of(model, data).",
+        )
+
+    regressions = _Regressions(residual, floor)
+    rows: dict[str, dict[str, Any]] = {}
+    for place, size in residual.sizes.iterrows():
+        if not np.isfinite(size["rms"]):
+            continue
+        ratio = np.nan
+        if floor is not None and floor.at(str(place)) > 0:
+            ratio = size["rms"] / floor.at(str(place))
+        row = {
+            "verdict": ResidualKind.NOISE,
+            "percent": size["percent"],
+            "floor ratio": ratio,
+        }
+        if size["rms"] > RESIDUAL.resolution * size["reference"]:
+            row |= regressions.verdict(str(place), ratio)
+        rows[str(place)] = row
+
+    table = pd.DataFrame.from_dict(rows, orient="index")
+    return Detection(table.reindex(columns=_COLUMNS))
+
+
+class _Regressions:
+    """Regressions of a residual, and of draws of noise alone, on the motion."""
+
+    def __init__(self, residual: Residual, floor: NoiseFloor | None) -> None:
+        segments = residual.data.segments
+        chain = residual.model.chain
+        every = []
+        for i in range(residual.n_dof):
+            every.append(thinning([seg.s[seg.valid, i] for seg in segments]))
+        thin = min(every)
+
+        self.residual = _MotionRegression(residual, chain, thin)
+        self.noise: list[_MotionRegression] = []
+        if floor is not None:
+            # the model of the draws may be one of fewer sites
+            made = [_MotionRegression(draw, chain, thin) for draw in floor.draws]
+            self.noise = floor.motions.setdefault((chain.sites, thin), made)
+
+    def verdict(self, place: str, ratio: float) -> dict[str, Any]:
+        """What one balance or storey holds."""
+        laws = self.residual.law_groups(place)
+        linear, is_linear = self._share(place, _LINEAR, [])
+        nonlinear, is_nonlinear = self._share(place, laws, _LINEAR)
+
+        # its size alone speaks for noise, and residual and floor may both be off
+        at_floor = RESIDUAL.at_floor
+        kind = ResidualKind.UNMEASURED
+        if ratio < at_floor**2:
+            kind = ResidualKind.NOISE
+        # below the floor it is the bias of the fit
+        if is_linear and not ratio < at_floor:
+            kind = ResidualKind.LINEAR
+        if is_nonlinear and not ratio < 1 / at_floor:
+            kind = ResidualKind.NONLINEAR
+        return {"verdict": kind, "linear share": linear, "nonlinear share": nonlinear}
+
+    def _share(
+        self, place: str, groups: list[str], beside: list[str]
+    ) -> tuple[float, bool]:
+        """Share that groups of columns explain beside others, and whether it is sure.
+
+        Squares that the motion explains of noise alone are taken off.
+        """
+        fit = self.residual.fit(place)
+        share, error = fit.share(place, groups, beside)
+        explained = []
+        for noise in self.noise:
+            regression = noise.fit(place)
+            before = regression.left(place, beside)
+            after = regression.left(place, [*beside, *groups])
+            explained.append(float((before - after).sum()))
+
+        of_noise = 0.0
+        if explained:
+            left = max(fit.left(place, beside).sum(), 1e-300)
+            of_noise = max(float(np.mean(explained)), 0.0) / left
+        least = max(RESIDUAL.alike, RESIDUAL.sure_errors * error)
+        return max(share, 0.0), share - of_noise > least
+
+
+class _MotionRegression:
+    """Regression of a residual on drifts, rates, inputs and laws of the own motion."""
+
+    def __init__(self, residual: Residual, chain: Chain, every: int) -> None:
+        self.residual = residual
+        self.chain = chain
+        self.every = every
+        self._columns = residual.columns.setdefault((chain.sites, every), {})
+        self._fits: dict[tuple[int, ...], Regression] = {}
+
+    def law_groups(self, place: str) -> list[str]:
+        """Columns of the laws that enter one balance or storey."""
+        site = Site(place)
+        entering = [site]
+        if site.kind == "dof":
+            entering = [s for s in self.chain.sites if s.incidence(site.p)]
+        return [f"law {s}" for s in entering]
+
+    def fit(self, place: str) -> Regression:
+        """The regression on all records in which a residual is known."""
+        known = []
+        for i, left in enumerate(self.residual.at(place)):
+            if np.isfinite(left).all():
+                known.append(i)
+
+        records = tuple(known)
+        if records not in self._fits:
+            if records not in self._columns:
+                self._columns[records] = self._groups(records)
+            groups = self._columns[records] | self._targets(records)
+            self._fits[records] = Regression.of(groups)
+        return self._fits[records]
+
+    def _targets(self, records: Sequence[int]) -> dict[str, list[np.ndarray]]:
+        """Residuals of all balances and storeys that are known in some records."""
+        targets = {}
+        for name in self.residual.sizes.index:
+            residual = self.residual.at(name)
+            parts = [residual[i][:: self.every] for i in records]
+            if all(np.isfinite(part).all() for part in parts):
+                targets[name] = parts
+        return targets
+
+    def _groups(self, records: Sequence[int]) -> dict[str, list[np.ndarray]]:
+        """Columns of the motion, by group, along some records."""
+        segments = [self.residual.data.segments[i] for i in records]
+        filters = [self.residual.filters[i] for i in records]
+
+        motion = [np.hstack([seg.s[seg.valid], seg.v[seg.valid]]) for seg in segments]
+        groups = {
+            "motion": self._filtered(motion, filters),
+            "inputs": self._filtered(self._inputs(segments), filters),
+        }
+        storeys = [Site(i) for i in range(1, self.residual.n_dof + 1)]
+        for site in dict.fromkeys([*self.chain.sites, *storeys]):
+            motions = [seg.motion(site, seg.valid) for seg in segments]
+            groups[f"law {site}"] = own_columns(motions, filters, self.every)
+        return groups
+
+    def _filtered(
+        self, parts: Iterable[np.ndarray], filters: Sequence[Any]
+    ) -> list[np.ndarray]:
+        """Columns as the residual sees them, thinned."""
+        out = []
+        for columns, filter_ in zip(parts, filters):
+            columns = np.asarray(columns, dtype=float)
+            out.append(filtered(columns, filter_)[:: self.every])
+        return out
+
+    def _inputs(self, segments: Sequence[Segment]) -> list[np.ndarray]:
+        """Accelerations of forced DOFs, covariates and base motion, and their slopes.
+
+        Of a measured force the slope alone, which stands for a delay: no balance closes
+        by the others.
+        """
+        forced = [j - 1 for j in self.residual.data.forced]
+        names = []
+        for name in segments[0].covariates:
+            shared = all(name in seg.covariates for seg in segments)
+            if shared and name not in ("ag", "vg"):
+                names.append(name)
+        shaken = all(seg.ag is not None for seg in segments)
+
+        inputs = []
+        for seg in segments:
+            lines: list[Any] = [seg.a[:, forced]]
+            lines += [seg.covariates[name] for name in names]
+            if shaken:
+                lines.append(seg.ag)
+            forces = np.nan_to_num(seg.F[:, forced])
+            moving = np.column_stack([*lines, forces])[seg.valid].astype(float)
+            slopes = np.gradient(moving[:, len(forced) :], axis=0)
+            values = moving[:, : moving.shape[1] - len(forced)]
+            inputs.append(np.hstack([values, slopes]))
+        return inputs

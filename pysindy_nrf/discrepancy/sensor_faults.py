@@ -1,0 +1,347 @@
+"""Faulty sensors as undeclared effects: channels late, wrongly scaled, or off zero.
+
+A fault of a sensor is not a force: it changes the channels from which every column is
+built, and the fusion that mixes them. So a candidate corrects the channel, and the same
+model is fitted again to what follows. Where a DOF has several kinds of channels their
+contradiction gives the fault, and the balances show which of them is wrong. Where it
+has one, and for forces, the fault is found from the balances alone.
+
+What the data cannot show is not tried: the gain of the only force where no mass is
+known (it scales the chain), the gain of the only DOF, the zero of x1 (a constant force
+on DOF 1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from ..chain.sites import Site
+from ..exceptions import NRFError
+from ..laws.sensor import SensorFault
+from ..records.dataset import Dataset, Segment
+from ..records.record import Record
+from ..simulation.api import as_true
+from .channel_readings import motion_of_dof
+from .contradictions import Contradiction, contradictions, longest_record, mean_rate
+from .effects import Candidate, Effect, Finding, SearchState
+from .fitted_model import FittedModel
+from .prepare import FusionRecipe, PreparedRecords, prepare
+from .search_data import SearchData
+
+
+@dataclass(frozen=True)
+class FaultSettings:
+    """Effort of the search for faults of sensors."""
+
+    # Faults that are tried on records fused again, of each kind: those that channels
+    # contradict, and those of the balances alone.
+    suspects: int = 3
+    # Channels whose fault is scanned for each of these.
+    scans: int = 2
+    # Error reduction of the first step of a scan that makes it worth a search, dB.
+    worth_scanning: float = 0.125
+    # Error reduction, dB, and size, as a share, of a fault that is worth trying.
+    least_reduction: float = 0.5
+    least_share: float = 0.03
+    # Evaluations of a scan.
+    evaluations: int = 16
+
+
+FAULTS = FaultSettings()
+# A loss that no fault has, dB.
+LARGE_LOSS = 1e6
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A fault at a channel; witnessed if another channel of its DOF contradicts it."""
+
+    law: SensorFault
+    site: Site
+    witnessed: bool = False
+
+
+class FaultSearch:
+    """Finds faults of sensors beside a state.
+
+    Parameters
+    ----------
+    laws : sequence of SensorFault
+        Faults that are tried.
+    """
+
+    def __init__(self, laws: Sequence[SensorFault]) -> None:
+        self.laws = list(laws)
+        self._fusion: list[FusionRecipe] | None = None
+        self._contradictions: list[Contradiction] = []
+
+    def findings(self, state: SearchState) -> list[Finding]:
+        """Corrected sensors as findings beside a state."""
+        if not self.laws or state.records is None:
+            return []
+
+        data = state.model.spectra.data
+        witnessed = self._witnessed(state.records, data)
+        alone = self._best_alone(state)
+        findings = []
+        for suspect in [*witnessed[: FAULTS.suspects], *alone[: FAULTS.suspects]]:
+            corrected = _corrected(state.records, state.model, suspect)
+            if corrected is not None:
+                findings.append(self._finding(state, suspect, *corrected))
+        return findings
+
+    def contradictions(
+        self, records: PreparedRecords, data: SearchData
+    ) -> list[Contradiction]:
+        """Contradictions of the channels, looked for once.
+
+        A corrected force changes none of them: it takes no part in the fusion.
+        """
+        if self._fusion is not records.fusion:
+            self._fusion = records.fusion
+            self._contradictions = contradictions(records, data)
+        return self._contradictions
+
+    def known_contradictions(self, records: PreparedRecords) -> list[Contradiction]:
+        """Contradictions of the channels of records that were searched for faults."""
+        return self._contradictions if self._fusion is records.fusion else []
+
+    def _finding(
+        self,
+        state: SearchState,
+        suspect: Suspect,
+        records: PreparedRecords,
+        model: FittedModel,
+    ) -> Finding:
+        """A corrected sensor; a second correction of a channel joins the first."""
+        fault, earlier = suspect.law, _earlier(state, suspect)
+        if earlier is not None:
+            assert isinstance(earlier.law, SensorFault)
+            fault = earlier.law.followed_by(fault)
+
+        template = next(law for law in self.laws if law.name == fault.name)
+        effects = [effect for effect in state.effects if effect is not earlier]
+        effects.append(Effect(fault, suspect.site, template, suspect.witnessed))
+        reduction = model.reduction_from(state.model)
+        return Finding(
+            Candidate(template, (suspect.site,)),
+            (fault,),
+            state,
+            reduction.value,
+            reduction,
+            SearchState(model, tuple(effects), records),
+            suspect.witnessed,
+        )
+
+    # -- faults that channels contradict ---------------------------------------
+
+    def _witnessed(self, records: PreparedRecords, data: SearchData) -> list[Suspect]:
+        """Faults of the catalogue that would reconcile the channels of one DOF."""
+        suspects = []
+        for found in self.contradictions(records, data):
+            for law in self.laws:
+                if law.order == found.order:
+                    fault = law.with_share(found.share)
+                    suspects.append(Suspect(fault, found.site, True))
+        return suspects
+
+    # -- faults that the balances alone show -----------------------------------
+
+    def _best_alone(self, state: SearchState) -> list[Suspect]:
+        """Faults of channels that no other contradicts, by what they gain."""
+        assert state.records is not None
+        data = state.model.spectra.data
+        scans = [_Scan(state.model, s) for s in self._alone(state.records, data)]
+        scans.sort(key=lambda scan: -scan.promise)
+
+        found = []
+        for scan in scans[: FAULTS.scans * FAULTS.suspects]:
+            best = scan.best()
+            if best is not None:
+                found.append(best)
+        found.sort(key=lambda pair: -pair[0])
+        return [suspect for _, suspect in found]
+
+    def _alone(self, records: PreparedRecords, data: SearchData) -> Iterator[Suspect]:
+        """Channels that no other of their DOF can contradict, with possible faults."""
+        motions = _single_channels(records.records[longest_record(data)])
+        forces = [f"F{j}" for j in data.forced]
+        motions_are_scaled = data.n_dof > 1 and bool(data.forced)
+        forces_are_scaled = len(data.forced) + len(data.known_masses) > 1
+
+        for law in self.laws:
+            # the mean of every column over a fold is taken out
+            if not law.acts_on_derivatives:
+                continue
+            if motions_are_scaled or not law.changes_scale:
+                yield from _suspects(law, motions)
+            if forces_are_scaled or not law.changes_scale:
+                yield from _suspects(law, forces)
+
+
+def _single_channels(record: Record) -> list[str]:
+    """Channels of the motion of DOFs that have no other."""
+    single = []
+    for j in range(1, record.n_dof + 1):
+        kinds = [kind for kind in "avx" if f"{kind}{j}" in record.measured]
+        if len(kinds) == 1:
+            single.append(f"{kinds[0]}{j}")
+    return single
+
+
+def _suspects(law: SensorFault, channels: Sequence[str]) -> Iterator[Suspect]:
+    """A fault at each of some channels."""
+    for channel in channels:
+        yield Suspect(law, Site(f"sensor {channel}"))
+
+
+def _earlier(state: SearchState, suspect: Suspect) -> Effect | None:
+    """The same kind of fault of the same channel, if it was found before."""
+    for effect in state.effects:
+        if effect.site == suspect.site and effect.law.name == suspect.law.name:
+            return effect
+    return None
+
+
+class _Scan:
+    """Values of a fault of one channel.
+
+    Its promise is the larger error reduction of two trials, up and down, dB.
+    """
+
+    def __init__(self, model: FittedModel, suspect: Suspect) -> None:
+        self.model = model
+        self.suspect = suspect
+        unit = 1.0
+        if suspect.law.terms()[0].unit == "s":
+            dof = int(suspect.site.channel[1:])
+            unit = 1.0 / mean_rate(model.spectra.data, dof)
+
+        step, reach = suspect.law.scan
+        self.least = FAULTS.least_share * unit
+        self.reach = reach * unit
+        up, down = self.gain(step * unit), self.gain(-step * unit)
+        self.promise = max(up, down)
+        self.sign = 1 if up > down else -1
+
+    def gain(self, value: float) -> float:
+        """Error reduction of the records that are freed of the fault, dB."""
+        law = self.suspect.law.with_values([value])
+        data = self.model.spectra.data
+        try:
+            freed = self.model.on_motions(_freed(data, self.suspect.site, law))
+        except NRFError:
+            return -np.inf
+        return freed.reduction_from(self.model).value
+
+    def best(self) -> tuple[float, Suspect] | None:
+        """The best value and its error reduction; None if it is too small."""
+        if self.promise < FAULTS.worth_scanning:
+            return None
+
+        found = minimize_scalar(
+            lambda value: -max(self.gain(value), -LARGE_LOSS),
+            bounds=sorted((0.0, self.sign * self.reach)),
+            options={"maxiter": FAULTS.evaluations},
+        )
+        value, gain = float(found.x), -float(found.fun)
+        if gain < FAULTS.least_reduction or abs(value) < self.least:
+            return None
+        law = self.suspect.law.with_values([value])
+        return gain, replace(self.suspect, law=law)
+
+
+# -- records freed of a fault --------------------------------------------------
+
+
+def _corrected(
+    records: PreparedRecords, model: FittedModel, suspect: Suspect
+) -> tuple[PreparedRecords, FittedModel] | None:
+    """Everything again from the corrected records: fusion, columns, powers.
+
+    Forces take no part in the fusion. None if the channels cannot be fused.
+    """
+    data = model.spectra.data
+    try:
+        true = [as_true(r, suspect.site, suspect.law) for r in records.records]
+        if suspect.site.channel[0] == "F":
+            motions = _freed(data, suspect.site, suspect.law)
+            fresh = replace(records, records=true, data=motions)
+        else:
+            n_searched = len(records.searched)
+            bands = [FusionRecipe({}, recipe.band) for recipe in records.fusion]
+            fresh = prepare(true[:n_searched], true[n_searched:], bands)
+        return fresh, model.on_motions(fresh.data)
+    except (NRFError, np.linalg.LinAlgError):
+        return None
+
+
+def _freed(data: SearchData, site: Site, law: SensorFault) -> Dataset:
+    """Records in which a force, or the whole motion of a DOF, is freed of a fault.
+
+    What is held out is corrected on its own.
+    """
+    segments = []
+    for i, segment in enumerate(data.data.segments):
+        changed = _freed_segment(segment, site, law, _cuts(data, i))
+        segments.append(replace(changed, valid=_finite_rows(changed, segment)))
+    return Dataset(segments, data.data.n_samples)
+
+
+def _cuts(data: SearchData, record: int) -> list[int]:
+    """Rows of a record at which held-out pieces begin or end."""
+    valid = data.data.segments[record].valid
+    ends = set()
+    for block in data.heldout:
+        if block.segment == record:
+            ends |= {valid.start + block.rows.start, valid.start + block.rows.stop}
+    return sorted(ends - {valid.start, valid.stop})
+
+
+def _freed_segment(
+    segment: Segment, site: Site, law: SensorFault, cuts: Sequence[int]
+) -> Segment:
+    """A record with a channel freed of a fault, its pieces on their own."""
+    kind, dof = site.channel[0], int(site.channel[1:])
+    if kind == "F":
+        channels = {"F": segment.F[:, dof - 1]}
+    else:
+        channels = motion_of_dof(segment, dof)
+
+    changes = {}
+    for key, channel in channels.items():
+        if np.nan_to_num(channel).any():
+            reading = np.asarray(channel, dtype=float)
+            freed = _freed_channel(law, reading, segment.dt or 1.0, cuts)
+            changes[key] = freed - reading
+    return segment.moved(dof, **changes)
+
+
+def _freed_channel(
+    law: SensorFault, reading: np.ndarray, dt: float, cuts: Sequence[int]
+) -> np.ndarray:
+    """A channel freed of a fault, its pieces on their own.
+
+    As it was at the cuts, where a correction reaches beyond a piece.
+    """
+    pieces = [law.corrected(piece, dt) for piece in np.split(reading, cuts)]
+    freed = np.concatenate(pieces)
+    first = len(pieces[0]) // 2
+    last = len(reading) - len(pieces[-1]) // 2
+    filled = np.where(np.isnan(freed), reading, freed)
+    freed[first:last] = filled[first:last]
+    return freed
+
+
+def _finite_rows(changed: Segment, before: Segment) -> slice:
+    """From the first to the last row of a record that is finite after a correction."""
+    valid = before.valid
+    known = np.isfinite(before.F[valid]).all(axis=0)
+    motion = np.hstack([changed.a, changed.v, changed.s, changed.F[:, known]])
+    finite = np.isfinite(motion).all(axis=1)
+    inside = valid.start + np.flatnonzero(finite[valid])
+    return slice(int(inside[0]), int(inside[-1]) + 1)

@@ -1,0 +1,63 @@
+"""The free run fitted to the channels of records in which some floor has no sensor."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import pandas as pd
+
+from ..common.warn import warn_user
+from ..diagnosis.verdict import FreeRuns
+from ..exceptions import BiasWarning, NRFWarning
+from ..records.dataset import Dataset
+from ..records.input_arrays import Input, InputSettings, as_dataset
+from .examination import Examination, Finding
+from .fewer_sensors import identify_from_channels
+from .methods import RECORDS, IdentificationMethod, result_of
+from .problem import Problem
+from .result import IdentificationResult
+
+
+class ChannelFit(IdentificationMethod):
+    """The free run fitted to the channels; the only method for floors without one."""
+
+    name = "simulation"
+    label = "the free run fitted to the measured channels"
+    requires = frozenset({RECORDS})
+    uses = frozenset({"constraints", "band"})
+
+    def read(self, given: Input, settings: InputSettings) -> Dataset:
+        """The records as they were measured."""
+        return as_dataset(given, replace(settings, fuse=False))
+
+    def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
+        """Masses and laws of a problem, and the motions of all floors."""
+        found = identify_from_channels(problem, data.records)
+        facts = {
+            "asked": self.asked,
+            "found": self.name,
+            "notes": found.notes,
+            "sensors": found.channels,
+            "doubts": found.doubts,
+        }
+        # the errors of balances along the free runs are not asked for
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            along_runs = Finding(found.estimate, found.runs, facts, found.resolver)
+            result = result_of(along_runs)
+        if found.notes:
+            warn_user(" ".join(found.notes), BiasWarning)
+        return replace(
+            result,
+            errors=found.errors,
+            motions=found.motions,
+            examination=Examination(masses=found.notes),
+            doubts=tuple(found.doubts),
+            channel_runs=_runs_of_channels(found.errors),
+        )
+
+
+def _runs_of_channels(errors: pd.DataFrame) -> FreeRuns:
+    """Free-run errors of the measured channels, as of free runs over all floors."""
+    by_channel = errors.drop(index="pooled").set_index("of")["error"]
+    return FreeRuns(pd.DataFrame([by_channel], index=["measured channels"]))

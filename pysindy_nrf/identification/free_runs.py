@@ -1,0 +1,155 @@
+"""Free runs of a model under the forces of a record, for fits that repeat them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..chain.model import ChainModel, state_matrix
+from ..chain.sites import Site
+from ..equations.errors import free_run_of
+from ..laws.base import ForceLaw
+from ..records.dataset import Segment
+from ..records.zero_phase_filter import ZeroPhaseFilter
+from ..simulation.api import classical_run, simulate
+from .linear_response import Matrices
+
+# Radians of the fastest mode in a sample, up to which one Runge-Kutta step a sample is
+# enough: a step lowers a frequency w by (w dt)^4 / 120 of itself, 3e-5 here, but a
+# thousandth at 0.6.
+MAX_RADIANS_PER_STEP = 0.25
+# Relative tolerance of the integration of instruments, which need not be exact.
+INSTRUMENT_RTOL = 1e-5
+# Share of the Nyquist frequency (half of the sampling rate) at which a filter still
+# fits: 0.9 of it.
+HIGHEST_CUTOFF = 0.45
+
+
+def eigenvalues(model: ChainModel) -> np.ndarray | None:
+    """Eigenvalues of the model linearised at rest, 1/s; None if there are none."""
+    try:
+        return np.linalg.eigvals(state_matrix(*model.matrices()))
+    except np.linalg.LinAlgError:  # no mass, or coefficients that are not finite
+        return None
+
+
+def fits_one_step(model: ChainModel, dt: float) -> bool:
+    """Whether one classical Runge-Kutta step a sample (dt, s) keeps the modes exact."""
+    if model.has_memory:
+        return False
+    values = eigenvalues(model)
+    return values is not None and bool(
+        np.abs(values).max() * dt <= MAX_RADIANS_PER_STEP
+    )
+
+
+def integrator_for(model: ChainModel, dt: float) -> Callable[..., Any]:
+    """The fastest integrator that is exact enough for a model and a step dt, s."""
+    if fits_one_step(model, dt):
+        return classical_run
+    return simulate
+
+
+def in_valid_rows(segment: Segment, values: np.ndarray) -> np.ndarray:
+    """Values in the valid rows of a segment, NaN outside."""
+    out = np.full((segment.n_samples, segment.n_dof), np.nan)
+    out[segment.valid] = values
+    return out
+
+
+def with_motion(segment: Segment, motion: Mapping[str, np.ndarray]) -> Segment:
+    """A segment with the motion of a run (relative v and x) in its valid rows."""
+    rates = np.diff(motion["v"], axis=1, prepend=0.0)
+    drifts = np.diff(motion["x"], axis=1, prepend=0.0)
+    return replace(
+        segment,
+        a=in_valid_rows(segment, motion["a"]),
+        v=in_valid_rows(segment, rates),
+        s=in_valid_rows(segment, drifts),
+    )
+
+
+def simulated(
+    model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False
+) -> Segment:
+    """Free run of a model under the forces of a record, as a segment.
+
+    Parameters
+    ----------
+    model : ChainModel
+    segment : Segment
+    delay : int
+        Samples by which the motion comes late.
+    limited : bool
+        Whether the motion is low-passed as the fused motion of the record is.
+    """
+    run = free_run_of(
+        model,
+        segment,
+        integrator=integrator_for(model, segment.step),
+        rtol=INSTRUMENT_RTOL,
+        hold="cubic",
+    )
+    a = np.asarray(run.acceleration)
+    v = np.diff(np.asarray(run.velocity), axis=1, prepend=0.0)
+    s = np.diff(np.asarray(run.displacement), axis=1, prepend=0.0)
+
+    rate = 1.0 / segment.step
+    cutoff = segment.resolved
+    if limited and cutoff is not None and cutoff < HIGHEST_CUTOFF * rate:
+        low_pass = ZeroPhaseFilter((None, cutoff), rate)
+        a = low_pass.apply(a)
+        v = low_pass.apply(v)
+        s = low_pass.apply(s)
+
+    late = np.maximum(np.arange(segment.n_valid) - delay, 0)
+    return replace(
+        segment,
+        a=in_valid_rows(segment, a[late]),
+        v=in_valid_rows(segment, v[late]),
+        s=in_valid_rows(segment, s[late]),
+    )
+
+
+def linear_matrices(model: ChainModel) -> Matrices | None:
+    """Mass, damping and stiffness matrix of springs and dashpots in links.
+
+    None if there are other laws, or a mass is not positive.
+    """
+    if (model.masses <= 0).any():
+        return None
+
+    C = np.zeros((model.n_dof, model.n_dof))
+    K = np.zeros((model.n_dof, model.n_dof))
+    for site, laws in model.laws.items():
+        link = _spring_and_dashpot(site, laws)
+        if link is None:
+            return None
+        _add_link(C, site, link["v"])
+        _add_link(K, site, link["s"])
+    return np.diag(model.masses), C, K
+
+
+def _add_link(matrix: np.ndarray, site: Site, value: float) -> None:
+    """Add a spring or a dashpot between the ends of a link to a matrix."""
+    p = site.p - 1
+    matrix[p, p] += value
+    if site.q:
+        q = site.q - 1
+        matrix[q, q] += value
+        matrix[p, q] -= value
+        matrix[q, p] -= value
+
+
+def _spring_and_dashpot(
+    site: Site, laws: tuple[ForceLaw, ...]
+) -> dict[str, float] | None:
+    """Coefficients of v and s at a site; None if it has other terms, or is no link."""
+    link = {"v": 0.0, "s": 0.0}
+    for law in laws:
+        for term, value in zip(law.terms(), law.values):
+            if term.label not in link or site.kind != "link":
+                return None
+            link[term.label] += value
+    return link

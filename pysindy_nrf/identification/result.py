@@ -1,0 +1,332 @@
+"""The result of one identification: what a method found, and how far to trust it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from ..chain.identifiability import SolveOrder
+from ..chain.model import ChainModel
+from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
+from ..diagnosis.effects import nonlinear_parts, shares_of
+from ..diagnosis.facts import Facts, facts_of_model
+from ..diagnosis.free_run import FreeRuns, free_runs
+from ..diagnosis.verdict import Verdict, verdict_after_search
+from ..diagnosis.wiring import suspect_channels
+from ..equations.normal_equations import NormalEquations
+from ..exceptions import (
+    ChannelError,
+    DataQualityWarning,
+    NRFError,
+    NRFWarning,
+)
+from ..records.dataset import Dataset
+from .examination import Examination
+from .intervals import (
+    IntervalMaker,
+    Resolver,
+    calibration_spread,
+    least_squares_resolver,
+    parameters_of,
+    statistic_of,
+)
+from .problem import Problem
+from .wiring import records_of, wiring_error
+
+# Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
+# Below it, the rest is arithmetic, which no further sample averages out.
+_EXACT = 0.01
+_CURE_OF_NOISE = "Give the Records themselves, with estimation='auto' or 'iv'."
+_NO_DATA = "Fit again, or ask for intervals before saving."
+
+
+@dataclass(frozen=True, eq=False)
+class IdentificationResult:
+    """What an identification found.
+
+    Intervals, free runs and the verdict are computed when they are asked for. A result
+    that was saved has lost its data, and with them what was not asked for before.
+
+    Parameters
+    ----------
+    model : ChainModel
+    problem : Problem
+        The problem that was solved, with the shape parameters that were found.
+    order : SolveOrder
+        The order in which the balances were solved.
+    method : str
+        Name of the method whose estimate was kept.
+    errors : DataFrame
+        Errors on the data of the fit, percent NRMSE: of the balances, or of the
+        measured channels where some floor has no sensor.
+    sums : NormalEquations
+        Sums of the balances over the data.
+    condition : Series
+        Scaled condition number of each step of the solve.
+    third_law_gap : Series
+        Difference of the two estimates of each storey's force, percent of its rms.
+    unknown_forces : DataFrame
+        Forces, N, on the DOFs whose force was not known.
+    examination : Examination
+        Missing terms, and what is doubtful.
+    inner : dict of str to PySINDy optimizer
+        The fitted optimizer of each balance.
+    data : Dataset, optional
+        The motions that the errors are of; None after a fit in pieces, or a load.
+    motions : list of DataFrame
+        Of records in which some floor has no sensor: motions of all DOFs and forces of
+        all sites, with their intervals.
+    resolver : Resolver, optional
+        Solves again on pieces of the data; least squares of the data if None.
+    constrain : callable, optional
+        Turns a model into one that obeys what is known of the parameters.
+    biased_by_noise : bool
+        Whether noise in the motion biases the method.
+    notes : tuple of str
+        Why another method could not be used, and what else the method found.
+    doubts : tuple of str
+        Why no interval of a parameter can be given.
+    channel_runs : FreeRuns, optional
+        Free runs that the fit compared with the measured channels.
+    """
+
+    model: ChainModel
+    problem: Problem
+    order: SolveOrder
+    method: str
+    errors: pd.DataFrame
+    sums: NormalEquations
+    condition: pd.Series
+    third_law_gap: pd.Series
+    unknown_forces: pd.DataFrame
+    examination: Examination = field(default_factory=Examination)
+    inner: Mapping[str, Any] = field(default_factory=dict)
+    data: Dataset | None = None
+    motions: list[pd.DataFrame] = field(default_factory=list)
+    resolver: Resolver | None = None
+    constrain: Callable[[ChainModel], ChainModel] | None = None
+    biased_by_noise: bool = False
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    channel_runs: FreeRuns | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        # the data, and the free runs, which hold them, are no part of a saved result
+        state = vars(self) | {"data": None}
+        state.pop("free_runs", None)
+        return state
+
+    @property
+    def n_samples(self) -> int:
+        """Samples used, NaN edges left out; the sum of their weights."""
+        return int(self.sums.n_samples)
+
+    @property
+    def data_warnings(self) -> dict[str, list[str]]:
+        """Sentences on channels, forces, records and masses that are doubtful."""
+        found = self.examination
+        return {
+            "channels": found.channels,
+            "forces": found.forces,
+            "records": found.records,
+            "masses": found.masses,
+        }
+
+    def require_data(self, cure: str) -> Dataset:
+        """Data of the fit.
+
+        Raises
+        ------
+        ChannelError
+            If the model was fitted in pieces, or loaded without the data.
+        """
+        if self.data is None:
+            raise ChannelError(
+                "The model was loaded without the data it was fitted to", cure
+            )
+        return self.data
+
+    def residual_forces(self) -> list[np.ndarray]:
+        """What the balances leave of the forces, N, record by record.
+
+        Returns
+        -------
+        list of ndarray of shape (n_valid_samples, n_dof)
+        """
+        data = self.require_data("Fit again to see what the balances leave.")
+        left_hand_sides = self.model.balance_forces(data)
+        return [
+            segment.F[segment.valid] - force
+            for segment, force in zip(data.segments, left_hand_sides)
+        ]
+
+    # -- intervals -------------------------------------------------------------------
+
+    @cached_property
+    def noise_biases(self) -> list[NoiseBias]:
+        """What noise in the motion does to the estimate, by balance.
+
+        Empty for methods that noise does not bias, and without data.
+        """
+        if not self.biased_by_noise or self.data is None:
+            return []
+        shares = noise_shares(self.data, self.problem.filters(self.data))
+        return noise_bias(self.model, self.order, self.sums, shares)
+
+    @cached_property
+    def intervals_withheld(self) -> str:
+        """Why these data give no valid interval; empty if they do."""
+        errors = [bias.errors for bias in self.noise_biases]
+        worst = max(errors, default=0.0)
+        if worst <= NEGLIGIBLE:
+            return " ".join(self.doubts)
+        return (
+            f"noise in the motion may bias least squares by {worst:.2g} standard"
+            f" errors; up to {NEGLIGIBLE:g} leave 95 % intervals valid."
+            f" {' '.join(self.notes) or _CURE_OF_NOISE}"
+        )
+
+    @cached_property
+    def intervals(self) -> IntervalMaker:
+        """Makes intervals of anything that follows from the model."""
+        no_noise_is_left = self.errors.loc["pooled", "error"] < _EXACT
+        return IntervalMaker(
+            self._interval_resolver(),
+            self.model,
+            self.intervals_withheld,
+            repeats=self.n_samples if no_noise_is_left else 1.0,
+        )
+
+    def _interval_resolver(self) -> Resolver:
+        """Resolver on motions whose errors are independent from piece to piece.
+
+        What a joint fusion leaves of noise is alike in the whole record.
+        """
+        if self.resolver is not None:
+            return self.resolver
+        data = self.require_data(_NO_DATA)
+        if not self.intervals_withheld:
+            # the first fusion has warned
+            with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+                data = data.apart
+        resolver = least_squares_resolver(self.problem, self.order, data)
+        return replace(resolver, constrain=self.constrain)
+
+    def confidence_intervals(
+        self,
+        level: float = 0.95,
+        *,
+        of: Any = "parameters",
+        calibration: Mapping[str, float] | None = None,
+    ) -> pd.DataFrame:
+        """Intervals; see :meth:`NRFRegressor.confidence_intervals`."""
+        intervals = self.intervals
+        table = intervals.parameters(of, level, self.data)
+        if calibration is None:
+            return table
+        if isinstance(of, Mapping):
+            raise ChannelError(
+                "calibration does not go with a mapping of sites",
+                "Give of= a function of the model.",
+            )
+        data = self.require_data(_NO_DATA)
+        known_masses, layout = intervals.resolver.known_masses, self.problem.layout
+        statistic = statistic_of(of, known_masses, layout, data)
+        spread = calibration_spread(
+            self.problem, self.order, data, statistic, calibration
+        )
+        quantile = norm.ppf((1 + level) / 2)
+        for end, sign in (("lower", -1.0), ("upper", 1.0)):
+            half = np.hypot(table[end] - table["estimate"], quantile * spread)
+            table[f"combined_{end}"] = table["estimate"] + sign * half
+        return table
+
+    @cached_property
+    def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
+        """95 % intervals by parameter, and why there are none."""
+        if self.intervals_withheld:
+            return {}, [f"Intervals are withheld: {self.intervals_withheld}"]
+        try:
+            with warnings.catch_warnings(action="ignore", category=NRFWarning):
+                table = self.confidence_intervals()
+        except NRFError as error:
+            return {}, [f"No intervals: {error}"]
+        return {
+            str(row.parameter): (float(row.lower), float(row.upper))
+            for row in table.itertuples()
+        }, []
+
+    def summary(self) -> pd.DataFrame:
+        """Estimates with their 95 % intervals.
+
+        Returns
+        -------
+        DataFrame
+            One row for each mass and coefficient: ``estimate``, ``lower``, ``upper``
+            (NaN where no interval can be given) and ``unit``.
+        """
+        estimates = parameters_of(self.model)
+        units = {f"m{j}": "kg" for j in range(1, self.model.n_dof + 1)}
+        for site, force in self.model.restoring_forces.items():
+            for term, unit in zip(force.coefficients.index, force.units):
+                units[f"{site}: {term}"] = unit
+        unknown = (np.nan, np.nan)
+        ends = [self.bounds[0].get(name, unknown) for name in estimates.index]
+        table = pd.DataFrame(ends, columns=["lower", "upper"], index=estimates.index)
+        table.insert(0, "estimate", estimates)
+        return table.assign(unit=pd.Series(units)).rename_axis("parameter")
+
+    # -- free runs and the verdict ---------------------------------------------------
+
+    @cached_property
+    def free_runs(self) -> FreeRuns:
+        """Free runs over the data of the fit, in the band of the fit."""
+        if self.channel_runs is not None:
+            return self.channel_runs
+        data = self.require_data("Fit again to run the model over its data.")
+        return free_runs(self.model, data, self.problem.filters(data))
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What is known of the model and of its data."""
+        bounds, no_bounds = self.bounds
+        found = self.examination
+        doubts = [*found.forces, *found.records, *found.masses, *no_bounds]
+        missing = found.missing_terms
+        for name in missing.index[missing["biased"].astype(bool)]:
+            sentence = f"{name[0].upper()}{name[1:]}"
+            doubts.append(f"{sentence}: a law is missing, or the motion is noisy.")
+
+        runs, shares, faults = None, {}, dict[str, bool]()
+        if self.data is not None:
+            runs = self.free_runs
+            shares = shares_of(self.model, self.data)
+            faults = suspect_channels(self.data.records)
+
+        balances = self.errors["error"].drop("pooled")
+        known = self.problem.known_masses
+        return replace(
+            facts_of_model(self.model, bounds, runs, known),
+            unexplained={int(name[4:]): float(e) for name, e in balances.items()},
+            holds=tuple(nonlinear_parts(self.model, shares, bounds).values()),
+            channel_faults=faults,
+            quality=found.quality,
+            n_records=found.n_records,
+            doubts=tuple(doubts),
+        )
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether the model may be used, what it holds, and why not."""
+        if self.data is None:
+            return verdict_after_search(self.facts, None)
+        records = records_of(self.data)
+        search = partial(wiring_error, self.problem, self.model, records)
+        return verdict_after_search(self.facts, search)

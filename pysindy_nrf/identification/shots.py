@@ -1,0 +1,180 @@
+"""Shots: stretches of records of which a free run is compared with the channels."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ..chain.model import ChainModel
+from ..equations.errors import free_run_of
+from ..records.dataset import Dataset, Segment
+from ..simulation.api import linear_run
+from .free_runs import integrator_for, linear_matrices, with_motion
+from .spectra import relative_velocities
+
+# Largest number of samples of a shot, unless a law remembers the path: an error of the
+# initial state fades within it, and its spectra fit into memory.
+MAX_SAMPLES_PER_SHOT = 32768
+# Course of the force between its samples.
+FORCE_HOLDS = ("cubic", "linear", "zero")
+# Relative tolerance of the integration; sensitivities are differences of runs.
+RTOL = 1e-9
+
+Motion = dict[str, np.ndarray]
+
+
+@dataclass
+class Shot:
+    """A record, or a part of one: what drives it, its first state, what was measured.
+
+    Attributes
+    ----------
+    segment : Segment
+        Forces and base motion in its valid rows.
+    number : int
+        Of the record.
+    start : ndarray of shape (2, n_dof)
+        First displacements (m) and velocities (m/s), relative to the base.
+    channels : tuple of str
+        ``a1``: absolute acceleration; ``v1``, ``x1``: relative to the base.
+    measured : ndarray of shape (n_samples, n_channels)
+    weights : ndarray of shape (n_samples, 1)
+        Of the rows; a fit does not read those of weight zero.
+    hold : str
+        Course of the force between its samples.
+    """
+
+    segment: Segment
+    number: int
+    start: np.ndarray
+    channels: tuple[str, ...]
+    measured: np.ndarray
+    weights: np.ndarray
+    hold: str = FORCE_HOLDS[0]
+
+    @property
+    def n_samples(self) -> int:
+        """Valid rows."""
+        return self.segment.n_valid
+
+    def motion(
+        self,
+        model: ChainModel,
+        start: np.ndarray | None = None,
+        forces: Segment | None = None,
+    ) -> Motion:
+        """Free run: ``a`` (absolute), ``v`` and ``x`` (relative), (n_samples, n_dof).
+
+        Parameters
+        ----------
+        model : ChainModel
+        start : ndarray of shape (2, n_dof), optional
+            Initial state, in place of the shot's own.
+        forces : Segment, optional
+            The record with other forces.
+        """
+        segment = self.segment if forces is None else forces
+        state = self.start if start is None else start
+
+        matrices = linear_matrices(model)
+        if matrices is not None:
+            rows = segment.valid
+            ag = None if segment.ag is None else segment.ag[rows]
+            exact = linear_run(
+                matrices, segment.F[rows], segment.step, state, ag, self.hold
+            )
+            if exact is not None:
+                return dict(zip("xva", exact))
+
+        run = free_run_of(
+            model,
+            segment,
+            start=(state[0], state[1]),
+            integrator=integrator_for(model, segment.step),
+            rtol=RTOL,
+            hold=self.hold,
+        )
+        return {
+            "x": np.asarray(run.displacement),
+            "v": np.asarray(run.velocity),
+            "a": np.asarray(run.acceleration),
+        }
+
+    def channels_of(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
+        """What the sensors read of a motion, shape of ``measured``."""
+        columns = []
+        for channel in self.channels:
+            dof = int(channel[1:])
+            columns.append(motion[channel[0]][:, dof - 1])
+        return np.column_stack(columns)
+
+    def simulated_channels(
+        self,
+        model: ChainModel,
+        start: np.ndarray | None = None,
+        forces: Segment | None = None,
+    ) -> np.ndarray:
+        """What the sensors would read of a free run; arguments as for ``motion``."""
+        return self.channels_of(self.motion(model, start, forces))
+
+    def run(self, model: ChainModel) -> Segment:
+        """Free run as a segment."""
+        return with_motion(self.segment, self.motion(model))
+
+
+def first_state(segment: Segment, row: int) -> np.ndarray:
+    """Displacements and velocities relative to the base in a row, (2, n_dof)."""
+    displacement = np.cumsum(segment.s[row].astype(float))
+    velocity = np.cumsum(segment.v[row].astype(float))
+    return np.array([displacement, velocity])
+
+
+def shots_of(data: Dataset, has_memory: bool) -> list[Shot]:
+    """Records whose forces are all known; long ones are cut unless a law has memory."""
+    shots = []
+    for number, segment in enumerate(data.segments):
+        if np.isnan(segment.F[segment.valid.start]).any():
+            continue
+
+        channels = tuple(f"v{j}" for j in range(1, segment.n_dof + 1))
+        longest = segment.n_valid if has_memory else MAX_SAMPLES_PER_SHOT
+        for rows in _parts(segment.valid, longest):
+            stretch = replace(segment, valid=rows)
+            shot = Shot(
+                segment=stretch,
+                number=number,
+                start=first_state(segment, rows.start),
+                channels=channels,
+                measured=relative_velocities(stretch),
+                weights=np.ones((stretch.n_valid, 1)),
+            )
+            shots.append(shot)
+    return shots
+
+
+def _parts(rows: slice, longest: int) -> Iterator[slice]:
+    """Rows cut into equal parts, as few as do not exceed a length."""
+    n_rows = rows.stop - rows.start
+    n_parts = -(-n_rows // longest)
+    edges = np.linspace(0, n_rows, n_parts + 1).astype(int).tolist()
+    for low, high in pairwise(edges):
+        yield slice(rows.start + low, rows.start + high)
+
+
+def halves_of(shots: Sequence[Shot]) -> tuple[list[slice], list[slice]]:
+    """Rows of every shot in the first and in the second half of its record."""
+    length: dict[int, int] = {}
+    for shot in shots:
+        length[shot.number] = length.get(shot.number, 0) + shot.n_samples
+
+    first_half = []
+    second_half = []
+    passed = dict.fromkeys(length, 0)
+    for shot in shots:
+        middle = length[shot.number] // 2 - passed[shot.number]
+        middle = min(max(middle, 0), shot.n_samples)
+        first_half.append(slice(0, middle))
+        second_half.append(slice(middle, shot.n_samples))
+        passed[shot.number] += shot.n_samples
+    return first_half, second_half

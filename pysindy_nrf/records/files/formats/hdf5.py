@@ -1,0 +1,91 @@
+"""HDF5, and MATLAB v7.3 files, which are HDF5."""
+
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ....common.lazy import require
+from ....exceptions import FileFormatError
+from ..table import MAX_BYTES, Table, check_size, reading_as
+from .numeric_arrays import numeric_arrays
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+
+def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> Table:
+    """Read the numeric data sets of an HDF5 file.
+
+    Names of groups are joined by points. MATLAB writes columns first, and marks texts
+    and empty arrays.
+    """
+    h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
+    kind = "MATLAB v7.3" if matlab else "HDF5"
+    arrays: dict[str, np.ndarray] = {}
+    objects = []
+    total = 0
+
+    with reading_as(path, kind), h5py.File(path, "r") as file:
+        for name, data_set in data_sets(h5py, file).items():
+            if "MATLAB_object_decode" in data_set.attrs:
+                class_name = bytes(data_set.attrs["MATLAB_class"]).decode()
+                objects.append(f"{name} ({class_name})")
+                continue
+            if name.startswith("#") or not _is_numeric(data_set, matlab):
+                continue
+
+            require_own(path, name, data_set)
+            total += data_set.size * data_set.dtype.itemsize
+            check_size(path, total, max_bytes)
+            values = np.asarray(data_set[()])
+            arrays[name.replace("/", ".")] = values.T if matlab else values
+
+    return table_without_objects(path, kind, numeric_arrays(arrays), objects)
+
+
+def _is_numeric(data_set: Any, matlab: bool) -> bool:
+    """Whether a data set holds numbers, and not a text or nothing."""
+    if data_set.shape is None or "MATLAB_empty" in data_set.attrs:
+        return False
+    if matlab and data_set.attrs.get("MATLAB_class") in (b"char", "char"):
+        return False
+    return data_set.dtype.kind in "biufc"
+
+
+def table_without_objects(
+    path: Path, kind: str, arrays: dict[str, np.ndarray], objects: list[str]
+) -> Table:
+    """The table of a file without MATLAB's objects, which only MATLAB can read."""
+    if objects and all(values.size <= 1 for values in arrays.values()):
+        raise FileFormatError(
+            f"{path} holds {', '.join(objects)}, which MATLAB alone can read",
+            "In MATLAB: T = timetable2table(TT); t = seconds(T.Time); a1 = T.a1;"
+            " save('test.mat', 't', 'a1', '-v7')",
+        )
+    notes = tuple(f"not read, an object of MATLAB: {title}" for title in objects)
+    return Table(path, kind, arrays, notes=notes)
+
+
+def require_own(path: Any, name: str, data_set: Any) -> None:
+    """Refuse a data set whose values lie in other files."""
+    if data_set.external or data_set.is_virtual:
+        raise FileFormatError(
+            f"{path}: the data set {name!r} lies in another file, which is not opened",
+            "Export the measured values themselves into one file.",
+        )
+
+
+def data_sets(h5py: ModuleType, file: Any) -> dict[str, Any]:
+    """Data sets of an open file by name, each once.
+
+    Links into other files are not followed.
+    """
+    by_name = {}
+
+    def collect(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            by_name[name] = item
+
+    file.visititems(collect)
+    return by_name

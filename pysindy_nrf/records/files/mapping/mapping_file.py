@@ -1,0 +1,150 @@
+"""Mapping files: small TOML files beside the data."""
+
+import difflib
+import sys
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ....exceptions import FileFormatError
+from ...record import COORDINATES
+from ..table import check_file, unreadable
+
+MAX_MAPPING_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class MappingFile:
+    """Content of a mapping file.
+
+    Parameters
+    ----------
+    path : Path
+    files : tuple of Path
+        The data, in the folder of the mapping file or below it.
+    together : bool
+        The files hold channels of one test; otherwise each of them is a test.
+    channels : dict of str to str
+        As ``mapping`` of :func:`read_record`.
+    units : dict of str to str
+    fs : float, optional
+        Sampling rate, Hz.
+    coordinates : {"relative", "absolute"}, optional
+    name : str, optional
+        Name of the test.
+    """
+
+    path: Path
+    files: tuple[Path, ...] = ()
+    together: bool = False
+    channels: dict[str, str] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    fs: float | None = None
+    coordinates: str | None = None
+    name: str | None = None
+
+
+def read_mapping(path: Any) -> MappingFile:
+    """Read a mapping file.
+
+    Raises
+    ------
+    FileFormatError
+        If it is not TOML, a key is unknown or has a wrong value, or a file lies outside
+        its folder.
+    """
+    path = Path(path)
+    check_file(path, MAX_MAPPING_BYTES)
+    try:
+        with open(path, "rb") as file:
+            data = tomllib.load(file)
+    # not TOML, not UTF-8, or a number of thousands of digits
+    except (ValueError, RecursionError) as error:
+        raise unreadable(path, "a mapping file (TOML)", error) from error
+
+    for key, value in data.items():
+        _check_entry(path, key, value)
+    if "fs" in data:
+        data["fs"] = float(data["fs"])
+    files = tuple(_file_inside(path, name) for name in data.pop("files", ()))
+    return MappingFile(path, files, **data)
+
+
+# What stands under each key, in words.
+_KEYS = {
+    "files": "a list of file names",
+    "together": "true or false",
+    "name": "a text",
+    "fs": "a positive number (Hz)",
+    "coordinates": "'relative' or 'absolute'",
+    "channels": "a table CHANNEL = 'column'",
+    "units": "a table CHANNEL = 'unit'",
+}
+_TYPES = {"together": bool, "name": str, "channels": dict, "units": dict}
+_EXAMPLES = {"channels": "F2 = 'Shaker @ kN'", "units": "a = 'g'"}
+
+
+def _check_entry(path: Path, key: str, value: Any) -> None:
+    """Refuse an unknown key, and a wrong value."""
+    if key not in _KEYS:
+        nearest = difflib.get_close_matches(key, _KEYS, 1)
+        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+        raise FileFormatError(
+            f"{path}: the key {key!r} is unknown{hint}",
+            f"Keys are {', '.join(_KEYS)}.",
+        )
+
+    if not _fits(key, value):
+        raise FileFormatError(
+            f"{path}: {key} = {_shown(value)} is not {_KEYS[key]}", "Correct it."
+        )
+    if not isinstance(value, dict):
+        return
+    for name, text in value.items():
+        if not _is_text(text):
+            raise FileFormatError(
+                f"{path}: {key}.{name} = {_shown(text)} is not a text",
+                f"Write e.g. {_EXAMPLES[key]}.",
+            )
+
+
+def _fits(key: str, value: Any) -> bool:
+    """Whether a value may stand under a key."""
+    if key == "files":
+        return isinstance(value, list) and bool(value) and all(map(_is_text, value))
+    if key == "fs":
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return is_number and 0 < value <= sys.float_info.max
+    if key == "coordinates":
+        return value in COORDINATES
+    return isinstance(value, _TYPES[key])
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip())
+
+
+def _shown(value: Any) -> str:
+    """A value, cut where a message would drown in it."""
+    try:
+        return repr(value)[:60]
+    except ValueError:  # Python prints no integer of thousands of digits
+        return "a number too long to print"
+
+
+def _file_inside(path: Path, name: str) -> Path:
+    """A file in the folder of the mapping file or below it, where links lead to too."""
+    folder = path.resolve().parent
+    try:
+        target = (folder / name).resolve()
+        is_inside = target.is_relative_to(folder) and target != folder
+    except (OSError, ValueError, RuntimeError):  # a zero byte, a loop of links
+        is_inside = False
+
+    if not is_inside:
+        raise FileFormatError(
+            f"{path}: the file {name!r} is not in the folder of the mapping file",
+            "Put both into one folder.",
+        )
+    return path.parent / name

@@ -1,0 +1,304 @@
+"""The page of a closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from ..chain.latex import pretty
+from ..common.audit import settings_of
+from ..diagnosis.effects import described, law_at_site, plain_name
+from ..diagnosis.verdict import as_sentence, not_told_apart
+from ..diagnosis.wiring import OPEN
+from ..laws.base import registry
+from .content import (
+    Chapter,
+    Content,
+    Tile,
+    audit_part,
+    frame_of,
+    measured_part,
+    model_part,
+)
+from .figures.evidence import (
+    before_after_figure,
+    dependence_figures,
+    evidence_figures,
+)
+from .figures.figure import Figure, dof_words
+from .figures.motion import free_run_figure
+from .results import Evidence, Loop, Step, confirmed, first_evidence
+from .tables import Table, table
+from .words import band_source, band_text, joined, listed, standing, summary_of
+
+# Records by whose names a page is called.
+MAX_NAMES_IN_TITLE = 3
+# Candidates of the last search that are listed.
+LISTED_CANDIDATES = 10
+_QUESTIONS = {
+    "Is it noise?": "detection",
+    "Where?": "localisation",
+    "What kind?": "characterisation",
+}
+
+
+def loop_content(report: Loop, title: str | None = None) -> Content:
+    """The page of a closed loop."""
+    names = listed(record.name for record in report.measured[:MAX_NAMES_IN_TITLE])
+    found = {step.site: described(step) for step in confirmed(report)}
+    open_dofs = []
+    for j in range(1, report.model.n_dof + 1):
+        if report.final.get(f"held-out dof {j}", 0.0) > OPEN:
+            open_dofs.append(j)
+    settings = report.settings or settings_of(loop={"band": report.band})
+    return Content(
+        title=title or names or "Closing the loop",
+        lead=lead(report),
+        model=model_part(report.model, report.loops, report.bounds),
+        audit=audit_part(report.model, settings),
+        verdict=report.verdict,
+        care=list(report.verdict.reasons),
+        frame=frame_of(report.model, report.bounds, found, open_dofs, report.measured),
+        picture=pictures(report),
+        stopped=report.stopped_because,
+        tiles=_tiles(report),
+        measured=measured_part(report.measured),
+        chapters=chapters(report),
+        effects=effects(report),
+        errors=[errors(report)],
+    )
+
+
+def lead(report: Loop) -> str:
+    """The whole story in a few sentences."""
+    parts = [_what_was_found(report)]
+    refused = [law_at_site(step) for step in report.steps if not step.confirmed]
+    if refused:
+        parts.append(
+            f"NOT CONFIRMED on held-out data, and not in the model: {joined(refused)}."
+        )
+    unsure = [plain_name(step.law) for step in confirmed(report) if not step.sure]
+    if unsure:
+        parts.append(f"Not sure by name: {listed(unsure)}.")
+    return " ".join(parts)
+
+
+def _what_was_found(report: Loop) -> str:
+    """The effects that are confirmed, and what they change."""
+    before, after = report.table["held-out"].iloc[0], report.final["held-out"]
+    found = [law_at_site(step) for step in confirmed(report)]
+    if found:
+        them = "it" if len(found) == 1 else "them"
+        return (
+            f"The declared model lacked {joined(found)}, confirmed on held-out data:"
+            f" with {them} the balance error there falls from {before:.3g} to"
+            f" {after:.3g} %."
+        )
+    text = (
+        f"The declared model leaves {before:.3g} % of the balances unexplained on"
+        " held-out data, and the loop added nothing to it."
+    )
+    if report.nothing_claimed and not report.steps:
+        text += f" {as_sentence(report.stopped_because)}"
+    return text
+
+
+def _tiles(report: Loop) -> list[Tile]:
+    """Effects, errors and band in numbers."""
+    n_confirmed = len(confirmed(report))
+    n_refused = len(report.steps) - n_confirmed
+    note = f"{n_refused} more not confirmed" if n_refused else ""
+    tiles = [Tile("Effects confirmed", str(n_confirmed), note)]
+
+    first, last = report.table.iloc[0], report.final
+    since = f"from {first['held-out']:.3g} %" if n_confirmed else "the baseline's"
+    error = f"{last['held-out']:.3g} %"
+    tiles.append(Tile("Held-out balance error", error, since))
+    if np.isfinite(last["free run"]):
+        since = f"from {first['free run']:.3g} %" if n_confirmed else ""
+        error = f"{last['free run']:.3g} %"
+        tiles.append(Tile("Held-out free-run error", error, since))
+
+    source = band_source(report.settings)
+    tiles.append(Tile("Band", band_text(report.band), source))
+    return tiles
+
+
+def band_and_source(report: Loop) -> str:
+    """The band of a closed loop, and where it comes from."""
+    band, source = band_text(report.band), band_source(report.settings)
+    return f"{band}, {source}" if source else band
+
+
+def pictures(report: Loop) -> list[Figure]:
+    """What comes first: errors before and after, the missing force, the free run."""
+    figures = [before_after_figure(report)]
+    first = first_evidence(report)
+    if first is not None and first.characterisation is not None:
+        # what it depends on stands in the chapter
+        figures += dependence_figures(first.characterisation, f" at {first.site}")[1:]
+    return figures + free_run_figure(report.free_runs)
+
+
+# -- tables --------------------------------------------------------------------
+
+
+def effects(report: Loop) -> Table | None:
+    """Every effect with its gain, in the order of acceptance; None if there is none."""
+    if not report.steps:
+        return None
+    rows = []
+    for step in report.steps:
+        gains = [step.gain, step.gain_error, step.gain_least, step.gain_heldout]
+        share = 100 * step.share
+        rows.append([law_at_site(step), *gains, share, standing(step)])
+    head = [
+        "effect",
+        "gain (dB)",
+        "std. error (dB)",
+        "least (dB)",
+        "held-out gain (dB)",
+        "share of force (%)",
+        "held-out data",
+    ]
+    return Table("Effects in the order in which they were accepted", head, rows)
+
+
+def errors(report: Loop, columns: Sequence[str] | None = None) -> Table:
+    """Errors of the baseline and with each effect.
+
+    Parameters
+    ----------
+    report : LoopReport
+    columns : sequence of str, optional
+        Columns of its table; all but the band if None.
+    """
+    shown = report.table.drop(columns="band", errors="ignore")
+    if report.model.n_dof == 1:  # the error of the only balance is the pooled one
+        shown = shown.drop(columns="held-out dof 1", errors="ignore")
+    if columns is not None:
+        shown = shown[list(columns)]
+
+    head = {name: f"{dof_words(name)} (%)" for name in shown}
+    shown = shown.set_axis(map(plain_name, shown.index))
+    if report.steps:
+        shown["held-out data"] = ["", *map(standing, report.steps)]
+    return table("Errors, percent NRMSE", shown, head, index="model")
+
+
+def _parameters(step: Step) -> Table:
+    """Parameters of a step with their units, and intervals where they are known."""
+    estimates = pd.DataFrame({"estimate": pd.Series(step.parameters, dtype=float)})
+    ends = pd.DataFrame.from_dict(
+        dict(step.intervals), orient="index", columns=["lower", "upper"]
+    )
+    numbers = estimates.join(ends).dropna(axis=1, how="all")
+    rows = []
+    for name, *values in numbers.itertuples(name=None):
+        rows.append([name, *values, pretty(step.units.get(str(name), ""))])
+    head = ["parameter", *numbers.columns, "unit"]
+    return Table(f"Parameters of {law_at_site(step)}", head, rows)
+
+
+# -- chapters ------------------------------------------------------------------
+
+
+def chapters(report: Loop) -> list[Chapter]:
+    """One chapter for each step, and the last on what is left."""
+    n_steps = len(report.steps)
+    evidence: list[Evidence | None] = list(report.evidence)
+    evidence += [None] * (n_steps + 1 - len(evidence))
+    first = first_evidence(report)
+
+    made = []
+    for number, (step, before) in enumerate(zip(report.steps, evidence), 1):
+        made.append(_chapter_of_step(number, step, before, before is first))
+    made.append(_last_chapter(report, evidence[n_steps], evidence[n_steps] is first))
+    return made
+
+
+def _chapter_of_step(
+    number: int, step: Step, evidence: Evidence | None, drawn_first: bool
+) -> Chapter:
+    """What was seen, decided and gained with one effect."""
+    facts = [*_answers(evidence), ("Decision", as_sentence(step.evidence))]
+    facts.append(("Held-out data", _on_heldout(step)))
+    if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
+        change = f"{step.free_run_before:.3g} → {step.free_run_after:.3g} %"
+        facts.append(("Held-out free-run error", change))
+    others = not_told_apart(step)
+    if others and step.confirmed:
+        facts.append(("What else it may be", " ".join(others)))
+
+    tables = [_parameters(step)]
+    if step.tied:
+        rows = [[plain_name(law), site, float(gain)] for law, site, gain in step.tied]
+        caption = f"The data cannot tell from {plain_name(step.law)}"
+        tables.append(Table(caption, ["law", "site", "gain (dB)"], rows))
+
+    name = law_at_site(step)
+    if step.confirmed and not step.sure:
+        name = f"closest law: {name}"
+    law = registry().get(step.law)
+    return Chapter(
+        f"Step {number}: {name}",
+        facts,
+        tables,
+        "" if law is None else summary_of(law),
+        step.family,
+        standing(step),
+        _evidence_figures(evidence, drawn_first),
+    )
+
+
+def _on_heldout(step: Step) -> str:
+    """What held-out data say of an effect."""
+    text = (
+        f"{standing(step)}: balance error {step.error_before:.3g} →"
+        f" {step.error_after:.3g} %, gain {step.gain_heldout:.2g} dB"
+    )
+    if not step.confirmed:
+        text += "; the model does not hold this effect"
+    return text
+
+
+def _last_chapter(
+    report: Loop, evidence: Evidence | None, drawn_first: bool
+) -> Chapter:
+    """What is left, and the candidates that were refused."""
+    tables = []
+    if len(report.candidates):
+        best = report.candidates.head(LISTED_CANDIDATES)
+        rows = []
+        for law, *numbers in best.to_numpy().tolist():
+            rows.append([plain_name(law), *numbers])
+        caption = "The best candidates of the last search"
+        tables.append(Table(caption, list(best.columns), rows))
+    if len(report.lack_of_fit):
+        rows = report.lack_of_fit.reset_index().to_numpy().tolist()
+        head = ["site", "law", "gain (dB)", "standard error"]
+        tables.append(Table("What general laws would still gain", head, rows))
+
+    why = ("Why it stopped", as_sentence(report.stopped_because))
+    figures = _evidence_figures(evidence, drawn_first)
+    facts = [*_answers(evidence), why]
+    return Chapter("What is left", facts, tables, figures=figures)
+
+
+def _answers(evidence: Evidence | None) -> list[tuple[str, str]]:
+    """Answers to the three questions asked before any law is tried."""
+    if evidence is None:
+        return []
+    answers = []
+    for question, name in _QUESTIONS.items():
+        answers.append((question, evidence.sentences[name]))
+    return answers
+
+
+def _evidence_figures(evidence: Evidence | None, drawn_first: bool) -> list[Figure]:
+    """Figures of one step; what the page draws first is not drawn again."""
+    if evidence is None:
+        return []
+    return evidence_figures(evidence, means=not drawn_first)

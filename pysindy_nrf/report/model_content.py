@@ -1,0 +1,282 @@
+"""The page of an identification: of a model, or of a fitted regressor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+
+from ..chain.model import ChainModel
+from ..common.audit import settings_of
+from ..diagnosis.effects import Bounds, nonlinear_parts, shares_of
+from ..diagnosis.free_run import FreeRuns
+from ..diagnosis.motions import motions_of
+from ..diagnosis.residual import residual_of
+from ..diagnosis.site_loops import loops_of
+from ..diagnosis.verdict import Verdict
+from ..diagnosis.wiring import OPEN
+from ..exceptions import ChannelError, NRFError
+from ..records.checks.channel_checks import Measured, measured
+from ..records.dataset import Dataset
+from ..records.record import Record
+from ..records.zero_phase_filter import filters_of
+from .content import Content, Tile, audit_part, frame_of, measured_part, model_part
+from .figures.evidence import residual_figure
+from .figures.figure import Figure, dof_words
+from .figures.motion import free_run_figure
+from .tables import Table, table
+from .words import Band, band_text, listed
+
+# Records by whose names a page is called.
+MAX_NAMES_IN_TITLE = 3
+_HEAD_OF_ERRORS = {
+    "error": "error (%)",
+    "residual": "residual rms (N)",
+    "reference": "reference rms (N)",
+    "of": "of",
+}
+_HEAD_OF_MISSING_TERMS = {
+    "residual": "residual (% of its force)",
+    "gain": "held-out part of it that further terms remove (%)",
+    "missing": "size of these terms (% of its force)",
+    "shift": "mass moves with them by (%)",
+    "lasting": "part of it that a constant or a straight line in time removes (%)",
+    "biased": "a law is missing",
+}
+
+
+class Fitted(Protocol):
+    """What the page reads of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
+
+    model_: ChainModel
+    errors_: pd.DataFrame
+    third_law_gap_: Mapping[Any, float]
+    missing_terms_: pd.DataFrame
+
+    def verdict(self) -> Verdict:
+        """Whether the model may be used."""
+
+    def bounds(self) -> tuple[Bounds, list[str]]:
+        """95 % intervals, and why there are none."""
+
+    def fit_data(self, cure: str) -> Dataset:
+        """Data of the fit; an error if they are gone."""
+
+    def free_runs(self) -> FreeRuns:
+        """The model alone under the forces of the fit."""
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Settings."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """A model, the data over which its page draws it, and what its fit says of it.
+
+    Parameters
+    ----------
+    model : ChainModel
+    records : sequence of Record
+        As measured.
+    data : Dataset, optional
+        The motions.
+    band : (float or None, float or None), optional
+        Band in which all is drawn and judged, Hz.
+    bounds, verdict, errors, free_runs, third_law_gap, missing_terms, settings
+        As a fitted regressor gives them; ``settings`` are its parameters.
+    """
+
+    model: ChainModel
+    records: Sequence[Record] = ()
+    data: Dataset | None = None
+    band: Band = None
+    bounds: Bounds = field(default_factory=dict)
+    verdict: Verdict | None = None
+    errors: pd.DataFrame | None = None
+    free_runs: FreeRuns | None = None
+    third_law_gap: Mapping[Any, float] = field(default_factory=dict)
+    missing_terms: pd.DataFrame = field(default_factory=pd.DataFrame)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+def identification_of(
+    subject: ChainModel | Fitted,
+    records: Record | Sequence[Record] | None = None,
+    band: Band = None,
+    data: Dataset | None = None,
+) -> Identification:
+    """What the page of a model or of a fitted regressor shows.
+
+    Parameters
+    ----------
+    subject : ChainModel or fitted NRFRegressor
+    records : Record or sequence of Record, optional
+        Over which the model is drawn; a regressor without them is drawn over the data
+        of its fit.
+    band : (float or None, float or None), optional
+        Hz; that of the model if None.
+    data : Dataset, optional
+        Motions of the records; they are fused if None.
+    """
+    model = subject if isinstance(subject, ChainModel) else subject.model_
+    records = [records] if isinstance(records, Record) else list(records or ())
+    if band is None and model.info.get("band") is not None:
+        low, high = model.info["band"]
+        band = (low, high)
+    if data is None and records:
+        data = motions_of(model, records)
+
+    shown = Identification(model, records, data, band)
+    return shown if isinstance(subject, ChainModel) else _with_fit(shown, subject)
+
+
+def _with_fit(shown: Identification, subject: Fitted) -> Identification:
+    """A model with what its fit says of it, over the data of the fit if need be."""
+    data, free_runs = shown.data, None
+    try:
+        of_fit = subject.fit_data("Fit again, or give records.")
+        data = of_fit if data is None else data
+        free_runs = subject.free_runs()
+    except ChannelError:  # it was loaded without the data of its fit
+        pass
+    return replace(
+        shown,
+        data=data,
+        bounds=subject.bounds()[0],
+        verdict=subject.verdict(),
+        errors=subject.errors_,
+        free_runs=free_runs,
+        third_law_gap=subject.third_law_gap_,
+        missing_terms=subject.missing_terms_,
+        settings=subject.get_params(deep=False),
+    )
+
+
+def model_content(
+    found: Identification, title: str | None = None, notes: Sequence[str] = ()
+) -> Content:
+    """The page of an identification.
+
+    Parameters
+    ----------
+    found : Identification
+    title : str, optional
+        Names of the records if None.
+    notes : sequence of str
+        What is to be taken care of, beside the reasons of the verdict.
+    """
+    model, data = found.model, found.data
+    picture, obstacles = _picture(found)
+    loops, nonlinear = [], dict[str, str]()
+    if data is not None:
+        loops = loops_of(model, data, filters_of(found.band, data))
+        nonlinear = nonlinear_parts(model, shares_of(model, data), found.bounds)
+
+    care = [*notes, *obstacles]
+    if found.verdict is not None:
+        care = [*found.verdict.reasons, *care]
+    records = _measured_records(found)
+    names = listed(record.name for record in records[:MAX_NAMES_IN_TITLE])
+    frame = frame_of(model, found.bounds, nonlinear, _open_dofs(found), records)
+    return Content(
+        title=title or names or "Chain model",
+        lead=_lead(model),
+        model=model_part(model, loops, found.bounds),
+        audit=audit_part(model, _settings(found)),
+        verdict=found.verdict,
+        care=list(dict.fromkeys(care)),
+        frame=frame,
+        picture=picture,
+        tiles=_tiles(found),
+        measured=measured_part(records),
+        errors=_errors(found),
+    )
+
+
+def _picture(found: Identification) -> tuple[list[Figure], list[str]]:
+    """Residual and free run, and why one of them cannot be drawn."""
+    if found.data is None:
+        return [], []
+    figures, obstacles = [], []
+    filters = filters_of(found.band, found.data)
+    try:
+        sizes = residual_of(found.model, found.data, filters).sizes
+        residual = residual_figure(sizes)
+        if residual is not None:
+            figures.append(residual)
+    except NRFError as error:
+        obstacles.append(str(error))
+    return figures + free_run_figure(found.free_runs), obstacles
+
+
+def _measured_records(found: Identification) -> list[Measured]:
+    """What the records hold, with the noise that fusion estimates."""
+    if not found.records or found.data is None:
+        return []
+    records = []
+    for record, segment in zip(found.records, found.data.segments):
+        records.append(measured(record, segment.noise))
+    return records
+
+
+def _open_dofs(found: Identification) -> list[int]:
+    """DOFs whose balance does not close."""
+    if found.errors is None:
+        return []
+    errors = found.errors["error"].drop("pooled")
+    return [int(str(name)[4:]) for name, error in errors.items() if error > OPEN]
+
+
+def _lead(model: ChainModel) -> str:
+    """The model in a sentence."""
+    n_forces = sum(bool(laws) for laws in model.laws.values())
+    masses = "mass" if model.n_dof == 1 else "masses"
+    forces = "restoring force" if n_forces == 1 else "restoring forces"
+    return f"{model.n_dof} {masses} and {n_forces} {forces}."
+
+
+def _tiles(found: Identification) -> list[Tile]:
+    """Error, mass and band in numbers."""
+    tiles = []
+    if found.errors is not None:
+        pooled = f"{found.errors.loc['pooled', 'error']:.3g} %"
+        tiles.append(Tile("Balance error, pooled", pooled, "on the fitted data"))
+    total = float(found.model.masses.sum())
+    tiles.append(Tile("Total mass", f"{total:.4g} kg"))
+    tiles.append(Tile("Band", band_text(found.band)))
+    return tiles
+
+
+def _settings(found: Identification) -> dict[str, dict[str, str]]:
+    """Parameters of the regressor, and what is known of the model."""
+    model = dict(found.model.info)
+    for name in ("command", "inputs"):  # said of the run
+        model.pop(name, None)
+    model["band"] = found.band
+    if found.settings:
+        return settings_of(regressor=found.settings, model=model)
+    return settings_of(model=model)
+
+
+def _errors(found: Identification) -> list[Figure | Table]:
+    """Errors of the balances, and what they say of laws and of Newton's third law."""
+    shown: list[Figure | Table] = []
+    if found.errors is not None:
+        errors = found.errors.set_axis([dof_words(name) for name in found.errors.index])
+        caption = "Balance errors on the fitted data, percent NRMSE"
+        shown.append(table(caption, errors, _HEAD_OF_ERRORS, "balance"))
+    if len(found.third_law_gap):
+        gaps = [[str(site), gap] for site, gap in found.third_law_gap.items()]
+        head = ["storey", "difference (% of its rms)"]
+        caption = "Newton's third law: how far the two estimates of one storey differ"
+        shown.append(Table(caption, head, gaps))
+    if len(found.missing_terms):
+        biased = np.where(found.missing_terms["biased"], "yes", "no")
+        missing = found.missing_terms.assign(biased=biased)
+        caption = "What terms beyond the laws would explain"
+        index = "step of the solve"
+        shown.append(table(caption, missing, _HEAD_OF_MISSING_TERMS, index))
+    return shown

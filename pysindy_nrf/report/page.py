@@ -1,0 +1,169 @@
+"""One self-contained page (HTML) that works offline, with every name escaped."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib.resources import files
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from ..chain.latex import mathml
+from ..chain.model import ChainModel
+from ..common.files import atomic_write
+from ..common.lazy import require
+from ..exceptions import NRFError
+from ..records.record import Record
+from .content import Content
+from .figures.figure import Figure
+from .figures.plotly_renderer import as_plotly
+from .loop_content import loop_content
+from .model_content import Identification, identification_of, model_content
+from .tables import cells
+from .words import Band
+
+_PURPOSE = "The HTML report"
+# A literal of a script that is at least this long is the program of the street maps.
+_LONG_LITERAL = re.compile(r"(?<=\.exports=)'(?:[^'\\]|\\.){100000,}'", re.DOTALL)
+# Signs in which bytes are written: none is "<" or a quote, so no script ends early.
+_SIGNS = bytes(code for code in range(0x21, 0x7F) if chr(code) not in "'<\\")
+# A pair of these 91 signs holds 13 bits: 91^2 = 8281 > 2^13.
+_BITS_OF_A_PAIR = 13
+
+
+def available() -> bool:
+    """Whether the packages of the extra ``report`` are installed."""
+    return all(find_spec(name) is not None for name in ("jinja2", "plotly"))
+
+
+def write_html(
+    path: Any,
+    subject: Any,
+    record: Record | Sequence[Record] | None = None,
+    *,
+    title: str | None = None,
+    notes: Sequence[str] = (),
+    band: Band = None,
+) -> None:
+    """Write one page: equations, surfaces that turn, loops, tables, every setting.
+
+    Parameters
+    ----------
+    path : path-like
+        An older file is replaced whole.
+    subject : LoopReport, fitted NRFRegressor, ChainModel or Identification
+    record : Record or sequence of Record, optional
+        Over which a model is drawn.
+    title : str, optional
+    notes : sequence of str
+        What is to be taken care of.
+    band : (float or None, float or None), optional
+        Hz; that of the model if None.
+
+    Raises
+    ------
+    MissingExtraError
+        Without jinja2 or plotly, which the extra ``report`` brings.
+    NRFError
+        If the subject is none of these.
+    """
+    html = page(subject, record, title=title, notes=notes, band=band)
+    with atomic_write(path) as file:
+        file.write(html)
+
+
+def page(
+    subject: Any,
+    record: Record | Sequence[Record] | None = None,
+    *,
+    title: str | None = None,
+    notes: Sequence[str] = (),
+    band: Band = None,
+) -> str:
+    """The page as text; see :func:`write_html`."""
+    for package in ("jinja2", "plotly.offline"):
+        require(package, "report", _PURPOSE)
+
+    if hasattr(subject, "steps") and hasattr(subject, "stopped_because"):
+        return rendered(loop_content(subject, title))
+    if isinstance(subject, ChainModel) or hasattr(subject, "model_"):
+        subject = identification_of(subject, record, band)
+    if isinstance(subject, Identification):
+        return rendered(model_content(subject, title, notes))
+    raise NRFError(
+        f"{type(subject).__name__} cannot be reported",
+        "Give a LoopReport, a fitted NRFRegressor or a ChainModel.",
+    )
+
+
+def rendered(content: Content) -> str:
+    """The page of a content."""
+    jinja2 = require("jinja2", "report", _PURPOSE)
+    offline = require("plotly.offline", "report", _PURPOSE)
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_template),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["cells"] = cells
+    markup = jinja2.utils.markupsafe.Markup
+    drawn: dict[str, dict[str, Any]] = {}
+
+    def register(figure: Figure, numbers: str) -> tuple[str, int]:
+        """Keep a figure for the script, with its table; its name and height."""
+        name = f"figure-{len(drawn) + 1}"
+        drawn[name] = {**as_plotly(figure), "numbers": str(numbers)}
+        return name, drawn[name]["layout"]["height"]
+
+    def math(pieces: list[str]) -> Any:
+        return markup(mathml(pieces))
+
+    style = markup(_template("style.css"))
+    body = environment.get_template("page.html").render(
+        content=content, register=register, math=math, style=style
+    )
+
+    # the template has registered the figures
+    figures = json.dumps(drawn, separators=(",", ":"), allow_nan=False)
+    packed = {
+        "plotly": _packed(_without_maps(offline.get_plotlyjs())),
+        "figures": _packed(figures),
+    }
+    scripts = environment.get_template("scripts.html").render(
+        packed=packed, code=markup(_template("page.js"))
+    )
+    return f"{body}{scripts}</body>\n</html>\n"
+
+
+def _template(name: str) -> str:
+    return files(__package__).joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _without_maps(library: str) -> str:
+    """The plotting library without its street maps, a tenth of its size."""
+
+    def kept(literal: re.Match[str]) -> str:
+        return "''" if "maplibre" in literal[0] else literal[0]
+
+    return _LONG_LITERAL.sub(kept, library)
+
+
+@lru_cache(2)
+def _packed(text: str) -> tuple[int, str]:
+    """A text deflated: the number of bytes, and these as pairs of signs."""
+    deflated = np.frombuffer(zlib.compress(text.encode(), 9), np.uint8)
+    bits = np.unpackbits(deflated)
+    bits = np.pad(bits, (0, -len(bits) % _BITS_OF_A_PAIR))
+
+    powers = 1 << np.arange(_BITS_OF_A_PAIR - 1, -1, -1)
+    numbers = bits.reshape(-1, _BITS_OF_A_PAIR) @ powers
+    pairs = np.stack(np.divmod(numbers, len(_SIGNS)), axis=1)
+    signs = np.frombuffer(_SIGNS, np.uint8)[pairs]
+    return len(deflated), signs.tobytes().decode()

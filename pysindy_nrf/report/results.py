@@ -1,0 +1,200 @@
+"""What the page reads of a closed loop, by its public attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import pandas as pd
+
+from ..chain.model import ChainModel
+from ..diagnosis import effects, facts
+from ..diagnosis.free_run import FreeRuns
+from ..diagnosis.site_loops import SiteLoop
+from ..diagnosis.verdict import Verdict
+from ..records.checks.channel_checks import Measured
+from .words import Band
+
+
+class Step(effects.Effect, Protocol):
+    """One effect, with what the search and held-out data say of it in words."""
+
+    @property
+    def sentence(self) -> str:
+        """The whole step."""
+
+    @property
+    def evidence(self) -> str:
+        """Why it was accepted."""
+
+    @property
+    def gain_least(self) -> float:
+        """Gain without the fold that speaks most for it, dB."""
+
+    @property
+    def gain_heldout(self) -> float:
+        """Gain on held-out data, dB."""
+
+    @property
+    def share(self) -> float:
+        """What it changes of the force at its site, as a share."""
+
+    @property
+    def tied(self) -> Sequence[tuple[str, str, float]]:
+        """Law, site and gain of candidates that the data could not tell from it."""
+
+
+class NoiseFloor(Protocol):
+    """What noise alone would leave of the forces."""
+
+    def at(self, name: str) -> float:
+        """Rms at a balance (``"dof 2"``) or storey (``"storey 2"``), N."""
+
+
+class Detection(Protocol):
+    """What the motion explains of the residual."""
+
+    @property
+    def verdicts(self) -> pd.DataFrame:
+        """By balance and storey: shares and verdict."""
+
+
+class Localisation(Protocol):
+    """Where a force would explain the residual."""
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """By site: share, interval, pattern of signs."""
+
+
+class Characterisation(Protocol):
+    """What the missing force depends on."""
+
+    @property
+    def shares(self) -> pd.DataFrame:
+        """By dependence: what it explains."""
+
+    @property
+    def curves(self) -> Mapping[str, pd.DataFrame]:
+        """Mean force in bins of a variable."""
+
+    @property
+    def sentence(self) -> str:
+        """The same in words."""
+
+
+class Evidence(facts.Evidence, Protocol):
+    """What is left of the measured forces after one model of the loop."""
+
+    @property
+    def sizes(self) -> pd.DataFrame:
+        """Residual of each balance and storey."""
+
+    @property
+    def floor(self) -> NoiseFloor | None:
+        """What noise alone would leave."""
+
+    @property
+    def detection(self) -> Detection | None:
+        """Is it noise?"""
+
+    @property
+    def localisation(self) -> Localisation | None:
+        """Where does it act?"""
+
+    @property
+    def characterisation(self) -> Characterisation | None:
+        """What is it like?"""
+
+    @property
+    def chosen(self) -> str:
+        """The site at which the loop then added an effect."""
+
+    @property
+    def site(self) -> str:
+        """The site whose force is characterised."""
+
+    @property
+    def sentences(self) -> Mapping[str, str]:
+        """Answers to the three questions."""
+
+
+class Loop(Protocol):
+    """A report of the loop; see :class:`pysindy_nrf.discrepancy.LoopReport`."""
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """Effects in the order in which they were accepted."""
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Errors of the baseline and after each effect, percent NRMSE."""
+
+    @property
+    def final(self) -> pd.Series:
+        """Errors of the model."""
+
+    @property
+    def stopped_because(self) -> str:
+        """Why the search stopped."""
+
+    @property
+    def nothing_claimed(self) -> bool:
+        """Whether nothing is claimed."""
+
+    @property
+    def model(self) -> ChainModel:
+        """The model found."""
+
+    @property
+    def band(self) -> Band:
+        """Hz."""
+
+    @property
+    def candidates(self) -> pd.DataFrame:
+        """Candidates of the last search, best first."""
+
+    @property
+    def evidence(self) -> Sequence[Evidence]:
+        """What was left after each model."""
+
+    @property
+    def measured(self) -> Sequence[Measured]:
+        """What was measured."""
+
+    @property
+    def loops(self) -> Sequence[SiteLoop]:
+        """Force of every site along the search data."""
+
+    @property
+    def settings(self) -> Mapping[str, Mapping[str, Any]]:
+        """Every setting of the run, by group."""
+
+    @property
+    def lack_of_fit(self) -> pd.DataFrame:
+        """What general laws would still gain."""
+
+    @property
+    def bounds(self) -> effects.Bounds:
+        """95 % intervals by parameter."""
+
+    @property
+    def free_runs(self) -> FreeRuns | None:
+        """The model alone under the measured forces."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the model may be used."""
+
+
+def confirmed(report: Loop) -> list[Step]:
+    """The effects that held-out data confirm: those of the model."""
+    return [step for step in report.steps if step.confirmed]
+
+
+def first_evidence(report: Loop) -> Evidence | None:
+    """The evidence of the first confirmed effect, whose force is drawn first."""
+    for evidence, step in zip(report.evidence, report.steps):
+        if step.confirmed:
+            return evidence
+    return None

@@ -1,0 +1,225 @@
+"""The kind of dependence comes out without a formula."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import solve_ivp
+
+from pysindy_nrf.discrepancy.residual import Dependence, Feature, characterise
+from pysindy_nrf.discrepancy.residual.characterisation import conditional_mean
+from pysindy_nrf.discrepancy.residual.spectral_line import spectral_line
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.laws import Motion
+from pysindy_nrf.records import ZeroPhaseFilter
+
+pytestmark = pytest.mark.slow
+
+FS, DURATION = 400, 30.0
+DRIVE = np.random.default_rng(0)
+# of 40 lines of a motion
+OMEGA = 2 * np.pi * DRIVE.uniform(1, 12, 40)
+PHASE = DRIVE.uniform(0, 2 * np.pi, 40)
+AMPLITUDE = 1e-3 / (1 + (OMEGA / (2 * np.pi) - 4) ** 2)
+
+
+def angles(t):
+    return np.multiply.outer(t, OMEGA) + PHASE
+
+
+def rate_of_drift(t):
+    return (AMPLITUDE * OMEGA * np.cos(angles(t))).sum(axis=-1)
+
+
+T = np.arange(int(DURATION * FS)) / FS
+S = (AMPLITUDE * np.sin(angles(T))).sum(axis=-1)
+V = rate_of_drift(T)
+A = -(AMPLITUDE * OMEGA**2 * np.sin(angles(T))).sum(axis=-1)
+UNIT = S.std()
+VOLTAGE = 1 + 0.8 * np.sin(2 * np.pi * 0.3 * T)
+MOTION = Motion(S, V, A, T, {"U": VOLTAGE})
+
+
+def bouc_wen():
+    """The state of a Bouc-Wen law along the motion."""
+
+    def rate(t, z):
+        v = rate_of_drift(t) / UNIT
+        return v - 2.0 * abs(v) * abs(z) * z - 2.0 * v * z**2
+
+    span, steps = (0, T[-1]), {"rtol": 1e-6, "atol": 1e-8, "max_step": 0.01}
+    return solve_ivp(rate, span, [0.0], "LSODA", T, **steps).y[0]
+
+
+def two_sided_gap():
+    return np.sign(S) * np.maximum(np.abs(S) - 1.2 * UNIT, 0)
+
+
+def harmonic():
+    return np.cos(2 * np.pi * 7.3456 * T + 1)
+
+
+def left_of(force, noise=0.05):
+    """What a linear baseline leaves of a force of 20 N rms, and noise of a share."""
+    force = force / np.sqrt(np.mean(force**2))
+    linear = np.column_stack([S / UNIT, V / V.std(), A / A.std()])
+    left = force - linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
+    scatter = np.random.default_rng(0).standard_normal(len(left))
+    return 20 * (left + noise * np.sqrt(np.mean(left**2)) * scatter)
+
+
+def chosen(found):
+    """The row of the table of shares that was chosen."""
+    (row,) = found.shares.index[found.shares["chosen"]]
+    return row
+
+
+@pytest.mark.parametrize(
+    ("force", "row", "parity", "word"),
+    [
+        (np.sign(V), "v alone", "odd", "friction-like"),
+        (V * np.abs(V), "v alone", "odd", "nonlinear damping"),
+        (S**3, "s alone", "odd", "hardening"),
+        (np.tanh(S / UNIT), "s alone", "odd", "softening"),
+        (two_sided_gap(), "s alone", "odd", "gap"),
+        (np.maximum(S - 0.8 * UNIT, 0), "s alone", "neither odd", "contact on one"),
+        (S**2, "s alone", "even", "nonlinear spring"),
+        (harmonic(), "line", "", "7.34"),
+        (S * T, "time", "", "Changes in time"),
+        (np.sign(V) * VOLTAGE, "covariate U", "", "modulated by U"),
+        (1 + 0 * S, "constant", "", "offset"),
+    ],
+)
+def test_a_force_is_said_to_depend_on_what_it_does(force, row, parity, word):
+    found = characterise([left_of(force)], [MOTION])
+    assert chosen(found) == row
+    assert found.shares.loc[row, "share"] > 90
+    assert parity in found.sentence and word in found.sentence
+    if row in ("s alone", "v alone"):
+        assert abs(found.memory) < 2
+
+
+def test_a_step_of_stiffness_changes_in_time():
+    found = characterise([left_of(S * (T > 12))], [MOTION])
+    assert chosen(found) == "time"
+    assert found.shares.loc["time", "share"] > 85
+
+
+def test_hysteresis_depends_on_the_path():
+    found = characterise([left_of(bouc_wen())], [MOTION])
+    assert found.dependence == Dependence.PATH
+    assert found.memory > 15
+    assert "hysteresis" in found.sentence
+
+
+def test_the_frequency_of_a_line_is_found():
+    found = characterise([left_of(harmonic())], [MOTION])
+    assert found.frequency == pytest.approx(7.3456, abs=0.002)
+
+
+def test_noise_depends_on_nothing():
+    noise = np.random.default_rng(0).standard_normal(len(T))
+    found = characterise([noise], [MOTION], noise=1.0)
+    assert found.dependence == Dependence.NOTHING
+    assert np.isnan(found.frequency)
+    assert (found.shares["share"] < 1).all()
+    assert "noise is 100 %" in found.sentence
+
+
+def test_band_is_treated_fairly():
+    band = ZeroPhaseFilter((0.5, 20.0), FS)
+    force = band.apply(20 * np.sign(V))
+    found = characterise([force], [Motion(S, V, A, T)], filters=[band])
+    assert found.dependence == Dependence.RATE
+    assert Feature.JUMP in found.features
+    assert found.shares.loc["v alone", "share"] > 99.5
+
+
+def test_columns_of_the_baseline_are_allowed_for():
+    other = np.roll(S, 777)
+    force = 20 * np.sign(V) + 4e4 * other
+    found = characterise([force], [Motion(S, V, A, T)], beside=[other[:, None]])
+    assert found.dependence == Dependence.RATE
+    assert found.shares.loc["v alone", "share"] > 99
+
+
+def test_several_records_are_read_together():
+    left, half = left_of(np.sign(V), 0.02), len(T) // 2
+    forces, motions = [], []
+    for part in (slice(0, half), slice(half, None)):
+        forces.append(left[part])
+        motions.append(Motion(S[part], V[part], A[part], T[part] - T[part][0]))
+    assert characterise(forces, motions).dependence == Dependence.RATE
+
+
+def test_means_of_a_force_follow_another_signal():
+    curve = conditional_mean(V, 5 * np.sign(V), bins=20)
+    assert curve["count"].sum() == len(V)
+    assert np.allclose(curve["mean"].iloc[[0, -1]], [-5, 5])
+
+
+def test_a_force_that_is_not_known_throughout_is_refused():
+    with pytest.raises(ChannelError, match="not finite"):
+        characterise([np.where(T > 1, S, np.nan)], [Motion(S, V)])
+
+
+def test_a_short_force_is_refused():
+    with pytest.raises(ChannelError, match="200 samples"):
+        characterise([S[:100]], [Motion(S[:100], V[:100])])
+
+
+def test_a_force_linear_in_the_motion_is_no_spectral_line():
+    t = np.arange(4000) / 500
+    s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    found = characterise([3.0 * s + 0.5 * v], [Motion(s, v, t=t)])
+    assert found.dependence == Dependence.LINEAR
+    assert "wrong stiffness, damping or mass" in found.sentence
+
+
+def test_display_draws_shares_and_the_force_against_the_rate():
+    from pysindy_nrf.report.figures.evidence import dependence_figures
+
+    found = characterise([left_of(np.sign(V), 0.0)], [Motion(S, V, A, T)])
+    bars, drift, rate = dependence_figures(found)
+    assert (drift.x.label, drift.x.unit) == ("drift s", "m")
+    assert (rate.x.label, rate.x.unit) == ("rate v", "m/s")
+    assert list(bars.marks[0].values) == list(found.shares["share"].clip(lower=0))
+    assert list(rate.marks[0].y) == list(found.curves["v"]["mean"])
+
+
+# -- spectral lines ------------------------------------------------------------
+
+T10 = np.arange(1000) / 100
+WHITE = np.random.default_rng(3).standard_normal(1000)
+
+
+def still(t):
+    """A motion of which only the time counts."""
+    return Motion(t, t, t=t)
+
+
+@pytest.mark.parametrize("frequency", [11.37, 30.02])
+def test_a_line_of_the_longest_record_is_found_between_two_bins(frequency):
+    noisy = 0.6 * np.cos(2 * np.pi * frequency * T10 + 1) + WHITE
+    parts, motions = [WHITE[:300], noisy], [still(T10[:300]), still(T10)]
+    assert spectral_line(parts, motions) == pytest.approx(frequency, abs=0.012)
+
+
+def test_a_clean_line_is_found_to_the_nearest_of_81_points_in_two_bins():
+    clean = np.cos(2 * np.pi * 11.37 * T10 + 1) + 1e-6 * WHITE
+    # bins of 0.1 Hz
+    half_a_point = 0.5 * 2 / 80 / 10
+    found = spectral_line([clean], [still(T10)])
+    assert found == pytest.approx(11.37, abs=half_a_point + 1e-9)
+
+
+@pytest.mark.parametrize("n", [500, 3000])
+def test_white_noise_has_a_line_in_one_record_of_a_hundred(n):
+    """Of 400 records of noise 4 are expected, and more than 11 in one of a thousand
+    such tests.
+    """
+    rng, lines = np.random.default_rng(8), 0
+    motion = still(np.arange(n) / 100)
+    for _ in range(400):
+        lines += np.isfinite(spectral_line([rng.standard_normal(n)], [motion]))
+    assert lines <= stats.binom.ppf(0.999, 400, 0.01)

@@ -1,0 +1,101 @@
+"""Error reductions in dB, and what the judge makes of them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import laws
+from pysindy_nrf.discrepancy import judge
+from pysindy_nrf.discrepancy.effects import RankedFinding
+from pysindy_nrf.discrepancy.error_reduction import ErrorReduction, Powers
+
+# two balances, three bands, five folds that are alike
+BEFORE = Powers(
+    np.tile([[8.0, 4.0, 1.0], [2.0, 2.0, 2.0]], (5, 1, 1)), np.full((2, 3), 40.0)
+)
+# the last band of the first balance is full of noise
+INFORMATIVE = np.array([[True, True, False], [True, True, True]])
+
+
+def reduction_of(before, after, n_bands=1):
+    """The error reduction of one balance, from powers of the residual by fold."""
+    reference = np.full((1, n_bands), 1e3)
+    informative = np.ones((1, n_bands), dtype=bool)
+    return ErrorReduction.between(
+        Powers(before, reference), Powers(after, reference), informative
+    )
+
+
+def test_a_reduction_is_the_mean_over_informative_bands():
+    """10 dB in one of two bands; the band full of noise has no say."""
+    change = np.array([[0.1, 1.0, 9.0], [1.0, 1.0, 1.0]])
+    after = Powers(BEFORE.folds * change, BEFORE.reference)
+    found = ErrorReduction.between(BEFORE, after, INFORMATIVE)
+    assert found.value == pytest.approx(5.0, abs=1e-3)
+    assert found.standard_error == pytest.approx(0.0, abs=1e-9)
+    assert found.least == pytest.approx(found.value)
+
+
+def test_a_model_without_a_fit_reduces_nothing():
+    after = Powers(BEFORE.folds * np.inf, BEFORE.reference)
+    found = ErrorReduction.between(BEFORE, after, INFORMATIVE)
+    assert found.value == found.least == found.lower == -np.inf
+
+
+def test_a_reduction_in_one_fold_alone_is_not_there():
+    before = np.full((8, 1, 1), 1.0)
+    before[3] = 100.0
+    once = reduction_of(before, np.ones((8, 1, 1)))
+    assert once.value > 10.0 and not judge.is_there(once)
+
+    always = reduction_of(before, 0.5 * before)
+    assert always.value == pytest.approx(3.0, abs=0.1)
+    assert judge.is_there(always)
+
+
+def test_a_fold_without_which_more_is_gained_is_nothing_against_it():
+    """A change dated in one fold: a tenth is left in the seven others, all in it."""
+    after = np.full((8, 1, 1), 0.1)
+    after[3] = 1.0
+    found = reduction_of(np.ones((8, 1, 1)), after)
+    assert found.value - 2 * found.standard_error < 0.5
+    assert found.bound > 0.7 * found.value
+
+    reversed_folds = reduction_of(np.ones((8, 1, 1)), after[::-1])
+    assert reversed_folds.bound == pytest.approx(found.bound)
+
+
+@pytest.mark.parametrize(
+    ("law", "there"),
+    [
+        (laws.ConstantForce(), True),
+        (laws.HarmonicForce(), True),
+        (laws.CoulombFriction(), False),
+    ],
+)
+def test_a_force_of_one_frequency_is_judged_where_it_acts(law, there):
+    """3 dB in one of twelve bands."""
+    after = np.ones((8, 1, 12))
+    after[..., 0] = 0.5
+    found = reduction_of(np.ones((8, 1, 12)), after, n_bands=12)
+    assert judge.is_there(found, law) is there
+
+
+def ranked(n_parameters, value, spread=0.3):
+    """A finding of some size, its reduction scattered from fold to fold."""
+    rng = np.random.default_rng(n_parameters)
+    without_fold = value + spread * rng.standard_normal(10)
+    reduction = ErrorReduction(value, spread, without_fold, value, value)
+    return RankedFinding(SimpleNamespace(n_parameters=n_parameters), reduction)
+
+
+def test_of_what_cannot_be_told_apart_the_simplest_is_taken():
+    findings = [ranked(4, 8.0), ranked(1, 7.9), ranked(2, 5.0)]
+    assert judge.simplest(findings) == 1
+    (rival,) = judge.rivals(findings, 1)
+    assert rival.n_parameters == 4
+
+
+def test_what_is_clearly_better_is_taken_however_large():
+    assert judge.simplest([ranked(4, 8.0, 0.0), ranked(1, 5.0, 0.0)]) == 0

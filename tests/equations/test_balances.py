@@ -1,0 +1,64 @@
+"""Equations of motion of records: the same columns whole, block by block, law by law."""
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import Chain, laws
+from pysindy_nrf.chain import LawLayout
+from pysindy_nrf.equations import BalanceEquations
+from pysindy_nrf.records import ZeroPhaseFilter, from_arrays
+
+LAYOUT = LawLayout(
+    Chain(3, ["link 3-1"]),
+    {
+        "storey 1": [laws.PowerSeries(2), laws.Dahl(sigma=300.0)],
+        "storey 2": [laws.CoulombFriction()],
+        "link 3-1": [laws.LinearElastic(), laws.Jenkins(uy=1e-3)],
+        "dof 2": [laws.AddedMass()],
+    },
+)
+
+
+@pytest.fixture(scope="module")
+def data():
+    rng = np.random.default_rng(0)
+    s = np.cumsum(rng.normal(size=(3000, 3)), axis=0) * 1e-4
+    v = np.gradient(s, axis=0) * 1e3
+    F = rng.normal(size=(3000, 3))
+    F[:, 1] = np.nan
+    return from_arrays(np.hstack([rng.normal(size=(3000, 3)), v, s]), F, dt=1e-3)
+
+
+@pytest.fixture(params=["raw", "filtered"])
+def equations(data, request):
+    filter = None
+    if request.param == "filtered":
+        filter = ZeroPhaseFilter((5.0, 100.0), fs=1000.0)
+    return BalanceEquations(data, LAYOUT, [filter])
+
+
+def test_columns_of_single_laws_are_those_of_the_whole_record(equations):
+    block = equations.whole(0)
+    for site in LAYOUT.acting:
+        columns = [equations.columns(law, site, 0) for law in LAYOUT.laws[site]]
+        expected = block.terms[LAYOUT.slices[site]]
+        assert np.vstack(columns) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_inertia_and_target_are_those_of_the_whole_record(equations):
+    block = equations.whole(0)
+    assert equations.inertias(0) == pytest.approx(block.acceleration, abs=1e-12)
+    target = equations.target(0)
+    assert np.isnan(target[1]).all()
+    assert target[[0, 2]] == pytest.approx(block.force[[0, 2]], abs=1e-12)
+    assert block.known == (True, False, True)
+
+
+def test_blocks_follow_each_other_and_laws_remember(equations):
+    terms = [block.terms for block in equations.blocks(0)]
+    expected = equations.whole(0).terms
+    assert np.hstack(terms) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_there_is_one_equation_a_dof(equations):
+    assert (equations.n_equations, equations.n_dof, equations.n_channels) == (3, 3, 1)

@@ -1,7 +1,6 @@
 """Fuzzing of every file reader and of the model's JSON reader.
 
     python benchmarks/fuzz.py --seconds 1200   # over all readers
-    python benchmarks/fuzz.py --seconds 15     # as in the tests
     python benchmarks/fuzz.py --target HDF5 --seconds 60 --seed 3
     # one file again, its error let through
     python benchmarks/fuzzing/worker.py HDF5 --seed 3 --only 1741
@@ -16,6 +15,7 @@ too long or too much memory.
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 import time
@@ -32,6 +32,7 @@ WORKER = Path(__file__).resolve().parent / "fuzzing" / "worker.py"
 # seconds beyond the time given, for the start and for one file that takes long
 GRACE = 60.0
 LEAST_TIME = 0.5  # s, below which no process is started
+MAX_TIME = 3600.0  # s for a number of files
 SHOWN = 10  # failures of a reader
 
 
@@ -73,14 +74,16 @@ class Fuzzed:
         return finished
 
 
-def fuzz(name: str, seed: int, seconds: float) -> Fuzzed:
-    """Read damaged files of one kind for some seconds."""
+def fuzz(
+    name: str, seed: int, seconds: float = MAX_TIME, n_files: float = math.inf
+) -> Fuzzed:
+    """Read damaged files of one kind for some seconds, or a number of them."""
     result = Fuzzed(name)
     first = 0
     spent = 0.0
-    while spent < seconds - LEAST_TIME:
+    while spent < seconds - LEAST_TIME and first < n_files:
         began = time.monotonic()
-        process = run_worker(name, seed, first, seconds - spent)
+        process = run_worker(name, seed, (first, n_files), seconds - spent)
         spent += time.monotonic() - began
         if result.add(process.stdout.splitlines()):
             break
@@ -109,10 +112,13 @@ class Ended:
     returncode: int | None
 
 
-def run_worker(name: str, seed: int, first: int, seconds: float) -> Ended:
-    """A process that reads damaged files from a number on."""
-    command = [sys.executable, str(WORKER), name]
-    command += ["--seed", str(seed), "--first", str(first), "--seconds", str(seconds)]
+def run_worker(
+    name: str, seed: int, numbers: tuple[float, float], seconds: float
+) -> Ended:
+    """A process that reads damaged files from one number to another."""
+    first, stop = numbers
+    command = [sys.executable, str(WORKER), name, "--seed", str(seed)]
+    command += ["--first", str(first), "--stop", str(stop), "--seconds", str(seconds)]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

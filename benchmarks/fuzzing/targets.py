@@ -303,10 +303,10 @@ def read_expression(path: Path, text: str) -> None:
 
 
 def read_unit(path: Path, text: str) -> None:
-    from pysindy_nrf.records.files.units import factor, is_unit
+    from pysindy_nrf.records.files.units import is_unit, si_factor
 
     is_unit(text)
-    factor(text, "a1")
+    si_factor(text, "a1")
 
 
 def read_site(path: Path, text: str) -> None:

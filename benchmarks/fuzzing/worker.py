@@ -1,12 +1,14 @@
-"""One process that reads damaged files of one kind until its time is up.
+"""One process that reads damaged files of one kind.
 
-Its limits are the operating system's.
+It stops when its time is up or a number of files is read. Its limits are the operating
+system's.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import resource
 import signal
@@ -101,14 +103,14 @@ def print_failure(target, case: int, error: BaseException) -> None:
     print(json.dumps(message), flush=True)
 
 
-def read_files(files: Files, first: int, seconds: float) -> None:
-    """Read files from a number on; print the failures, and the counts last."""
+def read_files(files: Files, first: int, stop: float, seconds: float) -> None:
+    """Read files from one number to another; print failures, and the counts last."""
     limit_memory()
     signal.signal(signal.SIGALRM, stop_reading)
     counts = {"read": 0, "refused": 0, "failed": 0}
     end = time.monotonic() + seconds
     case = first
-    while time.monotonic() < end:
+    while time.monotonic() < end and case < stop:
         target, path = files.write(case)
         result, error = outcome(target, path)
         counts[result] += 1
@@ -131,6 +133,9 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument(
+        "--stop", type=float, default=math.inf, help="file before which to stop"
+    )
+    parser.add_argument(
         "--only", type=int, help="read this one file and let its error through"
     )
     options = parser.parse_args()
@@ -142,7 +147,7 @@ def main() -> None:
         files = Files(targets, seeds, Path(folder), options.seed)
         files.read_good_ones()
         if options.only is None:
-            read_files(files, options.first, options.seconds)
+            read_files(files, options.first, options.stop, options.seconds)
         else:
             target, path = files.write(options.only)
             print(repr(path.read_bytes()[:2000]))

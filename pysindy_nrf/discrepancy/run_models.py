@@ -160,7 +160,11 @@ class RunModels:
         used = [shot for shot in self.shots if shot.weights.any()]
         layout = LawLayout(model.chain, model.laws)
         fit = FreeRunFit(rebuild, used, layout, self.problem.band)
-        return RunFit(fit.solve(rebuild.start, steps=steps, move=True), rebuild)
+        solution = fit.solve(rebuild.start, steps=steps, move=True)
+        # later runs begin from the initial states that were estimated
+        begun = iter(fit.begun_from(solution).shots)
+        self.shots = [next(begun) if s.weights.any() else s for s in self.shots]
+        return RunFit(solution, rebuild)
 
     def refine(self, judged: JudgedModel, state: SearchState) -> ChannelState | None:
         """A settled model fitted by its free run; None if this misses no less."""

@@ -7,7 +7,6 @@ linear chains that follow the channels best.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from operator import attrgetter
 from types import MappingProxyType
 from typing import NamedTuple
@@ -24,9 +23,9 @@ from .chain_starts import LinearChain, chain_starts
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
 from .declared_law_fit import fit_declared_laws
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import free_parameters
 from .free_run_fit import FreeRunFit, Solution
 from .hidden_motions import channel_errors, error_beyond_noise
+from .parameter_vector import free_parameters
 from .parameters import Known
 from .problem import Problem
 from .shots import Shot
@@ -216,7 +215,7 @@ def _linear_fit(
     start: LinearChain,
     is_linear: bool,
 ) -> FreeRunFit:
-    """Fit of a linear chain to copies of the shots, whose initial states move apart."""
+    """Fit of a linear chain to the shots."""
     laws = {}
     for site, c, k in zip(_links(problem), start.damping, start.stiffness):
         laws[site] = PowerSeries(1, [c, k])
@@ -224,7 +223,7 @@ def _linear_fit(
     rebuild = free_parameters(model, knowledge.masses)
     return FreeRunFit(
         rebuild=rebuild,
-        shots=[replace(shot) for shot in shots],
+        shots=shots,
         band=problem.band,
         prior=knowledge.prior(rebuild, all_declared=is_linear),
     )

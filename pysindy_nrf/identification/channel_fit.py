@@ -19,7 +19,7 @@ from .problem import Problem
 from .result import IdentificationResult
 
 
-class ChannelFit(IdentificationMethod):
+class ChannelFit(IdentificationMethod[Dataset]):
     """The free run fitted to the channels; the only method for floors without one."""
 
     name = "simulation"
@@ -27,33 +27,34 @@ class ChannelFit(IdentificationMethod):
     requires = frozenset({RECORDS})
     uses = frozenset({"constraints", "band"})
 
-    def read(self, given: Input, settings: InputSettings) -> Dataset:
+    def read(self, passed: Input, settings: InputSettings) -> Dataset:
         """The records as they were measured."""
-        return as_dataset(given, replace(settings, fuse=False))
+        return as_dataset(passed, replace(settings, fuse=False))
 
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem, and the motions of all floors."""
-        found = identify_from_channels(problem, data.records)
-        facts = {
-            "asked": self.asked,
-            "found": self.name,
-            "notes": found.notes,
-            "sensors": found.channels,
-            "doubts": found.doubts,
-        }
+        fit = identify_from_channels(problem, data.records)
+        along_runs = Finding(
+            fit.estimate,
+            fit.runs,
+            asked=self.asked,
+            method=self.name,
+            notes=tuple(fit.notes),
+            details={"sensors": fit.channels, "doubts": fit.doubts},
+            resolver=fit.resolver,
+        )
         # the errors of balances along the free runs are not asked for
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            along_runs = Finding(found.estimate, found.runs, facts, found.resolver)
             result = result_of(along_runs)
-        if found.notes:
-            warn_user(" ".join(found.notes), BiasWarning)
+        if fit.notes:
+            warn_user(" ".join(fit.notes), BiasWarning)
         return replace(
             result,
-            errors=found.errors,
-            motions=found.motions,
-            examination=Examination(masses=found.notes),
-            doubts=tuple(found.doubts),
-            channel_runs=_runs_of_channels(found.errors),
+            errors=fit.errors,
+            motions=fit.motions,
+            examination=Examination(masses=fit.notes),
+            doubts=tuple(fit.doubts),
+            channel_runs=_runs_of_channels(fit.errors),
         )
 
 

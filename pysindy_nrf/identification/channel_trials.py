@@ -11,8 +11,8 @@ from ..chain.model import ChainModel
 from ..chain.structure import Chain
 from ..exceptions import NRFError
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import Rebuild
 from .free_run_fit import FreeRunFit, Solution
+from .parameter_vector import Rebuild
 from .parameters import Known, linear_equations, with_values
 from .whitened_runs import PriorEquations
 
@@ -70,7 +70,8 @@ class Knowledge:
         known = linear_equations(
             self.constraints, rebuild.names, self.chain, self.masses, all_declared
         )
-        A, b = known.factors, known.values
+        A = known.factors
+        b = known.values
         terms = np.abs(A) @ np.abs(rebuild.values(rebuild.start)) + np.abs(b)
         exact = SETTINGS.exact_spread * terms
         spread = np.where(known.spreads > 0, known.spreads, exact)
@@ -83,9 +84,12 @@ def distance_of_masses(model: ChainModel, other: ChainModel) -> float:
 
 
 def solved(fit: FreeRunFit, u: np.ndarray, steps: int) -> Trial | None:
-    """Estimate with free initial states; None if the first free run diverges."""
+    """Estimate with free initial states; None if the first free run diverges.
+
+    The shots of the trial begin from the states that were estimated.
+    """
     try:
         solution = fit.solve(u, steps=steps, move=True, settled=SETTINGS.settled)
     except NRFError:
         return None
-    return Trial(fit, solution)
+    return Trial(fit.begun_from(solution), solution)

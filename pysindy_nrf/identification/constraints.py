@@ -83,8 +83,8 @@ class Projection:
         bounds = (self.lower - theta) / scale, (self.upper - theta) / scale
         step = optimize.lsq_linear(rows, target, bounds, method="bvls").x
 
-        left = np.abs(factors @ step - gap).max(initial=0.0)
-        if left > _GAP_LEFT * max(np.abs(gap).max(initial=0.0), 1.0):
+        remaining = np.abs(factors @ step - gap).max(initial=0.0)
+        if remaining > _GAP_LEFT * max(np.abs(gap).max(initial=0.0), 1.0):
             raise ChainError("The constraints contradict each other", "Leave one out.")
         point = theta + scale * step
         point = np.where(point < self.lower + _ON_A_BOUND * scale, self.lower, point)

@@ -19,8 +19,8 @@ from ..laws.shape import Motion, Shape, ShapeScale
 from ..records.dataset import Dataset, Segment
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import free_parameters
 from .free_run_fit import FreeRunFit
+from .parameter_vector import free_parameters
 from .problem import Problem
 from .shots import Shot, first_state
 
@@ -98,18 +98,17 @@ def _trials_from(
         windows: list[Shot] = []
         first_windows = []
         for shot, run in zip(shots, runs.segments):
-            of_shot = _windows(shot, run, problem.layout.has_memory)
-            windows += of_shot
-            first_windows.append(of_shot[0])
+            first_windows.append(len(windows))
+            windows += _windows(shot, run, problem.layout.has_memory)
         in_windows = replace(fit, shots=windows)
         trial = solved(in_windows, rebuild.start, SETTINGS.trial_steps)
         if trial is None:
             continue
 
-        # fit shots begin from the initial states that the windows found
+        # whole shots begin where their first windows did
         begun = []
         for shot, window in zip(shots, first_windows):
-            begun.append(replace(shot, start=window.start))
+            begun.append(replace(shot, start=trial.solution.starts[window]))
         yield Trial(replace(fit, shots=begun), trial.solution)
 
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from ..exceptions import IdentifiabilityError
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import Rebuild
 from .free_run_fit import Solution
+from .parameter_vector import Rebuild
 from .whitened_runs import column_lengths
 
 # Component of the least determined direction from which on a parameter is named.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
 from ..chain.model import ChainModel, as_model, as_segments, frame, storey_names
@@ -44,8 +45,8 @@ def linear_part(model: ChainModel | NRFRegressor) -> ChainModel:
 def damper_force(
     model: ChainModel | NRFRegressor,
     linear: ChainModel | NRFRegressor,
-    X: Any,
-    **options: Any,
+    X: object,
+    **options: ArrayLike,
 ) -> pd.DataFrame:
     r"""Force of every storey less that of the bare structure.
 
@@ -89,9 +90,9 @@ def damper_force(
 
 def dissipated_energy(
     model: ChainModel | NRFRegressor,
-    X: Any,
+    X: object,
     without: ChainModel | NRFRegressor | None = None,
-    **options: Any,
+    **options: ArrayLike,
 ) -> pd.DataFrame:
     """Energy dissipated in every storey over time.
 

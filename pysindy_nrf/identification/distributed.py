@@ -6,6 +6,7 @@ They are added as a tree, so that no machine ever has more than a few kilobytes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from .streaming.sources import arrays_beside, input_of_arrays, refuse_beside
 _FAN_IN = 8
 
 
-def fit_collection(settings: StreamSettings, given: Input) -> IdentificationResult:
+def fit_collection(settings: StreamSettings, passed: Input) -> IdentificationResult:
     """Fit a Dask array, table or list of delayed records.
 
     Raises
@@ -35,7 +36,7 @@ def fit_collection(settings: StreamSettings, given: Input) -> IdentificationResu
         If partitions cut what a law needs.
     """
     dask = require("dask", "dask", "Fitting Dask collections")
-    items, are_records = _partitions(dask, given)
+    items, are_records = _partitions(dask, passed)
     if not are_records:
         _require_laws_of_samples(settings)
 
@@ -74,7 +75,7 @@ def _require_laws_of_samples(settings: StreamSettings) -> None:
 
 
 def sum_of_partition(
-    settings: StreamSettings, item: Any, number: int, is_record: bool, kind: str
+    settings: StreamSettings, item: object, number: int, is_record: bool, kind: str
 ) -> RunningSums:
     """Sums of one partition: the work of one task."""
     sums = RunningSums(settings, kind)
@@ -97,40 +98,41 @@ def sum_of_partition(
 def total_of(parts: Sequence[RunningSums]) -> RunningSums:
     """The sums of several partitions, none of which is changed."""
     total = RunningSums(parts[0].settings, parts[0].kind)
-    for part in parts:
-        total.merge(part)
+    for sums in parts:
+        total.merge(sums)
     return total
 
 
 # -- partitions ----------------------------------------------------------------------
 
 
-def _partitions(dask: Any, given: Input) -> tuple[list[Any], bool]:
+def _partitions(dask: ModuleType, passed: Input) -> tuple[list[object], bool]:
     """The partitions, and whether each is a record of its own."""
-    X = given.X
+    X = passed.X
     if isinstance(X, (list, tuple)):
-        refuse_beside(given, "delayed records")
+        refuse_beside(passed, "delayed records")
         return list(X), True
     if _is_table(X):
-        return _partitions_of_table(dask, given), False
+        return _partitions_of_table(dask, passed), False
     if hasattr(X, "chunks"):
-        return _partitions_of_array(given), False
-    refuse_beside(given, "delayed records")
+        return _partitions_of_array(passed), False
+    refuse_beside(passed, "delayed records")
     return [X], True
 
 
-def _is_table(value: Any) -> bool:
+def _is_table(value: object) -> bool:
     return hasattr(value, "to_delayed") and not hasattr(value, "chunks")
 
 
-def _partitions_of_table(dask: Any, given: Input) -> list[Any]:
+def _partitions_of_table(dask: ModuleType, passed: Input) -> list[object]:
     """Partitions of a table, beside them those of a table of forces."""
-    X, F = given.X, given.F
+    X = passed.X
+    F = passed.F
     if F is None or not _is_table(F):
-        refuse_beside(given, "a table, whose columns hold them")
+        refuse_beside(passed, "a table, whose columns hold them")
         return list(X.to_delayed())
 
-    refuse_beside(given, "a table", but="F")
+    refuse_beside(passed, "a table", but="F")
     if F.npartitions != X.npartitions:
         raise ChannelError(
             f"X has {X.npartitions} partitions, F {F.npartitions}",
@@ -143,17 +145,17 @@ def _partitions_of_table(dask: Any, given: Input) -> list[Any]:
     ]
 
 
-def _partitions_of_array(given: Input) -> list[Any]:
+def _partitions_of_array(passed: Input) -> list[object]:
     """Partitions of X, with the same rows of the arrays beside it."""
     array = require("dask.array", "dask", "Fitting Dask arrays")
-    X = given.X
+    X = passed.X
     if X.ndim != 2:
         raise ChannelError(
             f"X has {X.ndim} dimensions",
             "Give one row per sample and one column per channel.",
         )
     blocks = {}
-    for name, value in {"X": X, **arrays_beside(given)}.items():
+    for name, value in {"X": X, **arrays_beside(passed)}.items():
         if not is_dask(value):
             value = array.from_array(np.asarray(value), chunks=-1)
         blocks[name] = _with_rows_of(X, value, name).to_delayed().ravel()
@@ -176,7 +178,7 @@ def _with_rows_of(X: Any, value: Any, name: str) -> Any:
             f"{name} and X have different partitions",
             "Call compute_chunk_sizes() on both.",
         )
-    chunks: dict[int, Any] = {}
+    chunks: dict[int, tuple[int, ...] | int] = {}
     if rows_known:
         chunks[0] = X.chunks[0]
     if value.ndim == 2:

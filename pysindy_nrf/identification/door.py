@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from ..exceptions import ChainError, ChannelError
 from ..records.channels import is_dask
@@ -99,7 +98,7 @@ COLLECTION = InputForm(
 )
 
 
-def form_of(X: Any) -> InputForm:
+def form_of(X: object) -> InputForm:
     """The form in which a user passed the data."""
     if isinstance(X, Dataset):
         return DATASET
@@ -136,11 +135,11 @@ _OF_THE_METHOD = LeastSquares.uses
 
 
 def choose_method(
-    setting: str, form: InputForm, given: Collection[str] = ()
+    setting: str, form: InputForm, arguments: Collection[str] = ()
 ) -> IdentificationMethod:
     """The method for a setting of ``estimation`` and a form of data.
 
-    Where several suit, one is taken that uses all that was given.
+    Where several suit, one is taken that uses all the arguments.
 
     Raises
     ------
@@ -162,7 +161,7 @@ def choose_method(
             f"Choose one of {', '.join(others)}.",
         )
 
-    of_the_method = _OF_THE_METHOD.intersection(given)
+    of_the_method = _OF_THE_METHOD.intersection(arguments)
     for method in suitable:
         if of_the_method <= method.uses:
             return method(setting)
@@ -175,9 +174,9 @@ def _suitable(setting: str, form: InputForm) -> list[type[IdentificationMethod]]
 
 
 def refuse_unused(
-    given: Collection[str], form: InputForm, method: IdentificationMethod
+    arguments: Collection[str], form: InputForm, method: IdentificationMethod
 ) -> None:
-    """Refuse what was given and has no part in the fit.
+    """Refuse arguments that have no part in the fit.
 
     Raises
     ------
@@ -186,7 +185,7 @@ def refuse_unused(
     ChainError
         For a setting that the method does not use.
     """
-    for name in given:
+    for name in arguments:
         if name in _OF_THE_FORM and name not in form.uses:
             reason = "which is fitted at once" if name == "state" else form.reason
             raise ChannelError(
@@ -196,7 +195,7 @@ def refuse_unused(
             refuse_arguments({name: True}, method.label)
 
 
-def refuse_arguments(unused: Mapping[str, Any], by: str) -> None:
+def refuse_arguments(unused: Mapping[str, object], by: str) -> None:
     """Refuse arguments that have no part in what is done.
 
     Parameters

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import pandas as pd
 
@@ -93,9 +92,16 @@ class Finding:
     estimate : Estimate
     data : Dataset
         The motions that its errors are of.
-    facts : dict
-        For ``model.info``: the setting (``"asked"``), the method whose estimate was
-        kept (``"found"``), and ``"notes"``.
+    asked : str
+        The setting of ``estimation``.
+    method : str
+        The method whose estimate was kept.
+    notes : tuple of str
+        Why another method could not be used, and what else the method found.
+    doubts : tuple of str
+        Sentences to warn of.
+    details : dict of str to object
+        Of the method, for ``model.info``.
     resolver : Resolver, optional
         Solves again on pieces of the data; least squares of the data if None.
     by_least_squares : Estimate, optional
@@ -109,7 +115,11 @@ class Finding:
 
     estimate: Estimate
     data: Dataset
-    facts: dict[str, Any]
+    asked: str
+    method: str
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    details: Mapping[str, object] = field(default_factory=dict)
     resolver: Resolver | None = None
     by_least_squares: Estimate | None = None
     judged: Dataset | None = None
@@ -120,28 +130,39 @@ class Finding:
         """Whether the estimate is one of least squares."""
         return self.by_least_squares is self.estimate
 
+    @property
+    def facts(self) -> dict[str, object]:
+        """What ``model.info`` holds of the method."""
+        facts: dict[str, object] = {"asked": self.asked, "found": self.method}
+        if self.notes:
+            facts["notes"] = list(self.notes)
+        return facts | dict(self.details)
 
-def examined(found: Finding, estimate: Estimate, error: float) -> Examination:
-    """Examine what was found on its data.
+
+def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
+    """Examine what a method found on its data.
 
     Parameters
     ----------
-    found : Finding
+    finding : Finding
     estimate : Estimate
         The one to examine; it obeys what is known of the parameters.
     error : float
         What the balances of the fit leave, pooled, percent.
     """
-    data, judged = found.data, found.judged or found.data
-    problem, model, solution = estimate.problem, estimate.model, estimate.solution
-    layout = problem.layout if found.by_least_squares is not None else None
+    data = finding.data
+    judged = finding.judged or data
+    problem = estimate.problem
+    model = estimate.model
+    solution = estimate.solution
+    layout = problem.layout if finding.by_least_squares is not None else None
     missing = bias.MissingTerms(model, estimate.order, layout)
     jumps = bias.JumpBias(
         model,
         estimate.order,
         problem.known_masses,
         problem.optimizer,
-        silent=problem.band is not None or not found.is_least_squares,
+        silent=problem.band is not None or not finding.is_least_squares,
         layout=layout,
     )
     # beside a fusion they cost little; a fit of arrays would take twice the time
@@ -163,7 +184,7 @@ def examined(found: Finding, estimate: Estimate, error: float) -> Examination:
         quality=data.quality,
         n_records=len(data.segments),
         forces=forces,
-        records=copies_of(data) if found.in_memory else [],
+        records=copies_of(data) if finding.in_memory else [],
         masses=masses,
     )
 
@@ -179,8 +200,8 @@ def _wrong_masses(problem: Problem, data: Dataset, error: float) -> list[str]:
 
     least, *_ = freed[0]
     named = []
-    for left, mass, j in freed:
-        if left < _AS_GOOD * least:
+    for remaining, mass, j in freed:
+        if remaining < _AS_GOOD * least:
             known = problem.known_masses[j]
             named.append(f"m{j} is {mass:.4g} kg, not {known:.4g}")
     return [
@@ -203,11 +224,12 @@ def _freed_masses(
         known = others.pop(j)
         try:
             with warnings.catch_warnings(action="ignore", category=NRFWarning):
-                found = least_squares(problem.with_known_masses(others), data)
+                freed = least_squares(problem.with_known_masses(others), data)
         except NRFError:
             continue
-        mass = float(found.model.masses[j - 1])
-        left = float(balance_errors(found.model, found.grams).loc["pooled", "error"])
-        better = left < _LEFT_WITH_RIGHT_MASS * error
+        mass = float(freed.model.masses[j - 1])
+        errors = balance_errors(freed.model, freed.grams)
+        remaining = float(errors.loc["pooled", "error"])
+        better = remaining < _LEFT_WITH_RIGHT_MASS * error
         if better and abs(mass / known - 1) > _OTHER_MASS:
-            yield left, mass, j
+            yield remaining, mass, j

@@ -24,11 +24,11 @@ from .channel_shots import shot_of
 from .determination import negative_dampers as negative
 from .determination import poorly_determined as told
 from .fewer_sensors_settings import SETTINGS
-from .free_parameters import Rebuild
 from .free_run_fit import Solution
 from .hidden_motions import channel_errors, error_beyond_noise, motions_of
 from .intervals import InfluenceResolver
 from .linearised_run import Linearised
+from .parameter_vector import Rebuild
 from .parameters import Known, with_values
 from .problem import Estimate, Problem, least_squares
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 
 from ..chain.model import ChainModel
@@ -26,8 +27,12 @@ from ..report.figures.forces import loop_figures
 from ..report.figures.matplotlib_renderer import Drawing
 from ..report.figures.motion import free_run_figure
 from ..simulation.api import simulate
+from .intervals import AskedFor
 from .problem import Problem, blocks_of
 from .result import IdentificationResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 class FittedChain:
@@ -65,12 +70,12 @@ class FittedChain:
 
     def predict(
         self,
-        X: Any,
+        X: object,
         *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+        base_acceleration: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
     ) -> np.ndarray:
         """Forces that the measured motion implies, for data as in :meth:`fit`.
 
@@ -93,12 +98,12 @@ class FittedChain:
         forces = data.scatter(self.model_.balance_forces(data))
         return forces[:, 0] if self._one_force else forces
 
-    def restoring_force(self, X: Any, **given: Any) -> np.ndarray:
-        """Storey forces along data, given as for :meth:`fit`.
+    def restoring_force(self, X: object, **beside: ArrayLike) -> np.ndarray:
+        """Storey forces along data, as for :meth:`fit`.
 
         Parameters
         ----------
-        **given
+        **beside
             Record, time, base_acceleration and covariates.
 
         Returns
@@ -106,19 +111,19 @@ class FittedChain:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N.
         """
-        data = self.dataset(X, every_row=True, **given)
+        data = self.dataset(X, every_row=True, **beside)
         return self.model_.restoring_force(data)
 
     def score(
         self,
-        X: Any,
-        y: Any = None,
-        sample_weight: Any = None,
+        X: object,
+        y: object = None,
+        sample_weight: ArrayLike | None = None,
         *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+        base_acceleration: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
     ) -> float:
         """R^2 of the accelerations of the model, for data as in :meth:`fit`.
 
@@ -154,7 +159,9 @@ class FittedChain:
             parts.append((acceleration, missed, weights[segment.rows][rows]))
         return explained_accelerations(parts)
 
-    def balance_errors(self, X: Any, y: Any = None, **given: Any) -> pd.DataFrame:
+    def balance_errors(
+        self, X: object, y: object = None, **beside: ArrayLike
+    ) -> pd.DataFrame:
         """Balance errors on data as in :meth:`fit` and :meth:`restoring_force`.
 
         They are those of one step, in the band of the fit.
@@ -164,9 +171,10 @@ class FittedChain:
         DataFrame
             Percent NRMSE, one row for each balance; as ``errors_``.
         """
-        data = self.dataset(X, y, **given)
+        data = self.dataset(X, y, every_row=False, **beside)
         problem = self.result_.problem
-        layout, filters = problem.layout, problem.filters(data)
+        layout = problem.layout
+        filters = problem.filters(data)
         return judge(
             self.model_,
             layout,
@@ -175,7 +183,12 @@ class FittedChain:
         )
 
     def dataset(
-        self, X: Any, y: Any = None, *, every_row: bool = False, **given: Any
+        self,
+        X: object,
+        y: object = None,
+        *,
+        every_row: bool = False,
+        **beside: ArrayLike | Mapping[str, ArrayLike] | None,
     ) -> Dataset:
         """Other data, read as those of the fit.
 
@@ -187,7 +200,7 @@ class FittedChain:
             Forces, N.
         every_row : bool
             Keep the short pieces between gaps of the clock that a fit leaves out.
-        **given
+        **beside
             Record, time, base_acceleration and covariates, as in :meth:`fit`.
 
         Returns
@@ -204,24 +217,25 @@ class FittedChain:
             has_memory=self.model_.has_memory,
             every_row=every_row,
         )
-        return as_dataset(Input(X, y, **given), settings)
+        return as_dataset(Input(X, y, **beside), settings)
 
-    def _input_settings(self, X: Any) -> InputSettings:
+    def _input_settings(self, X: object) -> InputSettings:
         """How data are read; the estimator has its own way."""
         return InputSettings(coordinates=self.coordinates, dt=self.dt)
 
-    def _require_width(self, X: Any) -> None:
+    def _require_width(self, X: object) -> None:
         """Refuse an array with another number of columns, in scikit-learn's words."""
         if isinstance(X, Dataset):
             return
         require_two_dimensions(X)
         needed = 3 * self.model_.n_dof
+        shape = np.shape(cast(ArrayLike, X))
         is_sparse = hasattr(X, "nnz")
-        if is_sparse or np.ndim(X) != 2 or np.shape(X)[-1] == needed:
+        if is_sparse or len(shape) != 2 or shape[-1] == needed:
             return
         names = feature_names(self.model_.n_dof, self.coordinates)
         raise ChannelError(
-            f"X has {np.shape(X)[-1]} features, but {type(self).__name__} is expecting"
+            f"X has {shape[-1]} features, but {type(self).__name__} is expecting"
             f" {needed} features as input; {needed} columns are needed",
             f"Give {', '.join(names[:9])}.",
         )
@@ -232,7 +246,7 @@ class FittedChain:
         self,
         level: float = 0.95,
         *,
-        of: Any = "parameters",
+        of: AskedFor = "parameters",
         calibration: Mapping[str, float] | None = None,
     ) -> pd.DataFrame:
         """Intervals of masses and coefficients, or of what follows from the model.
@@ -278,7 +292,7 @@ class FittedChain:
         return self.result_.confidence_intervals(level, of=of, calibration=calibration)
 
     def force_intervals(
-        self, site: Any, v: Any, s: Any, level: float = 0.95
+        self, site: str | int, v: ArrayLike, s: ArrayLike, level: float = 0.95
     ) -> pd.DataFrame:
         """Restoring force of a site at points (v, s) with its interval.
 
@@ -357,7 +371,7 @@ class FittedChain:
         """Print :meth:`summary`."""
         print(self.summary())
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Axes | np.ndarray | None = None) -> Drawing:
         """Draw the force of every site over its drift, and the free run (matplotlib).
 
         Parameters
@@ -378,11 +392,11 @@ class FittedChain:
 
     def simulate(
         self,
-        F: Any,
+        F: ArrayLike,
         *,
         dt: float | None = None,
-        x0: Any = None,
-        v0: Any = None,
+        x0: ArrayLike | None = None,
+        v0: ArrayLike | None = None,
         **options: Any,
     ) -> Record:
         """Free run of the identified model; see :func:`pysindy_nrf.simulate`.

@@ -19,8 +19,8 @@ from ..chain.model import ChainModel
 from ..exceptions import NRFError
 from ..records.dataset import Segment
 from ..records.zero_phase_filter import Band
-from .free_parameters import Rebuild
 from .noise_spectra import NoiseModel, corrected, noise_model
+from .parameter_vector import Rebuild
 from .shots import FORCE_HOLDS, Shot
 from .spectra import common_band
 from .whitened_runs import (
@@ -71,6 +71,8 @@ class Solution:
         Squared whitened residuals.
     jacobian : ndarray of shape (n_rows, n_parameters)
         Triangular factors of the sensitivities.
+    starts : tuple of ndarray of shape (2, n_dof)
+        Initial states of the shots; those of the fit unless they were estimated.
     """
 
     u: np.ndarray
@@ -79,6 +81,7 @@ class Solution:
     record: np.ndarray
     cost: float
     jacobian: np.ndarray
+    starts: tuple[np.ndarray, ...]
 
     def standard_errors(self) -> np.ndarray:
         """Standard error of every parameter."""
@@ -166,7 +169,7 @@ class FreeRunFit:
         Returns
         -------
         FreeRunFit or None
-            On copies of the shots, with corrected forces; None if there are no gaps.
+            With corrected forces; None if there are no gaps.
         """
         layout = LawLayout(model.chain, model.laws)
         data = [shot.segment for shot in self.shots]
@@ -177,17 +180,23 @@ class FreeRunFit:
         if noise is None:
             return None
         forces = [corrected(seg, gap, noise) for seg, gap in zip(data, gaps)]
-        return replace(self._on_copies(), noise=noise, forces=forces)
+        return replace(self, noise=noise, forces=forces)
 
     def with_best_hold(self, model: ChainModel) -> FreeRunFit:
         """The same fit with the course of the force that predicts the motion best."""
-        fits = [self._on_copies(hold) for hold in FORCE_HOLDS]
+        fits = []
+        for hold in FORCE_HOLDS:
+            shots = [replace(shot, hold=hold) for shot in self.shots]
+            fits.append(replace(self, shots=shots))
         errors = [fit.error(model, fit.all_rows).weighted for fit in fits]
         return fits[int(np.argmin(errors))]
 
-    def _on_copies(self, hold: str | None = None) -> FreeRunFit:
-        """The same fit on shots of its own, whose initial states may move apart."""
-        shots = [replace(shot, hold=hold or shot.hold) for shot in self.shots]
+    def begun_from(self, solution: Solution) -> FreeRunFit:
+        """The same fit, whose shots begin from the initial states of a solution."""
+        shots = [
+            replace(shot, start=start)
+            for shot, start in zip(self.shots, solution.starts)
+        ]
         return replace(self, shots=shots)
 
     def solve(
@@ -209,8 +218,7 @@ class FreeRunFit:
         steps : int
             Iterations at most.
         move : bool
-            Whether the initial states are estimated, too; those of the shots are then
-            replaced by the estimates.
+            Whether the initial states are estimated, too.
         settled : float
             Standard errors; a shorter step is the last one.
 
@@ -237,9 +245,6 @@ class FreeRunFit:
 
         point = self._descend(problem, point, steps, move, settled)
 
-        if move:
-            for shot, start in zip(self.shots, point.starts):
-                shot.start = start
         return Solution(
             u=point.u,
             model=self.rebuild(point.u),
@@ -247,6 +252,7 @@ class FreeRunFit:
             record=point.record,
             cost=self._comparable_cost(problem, point),
             jacobian=point.jacobian,
+            starts=point.starts,
         )
 
     def _descend(

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from ..chain.sites import Site
 from ..equations.errors import free_run_of
 from ..laws.base import ForceLaw
 from ..records.dataset import Segment
+from ..records.record import Record
 from ..records.zero_phase_filter import ZeroPhaseFilter
 from ..simulation.api import classical_run, simulate
 from .linear_response import Matrices
@@ -44,7 +44,7 @@ def fits_one_step(model: ChainModel, dt: float) -> bool:
     )
 
 
-def integrator_for(model: ChainModel, dt: float) -> Callable[..., Any]:
+def integrator_for(model: ChainModel, dt: float) -> Callable[..., Record]:
     """The fastest integrator that is exact enough for a model and a step dt, s."""
     if fits_one_step(model, dt):
         return classical_run

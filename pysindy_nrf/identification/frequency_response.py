@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,6 +29,7 @@ from ..records.files import frf_to_features
 from ..records.files.frequency_response import FrequencyResponse, in_band
 from ..records.input_arrays import Input, InputSettings, from_arrays
 from ..records.quality import QualityNote
+from ..records.zero_phase_filter import Band
 from .examination import Examination, Finding
 from .intervals import Resolver
 from .methods import RESPONSES, IdentificationMethod, finite_band, result_of
@@ -54,7 +54,7 @@ _MATTERS = 0.01
 _SURELY_NEGATIVE = -3.0
 
 
-class FrequencyResponseFit(IdentificationMethod):
+class FrequencyResponseFit(IdentificationMethod[FrequencyResponse]):
     """Total least squares of the balances, with the noise that the lines show."""
 
     name = "iv"
@@ -62,9 +62,10 @@ class FrequencyResponseFit(IdentificationMethod):
     requires = frozenset({RESPONSES})
     uses = frozenset({"optimizer", "strategy", "constraints", "band"})
 
-    def read(self, given: Input, settings: InputSettings) -> FrequencyResponse:
+    def read(self, passed: Input, settings: InputSettings) -> FrequencyResponse:
         """The responses as they are."""
-        return given.X
+        responses: FrequencyResponse = passed.X
+        return responses
 
     def identify(
         self, problem: Problem, data: FrequencyResponse
@@ -81,7 +82,8 @@ class FrequencyResponseFit(IdentificationMethod):
         measured = _balances(used, nearest)
         instruments = _balances(used, nearest, of_nearest=True)
         start = least_squares(unfiltered, measured)
-        layout, order = start.problem.layout, start.order
+        layout = start.problem.layout
+        order = start.order
         known_masses = dict(problem.known_masses)
         pieces = pieces_of(
             measured,
@@ -94,14 +96,17 @@ class FrequencyResponseFit(IdentificationMethod):
         total = pieces.sum().projected()
         solution = solve(total, order, known_masses, problem.optimizer)
 
-        facts = {
-            "asked": self.asked,
-            "found": self.name,
-            "notes": ["nearest responses"],
-        }
         resolver = Resolver(pieces, order, known_masses, problem.optimizer)
         estimate = start._replace(model=model_of(layout, solution))
-        result = result_of(Finding(estimate, measured, facts, resolver))
+        finding = Finding(
+            estimate,
+            measured,
+            asked=self.asked,
+            method=self.name,
+            notes=("nearest responses",),
+            resolver=resolver,
+        )
+        result = result_of(finding)
         notes = tuple(QualityNote("other", doubt, record=data.name) for doubt in doubts)
         if doubts:
             warn_user(f"{data.name}: {' '.join(doubts)}", DataQualityWarning)
@@ -119,7 +124,7 @@ class FrequencyResponseFit(IdentificationMethod):
         )
 
 
-def _lines_in_band(frf: FrequencyResponse, band: Any) -> FrequencyResponse:
+def _lines_in_band(frf: FrequencyResponse, band: Band) -> FrequencyResponse:
     inside = in_band(frf.f, band)
     n_lines = int(inside.sum())
     if n_lines <= 2 * HALF_WIDTH:
@@ -139,10 +144,11 @@ def _balances(
 
     It holds the measured responses, or those that obey the balance.
     """
-    motions, forces = [], []
-    for dof, one in nearest.items():
-        H = one.H if of_nearest else frf.H
-        X, F = frf_to_features(frf.f, H, frf.excited, weight=one.weights)
+    motions = []
+    forces = []
+    for dof, responses in nearest.items():
+        H = responses.H if of_nearest else frf.H
+        X, F = frf_to_features(frf.f, H, frf.excited, weight=responses.weights)
         # the force on any other DOF is unknown, so that its balance is not used
         F.loc[:, F.columns != f"F{dof}"] = np.nan
         motions.append(X)
@@ -156,7 +162,7 @@ def _balances(
     )
 
 
-def _without_motion(model: ChainModel, band: Any) -> ChainModel:
+def _without_motion(model: ChainModel, band: Band) -> ChainModel:
     """The model without visited regions: steady-state amplitudes are no motion."""
     info = model.info | {"band": finite_band(band)}
     return ChainModel(model.masses, model.laws, model.chain, info=info)
@@ -192,11 +198,11 @@ def noise_of(H: np.ndarray) -> np.ndarray:
     target = ((near / size) @ leave).reshape(n_lines, -1, 1)
 
     poles = -np.linalg.pinv(columns) @ target
-    left = np.abs(columns @ poles + target) ** 2
-    left = left.reshape(n_lines, n, -1).sum(axis=2)
+    residual = np.abs(columns @ poles + target) ** 2
+    residual = residual.reshape(n_lines, n, -1).sum(axis=2)
     of_denominator = np.abs(1 + denominator @ poles[:, :, 0].T) ** 2
     freedom = len(offset) - (_DEGREE + 1) - _DEGREE / n
-    variance = left / of_denominator.mean(axis=0)[:, None] / freedom
+    variance = residual / of_denominator.mean(axis=0)[:, None] / freedom
     variance = variance * size[:, :, 0] ** 2
     return np.maximum(variance, (_SMALLEST_NOISE * size[:, :, 0]) ** 2)
 
@@ -231,7 +237,8 @@ def nearest_responses(
     columns = np.einsum("lk,lkc->lc", frf.H, terms)
     if dof == frf.excited:
         # the force is exact: one at every line, without noise
-        ones, zeros = np.ones((len(columns), 1)), np.zeros((*terms.shape[:2], 1))
+        ones = np.ones((len(columns), 1))
+        zeros = np.zeros((*terms.shape[:2], 1))
         columns = np.append(columns, ones, axis=1)
         terms = np.append(terms, zeros, axis=2)
 
@@ -308,11 +315,11 @@ def responses_in_doubt(
     of_lines = linalg.norm(frf.H, axis=1)
     changes = {}
     farthest = 0.0
-    for j, one in nearest.items():
-        change = np.median(linalg.norm(one.H - frf.H, axis=1) / of_lines)
-        if one.distance > _FAR and change > _MATTERS:
+    for j, responses in nearest.items():
+        change = np.median(linalg.norm(responses.H - frf.H, axis=1) / of_lines)
+        if responses.distance > _FAR and change > _MATTERS:
             changes[j] = change
-            farthest = max(farthest, one.distance)
+            farthest = max(farthest, responses.distance)
     if not changes:
         return sentences
 
@@ -348,8 +355,8 @@ def _cause_of(
 
     with_free_gain = []
     for k in range(1, frf.n_dof + 1):
-        left = [nearest_responses(frf, noise, sites, j, k).distance for j in bad]
-        if max(left) < limit:
+        distances = [nearest_responses(frf, noise, sites, j, k).distance for j in bad]
+        if max(distances) < limit:
             with_free_gain.append(f"H{k}")
     if with_free_gain:
         named = " or ".join(with_free_gain)

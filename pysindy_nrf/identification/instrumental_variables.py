@@ -16,11 +16,10 @@ import numpy as np
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
-from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import Solution, model_of, solve
 from ..equations.normal_equations import NormalEquations
-from ..exceptions import BiasWarning, IdentifiabilityError, NRFError, SimulationError
+from ..exceptions import IdentifiabilityError, NRFError, SimulationError
 from ..records.dataset import Dataset, Segment
 from .free_runs import in_valid_rows
 from .instruments import LEAST_CORRELATION, InstrumentRuns, Instruments
@@ -60,6 +59,8 @@ class IVResult:
         Of simulated and measured accelerations in the last round.
     notes : tuple of str
         Remarks for the user, e.g. on records left out.
+    doubts : tuple of str
+        Why an earlier round was kept, as a warning to the user.
     runs : list of Segment or None
         By record, the motion that gave the last instruments.
     settled : bool
@@ -75,6 +76,7 @@ class IVResult:
     correlation: float
     notes: tuple[str, ...]
     runs: list[Segment | None]
+    doubts: tuple[str, ...] = ()
     settled: bool = True
     moved: np.ndarray | None = None
 
@@ -109,7 +111,7 @@ class _Judged:
 
 def instrumental_variables(
     start: ChainModel, data: Dataset, problem: Problem, solve_order: SolveOrder
-) -> IVResult | None:
+) -> IVResult:
     """Iterated instrumental variables for all strategies and laws.
 
     Parameters
@@ -121,19 +123,18 @@ def instrumental_variables(
         With values for all shape parameters.
     solve_order : SolveOrder
 
-    Returns
-    -------
-    IVResult or None
-        None, with a warning, where least squares does as well.
+    Raises
+    ------
+    IdentifiabilityError
+        Where no free run can serve as an instrument; least squares does as well.
     """
     instruments = Instruments(data, problem, solve_order)
     if not instruments.usable:
-        reason = (
+        raise IdentifiabilityError(
             "in every record the force on some DOF is unknown, and a free run needs all"
-            " forces"
+            " forces",
+            CURE_OF_FORCES,
         )
-        _warn_of_fall_back(reason, CURE_OF_FORCES)
-        return None
 
     rounds = _Rounds(instruments, start)
     failure = rounds.iterate()
@@ -145,16 +146,14 @@ def instrumental_variables(
     if best is None or best.correlation < max(
         rounds.first_correlation, LEAST_CORRELATION
     ):
-        _warn_of_fall_back(failure.what, failure.cure)
-        return None
+        raise IdentifiabilityError(failure.what, failure.cure) from failure
 
-    warn_user(
+    doubt = (
         f"estimation='iv' stopped after round {rounds.number}: {failure.what}. The"
         f" estimate of round {best.result.rounds} is kept; its free run has the highest"
-        f" correlation with the measured motion ({best.correlation:.2f}).",
-        BiasWarning,
+        f" correlation with the measured motion ({best.correlation:.2f})."
     )
-    return replace(best.result, settled=False)
+    return replace(best.result, settled=False, doubts=(doubt,))
 
 
 class _Rounds:
@@ -307,11 +306,3 @@ def _is_better(latest: _Judged, best: _Judged) -> bool:
         return True
     rounds_passed = best.result.rounds < PLAIN_ROUNDS <= latest.result.rounds
     return latest.corrected_forces and rounds_passed
-
-
-def _warn_of_fall_back(reason: str, cure: str) -> None:
-    warn_user(
-        f"estimation='iv' fell back on least squares: {reason}. Noise in the motion"
-        f" then biases masses and stiffnesses low. {cure}",
-        BiasWarning,
-    )

@@ -6,15 +6,17 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
+from ..chain.sites import Site
 from ..common import number_of
 from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
@@ -42,6 +44,13 @@ _GAUSSIAN_KURTOSIS = 3.0
 _FREEDOM_OF_NEIGHBOURS = 1.5
 
 Statistic = Callable[[ChainModel], pd.Series]
+# Points (v, s) of sites, m/s and m.
+Points = (
+    Mapping[str, tuple[ArrayLike, ArrayLike]]
+    | Mapping[int, tuple[ArrayLike, ArrayLike]]
+)
+# What intervals are asked for: a name, a function of a model, or points.
+AskedFor = str | Callable[[ChainModel], pd.Series | Mapping[str, float]] | Points
 
 
 # -- statistics of a model -----------------------------------------------------------
@@ -80,7 +89,8 @@ def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
             stored[site] += 0.5 * float(motion.s[-1] ** 2 - motion.s[0] ** 2)
 
     def energies(model: ChainModel) -> pd.Series:
-        coefficients, forces = model.coefficients, model.restoring_forces
+        coefficients = model.coefficients
+        forces = model.restoring_forces
         lost = {}
         for site in sites:
             elastic = forces[site].linear_part()["k"] * stored[site]
@@ -101,7 +111,7 @@ def _modes_of(model: ChainModel) -> pd.Series:
 
 
 def statistic_of(
-    of: Any,
+    of: AskedFor,
     known_masses: Mapping[int, float],
     layout: LawLayout,
     data: Dataset | None = None,
@@ -158,7 +168,7 @@ class Resolver:
     pieces: NormalEquations
     solve_order: SolveOrder
     known_masses: Mapping[int, float]
-    inner: Any = None
+    inner: object = None
     constrain: Callable[[ChainModel], ChainModel] | None = None
 
     @property
@@ -181,7 +191,7 @@ class Resolver:
             model = model_of(self.pieces.layout, self.solve(total))
         return model if self.constrain is None else self.constrain(model)
 
-    def at(self, weights: np.ndarray) -> ChainModel:
+    def weighted_model(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
@@ -204,7 +214,9 @@ class Resolver:
                 "Use a longer record, or more records.",
             )
         try:
-            models = [self.at(weights) for weights in 1.0 - np.eye(n_pieces)]
+            models = [
+                self.weighted_model(weights) for weights in 1.0 - np.eye(n_pieces)
+            ]
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
                 f"A single part of the data determines the estimate ({error.what})",
@@ -219,19 +231,34 @@ class Resolver:
         return newey_west(self.influences(statistic), self.record)
 
 
+class Optimum(Protocol):
+    """The optimum of a free run, and what moves it."""
+
+    @property
+    def u(self) -> np.ndarray:
+        """Vector of parameters."""
+
+    @property
+    def influences(self) -> np.ndarray:
+        """Influence of each piece, (n_pieces, n_parameters)."""
+
+    @property
+    def record(self) -> np.ndarray:
+        """Number of the record of each piece."""
+
+
 @dataclass(frozen=True)
 class InfluenceResolver(Resolver):
     """Resolver of an estimate whose pieces move it by known influences.
 
     Parameters
     ----------
-    best : output_error.Solution
-        The optimum of a free run, and the influence of each piece on it.
+    best : Optimum
     rebuild : callable
         Makes a model of a vector of parameters.
     """
 
-    best: Any = field(kw_only=True)
+    best: Optimum = field(kw_only=True)
     rebuild: Callable[[np.ndarray], ChainModel] = field(kw_only=True)
 
     @property
@@ -239,7 +266,7 @@ class InfluenceResolver(Resolver):
         """Number of the record of each piece."""
         return self.best.record
 
-    def at(self, weights: np.ndarray) -> ChainModel:
+    def weighted_model(self, weights: np.ndarray) -> ChainModel:
         """Model of the pieces, each taken ``weights`` times."""
         influences = self.best.influences - self.best.influences.mean(axis=0)
         model = self.rebuild(self.best.u + weights @ influences)
@@ -250,7 +277,8 @@ def least_squares_resolver(
     problem: Problem, solve_order: SolveOrder, data: Dataset
 ) -> Resolver:
     """Resolver of a least-squares estimate; one pass over the data."""
-    layout, known_masses = problem.layout, dict(problem.known_masses)
+    layout = problem.layout
+    known_masses = dict(problem.known_masses)
     groups = groups_of(layout, solve_order)
     pieces = pieces_of(data, layout, groups, problem.filters(data), known_masses)
     return Resolver(pieces, solve_order, known_masses, problem.optimizer)
@@ -299,7 +327,7 @@ class IntervalMaker:
     repeats: float = 1.0
 
     def parameters(
-        self, of: Any, level: float, data: Dataset | None = None
+        self, of: AskedFor, level: float, data: Dataset | None = None
     ) -> pd.DataFrame:
         """Intervals of anything that follows from a model.
 
@@ -311,7 +339,8 @@ class IntervalMaker:
         level = _checked_level(level)
         if isinstance(of, Mapping):
             return self._of_points(of, level)
-        known_masses, layout = self.resolver.known_masses, self.resolver.pieces.layout
+        known_masses = self.resolver.known_masses
+        layout = self.resolver.pieces.layout
         statistic = statistic_of(of, known_masses, layout, data)
         estimate = statistic(self.model)
         lower, upper = self._bounds(statistic, estimate.to_numpy(float), level)
@@ -323,7 +352,7 @@ class IntervalMaker:
         }
         return pd.DataFrame(columns)
 
-    def _of_points(self, points: Mapping[Any, Any], level: float) -> pd.DataFrame:
+    def _of_points(self, points: Points, level: float) -> pd.DataFrame:
         """Intervals of forces at points (v, s) of some sites."""
         tables = []
         for site, pair in points.items():
@@ -343,7 +372,9 @@ class IntervalMaker:
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
-    def forces(self, site: Any, v: Any, s: Any, level: float) -> pd.DataFrame:
+    def forces(
+        self, site: str | int, v: ArrayLike, s: ArrayLike, level: float
+    ) -> pd.DataFrame:
         """Force of a site at points (v, s) with its interval.
 
         Outside the region that the data visited the interval is widened, with an
@@ -354,16 +385,16 @@ class IntervalMaker:
         DataFrame
             Columns ``v``, ``s``, ``force``, ``lower``, ``upper``, ``visited``.
         """
-        site = self.model.chain.site(site)
+        place = self.model.chain.site(site)
         points = np.broadcast_arrays(np.asarray(v, float), np.asarray(s, float))
         rate, drift = (np.ravel(x).astype(float) for x in points)
 
         def statistic(model: ChainModel) -> pd.Series:
-            return pd.Series(model.restoring_forces[site](rate, drift))
+            return pd.Series(model.restoring_forces[place](rate, drift))
 
         force = statistic(self.model).to_numpy()
         lower, upper = self._bounds(statistic, force, _checked_level(level))
-        visited, reach = self._extrapolation(site, rate, drift, force)
+        visited, reach = self._extrapolation(place, rate, drift, force)
         columns = {
             "v": rate,
             "s": drift,
@@ -375,7 +406,7 @@ class IntervalMaker:
         return pd.DataFrame(columns)
 
     def _extrapolation(
-        self, site: Any, rate: np.ndarray, drift: np.ndarray, force: np.ndarray
+        self, site: Site, rate: np.ndarray, drift: np.ndarray, force: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Which points the data visited, and how the force changes up to the others."""
         visited = np.ones(len(rate), dtype=bool)
@@ -417,7 +448,8 @@ class IntervalMaker:
 
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
         """Standard errors; correlated neighbours count if they increase them."""
-        record, n = self.resolver.record, len(influences)
+        record = self.resolver.record
+        n = len(influences)
         alone = np.diag(newey_west(influences, record, lags=0))
         with_neighbours = np.diag(newey_west(influences, record, lags=1))
         # corrected for the mean that was subtracted
@@ -437,7 +469,7 @@ def _degrees_of_freedom(influences: np.ndarray) -> np.ndarray:
     return np.clip(freedom / _FREEDOM_OF_NEIGHBOURS, 2.0, None)
 
 
-def _checked_level(level: Any) -> float:
+def _checked_level(level: object) -> float:
     value = number_of(level)
     if not 0 < value < 1:
         raise ChainError(
@@ -455,10 +487,10 @@ CALIBRATION = {"gain": 0.01, "cross_axis": 0.0, "delay": 0.0}
 
 
 def tolerances_of(
-    given: Mapping[str, float] | None, otherwise: Mapping[str, float]
+    stated: Mapping[str, float] | None, otherwise: Mapping[str, float]
 ) -> dict[str, float]:
-    """Tolerances of channels as given, the rest as known otherwise."""
-    tolerances = {**otherwise, **(given or {})}
+    """Tolerances of channels as stated, the rest as known otherwise."""
+    tolerances = {**otherwise, **(stated or {})}
     for name, size in tolerances.items():
         if name not in CALIBRATION or not 0 <= size < np.inf:
             raise ChannelError(
@@ -515,7 +547,8 @@ def _calibration_errors(
     data: Dataset, tolerances: Mapping[str, float]
 ) -> Iterator[_CalibrationError]:
     """Every error that the tolerances allow, at its limit."""
-    dofs, forced = range(data.n_dof), data.forced
+    dofs = range(data.n_dof)
+    forced = data.forced
     for kind, dof, (name, size) in product("axF", dofs, tolerances.items()):
         if not size or (kind == "F" and dof + 1 not in forced):
             continue
@@ -532,13 +565,13 @@ def calibration_spread(
     solve_order: SolveOrder,
     data: Dataset,
     statistic: Statistic,
-    given: Mapping[str, float],
+    calibration: Mapping[str, float],
 ) -> np.ndarray:
     """Standard uncertainty of statistics by errors of each channel within tolerances.
 
     Type B of the GUM, with rectangular distributions.
     """
-    tolerances = tolerances_of(given, CALIBRATION)
+    tolerances = tolerances_of(calibration, CALIBRATION)
 
     def estimate(segments: Sequence[Segment]) -> np.ndarray:
         changed = Dataset(segments, data.n_samples)

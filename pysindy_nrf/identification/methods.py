@@ -10,7 +10,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -20,14 +20,16 @@ from ..common.warn import warn_user
 from ..diagnosis import bias
 from ..equations.chain_solve import third_law_gap, unknown_forces, visited_regions
 from ..equations.errors import balance_errors
-from ..exceptions import DataQualityWarning
+from ..exceptions import BiasWarning, DataQualityWarning, RankWarning
 from ..records.dataset import Dataset
+from ..records.files.frequency_response import FrequencyResponse
 from ..records.input_arrays import (
     Input,
     InputSettings,
     as_dataset,
     with_motion_checks,
 )
+from ..records.zero_phase_filter import Band
 from .constraints import constrained
 from .examination import Finding, examined
 from .intervals import Resolver, least_squares_resolver
@@ -41,9 +43,11 @@ WHOLE_RECORDS = "whole records in memory"
 RECORDS = "Records"
 RESPONSES = "frequency responses"
 
+Data = TypeVar("Data", Dataset, FrequencyResponse)
+
 
 @dataclass(frozen=True)
-class IdentificationMethod(ABC):
+class IdentificationMethod(ABC, Generic[Data]):
     """A method of identification.
 
     Parameters
@@ -70,19 +74,24 @@ class IdentificationMethod(ABC):
     requires: ClassVar[frozenset[str]]
     uses: ClassVar[frozenset[str]]
 
-    def read(self, given: Input, settings: InputSettings) -> Any:
+    @abstractmethod
+    def read(self, passed: Input, settings: InputSettings) -> Data:
         """The data as this method needs them."""
-        data = as_dataset(given, settings)
-        if data.records or isinstance(given.X, Dataset):
-            return data
-        return with_motion_checks(data)
 
     @abstractmethod
-    def identify(self, problem: Problem, data: Any) -> IdentificationResult:
+    def identify(self, problem: Problem, data: Data) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
 
 
-class LeastSquares(IdentificationMethod):
+def _measured_motions(passed: Input, settings: InputSettings) -> Dataset:
+    """Motions of all floors, with notes on those that do not fit each other."""
+    data = as_dataset(passed, settings)
+    if data.records or isinstance(passed.X, Dataset):
+        return data
+    return with_motion_checks(data)
+
+
+class LeastSquares(IdentificationMethod[Dataset]):
     """Least squares of the balances; noise in the motion biases it."""
 
     name = "ls"
@@ -90,24 +99,20 @@ class LeastSquares(IdentificationMethod):
     requires = frozenset({EVERY_FLOOR})
     uses = frozenset({"sample_weight", "optimizer", "strategy", "constraints", "band"})
 
+    def read(self, passed: Input, settings: InputSettings) -> Dataset:
+        """Motions of all floors."""
+        return _measured_motions(passed, settings)
+
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
         return examined_result(self.finding(least_squares(problem, data), data))
 
-    def finding(
-        self, estimate: Estimate, data: Dataset, notes: tuple[str, ...] = ()
-    ) -> Finding:
-        """A least-squares estimate as what was found.
-
-        ``notes`` say why another method could not be used.
-        """
-        facts: dict[str, Any] = {"asked": self.asked, "found": self.name}
-        if notes:
-            facts["notes"] = list(notes)
-        return Finding(estimate, data, facts, by_least_squares=estimate)
+    def finding(self, estimate: Estimate, data: Dataset) -> Finding:
+        """A least-squares estimate as what was found."""
+        return Finding(estimate, data, self.asked, self.name, by_least_squares=estimate)
 
 
-class InstrumentalVariables(IdentificationMethod):
+class InstrumentalVariables(IdentificationMethod[Dataset]):
     """Instruments from the model's own free run; noise in the motion does not matter.
 
     Where no free run can serve, the least-squares estimate is kept, with a warning.
@@ -119,28 +124,43 @@ class InstrumentalVariables(IdentificationMethod):
     requires = frozenset({EVERY_FLOOR, WHOLE_RECORDS})
     uses = frozenset({"optimizer", "strategy", "constraints", "band"})
 
-    def read(self, given: Input, settings: InputSettings) -> Dataset:
+    def read(self, passed: Input, settings: InputSettings) -> Dataset:
         """Records fused so that they can be fused again, each DOF by itself."""
-        return super().read(given, replace(settings, both_fusions=True))
+        return _measured_motions(passed, replace(settings, both_fusions=True))
 
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
         start = least_squares(problem, data)
-        return examined_result(self.refined(problem, start, data))
+        finding = self.refined(problem, start, data)
+        _warn_of_doubts(finding)
+        return examined_result(finding)
 
     def refined(self, problem: Problem, start: Estimate, data: Dataset) -> Finding:
-        """What this method makes of a least-squares estimate."""
+        """What this method makes of a least-squares estimate; it warns of nothing."""
         refinement = refine(self.refinement, problem, start, _fused_apart(data))
-        estimate, resolver, facts, judged = refinement
-        if resolver is None:
-            return LeastSquares(self.asked).finding(start, data)
+        if refinement.resolver is None:
+            by_least_squares = LeastSquares(self.asked).finding(start, data)
+            return replace(
+                by_least_squares, notes=refinement.notes, doubts=refinement.doubts
+            )
+
+        estimate = refinement.estimate
         if estimate.problem is not start.problem:
             # other shape parameters give other columns
             order = estimate.problem.solve_order(data.forced, data.unknown)
             sums = estimate.problem.normal_equations(data, order)
             estimate = estimate._replace(grams=sums)
-        facts["asked"] = self.asked
-        return Finding(estimate, data, facts, resolver, judged=judged)
+        return Finding(
+            estimate,
+            data,
+            asked=self.asked,
+            method=refinement.method,
+            notes=refinement.notes,
+            doubts=refinement.doubts,
+            details=refinement.facts,
+            resolver=refinement.resolver,
+            judged=refinement.judged,
+        )
 
 
 class OutputError(InstrumentalVariables):
@@ -163,32 +183,32 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
 
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
-        by_least_squares = LeastSquares(self.asked)
         start = least_squares(problem, data)
         if not _noise_matters(start, data):
-            return examined_result(by_least_squares.finding(start, data))
+            return examined_result(LeastSquares(self.asked).finding(start, data))
 
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            found = self.refined(problem, start, data)
-        notes = tuple(str(one.message) for one in caught)
-        if found.resolver is None:
-            return examined_result(by_least_squares.finding(start, data, notes))
+        finding = self.refined(problem, start, data)
+        if not finding.is_least_squares:
+            _warn_of_doubts(finding)
+            # the channels are examined by least squares of what was measured
+            finding = replace(finding, by_least_squares=start, judged=None)
+        return examined_result(finding)
 
-        for kind, text in zip((one.category for one in caught), notes):
-            warn_user(text, kind)
-        facts = found.facts | {"notes": list(notes)}
-        # the channels are examined by least squares of what was measured
-        return examined_result(
-            replace(found, facts=facts, by_least_squares=start, judged=None)
-        )
+
+def _warn_of_doubts(finding: Finding) -> None:
+    """One warning of everything that is doubtful of an estimate."""
+    if not finding.is_least_squares:
+        for text in finding.estimate.solution.dependent:
+            warn_user(text, RankWarning)
+    if finding.doubts:
+        warn_user(" ".join(finding.doubts), BiasWarning)
 
 
 def _noise_matters(estimate: Estimate, data: Dataset) -> bool:
     """Whether noise in the motion biases least squares beyond its standard errors."""
     shares = bias.noise_shares(data, estimate.problem.filters(data))
     biases = bias.noise_bias(estimate.model, estimate.order, estimate.grams, shares)
-    return max((one.errors for one in biases), default=0.0) > bias.NEGLIGIBLE
+    return max((balance.errors for balance in biases), default=0.0) > bias.NEGLIGIBLE
 
 
 def _fused_apart(data: Dataset) -> Dataset:
@@ -200,17 +220,17 @@ def _fused_apart(data: Dataset) -> Dataset:
 # -- from an estimate to a result ----------------------------------------------------
 
 
-def result_of(found: Finding) -> IdentificationResult:
+def result_of(finding: Finding) -> IdentificationResult:
     """The result of an estimate that obeys what is known, not yet examined."""
-    estimate = found.estimate
-    model, constrain = _obeying(estimate, found.resolver, found.data)
-    resolver = found.resolver
+    estimate = finding.estimate
+    resolver = finding.resolver
+    model, constrain = _obeying(estimate, resolver, finding.data)
     if resolver is not None:
         resolver = replace(resolver, constrain=constrain)
 
     problem = estimate.problem.with_laws(model.laws)
     errors = balance_errors(model, estimate.grams)
-    visited = visited_regions(found.data, problem.layout)
+    visited = visited_regions(finding.data, problem.layout)
     info = {
         "band": finite_band(problem.band),
         "strategy": estimate.order.strategy,
@@ -220,39 +240,39 @@ def result_of(found: Finding) -> IdentificationResult:
             for name, error in errors["error"].items()
             if np.isfinite(error)
         },
-        "estimation": found.facts,
+        "estimation": finding.facts,
     }
     condition = {fit.step.name: fit.condition for fit in estimate.solution.fits}
     return IdentificationResult(
         model=ChainModel(model.masses, model.laws, model.chain, visited, info),
         problem=problem,
         order=estimate.order,
-        method=found.facts["found"],
+        method=finding.method,
         errors=errors,
         sums=estimate.grams,
         condition=pd.Series(condition, name="condition", dtype=float),
         third_law_gap=third_law_gap(estimate.solution, estimate.grams),
-        unknown_forces=unknown_forces(model, found.data),
+        unknown_forces=unknown_forces(model, finding.data),
         inner=estimate.solution.inner,
-        data=found.data,
+        data=finding.data,
         resolver=resolver,
         constrain=constrain,
-        biased_by_noise=found.is_least_squares,
-        notes=tuple(found.facts.get("notes", ())),
+        biased_by_noise=finding.is_least_squares,
+        notes=finding.notes,
     )
 
 
-def examined_result(found: Finding) -> IdentificationResult:
+def examined_result(finding: Finding) -> IdentificationResult:
     """The result of an estimate, examined; doubts are given as one warning."""
-    result = result_of(found)
-    if found.by_least_squares is None or found.is_least_squares:
-        estimate = found.estimate._replace(model=result.model)
+    result = result_of(finding)
+    if finding.by_least_squares is None or finding.is_least_squares:
+        estimate = finding.estimate._replace(model=result.model)
     else:
-        model, _ = _obeying(found.by_least_squares, None, found.data)
-        estimate = found.by_least_squares._replace(model=model)
+        model, _ = _obeying(finding.by_least_squares, None, finding.data)
+        estimate = finding.by_least_squares._replace(model=model)
 
     error = float(result.errors.loc["pooled", "error"])
-    examination = examined(found, estimate, error)
+    examination = examined(finding, estimate, error)
     examination.warn_of_bias()
     return replace(result, examination=examination)
 
@@ -272,7 +292,7 @@ def _obeying(
     return constrained(estimate.model, problem.constraints, resolver)
 
 
-def finite_band(band: Any) -> list[float | None] | None:
+def finite_band(band: Band) -> list[float | None] | None:
     """A band, Hz, with None for an edge that is not there, as JSON takes it."""
     if band is None:
         return None

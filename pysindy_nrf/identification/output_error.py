@@ -5,28 +5,27 @@ instrumental variables, and is kept only if it predicts unseen parts of the reco
 both halves of them, better. With fewer sensors: :mod:`.fewer_sensors`.
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
 
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
-from ..common.warn import warn_user
 from ..exceptions import (
-    BiasWarning,
     IdentifiabilityError,
     NRFError,
+    RankWarning,
     SimulationError,
 )
 from ..records.dataset import Dataset
 from ..records.zero_phase_filter import Band
-from .free_parameters import Rebuild, free_parameters
 from .free_run_fit import FreeRunError, FreeRunFit, Solution
 from .instrumental_variables import IVResult, instrumental_variables
 from .intervals import InfluenceResolver, Resolver
+from .parameter_vector import Rebuild, free_parameters
 from .problem import Estimate, Problem
 from .shape_refinement import refine_shapes
 from .shots import Shot, halves_of, shots_of
@@ -68,6 +67,8 @@ class OutputErrorResult:
         NRMSE.
     reason : str
         Why the start was kept.
+    possible : bool
+        False if no fit could be made.
     """
 
     solution: Solution | None = None
@@ -75,26 +76,37 @@ class OutputErrorResult:
     error_before: float = np.nan
     error_after: float = np.nan
     reason: str = ""
+    possible: bool = True
 
 
-class Refinement(NamedTuple):
+@dataclass(frozen=True)
+class Refinement:
     """An estimate, and what its intervals and the diagnosis need.
 
     Attributes
     ----------
     estimate : Estimate
+    method : {"ls", "iv", "simulation"}
+        The method whose estimate was kept.
     resolver : Resolver or None
         Of the intervals; None where the least-squares estimate was kept.
-    facts : dict
-        The method that was asked for, the one whose estimate was kept, and why.
     judged : Dataset
         Motions on which missing terms are judged.
+    doubts : tuple of str
+        Sentences to warn of.
+    notes : tuple of str
+        These, and remarks.
+    facts : dict of str to object
+        Rounds, correlation and free-run errors, for ``model.info``.
     """
 
     estimate: Estimate
+    method: str
     resolver: Resolver | None
-    facts: dict[str, Any]
     judged: Dataset
+    doubts: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    facts: dict[str, object] = field(default_factory=dict)
 
 
 def output_error(
@@ -191,12 +203,8 @@ def clearly_better(
 
 
 def _start_kept(reason: str) -> OutputErrorResult:
-    """No result, with a warning that gives the reason."""
-    warn_user(
-        f"estimation='simulation' kept the instrumental-variable estimate: {reason}.",
-        BiasWarning,
-    )
-    return OutputErrorResult(reason=reason)
+    """No result, because no fit could be made."""
+    return OutputErrorResult(reason=reason, possible=False)
 
 
 def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refinement:
@@ -213,33 +221,65 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
     data : Dataset
         Motions whose noise is independent from DOF to DOF.
     """
-    problem = start.problem
     order = start.order
-    facts: dict[str, Any] = {"asked": method, "found": "ls"}
-
-    iv = instrumental_variables(start.model, data, problem, order)
-    if iv is None:
-        return Refinement(start, None, facts, data)
-    problem, iv = refine_shapes(asked, problem, order, data, iv)
+    try:
+        # columns that depend on each other are warned of once, for the last round
+        with warnings.catch_warnings(action="ignore", category=RankWarning):
+            iv = instrumental_variables(start.model, data, start.problem, order)
+            problem, iv = refine_shapes(asked, start.problem, order, data, iv)
+    except IdentifiabilityError as failure:
+        doubt = (
+            f"estimation='iv' fell back on least squares: {failure.what}. Noise in the"
+            f" motion then biases masses and stiffnesses low. {failure.cure}"
+        )
+        return Refinement(start, "ls", None, data, (doubt,), (doubt,))
 
     resolver = Resolver(iv.pieces, order, dict(problem.known_masses), problem.optimizer)
-    notes = [*iv.notes, *_convergence_notes(iv, resolver)]
-    facts |= {"found": "iv", "rounds": iv.rounds, "correlation": iv.correlation}
-    facts["notes"] = notes
-    estimate = start._replace(problem=problem, model=iv.model, solution=iv.solution)
-    judged = iv.judged(data)
+    doubts = (*iv.doubts, *_doubts_of_convergence(iv, resolver))
+    by_instruments = Refinement(
+        estimate=start._replace(problem=problem, model=iv.model, solution=iv.solution),
+        method="iv",
+        resolver=resolver,
+        judged=iv.judged(data),
+        doubts=doubts,
+        notes=(*iv.notes, *doubts),
+        facts={"rounds": iv.rounds, "correlation": iv.correlation},
+    )
     if method != "simulation":
-        return Refinement(estimate, resolver, facts, judged)
+        return by_instruments
+    return _with_free_run(by_instruments, resolver, data)
 
-    result = _output_error_from(iv, resolver, problem, data)
-    facts["free_run_error_before"] = _finite_or_none(result.error_before)
-    facts["free_run_error_after"] = _finite_or_none(result.error_after)
-    if result.solution is None:
-        notes.append(f"instrumental variables kept: {result.reason}")
-        return Refinement(estimate, resolver, facts, judged)
 
-    facts["found"] = "simulation"
-    assert result.rebuild is not None  # a solution has one
+def _with_free_run(
+    by_instruments: Refinement, resolver: Resolver, data: Dataset
+) -> Refinement:
+    """The free-run fit from instrumental variables on, where it predicts better."""
+    estimate = by_instruments.estimate
+    problem = estimate.problem
+    result = output_error(
+        estimate.model,
+        data,
+        problem.layout,
+        problem.known_masses,
+        problem.band,
+        _estimates_of_halves(resolver),
+    )
+    errors = {
+        "free_run_error_before": _finite_or_none(result.error_before),
+        "free_run_error_after": _finite_or_none(result.error_after),
+    }
+    with_errors = replace(by_instruments, facts=by_instruments.facts | errors)
+    if result.solution is None or result.rebuild is None:
+        note = f"instrumental variables kept: {result.reason}"
+        doubts = by_instruments.doubts
+        if not result.possible:
+            doubt = (
+                "estimation='simulation' kept the instrumental-variable estimate:"
+                f" {result.reason}."
+            )
+            doubts = (*doubts, doubt)
+        return replace(with_errors, doubts=doubts, notes=(*with_errors.notes, note))
+
     influence_resolver = InfluenceResolver(
         resolver.pieces,
         resolver.solve_order,
@@ -248,20 +288,11 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
         best=result.solution,
         rebuild=result.rebuild,
     )
-    estimate = estimate._replace(model=result.solution.model)
-    return Refinement(estimate, influence_resolver, facts, judged)
-
-
-def _output_error_from(
-    iv: IVResult, resolver: Resolver, problem: Problem, data: Dataset
-) -> OutputErrorResult:
-    return output_error(
-        iv.model,
-        data,
-        problem.layout,
-        problem.known_masses,
-        problem.band,
-        _estimates_of_halves(resolver),
+    return replace(
+        with_errors,
+        estimate=estimate._replace(model=result.solution.model),
+        method="simulation",
+        resolver=influence_resolver,
     )
 
 
@@ -269,8 +300,8 @@ def _finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _convergence_notes(iv: IVResult, resolver: Resolver) -> list[str]:
-    """A note, also given as a warning, on a mass that had not settled."""
+def _doubts_of_convergence(iv: IVResult, resolver: Resolver) -> list[str]:
+    """A sentence on a mass that had not settled."""
     if iv.moved is None:
         return []
 
@@ -289,13 +320,11 @@ def _convergence_notes(iv: IVResult, resolver: Resolver) -> list[str]:
     error = ""
     if spread[worst]:
         error = f" (standard error {100 * spread[worst]:.2g} %)"
-    note = (
+    return [
         f"estimation='iv' did not converge in {iv.rounds} rounds: the last one changed"
         f" m{worst + 1} by {100 * change:.2g} %{error}. Give longer or cleaner records,"
         " or a simpler law."
-    )
-    warn_user(note, BiasWarning)
-    return [note]
+    ]
 
 
 def _estimates_of_halves(resolver: Resolver) -> list[ChainModel] | None:
@@ -304,6 +333,6 @@ def _estimates_of_halves(resolver: Resolver) -> list[ChainModel] | None:
     place = np.arange(len(record)) - np.searchsorted(record, record)
     first = place < np.bincount(record)[record] // 2
     try:
-        return [resolver.at(half.astype(float)) for half in (first, ~first)]
+        return [resolver.weighted_model(half.astype(float)) for half in (first, ~first)]
     except IdentifiabilityError:
         return None

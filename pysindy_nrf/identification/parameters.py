@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -125,7 +124,7 @@ class LinearEquations:
         )
 
 
-def as_parameters(constraints: Any) -> dict[str, Parameter]:
+def as_parameters(constraints: object) -> dict[str, Parameter]:
     """What was passed as ``constraints=``, by name."""
     if constraints is None:
         return {}
@@ -214,7 +213,8 @@ class _Equation:
 
     def with_numbers(self, numbers: Mapping[str, float]) -> _Equation:
         """The equation with some parameters replaced by numbers."""
-        terms, value = dict(self.terms), self.value
+        terms = dict(self.terms)
+        value = self.value
         for name in self.terms.keys() & numbers.keys():
             value -= terms.pop(name) * numbers[name]
         return _Equation(terms, value, self.spread)
@@ -263,7 +263,7 @@ def _equations_of(
 def _summands_of(pattern: str, names: Sequence[str], chain: Chain) -> list[list[str]]:
     """Names that are summed up: those of a sum, or each one that a pattern means."""
     if "+" in pattern:
-        return [[_canonical(part, chain) for part in pattern.split("+")]]
+        return [[_canonical(summand, chain) for summand in pattern.split("+")]]
     return [[name] for name in _named_by(pattern, names, chain)]
 
 
@@ -279,8 +279,8 @@ def _matching(pattern: str, names: Sequence[str], chain: Chain) -> list[str]:
     if "*" not in pattern:
         name = _canonical(pattern, chain)
         return [name] if name in names else []
-    parts = [re.escape(part) for part in pattern.strip().split("*")]
-    expression = re.compile(".*".join(parts))
+    texts = [re.escape(text) for text in pattern.strip().split("*")]
+    expression = re.compile(".*".join(texts))
     return [name for name in names if expression.fullmatch(name)]
 
 

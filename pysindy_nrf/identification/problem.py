@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from .. import laws as catalogue
 from ..chain.identifiability import SolveOrder, plan_solve_order
@@ -15,7 +15,7 @@ from ..chain.model import ChainModel
 from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of, masses_of
 from ..equations import chain_solve
-from ..equations.balances import blocks_of_segment
+from ..equations.balances import States, blocks_of_segment
 from ..equations.inner_optimizer import balance_optimizer
 from ..equations.normal_equations import NormalEquations
 from ..equations.shape_search import estimate_shapes
@@ -23,6 +23,7 @@ from ..exceptions import ChainError
 from ..laws import ForceLaw
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
+from ..records.record import Record
 from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
 from .constraints import constrained
 from .intervals import least_squares_resolver
@@ -33,6 +34,15 @@ DEFAULT_DEGREE = 3
 LEAST_SQUARES = ("auto", "ls")
 
 Filters = list[ZeroPhaseFilter | None]
+# Degree h + j of the terms v^h s^j, or the box (k, q) of both.
+Order = int | tuple[int, int]
+# By site, as a user spells it.
+Orders = Mapping[str, Order] | Mapping[int, Order]
+DeclaredLaws = (
+    Mapping[str, ForceLaw | Sequence[ForceLaw]]
+    | Mapping[int, ForceLaw | Sequence[ForceLaw]]
+)
+LawsBySite = Mapping[str, Iterable[ForceLaw]] | Mapping[Site, Iterable[ForceLaw]]
 
 
 @dataclass(frozen=True)
@@ -79,7 +89,7 @@ class Problem:
     band: tuple[float | None, float | None] | None = None
     strategy: str = "auto"
     excited: int | tuple[int, ...] | None = None
-    optimizer: Any = None
+    optimizer: object = None
     constraints: Mapping[str, Parameter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -96,14 +106,14 @@ class Problem:
         if self.excited is not None:
             self._set("excited", dofs_of("excited", self.excited, chain.n_dof))
 
-    def _set(self, name: str, value: Any) -> None:
+    def _set(self, name: str, value: object) -> None:
         """Store a value in its canonical form, once, after construction."""
         object.__setattr__(self, name, value)
 
-    def __reduce__(self) -> Any:
+    def __reduce__(self) -> tuple[type[Problem], tuple[object, ...]]:
         values = []
-        for one in fields(self):
-            value = getattr(self, one.name)
+        for parameter in fields(self):
+            value = getattr(self, parameter.name)
             if isinstance(value, MappingProxyType):
                 value = dict(value)
             values.append(value)
@@ -126,7 +136,7 @@ class Problem:
         massless = known == [0] * self.chain.n_dof
         return not massless or any(law.rate_dependent for law in self.every_law)
 
-    def with_laws(self, laws: Mapping[Any, Iterable[ForceLaw]]) -> Problem:
+    def with_laws(self, laws: LawsBySite) -> Problem:
         """The same problem with other laws at some sites.
 
         Parameters
@@ -193,7 +203,7 @@ class Problem:
         """
         return _solution(self, self.layout, order, data, self.filters(data))[1]
 
-    def solve(self, data: Any) -> Estimate:
+    def solve(self, data: Record | Sequence[Record] | Dataset) -> Estimate:
         """Masses, shape parameters and coefficients by least squares.
 
         Parameters
@@ -206,20 +216,18 @@ class Problem:
             If a channel is constant, there are fewer samples than unknowns, or as for
             :meth:`solve_order`.
         """
-        data = from_arrays(
+        fused = from_arrays(
             data, n_dof=self.chain.n_dof, has_memory=self.layout.has_memory
         )
-        estimate = least_squares(self, data)
+        estimate = least_squares(self, fused)
         if not self.constraints:
             return estimate
-        resolver = least_squares_resolver(estimate.problem, estimate.order, data)
+        resolver = least_squares_resolver(estimate.problem, estimate.order, fused)
         model, _ = constrained(estimate.model, self.constraints, resolver)
         return estimate._replace(model=model)
 
 
-def _by_site(
-    chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]
-) -> dict[Site, tuple[ForceLaw, ...]]:
+def _by_site(chain: Chain, laws: LawsBySite) -> dict[Site, tuple[ForceLaw, ...]]:
     """Laws by the sites of the chain, however they are spelled."""
     return {chain.site(site): tuple(group) for site, group in laws.items()}
 
@@ -272,8 +280,8 @@ def _with_shapes(
         return _solution(problem, layout, order, data, filters)
 
     scales = chain_solve.scales_of(data, problem.layout)
-    found = estimate_shapes(problem.layout, scales, solved, data, filters)
-    return problem.with_laws(found.laws)
+    with_shapes = estimate_shapes(problem.layout, scales, solved, data, filters)
+    return problem.with_laws(with_shapes.laws)
 
 
 def _solution(
@@ -291,14 +299,17 @@ def _solution(
 
 
 def blocks_of(
-    data: Dataset, filters: Iterable[Any], layout: LawLayout, in_pieces: bool = False
+    data: Dataset,
+    filters: Iterable[ZeroPhaseFilter | None],
+    layout: LawLayout,
+    in_pieces: bool = False,
 ) -> Iterator[Block]:
     """Columns of all balances, record by record.
 
     ``in_pieces``: also where laws have memory and nothing is filtered.
     """
     for segment, band_pass in zip(data.segments, filters):
-        states: dict[Any, Any] | None = None
+        states: States | None = None
         if in_pieces and band_pass is None:
             states = {}
         yield from blocks_of_segment(segment, layout, filter=band_pass, states=states)
@@ -343,13 +354,13 @@ def _general_laws(drift: float, has_clock: bool) -> list[ForceLaw]:
     return [law for law in laws if has_clock or not law.rate_dependent]
 
 
-def law_list(laws: Any) -> list[ForceLaw]:
+def law_list(laws: DeclaredLaws | None) -> list[ForceLaw]:
     """The laws that a user declared, of all sites."""
     return [law for group in declared_laws(laws).values() for law in group]
 
 
 def laws_of_sites(
-    chain: Chain, laws: Any, degree: Any, orders: Any
+    chain: Chain, laws: DeclaredLaws | None, degree: Order, orders: Orders | None
 ) -> dict[Site, tuple[ForceLaw, ...]]:
     """The declared laws by site of the chain, and the power series at its other sites.
 
@@ -373,7 +384,7 @@ def laws_of_sites(
     return series | declared
 
 
-def _refuse_degree(chain: Chain, degree: Any, orders: Mapping[Site, Any]) -> None:
+def _refuse_degree(chain: Chain, degree: Order, orders: Mapping[Site, Order]) -> None:
     """Refuse a degree that no storey has; one that every order repeats is no harm."""
     if all(order == degree for order in orders.values()):
         return

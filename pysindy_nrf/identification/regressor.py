@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..chain.sites import as_mapping
@@ -23,7 +25,16 @@ from .door import (
     refuse_unused,
 )
 from .fitted import FittedChain
-from .problem import DEFAULT_DEGREE, Problem, law_list, laws_of_sites
+from .parameters import Parameter
+from .problem import (
+    DEFAULT_DEGREE,
+    DeclaredLaws,
+    Order,
+    Orders,
+    Problem,
+    law_list,
+    laws_of_sites,
+)
 from .result import IdentificationResult
 from .streaming import (
     RunningSums,
@@ -174,18 +185,18 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def __init__(
         self,
-        degree: Any = DEFAULT_DEGREE,
-        orders: Mapping[Any, Any] | None = None,
+        degree: Order = DEFAULT_DEGREE,
+        orders: Orders | None = None,
         strategy: str = "auto",
-        optimizer: Any = None,
+        optimizer: object = None,
         coordinates: str = "relative",
         estimation: str = "auto",
-        laws: Mapping[Any, Any] | None = None,
+        laws: DeclaredLaws | None = None,
         known_masses: Mapping[int, float] | None = None,
         band: tuple[float | None, float | None] | None = None,
         dt: float | None = None,
         chain: Chain | None = None,
-        constraints: Any = None,
+        constraints: Mapping[str, Parameter] | None = None,
         massless: bool = False,
     ) -> None:
         self.degree = degree
@@ -204,15 +215,15 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
 
     def fit(
         self,
-        X: Any,
-        y: Any = None,
-        sample_weight: Any = None,
+        X: object,
+        y: object = None,
+        sample_weight: ArrayLike | None = None,
         *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
-        state: Any = None,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+        base_acceleration: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
+        state: str | PathLike[str] | None = None,
     ) -> NRFRegressor:
         """Identify masses and restoring forces.
 
@@ -267,8 +278,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             If a file cannot be read.
         """
         self._sums = None
-        given = Input(X, y, record, time, base_acceleration, covariates, sample_weight)
-        arguments = self._arguments(given, state)
+        passed = Input(X, y, record, time, base_acceleration, covariates, sample_weight)
+        arguments = self._arguments(passed, state)
         form = form_of(X)
         method = choose_method(self.estimation, form, arguments)
         refuse_unused(arguments, form, method)
@@ -276,34 +287,38 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             require_two_dimensions(X)
 
         if form is COLLECTION:
-            return self._publish(fit_collection(StreamSettings.of(self), given))
+            return self._publish(
+                fit_collection(StreamSettings.of_estimator(self), passed)
+            )
         if form is PIECES:
-            return self._publish(fit_pieces(StreamSettings.of(self), given, state))
-        data = method.read(given, self._input_settings(X))
+            return self._publish(
+                fit_pieces(StreamSettings.of_estimator(self), passed, state)
+            )
+        data = method.read(passed, self._input_settings(X))
         result = method.identify(self.problem(data.n_dof), data)
-        one_force = form is ARRAYS and y is not None and np.ndim(y) == 1
+        one_force = form is ARRAYS and y is not None and np.ndim(passed.F) == 1
         return self._publish(result, column_names(X), one_force)
 
     def partial_fit(
         self,
-        X: Any,
-        y: Any = None,
+        X: object,
+        y: object = None,
         *,
-        record: Any = None,
-        time: Any = None,
-        base_acceleration: Any = None,
-        covariates: Mapping[str, Any] | None = None,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+        base_acceleration: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
     ) -> NRFRegressor:
         """Add records, given as for :meth:`fit`, to those of earlier calls.
 
         All of them are solved again by least squares; ``fit`` starts anew.
         """
-        given = Input(X, y, record, time, base_acceleration, covariates)
-        arguments = self._arguments(given)
+        passed = Input(X, y, record, time, base_acceleration, covariates)
+        arguments = self._arguments(passed)
         form = form_of(X)
         refuse_unused(arguments, form, choose_method("ls", form))
 
-        sums = with_records(self._sums, StreamSettings.of(self), given)
+        sums = with_records(self._sums, StreamSettings.of_estimator(self), passed)
         result = identified(lambda kind: sums, sums.kind)
         # a call that fails leaves the sums of earlier calls as they are
         self._sums = sums
@@ -342,9 +357,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             constraints=self.constraints or {},
         )
 
-    def _arguments(self, given: Input, state: Any = None) -> list[str]:
+    def _arguments(self, passed: Input, state: object = None) -> list[str]:
         """Names of the arguments and settings that differ from their defaults."""
-        values = given.beside() | {
+        values = passed.beside() | {
             "state": state,
             "dt": self.dt,
             "optimizer": self.optimizer,
@@ -358,7 +373,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             names.append("strategy")
         return names
 
-    def _input_settings(self, X: Any) -> InputSettings:
+    def _input_settings(self, X: object) -> InputSettings:
         """How data are read."""
         if self.coordinates not in ("relative", "absolute"):
             raise ChannelError(

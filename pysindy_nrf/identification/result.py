@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,6 +29,7 @@ from ..exceptions import (
 from ..records.dataset import Dataset
 from .examination import Examination
 from .intervals import (
+    AskedFor,
     IntervalMaker,
     Resolver,
     calibration_spread,
@@ -107,7 +107,7 @@ class IdentificationResult:
     third_law_gap: pd.Series
     unknown_forces: pd.DataFrame
     examination: Examination = field(default_factory=Examination)
-    inner: Mapping[str, Any] = field(default_factory=dict)
+    inner: Mapping[str, object] = field(default_factory=dict)
     data: Dataset | None = None
     motions: list[pd.DataFrame] = field(default_factory=list)
     resolver: Resolver | None = None
@@ -117,7 +117,7 @@ class IdentificationResult:
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
         state = vars(self) | {"data": None}
         state.pop("free_runs", None)
@@ -131,12 +131,12 @@ class IdentificationResult:
     @property
     def data_warnings(self) -> dict[str, list[str]]:
         """Sentences on channels, forces, records and masses that are doubtful."""
-        found = self.examination
+        examination = self.examination
         return {
-            "channels": found.channels,
-            "forces": found.forces,
-            "records": found.records,
-            "masses": found.masses,
+            "channels": examination.channels,
+            "forces": examination.forces,
+            "records": examination.records,
+            "masses": examination.masses,
         }
 
     def require_data(self, cure: str) -> Dataset:
@@ -223,7 +223,7 @@ class IdentificationResult:
         self,
         level: float = 0.95,
         *,
-        of: Any = "parameters",
+        of: AskedFor = "parameters",
         calibration: Mapping[str, float] | None = None,
     ) -> pd.DataFrame:
         """Intervals; see :meth:`NRFRegressor.confidence_intervals`."""
@@ -237,7 +237,8 @@ class IdentificationResult:
                 "Give of= a function of the model.",
             )
         data = self.require_data(_NO_DATA)
-        known_masses, layout = intervals.resolver.known_masses, self.problem.layout
+        known_masses = intervals.resolver.known_masses
+        layout = self.problem.layout
         statistic = statistic_of(of, known_masses, layout, data)
         spread = calibration_spread(
             self.problem, self.order, data, statistic, calibration
@@ -297,14 +298,16 @@ class IdentificationResult:
     def facts(self) -> Facts:
         """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
-        found = self.examination
-        doubts = [*found.forces, *found.records, *found.masses, *no_bounds]
-        missing = found.missing_terms
+        examined = self.examination
+        doubts = [*examined.forces, *examined.records, *examined.masses, *no_bounds]
+        missing = examined.missing_terms
         for name in missing.index[missing["biased"].astype(bool)]:
             sentence = f"{name[0].upper()}{name[1:]}"
             doubts.append(f"{sentence}: a law is missing, or the motion is noisy.")
 
-        runs, shares, faults = None, {}, dict[str, bool]()
+        runs = None
+        shares: Mapping[str, float] = {}
+        faults: Mapping[str, bool] = {}
         if self.data is not None:
             runs = self.free_runs
             shares = shares_of(self.model, self.data)
@@ -317,8 +320,8 @@ class IdentificationResult:
             unexplained={int(name[4:]): float(e) for name, e in balances.items()},
             holds=tuple(nonlinear_parts(self.model, shares, bounds).values()),
             channel_faults=faults,
-            quality=found.quality,
-            n_records=found.n_records,
+            quality=examined.quality,
+            n_records=examined.n_records,
             doubts=tuple(doubts),
         )
 

@@ -72,8 +72,11 @@ def refine_shapes(
         largest = np.maximum(np.abs(step), SETTLED * unit)
         trial = problem.with_laws(search.trial(u).laws)
         start = model_of(trial.layout, iv.solution)
-        refined = instrumental_variables(start, data, trial, order)
-        if refined is None or not refined.settled:
+        try:
+            refined = instrumental_variables(start, data, trial, order)
+        except IdentifiabilityError:
+            break
+        if not refined.settled:
             break
 
         problem = trial

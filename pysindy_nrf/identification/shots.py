@@ -24,7 +24,7 @@ RTOL = 1e-9
 Motion = dict[str, np.ndarray]
 
 
-@dataclass
+@dataclass(frozen=True)
 class Shot:
     """A record, or a part of one: what drives it, its first state, what was measured.
 

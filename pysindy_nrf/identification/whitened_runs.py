@@ -14,8 +14,8 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..records.dataset import Segment
-from .free_parameters import Rebuild
 from .noise_spectra import NoiseModel
+from .parameter_vector import Rebuild
 from .shots import Motion, Shot
 from .spectra import fourier_lines
 
@@ -105,7 +105,7 @@ class PriorEquations:
         """No equations."""
         return cls(np.empty((0, n_parameters)), np.empty(0))
 
-    def rows(self, rebuild: Rebuild, u: np.ndarray) -> np.ndarray:
+    def linearised(self, rebuild: Rebuild, u: np.ndarray) -> np.ndarray:
         """Sensitivities and residuals, (n_equations, n_parameters + 1)."""
         residual = self.b - self.A @ rebuild.values(u)
         return np.column_stack([self.A * rebuild.slopes(u), residual])
@@ -248,7 +248,7 @@ class WhitenedRuns:
 
     def prior_rows(self, u: np.ndarray) -> np.ndarray:
         """Rows of the prior equations, in the unit of the data."""
-        return self.unit * self.prior.rows(self.rebuild, u)
+        return self.unit * self.prior.linearised(self.rebuild, u)
 
     def point(
         self,

@@ -42,11 +42,12 @@ def wiring_error(problem: Problem, model: ChainModel, records: Sequence[Record])
         rms_drifts[site] = peak / _PEAK_OVER_RMS
     flexible = problem.with_laws(flexible_laws(problem, rms_drifts))
     flexible = replace(flexible, optimizer=None, constraints={})
-    n_dof, has_memory = problem.chain.n_dof, flexible.layout.has_memory
+    n_dof = problem.chain.n_dof
+    has_memory = flexible.layout.has_memory
 
-    def from_fused(some: list[Record]) -> Estimate:
+    def from_fused(subset: list[Record]) -> Estimate:
         data = from_arrays(
-            some,
+            subset,
             n_dof=n_dof,
             has_memory=has_memory,
             check=False,
@@ -54,8 +55,8 @@ def wiring_error(problem: Problem, model: ChainModel, records: Sequence[Record])
         )
         return least_squares(flexible, data)
 
-    def from_channels(some: list[Record]) -> Estimate:
-        rated = list(map(_with_rates, some))
+    def from_channels(subset: list[Record]) -> Estimate:
+        rated = list(map(_with_rates, subset))
         return least_squares(flexible, from_arrays(rated, smooth=False, check=False))
 
     # a mass that is known to be zero is none that a structure has

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +13,7 @@ from sklearn.base import clone
 from ..chain.model import ChainModel, as_segments, storey_names
 from ..chain.restoring_force import grid
 from ..chain.sites import Site
+from ..chain.visited_region import VisitedRegion
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, visited_regions
 from ..equations.normal_equations import NormalEquations, variance
@@ -23,8 +23,11 @@ from ..identification.problem import Problem, law_list
 from ..identification.regressor import NRFRegressor
 from ..records.dataset import Dataset, Segment
 from ..records.input_arrays import from_arrays
+from ..records.record import Record
 from .force_change import Comparison, Cut, MeasuredTest, cut_of, in_words
 
+# (X, F), or records.
+TestData = tuple[object, object] | Record | Sequence[Record]
 # Blocks of a test, of which fewer give no standard error.
 LEAST_BLOCKS = 5
 # Standard errors to either side that hold 95 %.
@@ -94,7 +97,7 @@ class ChangeReport:
         elsewhere = ~rows["storey"].isin(self.changed["place"])
         return rows[np.array(same_force, dtype=bool) & elsewhere]
 
-    def map(self, storey: Any, size: int = 41) -> pd.DataFrame:
+    def map(self, storey: str | int, size: int = 41) -> pd.DataFrame:
         """Change of a storey's force over the motion of both tests.
 
         Nothing is significant in a storey that is not in ``changed``. Friction is shown
@@ -164,13 +167,13 @@ class ChangeReport:
 
 def compare_tests(
     estimator: NRFRegressor,
-    before: Any,
-    after: Any,
+    before: TestData,
+    after: TestData,
     *,
     level: float = 0.01,
     least: float = 1.0,
     n_blocks: int = 20,
-    options: Mapping[str, Any] | None = None,
+    options: Mapping[str, object] | None = None,
 ) -> ChangeReport:
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
@@ -255,8 +258,8 @@ def compare_tests(
     comparison.search(level, least)
 
     apart = []
-    for fit, own_masses in zip(fits, comparison.masses_of_tests()):
-        known = {j: float(mass) for j, mass in enumerate(own_masses, 1)}
+    for fit, masses_of_test in zip(fits, comparison.masses_of_tests()):
+        known = {j: float(mass) for j, mass in enumerate(masses_of_test, 1)}
         known |= fit.problem.known_masses
         apart.append(_fitted_with_masses(fit, known, n_blocks))
     return ChangeReport(
@@ -279,23 +282,25 @@ class _Fit:
     data: Dataset
 
     @classmethod
-    def of_test(cls, estimator: NRFRegressor, test: Any, options: Any) -> _Fit:
+    def of_test(
+        cls, estimator: NRFRegressor, test: TestData, options: Mapping[str, object]
+    ) -> _Fit:
         """Fit the motions of a test, whose DOFs are fused one by one."""
         X, F = test if isinstance(test, tuple) else (test, None)
-        own = clone(estimator)
-        has_memory = any(law.has_memory for law in law_list(own.laws))
+        unfitted = clone(estimator)
+        has_memory = any(law.has_memory for law in law_list(unfitted.laws))
         settings = {
-            "coordinates": own.coordinates,
-            "dt": own.dt,
+            "coordinates": unfitted.coordinates,
+            "dt": unfitted.dt,
             "has_memory": has_memory,
-            "n_dof": None if own.chain is None else own.chain.n_dof,
+            "n_dof": None if unfitted.chain is None else unfitted.chain.n_dof,
             "joint": False,
         }
         data = from_arrays(X, F, **{**settings, **options})
 
-        found = own.problem(data.n_dof).solve(data)
-        found.model.visited = visited_regions(data, found.problem.layout)
-        return cls(found.problem, found.model, data)
+        estimate = unfitted.problem(data.n_dof).solve(data)
+        visited = visited_regions(data, estimate.problem.layout)
+        return cls(estimate.problem, _with_visited(estimate.model, visited), data)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,8 +362,13 @@ def _fitted_with_masses(fit: _Fit, known: dict[int, float], n_blocks: int) -> _A
     pieces = resolver.pieces.leave_one_out()
     without_a_piece = [plain_model(resolver, pieces[k]) for k in range(len(pieces))]
     model = plain_model(resolver, resolver.pieces.sum())
-    model.visited = fit.model.visited
-    return _Apart(model, without_a_piece)
+    return _Apart(_with_visited(model, fit.model.visited), without_a_piece)
+
+
+def _with_visited(
+    model: ChainModel, visited: Mapping[Site, VisitedRegion]
+) -> ChainModel:
+    return ChainModel(model.masses, model.laws, model.chain, visited, model.info)
 
 
 def _table(apart: list[_Apart], comparison: Comparison) -> pd.DataFrame:
@@ -408,8 +418,8 @@ def _linear(model: ChainModel) -> pd.DataFrame:
     forces = model.restoring_forces
     parts = {}
     for storey in storey_names(model):
-        part = forces[storey].linear_part() if storey in forces else {}
-        parts[storey] = [part.get("k", np.nan), part.get("c", np.nan)]
+        linear = forces[storey].linear_part() if storey in forces else {}
+        parts[storey] = [linear.get("k", np.nan), linear.get("c", np.nan)]
     return pd.DataFrame.from_dict(parts, orient="index", columns=["k", "c"])
 
 
@@ -541,13 +551,13 @@ def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
 
 def track(
     estimator: NRFRegressor,
-    X: Any,
-    F: Any = None,
+    X: object,
+    F: object = None,
     *,
     window: float = 2.0,
     step: float = 0.25,
-    masses: Any = "fitted",
-    **options: Any,
+    masses: str | Mapping[int, float] | None = "fitted",
+    **options: object,
 ) -> pd.DataFrame:
     """Stiffness and damping of every storey over time.
 
@@ -624,7 +634,9 @@ def track(
     return pd.DataFrame(rows, columns=names)
 
 
-def _problem_with_masses(estimator: NRFRegressor, masses: Any) -> Problem:
+def _problem_with_masses(
+    estimator: NRFRegressor, masses: str | Mapping[int, float] | None
+) -> Problem:
     """The problem of an estimator with the masses that every window has."""
     problem: Problem = estimator.problem_
     if masses is None:

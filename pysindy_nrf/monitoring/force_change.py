@@ -122,7 +122,8 @@ def common_law(
     laws : sequence of sequence of ForceLaw
         Those that each test identified at the site.
     """
-    v, s = motion.v / unit[0], motion.s / unit[1]
+    v = motion.v / unit[0]
+    s = motion.s / unit[1]
     terms = surfaces(v, s)
     for distance in SLIDING_DISTANCES:
         slider = Dahl(sigma=1 / (distance * unit[1]))
@@ -150,9 +151,10 @@ def _with_declared_laws(
 
     They take the place of friction and gaps.
     """
-    of_before, of_after = _columns(before, motion), _columns(after, motion)
-    terms, others = {}, list(common.others)
-    others.extend(of_after.T)
+    of_before = _columns(before, motion)
+    of_after = _columns(after, motion)
+    terms = {}
+    others = [*common.others, *of_after.T]
     for name, column in common.terms.items():
         if name.split()[0] in ("Fc", "gap"):
             others.append(column)
@@ -230,7 +232,8 @@ class Domain:
 
 def common_domain(site: Site, tests: Sequence[MeasuredTest]) -> Domain:
     """The motion of a storey that both tests went through."""
-    low, high = [], []
+    low = []
+    high = []
     rms = []
     for test in tests:
         motions = test.motions(site)
@@ -238,7 +241,8 @@ def common_domain(site: Site, tests: Sequence[MeasuredTest]) -> Domain:
         low.append(points.min(axis=1))
         high.append(points.max(axis=1))
         rms.append(np.sqrt(np.mean(points**2, axis=1)))
-    unit, ratio = np.min(rms, axis=0), float(rms[1][1] / rms[0][1])
+    unit = np.min(rms, axis=0)
+    ratio = float(rms[1][1] / rms[0][1])
     return Domain(np.max(low, axis=0), np.min(high, axis=0), unit, ratio)
 
 
@@ -315,10 +319,12 @@ def cut_of(
     domain = common_domain(site, tests)
     laws = [test.model.laws.get(site, ()) for test in tests]
 
-    grams, counts = [], []
+    grams = []
+    counts = []
     terms: list[str] = []
     for test in tests:
-        blocks, count = [], 0
+        blocks = []
+        count = 0
         for number, motion in enumerate(test.motions(site)):
             common = common_law(motion, domain.unit, laws)
             force = _force_above(storey, test.data.segments[number], test.model, masses)
@@ -356,7 +362,8 @@ def _force_above(
 
     NaN where a force is not known.
     """
-    rows, above = segment.valid, slice(storey - 1, None)
+    rows = segment.valid
+    above = slice(storey - 1, None)
     inertia = masses[above] * segment.a[rows, above]
     total = (segment.F[rows, above] - inertia).sum(axis=1)
     for site, force in model.restoring_forces.items():
@@ -370,10 +377,11 @@ def _rows(
     storey: int, test: MeasuredTest, number: int, columns: np.ndarray, force: np.ndarray
 ) -> np.ndarray:
     """Columns of the common law, accelerations above the cut, and the force."""
-    segment, band = test.data.segments[number], test.filters[number]
+    segment = test.data.segments[number]
+    band_pass = test.filters[number]
     above = np.arange(1, segment.n_dof + 1) >= storey
     rows = np.column_stack([columns, segment.a[segment.valid] * above, force])
-    return rows if band is None else band.apply(rows)
+    return rows if band_pass is None else band_pass.apply(rows)
 
 
 def _block_sums(
@@ -399,7 +407,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Found:
+class Change:
     """An unknown by its number, and its probability if nothing had changed."""
 
     unknown: int
@@ -439,7 +447,7 @@ class Comparison:
 
         # departures of masses, which nobody asks about
         self.always = [j - 1 for j in self.free]
-        self.found: list[Found] = []
+        self.changes: list[Change] = []
         departures = np.zeros(self.n_masses)
         for _ in range(MASS_ROUNDS):
             self.total = self._sums(departures)
@@ -469,7 +477,7 @@ class Comparison:
     @property
     def used(self) -> list[int]:
         """Unknowns in use: departures of masses, and the differences found."""
-        return [*self.always, *(found.unknown for found in self.found)]
+        return [*self.always, *(change.unknown for change in self.changes)]
 
     def masses_of_tests(self) -> tuple[np.ndarray, np.ndarray]:
         """Masses of both tests, kg."""
@@ -517,9 +525,11 @@ class Comparison:
         used = list(self.used)
         used += [i for i, name in enumerate(self.unknowns) if name in linear]
         used = _without_repetition(used)
-        values, at_points = self._solved(used), surfaces(v / unit[0], s / unit[1])
+        values = self._solved(used)
+        at_points = surfaces(v / unit[0], s / unit[1])
 
-        columns, shown = [], []
+        columns = []
+        shown = []
         for column, unknown in enumerate(used):
             name = self.unknowns[unknown]
             if name.place == place and name.term in at_points:
@@ -535,7 +545,7 @@ class Comparison:
         (N rms or kg) and ``p``.
         """
         values = self._solved()[:, len(self.always) :]
-        places = [self.unknowns[found.unknown].place for found in self.found]
+        places = [self.unknowns[change.unknown].place for change in self.changes]
         rows = []
         for place in dict.fromkeys(places):
             here = [k for k, other in enumerate(places) if other == place]
@@ -550,14 +560,16 @@ class Comparison:
         self, place: str, here: Sequence[int], values: np.ndarray
     ) -> dict[str, object]:
         """One row of the table: the differences found at one place."""
-        terms = [self.unknowns[self.found[k].unknown].term for k in here]
+        terms = [self.unknowns[self.changes[k].unknown].term for k in here]
         size = self._size(place, terms, values)
         first = values[0, 0]
         if place.startswith("dof"):
-            of_one_percent, unit = self.masses[int(place[4:]) - 1] / 100, "kg"
+            of_one_percent = self.masses[int(place[4:]) - 1] / 100
+            unit = "kg"
         else:
             cut = self.cut(place)
-            of_one_percent, unit = cut.spring / 100, "N rms"
+            of_one_percent = cut.spring / 100
+            unit = "N rms"
             if terms[0] == "k":  # against a stiffness that may be negative
                 first *= cut.stiffness
         return {
@@ -567,7 +579,7 @@ class Comparison:
             "error": float(np.sqrt(self._variance(size))),
             "amount": size[0] * of_one_percent,
             "unit": unit,
-            "p": min(self.found[k].probability for k in here),
+            "p": min(self.changes[k].probability for k in here),
         }
 
     # -- search ----------------------------------------------------------------
@@ -588,7 +600,7 @@ class Comparison:
             place = self.unknowns[best.unknown].place
             here = [i for i in asked if self.unknowns[i].place == place]
             while best is not None:  # which terms of this place
-                self.found.append(best)
+                self.changes.append(best)
                 best = self._best(here, level, least)
             best = self._best(asked, level, least)
 
@@ -597,7 +609,7 @@ class Comparison:
         masses = [self.n_masses + j - 1 for j in self.free]
         return [*masses, *range(2 * self.n_masses, len(self.unknowns))]
 
-    def _best(self, asked: Sequence[int], level: float, least: float) -> Found | None:
+    def _best(self, asked: Sequence[int], level: float, least: float) -> Change | None:
         """The unknown that removes most, if it is significant and large.
 
         Other places that changed may change in any way.
@@ -624,11 +636,11 @@ class Comparison:
         if not gain.any():
             return None
         best = int(np.argmax(gain))
-        return Found(rest[best], float(probability[best]))
+        return Change(rest[best], float(probability[best]))
 
     def _other_changes(self, asked: Sequence[int]) -> list[int]:
         """All unknowns of places that changed; but of the one that is asked about."""
-        changed = {self.unknowns[found.unknown].place for found in self.found}
+        changed = {self.unknowns[change.unknown].place for change in self.changes}
         places = {self.unknowns[i].place for i in asked}
         if len(places) == 1:
             changed -= places
@@ -690,12 +702,12 @@ class Comparison:
         first_of_test = [1, 1 + n_samples[0]]
         total = np.zeros((1 + sum(n_samples), len(columns), len(columns)))
         for test, blocks in enumerate(cut.grams):
-            whole = blocks.sum(axis=0)
-            sums = np.repeat(whole[None], len(total), axis=0)
+            of_test = blocks.sum(axis=0)
+            sums = np.repeat(of_test[None], len(total), axis=0)
             start = first_of_test[test]
             sums[start : start + len(blocks)] -= blocks
 
-            weight = cut.count[test] / _residual(whole, n_common, departures)
+            weight = cut.count[test] / _residual(of_test, n_common, departures)
             acts = np.where(is_change, test, 1)
             acts = np.outer(acts, acts)
             total += weight * sums[:, columns[:, None], columns] * acts
@@ -714,7 +726,8 @@ class Comparison:
     def _variance(self, values: np.ndarray) -> np.ndarray:
         """Variance of values found from all blocks, and without each of them."""
         n_first = len(self.cuts[0].grams[0])
-        before, after = values[1 : 1 + n_first], values[1 + n_first :]
+        before = values[1 : 1 + n_first]
+        after = values[1 + n_first :]
         return variance(before) + variance(after)
 
 

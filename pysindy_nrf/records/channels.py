@@ -1,25 +1,31 @@
 """Checks of the arrays that users pass in: channels, record ids, estimators' input."""
 
+from __future__ import annotations
+
 import re
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ..common.warn import warn_user
 from ..exceptions import ChannelError, ChannelTypeError, DataQualityWarning
+
+if TYPE_CHECKING:
+    from sklearn.base import BaseEstimator
 
 MAX_ROWS_SHOWN = 3  # of a message
 MAX_COLUMNS_SHOWN = 12
 
 
-def rows_text(rows: np.ndarray, most: int = MAX_ROWS_SHOWN) -> str:
+def rows_text(rows: np.ndarray, max_shown: int = MAX_ROWS_SHOWN) -> str:
     """Row numbers for a message, e.g. ``"rows 17, 18, 19 and 4 more"``."""
     noun = "rows" if len(rows) > 1 else "row"
-    shown = ", ".join(str(int(row)) for row in rows[:most])
-    hidden = len(rows) - most
+    shown = ", ".join(str(int(row)) for row in rows[:max_shown])
+    hidden = len(rows) - max_shown
     more = f" and {hidden} more" if hidden > 0 else ""
     return f"{noun} {shown}{more}"
 
@@ -49,7 +55,7 @@ def channel_of(name: str) -> str | None:
 
 
 def as_matrix(
-    value: Any,
+    value: ArrayLike,
     names: Sequence[str] | str,
     n_columns: int | None = None,
     what: str = "channels",
@@ -95,7 +101,7 @@ def as_matrix(
     return numbers
 
 
-def _two_dimensional(value: Any, what: str) -> np.ndarray:
+def _two_dimensional(value: ArrayLike, what: str) -> np.ndarray:
     """The value as an array of rows and columns."""
     if isinstance(value, np.ma.MaskedArray):
         value = np.ma.filled(value.astype(float), np.nan)
@@ -298,7 +304,7 @@ def fillers(line: np.ndarray) -> tuple[np.ndarray, str]:
     )
 
 
-def by_record(record: Any, size: int) -> list[tuple[str, slice]]:
+def by_record(record: ArrayLike | None, size: int) -> list[tuple[str, slice]]:
     """Name and rows of each record, from one id per sample."""
     if record is None or not size:
         return [("record", slice(0, size))]
@@ -328,7 +334,7 @@ def gaps(seconds: np.ndarray) -> np.ndarray:
 
 
 def contiguous(
-    size: int, record: Any = None, seconds: np.ndarray | None = None
+    size: int, record: ArrayLike | None = None, seconds: np.ndarray | None = None
 ) -> list[tuple[str, slice]]:
     """Name and rows of each piece that has one record id and a clock without a gap."""
     records = by_record(record, size)
@@ -349,13 +355,13 @@ def _between(cuts: np.ndarray, start: int, stop: int) -> list[slice]:
     return [slice(low, high) for low, high in zip(edges[:-1], edges[1:])]
 
 
-def column_names(X: Any) -> list[str] | None:
+def column_names(X: object) -> list[str] | None:
     """Names of the columns of a table, None for an array."""
     return [str(column) for column in X.columns] if hasattr(X, "columns") else None
 
 
 def checked(
-    estimator: Any, X: Any, *, reset: bool, prefix: str = "column "
+    estimator: BaseEstimator, X: ArrayLike, *, reset: bool, prefix: str = "column "
 ) -> np.ndarray:
     """Input of an estimator as a float matrix, compared with the columns of ``fit``."""
     names = column_names(X)
@@ -377,7 +383,7 @@ def checked(
 
 
 def same_columns(
-    estimator: Any, width: int, names: list[str] | None, reset: bool
+    estimator: BaseEstimator, width: int, names: list[str] | None, reset: bool
 ) -> None:
     """Store the columns on the estimator (reset), or compare them with those of fit."""
     if reset:
@@ -399,7 +405,9 @@ def same_columns(
         )
 
 
-def _store_columns(estimator: Any, width: int, names: list[str] | None) -> None:
+def _store_columns(
+    estimator: BaseEstimator, width: int, names: list[str] | None
+) -> None:
     """Number and names of the columns, under the attributes of scikit-learn."""
     estimator.n_features_in_ = width
     if names is not None:
@@ -408,7 +416,7 @@ def _store_columns(estimator: Any, width: int, names: list[str] | None) -> None:
         del estimator.feature_names_in_
 
 
-def require_two_dimensions(X: Any) -> None:
+def require_two_dimensions(X: object) -> None:
     """Refuse a single column given without its second dimension."""
     if isinstance(X, (list, tuple)):
         flat = len(X) > 0 and isinstance(X[0], (int, float, np.number))
@@ -425,12 +433,12 @@ def require_two_dimensions(X: Any) -> None:
         )
 
 
-def is_dask(X: Any) -> bool:
+def is_dask(X: object) -> bool:
     """True for a Dask array, table or delayed value; Dask is not imported."""
     return hasattr(X, "__dask_graph__")
 
 
-def sample_weights(weights: Any, size: int) -> np.ndarray:
+def sample_weights(weights: ArrayLike | None, size: int) -> np.ndarray:
     """Weights of the samples, ones if None."""
     if weights is None:
         return np.ones(size)

@@ -1,15 +1,17 @@
 """Clocks of records: sampling rates, times in seconds, gaps and jitter."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ..common import number_of
 from ..exceptions import ChannelError
-from .channels import GAP, as_matrix
+from .channels import GAP, as_matrix, by_record
 
 # Steps, and the deviation from an even grid, may vary by this share of a step.
 MAX_JITTER = 0.05
@@ -21,7 +23,9 @@ MIN_STEP_BESIDE_GAPS = 0.75
 
 
 @np.errstate(over="ignore")
-def clock_of(fs: Any, time: Any, n_samples: int, name: str) -> tuple[float, float]:
+def clock_of(
+    fs: float | None, time: ArrayLike | None, n_samples: int, name: str
+) -> tuple[float, float]:
     """Sampling rate (Hz) and time of the first sample (s) of a record.
 
     Parameters
@@ -142,7 +146,7 @@ def rate_of(step: float, tolerance: float = 1e-6) -> float:
     return float(rate)
 
 
-def seconds_of(time: Any, name: str = "record") -> np.ndarray:
+def seconds_of(time: ArrayLike, name: str = "record") -> np.ndarray:
     """Times as float seconds; time stamps count from the first of them."""
     if isinstance(time, (pd.DatetimeIndex, pd.TimedeltaIndex)):
         elapsed = (time - time[0]) / pd.Timedelta(seconds=1)
@@ -163,7 +167,9 @@ def seconds_of(time: Any, name: str = "record") -> np.ndarray:
     return seconds
 
 
-def row_times(time: Any, size: int, pieces: Iterable[tuple[str, slice]]) -> np.ndarray:
+def row_times(
+    time: ArrayLike, size: int, pieces: Iterable[tuple[str, slice]]
+) -> np.ndarray:
     """Times of rows in s, one for each, rising within every named piece."""
     seconds = seconds_of(time, "time")
     if len(seconds) != size:
@@ -184,7 +190,7 @@ def row_times(time: Any, size: int, pieces: Iterable[tuple[str, slice]]) -> np.n
     return seconds
 
 
-def plain_times(time: Any) -> np.ndarray:
+def plain_times(time: ArrayLike) -> np.ndarray:
     """Times as an array of numbers, ``datetime64`` or ``timedelta64``.
 
     Times with a time zone become UTC.
@@ -194,3 +200,32 @@ def plain_times(time: Any) -> np.ndarray:
         stamps = pd.DatetimeIndex(pd.to_datetime(array.ravel(), utc=True))
         return stamps.tz_localize(None).to_numpy()
     return array
+
+
+def times_of_table(
+    table: pd.DataFrame, time: ArrayLike | None, record: ArrayLike | None = None
+) -> np.ndarray | None:
+    """Time of the rows in s, increasing in each record; None if unknown.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Its index is the time if it is a time index, or numbers named ``t`` or ``time``.
+    time : array-like of shape (n_samples,), optional
+        Goes before the index.
+    record : array-like of shape (n_samples,), optional
+        Record ids of the rows.
+    """
+    clock = time_in_index(table.index) if time is None else time
+    if clock is None:
+        return None
+    return row_times(clock, len(table), by_record(record, len(table)))
+
+
+def time_in_index(index: pd.Index) -> pd.Index | np.ndarray | None:
+    """The index of a table if it is a time, else None."""
+    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
+        return index
+    if index.name in ("t", "time") and index.dtype.kind in "fiu":
+        return index.to_numpy()
+    return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -127,7 +127,9 @@ class Segment:
     def extent(self) -> Extent:
         """Range of a_1.., v_1.., s_1.., F_1.. inside the NaN edges."""
         rows = self.valid
-        return Extent.of([self.a[rows], self.v[rows], self.s[rows], self.F[rows]])
+        return Extent.of_columns(
+            [self.a[rows], self.v[rows], self.s[rows], self.F[rows]]
+        )
 
     @property
     def forced(self) -> tuple[int, ...]:
@@ -165,19 +167,19 @@ class Segment:
             covariates=_rows_of_each(self.covariates, rows),
         )
 
-    def part(self, rows: slice, at: int) -> Segment:
-        """Valid rows as a segment whose first row is row ``at`` of all."""
+    def part(self, rows: slice, first_row: int) -> Segment:
+        """Valid rows as a segment, which begins at a row of all records."""
         n_rows = rows.stop - rows.start
-        cut: dict[str, Any] = {}
-        for name in ROW_ARRAYS:
-            array = getattr(self, name)
-            if array is not None:
-                cut[name] = array[rows]
         return replace(
             self,
-            **cut,
+            a=self.a[rows],
+            v=self.v[rows],
+            s=self.s[rows],
+            F=self.F[rows],
+            t=None if self.t is None else self.t[rows],
+            ag=None if self.ag is None else self.ag[rows],
             covariates=_rows_of_each(self.covariates, rows),
-            rows=slice(at, at + n_rows),
+            rows=slice(first_row, first_row + n_rows),
             valid=slice(0, n_rows),
         )
 
@@ -199,15 +201,15 @@ class Segment:
         Every change has one value per sample; those of ``x`` and ``v`` are absolute, so
         the storey above changes by the opposite.
         """
-        changed: dict[str, Any] = {}
+        arrays = {"a": self.a, "v": self.v, "s": self.s, "F": self.F}
         for key, change in changes.items():
             name = "s" if key == "x" else key
-            values = np.array(getattr(self, name), dtype=float)
+            values = np.array(arrays[name], dtype=float)
             values[:, dof - 1] += change
             if key in "xv" and dof < self.n_dof:
                 values[:, dof] -= change
-            changed[name] = values
-        return replace(self, **changed)
+            arrays[name] = values
+        return replace(self, a=arrays["a"], v=arrays["v"], s=arrays["s"], F=arrays["F"])
 
 
 def _rows_of_each(lines: dict[str, np.ndarray], rows: slice) -> dict[str, np.ndarray]:
@@ -247,9 +249,6 @@ class Dataset:
     fuse_apart: Callable[[], Dataset] | None = field(
         default=None, repr=False, compare=False
     )
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "segments", tuple(self.segments))
 
     @property
     def n_dof(self) -> int:
@@ -299,8 +298,8 @@ class Dataset:
     def scatter(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Put arrays of the segments' valid rows into the rows that the user passed."""
         out = np.full((self.n_samples, parts[0].shape[1]), np.nan)
-        for segment, part in zip(self.segments, parts):
-            out[segment.rows][segment.valid] = part
+        for segment, values in zip(self.segments, parts):
+            out[segment.rows][segment.valid] = values
         return out
 
 

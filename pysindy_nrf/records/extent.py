@@ -32,7 +32,7 @@ class Extent:
     finite: np.ndarray
 
     @classmethod
-    def of(cls, matrices: Sequence[np.ndarray]) -> Extent:
+    def of_columns(cls, matrices: Sequence[np.ndarray]) -> Extent:
         """Extent of the columns of matrices, in the order of the matrices."""
         n_channels = sum(matrix.shape[1] for matrix in matrices)
         low = np.full(n_channels, np.inf)

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ..common import number_of
 from ..common.warn import warn_user
@@ -57,6 +58,9 @@ _ROWS_MISSING = 1.1
 
 # How one record is fused.
 Smoothing: TypeAlias = bool | KinematicSmoother | Fusion
+# Arrays, tables, records, paths and Dask collections alike.
+Data: TypeAlias = Any
+Covariates: TypeAlias = Mapping[str, ArrayLike] | pd.DataFrame
 
 
 @dataclass(frozen=True)
@@ -74,15 +78,15 @@ class Input:
     covariates : mapping of str to array-like of shape (n_samples,), optional
     """
 
-    X: Any
-    F: Any = None
-    record: Any = None
-    time: Any = None
-    base_acceleration: Any = None
-    covariates: Any = None
-    sample_weight: Any = None
+    X: Data
+    F: Data = None
+    record: Data = None
+    time: Data = None
+    base_acceleration: Data = None
+    covariates: Data = None
+    sample_weight: Data = None
 
-    def beside(self) -> dict[str, Any]:
+    def beside(self) -> dict[str, Data]:
         """What was given beside X, by name."""
         everything = vars(self).items()
         return {name: x for name, x in everything if name != "X" and x is not None}
@@ -119,7 +123,7 @@ class InputSettings:
     """
 
     coordinates: str = "relative"
-    dt: Any = None
+    dt: float | None = None
     n_dof: int | None = None
     has_memory: bool = False
     every_row: bool = False
@@ -131,7 +135,7 @@ class InputSettings:
     needs_clock: bool = True
 
 
-def as_dataset(given: Input, settings: InputSettings = InputSettings()) -> Dataset:
+def as_dataset(passed: Input, settings: InputSettings = InputSettings()) -> Dataset:
     """Turn any input into a data set; a data set is returned as it is.
 
     Raises
@@ -141,17 +145,17 @@ def as_dataset(given: Input, settings: InputSettings = InputSettings()) -> Datas
     LawError
         If a law remembers the path and rows are missing or in no order.
     """
-    records = records_in(given.X)
-    if isinstance(given.X, Dataset):
-        data = given.X
+    records = records_in(passed.X)
+    if isinstance(passed.X, Dataset):
+        data = passed.X
     elif records is not None:
-        data = _from_records(records, given, settings)
+        data = _from_records(records, passed, settings)
     else:
-        data = _from_columns(given, settings)
-    return _weighted(data, given.sample_weight)
+        data = _from_columns(passed, settings)
+    return _weighted(data, passed.sample_weight)
 
 
-def from_arrays(X: Any, F: Any = None, **options: Any) -> Dataset:
+def from_arrays(X: Data, F: Data = None, **options: Data) -> Dataset:
     """The same, with fields of :class:`Input` and :class:`InputSettings` as options."""
     settings = {}
     for field in fields(InputSettings):
@@ -160,7 +164,7 @@ def from_arrays(X: Any, F: Any = None, **options: Any) -> Dataset:
     return as_dataset(Input(X, F, **options), InputSettings(**settings))
 
 
-def records_in(X: Any) -> list[Record] | None:
+def records_in(X: object) -> list[Record] | None:
     """The records in what was passed as X; None if it is something else.
 
     Raises
@@ -191,7 +195,7 @@ def lacks_motion(records: Sequence[Record]) -> bool:
     return False
 
 
-def _weighted(data: Dataset, sample_weight: Any) -> Dataset:
+def _weighted(data: Dataset, sample_weight: ArrayLike | None) -> Dataset:
     if sample_weight is None:
         return data
     weights = sample_weights(sample_weight, data.n_samples)
@@ -205,9 +209,9 @@ def _weighted(data: Dataset, sample_weight: Any) -> Dataset:
 
 
 def _from_records(
-    records: list[Record], given: Input, settings: InputSettings
+    records: list[Record], passed: Input, settings: InputSettings
 ) -> Dataset:
-    for name in given.beside():
+    for name in passed.beside():
         if name != "sample_weight":
             raise ChannelError(
                 f"{name} was given beside records, which hold their own",
@@ -232,7 +236,7 @@ def _from_records(
             segments.append(_unfused(timed, first_row))
         first_row += record.n_samples
 
-    return Dataset(segments, first_row, tuple(records), fuse_apart)
+    return Dataset(tuple(segments), first_row, tuple(records), fuse_apart)
 
 
 def _unfused(record: Record, first_row: int) -> Segment:
@@ -289,7 +293,7 @@ def segment_of(
         Those of the record if None. Motions of the base among them are filtered like
         the motion of the floors.
     """
-    given = record.covariates if covariates is None else covariates
+    lines = record.covariates if covariates is None else covariates
     segment = Segment(
         name=record.name,
         rows=slice(first_row, first_row + len(fused.a)),
@@ -299,7 +303,7 @@ def segment_of(
         F=fused.force,
         t=fused.time,
         ag=fused.ag,
-        covariates=_base_motions_in_band(given, fused, record.fs),
+        covariates=_base_motions_in_band(lines, fused, record.fs),
         resolved=fused.resolved,
         band=fused.band,
         noise=dict(fused.noise),
@@ -338,14 +342,14 @@ def _filtered_inside(line: np.ndarray, band_pass: ZeroPhaseFilter) -> np.ndarray
 # -- arrays and tables --------------------------------------------------------------
 
 
-def _from_columns(given: Input, settings: InputSettings) -> Dataset:
-    columns = motion_columns(given.X, settings.coordinates, settings.n_dof)
+def _from_columns(passed: Input, settings: InputSettings) -> Dataset:
+    columns = motion_columns(passed.X, settings.coordinates, settings.n_dof)
     n_samples = len(columns.matrix)
-    force = force_matrix(given.F, columns, given.X)
-    ag = _line_if_given(given.base_acceleration, "base_acceleration", n_samples)
+    force = force_matrix(passed.F, columns, passed.X)
+    ag = _line_if_given(passed.base_acceleration, "base_acceleration", n_samples)
     v, s = _interstorey_motion(columns, settings.coordinates, ag)
-    covariates = _covariate_lines(given.covariates, n_samples)
-    pieces, time = _contiguous_pieces(given, columns, force, settings)
+    covariates = _covariate_lines(passed.covariates, n_samples)
+    pieces, time = _contiguous_pieces(passed, columns, force, settings)
 
     segments = []
     for name, rows in pieces:
@@ -367,7 +371,7 @@ def _from_columns(given: Input, settings: InputSettings) -> Dataset:
     if settings.has_memory:
         for segment in segments:
             _require_order(segment)
-    return Dataset(segments, n_samples)
+    return Dataset(tuple(segments), n_samples)
 
 
 def _interstorey_motion(
@@ -393,7 +397,9 @@ def _interstorey_motion(
     return v, s
 
 
-def _covariate_lines(covariates: Any, n_samples: int) -> dict[str, np.ndarray]:
+def _covariate_lines(
+    covariates: Covariates | None, n_samples: int
+) -> dict[str, np.ndarray]:
     if covariates is None:
         return {}
     if not isinstance(covariates, (Mapping, pd.DataFrame)):
@@ -407,11 +413,13 @@ def _covariate_lines(covariates: Any, n_samples: int) -> dict[str, np.ndarray]:
     }
 
 
-def _line_if_given(value: Any, name: str, n_samples: int) -> np.ndarray | None:
+def _line_if_given(
+    value: ArrayLike | None, name: str, n_samples: int
+) -> np.ndarray | None:
     return None if value is None else _line(value, name, n_samples)
 
 
-def _line(value: Any, name: str, n_samples: int) -> np.ndarray:
+def _line(value: ArrayLike, name: str, n_samples: int) -> np.ndarray:
     line = as_matrix(value, [name], 1, name)[:, 0].astype(np.float64)
     if len(line) != n_samples:
         raise ChannelError(
@@ -427,15 +435,15 @@ Pieces = list[tuple[str, slice]]
 
 
 def _contiguous_pieces(
-    given: Input, columns: MotionColumns, force: np.ndarray, settings: InputSettings
+    passed: Input, columns: MotionColumns, force: np.ndarray, settings: InputSettings
 ) -> tuple[Pieces, np.ndarray | None]:
     """Name and rows of every contiguous record, and the time of all rows."""
     n_samples = len(columns.matrix)
-    pieces = by_record(given.record, n_samples)
+    pieces = by_record(passed.record, n_samples)
     if settings.has_memory:
         _require_unbroken_records(pieces)
 
-    clock = columns.time if given.time is None else given.time
+    clock = columns.time if passed.time is None else passed.time
     if clock is None:
         _require_step(settings.dt)
         return pieces, None
@@ -443,9 +451,9 @@ def _contiguous_pieces(
     time = row_times(clock, n_samples, pieces)
     if settings.has_memory:
         _require_steady_clock(pieces, time)
-    elif not Extent.of([columns.matrix, force]).finite.all():
+    elif not Extent.of_columns([columns.matrix, force]).finite.all():
         # what a filter masked lies at the edges of the pieces
-        pieces = contiguous(n_samples, given.record, time)
+        pieces = contiguous(n_samples, passed.record, time)
     else:
         pieces = _cut_at_gaps(pieces, time, settings.every_row)
     return pieces, time
@@ -460,7 +468,7 @@ def _require_unbroken_records(pieces: Pieces) -> None:
         )
 
 
-def _require_step(dt: Any) -> None:
+def _require_step(dt: float | None) -> None:
     if dt is None:
         return
     is_number = isinstance(dt, (int, float, np.number)) and not isinstance(dt, bool)
@@ -490,33 +498,37 @@ def _cut_at_gaps(pieces: Pieces, time: np.ndarray, every_row: bool) -> Pieces:
     out: Pieces = []
     for name, rows in pieces:
         n_rows = rows.stop - rows.start
-        parts = [
-            slice(rows.start + part.start, rows.start + part.stop)
-            for _, part in contiguous(n_rows, None, time[rows])
+        stretches = [
+            slice(rows.start + stretch.start, rows.start + stretch.stop)
+            for _, stretch in contiguous(n_rows, None, time[rows])
         ]
-        drawn_at_random = n_rows < _SHORTEST_PIECE * len(parts)
-        if len(parts) == 1 or drawn_at_random:
+        drawn_at_random = n_rows < _SHORTEST_PIECE * len(stretches)
+        if len(stretches) == 1 or drawn_at_random:
             out.append((name, rows))
             continue
 
         if not every_row:
-            parts = _long_parts(name, parts)
-        out.extend((name, part) for part in parts)
+            stretches = _long_stretches(name, stretches)
+        out.extend((name, stretch) for stretch in stretches)
     return out
 
 
-def _long_parts(name: str, parts: list[slice]) -> list[slice]:
-    """Parts that are long enough; a warning names the others."""
-    short = [part for part in parts if part.stop - part.start < _SHORTEST_PIECE]
+def _long_stretches(name: str, stretches: list[slice]) -> list[slice]:
+    """Stretches that are long enough; a warning names the others."""
+    short = [
+        stretch
+        for stretch in stretches
+        if stretch.stop - stretch.start < _SHORTEST_PIECE
+    ]
     if not short:
-        return parts
+        return stretches
 
     named = []
-    for part in short[:6]:
-        if part.stop - part.start == 1:
-            named.append(f"row {part.start}")
+    for stretch in short[:6]:
+        if stretch.stop - stretch.start == 1:
+            named.append(f"row {stretch.start}")
         else:
-            named.append(f"rows {part.start} to {part.stop - 1}")
+            named.append(f"rows {stretch.start} to {stretch.stop - 1}")
     more = " and more" if len(short) > 6 else ""
     warn_user(
         f"{name[:1].upper()}{name[1:]}: {', '.join(named)}{more} stand alone between"
@@ -524,10 +536,12 @@ def _long_parts(name: str, parts: list[slice]) -> list[slice]:
         " out; fill the gaps to keep them.",
         DataQualityWarning,
     )
-    return [part for part in parts if part not in short]
+    return [stretch for stretch in stretches if stretch not in short]
 
 
-def _time_of_piece(time: np.ndarray | None, rows: slice, dt: Any) -> np.ndarray | None:
+def _time_of_piece(
+    time: np.ndarray | None, rows: slice, dt: float | None
+) -> np.ndarray | None:
     """Time of the rows, or counted from the start of the piece by ``dt``."""
     if time is not None:
         return time[rows]
@@ -548,7 +562,7 @@ def _with_valid_rows(
     """
     n = segment.n_dof
     motions = [segment.a, segment.v, segment.s] if packed is None else [packed]
-    extent = Extent.of([*motions, segment.F])
+    extent = Extent.of_columns([*motions, segment.F])
     beside = dict(segment.covariates)
     if segment.ag is not None:
         beside["base_acceleration"] = segment.ag

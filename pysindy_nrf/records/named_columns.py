@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ..exceptions import ChannelError
 from .channels import as_matrix
@@ -37,7 +37,7 @@ class MotionColumns:
     matrix: np.ndarray
     names: list[str]
     base_motion: np.ndarray | None = None
-    time: Any = None
+    time: ArrayLike | None = None
 
     @property
     def n_dof(self) -> int:
@@ -45,7 +45,9 @@ class MotionColumns:
         return self.matrix.shape[1] // 3
 
 
-def motion_columns(X: Any, coordinates: str, n_dof: int | None) -> MotionColumns:
+def motion_columns(
+    X: ArrayLike | pd.DataFrame, coordinates: str, n_dof: int | None
+) -> MotionColumns:
     """Read the columns of a table by name, those of an array by position.
 
     Raises
@@ -66,7 +68,9 @@ def motion_columns(X: Any, coordinates: str, n_dof: int | None) -> MotionColumns
     return columns
 
 
-def _columns_of_array(X: Any, coordinates: str, n_dof: int | None) -> MotionColumns:
+def _columns_of_array(
+    X: ArrayLike, coordinates: str, n_dof: int | None
+) -> MotionColumns:
     matrix = as_matrix(X, _labels_of_array(X, coordinates), what="columns of X")
     width = matrix.shape[1]
     names = feature_names(n_dof or max(1, width // 3), coordinates)
@@ -89,7 +93,7 @@ def _columns_of_array(X: Any, coordinates: str, n_dof: int | None) -> MotionColu
     return MotionColumns(matrix, names)
 
 
-def _labels_of_array(X: Any, coordinates: str) -> list[str] | str:
+def _labels_of_array(X: ArrayLike, coordinates: str) -> list[str] | str:
     """Names of the columns for messages; a prefix where their number is wrong."""
     try:
         shape = np.shape(np.asarray(X))
@@ -166,9 +170,9 @@ def _require_known_names(
         )
 
 
-def table_time(X: Any) -> Any:
+def table_time(X: object) -> pd.Index | np.ndarray | None:
     """Time of the rows of a table, from a column or the index; None if it has none."""
-    if not hasattr(X, "columns"):
+    if not isinstance(X, pd.DataFrame):
         return None
     for name in _TIME:
         if name in X.columns:
@@ -178,7 +182,9 @@ def table_time(X: Any) -> Any:
     return X.index.to_numpy() if X.index.name in _TIME else None
 
 
-def force_matrix(F: Any, columns: MotionColumns, X: Any) -> np.ndarray:
+def force_matrix(
+    F: ArrayLike | pd.DataFrame | None, columns: MotionColumns, X: object
+) -> np.ndarray:
     """Forces as a matrix with a column for each DOF; zeros if there are none.
 
     Raises
@@ -202,9 +208,9 @@ def force_matrix(F: Any, columns: MotionColumns, X: Any) -> np.ndarray:
     return force
 
 
-def _require_order_of(X: Any, F: pd.DataFrame) -> None:
+def _require_order_of(X: object, F: pd.DataFrame) -> None:
     """Refuse tables whose rows have the same labels in another order."""
-    if not hasattr(X, "columns") or len(X) != len(F) or X.index.equals(F.index):
+    if not isinstance(X, pd.DataFrame) or len(X) != len(F) or X.index.equals(F.index):
         return
     if not X.index.symmetric_difference(F.index).size:
         raise ChannelError(

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ..common import MOST_DOFS
 from ..exceptions import ChannelError
 from .channels import as_matrix, channel_of, finite_span
-from .clock import clock_of
+from .clock import clock_of, time_in_index
 from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
@@ -92,19 +93,19 @@ class Record:
 
     def __init__(
         self,
-        force: Any = None,
-        acceleration: Any = None,
-        velocity: Any = None,
-        displacement: Any = None,
+        force: ArrayLike | None = None,
+        acceleration: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        displacement: ArrayLike | None = None,
         fs: float | None = None,
-        base_acceleration: Any = None,
-        base_displacement: Any = None,
-        covariates: Mapping[str, Any] | None = None,
+        base_acceleration: ArrayLike | None = None,
+        base_displacement: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
         name: str = "record",
         *,
-        base_velocity: Any = None,
+        base_velocity: ArrayLike | None = None,
         coordinates: str = "relative",
-        time: Any = None,
+        time: ArrayLike | None = None,
     ) -> None:
         require_coordinates(coordinates)
         self.coordinates = coordinates
@@ -243,7 +244,12 @@ class Record:
 
     @classmethod
     def from_frame(
-        cls, df: pd.DataFrame, fs: float | None = None, **options: Any
+        cls,
+        df: pd.DataFrame,
+        fs: float | None = None,
+        *,
+        name: str = "record",
+        coordinates: str = "relative",
     ) -> Record:
         """Record from a table with columns a1.., v1.., x1.., F1.., ag and a time.
 
@@ -255,8 +261,8 @@ class Record:
             so. Other columns become covariates.
         fs : float, optional
             Sampling rate, Hz, if the table has no time.
-        **options
-            Passed to :class:`Record` (``name``, ``coordinates``).
+        name, coordinates : str
+            As for :class:`Record`.
 
         Raises
         ------
@@ -264,22 +270,34 @@ class Record:
             If no column is a motion or a DOF is missing in the numbering.
         """
         columns = _columns_by_name(df)
-        clock = next((name for name in ("t", "time") if name in columns), None)
+        clock = next((label for label in ("t", "time") if label in columns), None)
         time = None
         if clock is not None:
             time = columns.pop(clock).to_numpy()
         elif fs is None:
-            time = _time_in_index(df.index)
+            time = time_in_index(df.index)
 
         channels = _channels_among(columns)
-        covariates = {name: column.to_numpy() for name, column in columns.items()}
+        covariates = {label: column.to_numpy() for label, column in columns.items()}
         return cls.from_channels(
-            channels, fs=fs, time=time, covariates=covariates, **options
+            channels,
+            fs=fs,
+            time=time,
+            covariates=covariates,
+            name=name,
+            coordinates=coordinates,
         )
 
     @classmethod
     def from_channels(
-        cls, channels: Mapping[str, np.ndarray], **options: Any
+        cls,
+        channels: Mapping[str, np.ndarray],
+        *,
+        fs: float | None = None,
+        time: ArrayLike | None = None,
+        covariates: Mapping[str, ArrayLike] | None = None,
+        name: str = "record",
+        coordinates: str = "relative",
     ) -> Record:
         """Record from channels by name.
 
@@ -289,9 +307,8 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
             ``vg``, ``xg``. A motion that is not among them was not measured, a force
             does not act.
-        **options
-            Passed to :class:`Record` (``fs``, ``time``, ``covariates``, ``name``,
-            ``coordinates``).
+        fs, time, covariates, name, coordinates
+            As for :class:`Record`.
 
         Examples
         --------
@@ -301,12 +318,18 @@ class Record:
         >>> Record.from_channels({"x2": np.sin(9 * t)}, fs=1000.0, name="roof")
         Record('roof': 2 DOF, 1000 samples at 1000 Hz (1 s), channels F1, F2, x2)
         """
-        options |= {
-            key: channels[channel]
-            for key, channel in BASES.items()
-            if channel in channels
-        }
-        return cls(**_matrices_of_channels(channels), **options)
+        arrays = _matrices_of_channels(channels)
+        for key, channel in BASES.items():
+            if channel in channels:
+                arrays[key] = channels[channel]
+        return cls(
+            **arrays,
+            fs=fs,
+            time=time,
+            covariates=covariates,
+            name=name,
+            coordinates=coordinates,
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Table of the measured channels, indexed by time ``t`` in s.
@@ -390,16 +413,16 @@ class Record:
                 "Take two or more consecutive rows.",
             )
 
-        part = copy.copy(self)
-        part.n_samples = len(numbers)
-        if self.has_clock:
-            part.t0 = self.t0 + numbers[0] / self.fs
+        arrays: dict[str, np.ndarray] = {}
         for key in ARRAYS:
             array = getattr(self, key)
             if array is not None:
-                setattr(part, key, array[rows])
-        part.covariates = {name: line[rows] for name, line in self.covariates.items()}
-        return part
+                arrays[key] = array[rows]
+        covariates = {name: line[rows] for name, line in self.covariates.items()}
+        first_time = self.t0 + numbers[0] / self.fs if self.has_clock else self.t0
+        return self._with_attributes(
+            **arrays, covariates=covariates, n_samples=len(numbers), t0=first_time
+        )
 
     def starting_at(self, t0: float) -> Record:
         """The same channels with another time of the first sample.
@@ -409,9 +432,13 @@ class Record:
         t0 : float
             Seconds.
         """
-        shifted = copy.copy(self)
-        shifted.t0 = t0
-        return shifted
+        return self._with_attributes(t0=t0)
+
+    def _with_attributes(self, **attributes: object) -> Record:
+        """A copy with other attributes; its channels are not checked again."""
+        out = copy.copy(self)
+        vars(out).update(attributes)
+        return out
 
     def replace(self, **changes: Any) -> Record:
         """A copy with some channels replaced.
@@ -463,7 +490,7 @@ def require_coordinates(coordinates: str) -> None:
         )
 
 
-def _matrices(values: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _matrices(values: Mapping[str, ArrayLike | None]) -> dict[str, np.ndarray]:
     """What was given of motions and forces, one column for each DOF."""
     return {
         key: as_matrix(value, MATRICES[key], what=key)
@@ -472,7 +499,7 @@ def _matrices(values: Mapping[str, Any]) -> dict[str, np.ndarray]:
     }
 
 
-def _lines(values: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _lines(values: Mapping[str, ArrayLike | None]) -> dict[str, np.ndarray]:
     """What was given of single channels, of shape (n_samples,)."""
     return {
         title: as_matrix(value, [title], 1, title)[:, 0]
@@ -482,7 +509,7 @@ def _lines(values: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _covariate_lines(
-    covariates: Mapping[str, Any] | None, name: str
+    covariates: Mapping[str, ArrayLike] | None, name: str
 ) -> dict[str, np.ndarray]:
     """The covariates, of shape (n_samples,) each."""
     if covariates is None:
@@ -590,15 +617,6 @@ def _columns_by_name(df: pd.DataFrame) -> dict[str, pd.Series]:
     return {name: df.iloc[:, i] for i, name in enumerate(names)}
 
 
-def _time_in_index(index: pd.Index) -> pd.Index | np.ndarray | None:
-    """The index of a table if it is a time, else None."""
-    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        return index
-    if index.name in ("t", "time") and index.dtype.kind in "fiu":
-        return index.to_numpy()
-    return None
-
-
 def _channels_among(columns: dict[str, pd.Series]) -> dict[str, np.ndarray]:
     """The columns that are channels; they are taken out of the others."""
     names = list(columns)
@@ -623,7 +641,7 @@ def _channels_among(columns: dict[str, pd.Series]) -> dict[str, np.ndarray]:
     return channels
 
 
-def _matrices_of_channels(channels: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def _matrices_of_channels(channels: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Forces and motions with one column for each DOF, the missing ones filled."""
     dofs = [int(channel[1:]) for channel in channels if channel[1:].isdigit()]
     n_dof = max(dofs, default=0)

@@ -2,17 +2,20 @@
 accelerations determine a displacement.
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import signal
 
 from ..common import positive
 from ..exceptions import ChannelError
-from .channels import by_record, rows_text
-from .record import row_times
+from .channels import rows_text
+
+if TYPE_CHECKING:
+    from .dataset import Dataset, Segment
 
 # Part of the filter's impulse response (sum of magnitudes) that may still reach across
 # the edge.
@@ -79,8 +82,10 @@ class ZeroPhaseFilter:
         self.fs = float(fs)
         self.order = order
         self.band = check_band(band, self.fs)
-        whole = isinstance(order, (int, np.integer)) and not isinstance(order, bool)
-        if not whole or order < 1:
+        is_integer = isinstance(order, (int, np.integer)) and not isinstance(
+            order, bool
+        )
+        if not is_integer or order < 1:
             raise ChannelError(
                 f"Filter order {order!r} is not a positive integer", "4 is usual."
             )
@@ -157,7 +162,9 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
     return low, high
 
 
-def _edges(band: Any) -> tuple[float | None, float | None]:
+def _edges(
+    band: tuple[float | None, float | None],
+) -> tuple[float | None, float | None]:
     """Lower and upper edge as numbers; None for 0 and infinity."""
     try:
         low, high = (None if edge is None else float(edge) for edge in band)
@@ -185,7 +192,7 @@ def _require_below_nyquist(edge: float | None, nyquist: float, cure: str) -> Non
         )
 
 
-def check_rate(fs: Any) -> float:
+def check_rate(fs: float) -> float:
     """A sampling rate in Hz, or an error."""
     return positive("fs", fs, "Give the sampling rate in Hz.", ChannelError)
 
@@ -237,16 +244,16 @@ def _edge(sos: np.ndarray) -> int:
     return int(np.argmax(tail < EDGE_LEVEL * both_sides))
 
 
-def filters_of(band: Band, data: Any) -> list[ZeroPhaseFilter | None]:
+def filters_of(band: Band, data: Dataset) -> list[ZeroPhaseFilter | None]:
     """The filter of each record of a data set, or None for each."""
     if band is None:
         return [None] * len(data.segments)
     return [_filter_of(band, segment) for segment in data.segments]
 
 
-def _filter_of(band: Band, segment: Any) -> ZeroPhaseFilter:
+def _filter_of(band: Band, segment: Segment) -> ZeroPhaseFilter:
     """The filter of one record, whose clock must be even."""
-    if segment.dt is None:
+    if segment.t is None or segment.dt is None:
         raise ChannelError(
             "band= needs the sampling step",
             "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
@@ -260,33 +267,6 @@ def _filter_of(band: Band, segment: Any) -> ZeroPhaseFilter:
             "Split the record at gaps, or resample it.",
         )
     return ZeroPhaseFilter(band, 1.0 / segment.dt)
-
-
-def clock_of(X: Any, time: Any, size: int, record: Any = None) -> np.ndarray | None:
-    """Time of the rows in s, increasing in each record; None if unknown.
-
-    Parameters
-    ----------
-    X : array-like or DataFrame
-        Its index is the time if it is a time index, or numbers named ``t`` or ``time``.
-    time : array-like, optional
-        Goes before the index.
-    size : int
-        Number of rows.
-    record : array-like, optional
-        Record ids of the rows.
-    """
-    if time is None:
-        time = _clock_of_index(getattr(X, "index", None))
-    return None if time is None else row_times(time, size, by_record(record, size))
-
-
-def _clock_of_index(index: Any) -> Any:
-    """The index of a table if it is a time, else None."""
-    if isinstance(index, (pd.DatetimeIndex, pd.TimedeltaIndex)):
-        return index
-    named = getattr(index, "name", None) in ("t", "time")
-    return index.to_numpy() if named and index.dtype.kind in "fiu" else None
 
 
 # Noise of an integrated acceleration that may remain in a displacement, as a share of

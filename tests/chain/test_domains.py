@@ -15,7 +15,7 @@ def test_ranges_pass_over_nan(kind, order):
     x = VALUES.copy()
     x[4, 1] = np.nan
     x[7, 2] = np.inf
-    extent = Extent.of([np.asarray(x, dtype=kind, order=order)])
+    extent = Extent.of_columns([np.asarray(x, dtype=kind, order=order)])
     assert extent.low.tolist() == np.nanmin(x, axis=0).tolist()
     assert extent.finite.tolist() == [True, False, False]
 

@@ -46,7 +46,8 @@ def test_a_later_part_is_predicted_as_in_the_whole(data, drifting):
     X, F = data
     later = slice(4000, None)
     whole = drifting.predict(X)[later]
-    plain, time = X.to_numpy()[later], X.index[later]
+    plain = X.to_numpy()[later]
+    time = X.index[later]
 
     assert np.allclose(drifting.predict(X.iloc[later]), whole, atol=1e-9)
     assert np.allclose(drifting.predict(plain, time=time), whole, atol=1e-9)

@@ -17,7 +17,9 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.exceptions import BiasWarning, ChainError
 
-MASS, STIFFNESS, DAMPING = 12.0, 1e5, 60.0
+MASS = 12.0
+STIFFNESS = 1e5
+DAMPING = 60.0
 FS = 500.0
 TOTAL = "m1 + m2 + m3"
 

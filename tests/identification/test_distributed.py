@@ -151,7 +151,8 @@ def test_tables_side_by_side(chain2, tables):
 def test_a_partition_may_be_empty(chain2):
     x = da.from_array(chain2.X, chunks=(500, 6))
     f = da.from_array(chain2.F, chunks=(500, 2))
-    x, f = da.concatenate([x, x[:0]]), da.concatenate([f, f[:0]])
+    x = da.concatenate([x, x[:0]])
+    f = da.concatenate([f, f[:0]])
     np.testing.assert_allclose(NRFRegressor().fit(x, f).masses_, chain2.m, rtol=1e-8)
 
 

@@ -17,8 +17,8 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.exceptions import ChainError, DataQualityWarning, NRFError
-from pysindy_nrf.identification.door import choose_method, form_of
-from pysindy_nrf.records.files.frequency_response import frequency_response
+from pysindy_nrf.identification import choose_method, form_of
+from pysindy_nrf.records import FrequencyResponse
 
 FS = 250.0
 STOREY = [laws.LinearElastic(1.4e5), laws.LinearViscous(30.0)]
@@ -50,7 +50,7 @@ def responses():
     force = np.array([0.0, 0.0, 0.0, 1.0])
     dynamic = M * iw[:, None, None] ** 2 + C * iw[:, None, None] + K
     displacement = np.linalg.solve(dynamic, force[:, None])[:, :, 0]
-    return frequency_response(f, displacement * iw[:, None] ** 2, excited=4)
+    return FrequencyResponse(f, displacement * iw[:, None] ** 2, excited=4)
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,7 @@ def test_arrays_have_no_state(every_floor):
 
 def test_instruments_have_no_weights(every_floor):
     weights = np.ones(every_floor.n_samples)
-    with pytest.raises(ChainError, match="^sample_weight has no part in instrumental"):
+    with pytest.raises(ChainError, match="^sample_weight has no part"):
         NRFRegressor(degree=1, estimation="iv").fit(every_floor, sample_weight=weights)
 
 
@@ -239,6 +239,6 @@ def test_a_warning_points_at_the_line_of_the_user(every_floor):
     table = X.set_axis(pd.Index(time, name="t"))
     with warnings.catch_warnings(record=True, action="always") as caught:
         NRFRegressor(degree=1).fit(table, F.set_axis(table.index))
-    (alone,) = [one for one in caught if one.category is DataQualityWarning]
+    (alone,) = [w for w in caught if w.category is DataQualityWarning]
     assert "stand alone between gaps" in str(alone.message)
     assert alone.filename == __file__

@@ -25,10 +25,13 @@ from pysindy_nrf.exceptions import (
     DataQualityWarning,
     IdentifiabilityError,
 )
-from pysindy_nrf.records.files.frequency_response import frequency_response
+from pysindy_nrf.records import FrequencyResponse
 from pysindy_nrf.simulation import add_noise
 
-MASS, STIFFNESS, DAMPING, FS = 12.4, 1.4e5, 25.0, 1000.0
+MASS = 12.4
+STIFFNESS = 1.4e5
+DAMPING = 25.0
+FS = 1000.0
 
 
 def frame(n: int = 4) -> ChainModel:
@@ -94,7 +97,8 @@ def test_every_strategy_has_instruments(strategy):
 @pytest.mark.slow
 def test_a_cubic_storey_has_instruments():
     model = NRFRegressor(degree=1, estimation="iv", orders={"storey 2": 3})
-    masses, cubic = [], []
+    masses = []
+    cubic = []
     for seed in range(3):
         model.fit(measured(cubic_frame(), [3], seed))
         masses.append(model.masses_)
@@ -313,5 +317,5 @@ def test_frequency_responses_need_lines():
     f = np.linspace(2.0, 25.0, 40)
     w = 2 * np.pi * f
     H = -(w**2) / (1e4 - 2.0 * w**2 + 8j * w)
-    with pytest.raises(ChainError, match="8 lines .* do not tell noise"):
-        NRFRegressor(degree=1).fit(frequency_response(f[:8], H[:8, None]))
+    with pytest.raises(ChainError, match="8 lines"):
+        NRFRegressor(degree=1).fit(FrequencyResponse(f[:8], H[:8, None]))

@@ -30,8 +30,7 @@ from pysindy_nrf.exceptions import (
     ExcitationError,
     IdentifiabilityError,
 )
-from pysindy_nrf.identification.fewer_sensors import shot_of
-from pysindy_nrf.identification.output_error import FreeRunFit, free_parameters
+from pysindy_nrf.identification import FreeRunFit, free_parameters, shot_of
 from pysindy_nrf.simulation import add_noise
 
 TRUTH = frame()

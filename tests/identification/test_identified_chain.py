@@ -13,7 +13,9 @@ from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.identification import damper_force, dissipated_energy, linear_part
 
 # Of every floor of the linear chain.
-MASS, DAMPING, STIFFNESS = 10.0, 60.0, 5e4
+MASS = 10.0
+DAMPING = 60.0
+STIFFNESS = 5e4
 
 
 @pytest.fixture(scope="module")

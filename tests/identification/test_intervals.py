@@ -18,8 +18,7 @@ from pysindy_nrf.exceptions import (
     ExtrapolationWarning,
     IdentifiabilityError,
 )
-from pysindy_nrf.identification import dissipated_energy
-from pysindy_nrf.identification.intervals import newey_west
+from pysindy_nrf.identification import dissipated_energy, newey_west
 from pysindy_nrf.simulation import add_noise
 
 FS = 500.0
@@ -318,13 +317,14 @@ def test_intervals_of_biased_least_squares_are_withheld():
     assert_withheld(model, "noise in the motion may bias")
 
 
-def test_the_reason_why_instruments_do_not_serve_is_given():
+@pytest.mark.parametrize("estimation", ["auto", "iv"])
+def test_the_reason_why_instruments_do_not_serve_is_given(estimation):
     """There is no free run without F3."""
     record = cubic_frame(0.05)
     force = record.force.copy()
     force[:, 2] = np.nan
     with warnings.catch_warnings(action="ignore"):
-        model = NRFRegressor(**DECLARED, known_masses={3: 8.0})
+        model = NRFRegressor(**DECLARED, estimation=estimation, known_masses={3: 8.0})
         model.fit(record.replace(force=force))
     assert_withheld(model, "a free run needs all forces")
 

@@ -8,8 +8,7 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.identification.free_runs import fits_one_step, simulated
-from pysindy_nrf.identification.instruments import with_decaying_modes
+from pysindy_nrf.identification import with_decaying_modes
 from pysindy_nrf.simulation import add_noise
 
 pytestmark = [
@@ -79,34 +78,6 @@ def test_the_base_is_filtered_to_the_band_of_the_fused_motion(
     f = np.fft.rfftfreq(segment.n_valid, segment.step)
     # the base moves from 0.5 Hz on
     assert power[f < low / 2].sum() < 1e-6 * power.sum()
-
-
-def steady_sines(fs):
-    """Three floors under a sum of sines that grows from rest: the same at any rate."""
-    t = np.arange(int(20 * fs)) / fs
-    begin = np.clip(t / 0.5, 0, 1)
-    f = np.arange(0.5, 20, 0.11)
-    waves = np.sin(2 * np.pi * np.outer(t, f) + 7 * f**2)
-    force = np.zeros((len(t), 3))
-    force[:, 2] = begin**2 * (3 - 2 * begin) * waves.sum(axis=1)
-    return simulate(THREE, force, 1 / fs, hold="cubic")
-
-
-def test_a_run_at_ten_samples_a_period_has_the_modes_of_its_model():
-    """Against a run on a clock ten times as fine."""
-    fine = steady_sines(2000.0)
-    (segment,) = THREE.segments(steady_sines(200.0)).segments
-
-    run = simulated(THREE, segment)
-
-    error = np.cumsum(run.v, axis=1) - fine.velocity[::10]
-    assert (error.std(axis=0) < 1e-3 * fine.velocity.std(axis=0)).all()
-
-
-def test_one_step_a_sample_is_enough_where_modes_are_slow():
-    """0.12 radians a sample shift a frequency by 2e-6; 1.2 radians are too many."""
-    assert fits_one_step(THREE, 1e-3)
-    assert not fits_one_step(THREE, 1e-2)
 
 
 def test_output_error_at_a_low_sampling_rate_holds_the_truth_in_its_intervals():

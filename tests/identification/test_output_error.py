@@ -9,8 +9,6 @@ from chains import driven
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
 from pysindy_nrf.equations import nrmse
 from pysindy_nrf.exceptions import BiasWarning
-from pysindy_nrf.identification.free_run_fit import FreeRunError
-from pysindy_nrf.identification.output_error import clearly_better
 from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.slow
@@ -73,18 +71,6 @@ def test_the_facts_of_a_fit_name_the_estimate_that_was_kept(fits):
 
     assert set(kept) <= {"iv", "simulation"}
     assert "simulation" in kept
-
-
-@pytest.mark.parametrize(
-    ("after", "better"),
-    [([0.5, 0.5], True), ([0.2, 1.05], False), ([0.97, 0.97], False)],
-)
-def test_both_halves_must_be_predicted_clearly_better(after, better):
-    """Squared errors on the halves that a fit did not see, over those before it."""
-    before = [FreeRunError(1.0, 1.0, 1.0)] * 2
-    errors = [FreeRunError(error, error, 1.0) for error in after]
-
-    assert clearly_better(before, errors) is better
 
 
 def test_records_of_a_quarter_second_keep_the_instrumental_estimate():

@@ -84,7 +84,8 @@ def test_without_a_clock_a_law_with_memory_warns(dahl):
 
 
 def test_single_precision_is_enough_for_six_digits(chain4, fitted):
-    X, F = chain4.X.astype(np.float32), chain4.F.astype(np.float32)
+    X = chain4.X.astype(np.float32)
+    F = chain4.F.astype(np.float32)
     model = NRFRegressor(degree=3).fit(X, F)
     assert worst(model.masses_, fitted.masses_) < 1e-5
     assert model.masses_.dtype == np.float64
@@ -130,7 +131,8 @@ def test_any_container_of_the_same_numbers(chain4, fitted, container):
 
 
 def test_the_input_is_never_changed(chain4):
-    X, F = chain4.X.copy(), chain4.F.copy()
+    X = chain4.X.copy()
+    F = chain4.F.copy()
     X[:10] = np.nan
     F[-5:, 0] = np.nan
     before = X.tobytes(), F.tobytes()
@@ -186,7 +188,8 @@ def test_unknown_coordinates_are_refused(chain2):
 
 
 def test_nan_edges_are_masked_and_counted(chain4, fitted):
-    X, F = chain4.X.copy(), chain4.F.copy()
+    X = chain4.X.copy()
+    F = chain4.F.copy()
     X[:30, 2] = np.nan
     X[-40:, 7] = np.nan
     F[:50, 1] = np.nan
@@ -290,7 +293,8 @@ def test_a_law_on_one_dof_is_found_there():
 def test_an_added_mass_that_leaves_nothing_is_named():
     """The force of DOF 2 was read with 1.5 times its inertia taken off."""
     case = chains.duffing(2, [1, 2], seed=4)
-    known, added = case.m[1], -1.5 * case.m[1]
+    known = case.m[1]
+    added = -1.5 * case.m[1]
     F = case.F.copy()
     F[:, 1] += added * case.a[:, 1]
     model = NRFRegressor(known_masses={2: known}, laws={"dof 2": laws.AddedMass()})

@@ -34,7 +34,8 @@ def test_scikit_learn_checks(estimator, check):
 
 @pytest.mark.parametrize("estimator", padded.direct(), ids=str)
 def test_without_padding_only_the_number_of_columns_is_refused(estimator):
-    failed, n_passed = set(), 0
+    failed = set()
+    n_passed = 0
     for result in check_estimator(estimator, on_fail=None, on_skip=None):
         n_passed += result["status"] == "passed"
         if result["status"] == "failed" and not padded.own_column_error(result):
@@ -121,7 +122,8 @@ def test_records_are_smoothed_each_by_itself():
     be smoothed over.
     """
     t = np.arange(1500) / 500
-    one, two = np.sin(30 * t), 2 + np.cos(17 * t)
+    one = np.sin(30 * t)
+    two = 2 + np.cos(17 * t)
     ids = np.repeat(["one", "two"], 1500)
     both = pd.DataFrame({"x1": np.concatenate([one, two])})
     velocity = np.concatenate([30 * np.cos(30 * t), -17 * np.sin(17 * t)])

@@ -14,15 +14,13 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.chain import LawLayout
-from pysindy_nrf.identification.free_runs import simulated
-from pysindy_nrf.identification.linear_response import (
-    equivalent_matrices,
+from pysindy_nrf.identification import (
+    FreeRunFit,
+    free_parameters,
+    shots_of,
     transfer,
-    unbalanced,
 )
-from pysindy_nrf.identification.noise_spectra import NoiseModel, corrected, noise_model
-from pysindy_nrf.records import Segment, from_arrays
+from pysindy_nrf.records import from_arrays
 from pysindy_nrf.simulation import add_noise
 
 FS = 1000.0
@@ -36,18 +34,20 @@ def chain(damping):
 
 
 TRUTH = chain(25.0)
-LAYOUT = LawLayout(TRUTH.chain, TRUTH.laws)
+
+
+def free_run_fit(record, smooth):
+    """The free run of the true model beside a record."""
+    shots = shots_of(from_arrays(record, smooth=smooth), has_memory=False)
+    return FreeRunFit(free_parameters(TRUTH, {}), shots)
 
 
 @dataclass(frozen=True)
 class Noisy:
-    """A record with noise, what the true model misses of it, and the noise found."""
+    """A record with noise, and a fit with the noise that the true model shows."""
 
     exact: Record
-    segment: Segment
-    run: Segment
-    gap: np.ndarray
-    noise: NoiseModel
+    fit: FreeRunFit
 
 
 @pytest.fixture(scope="module")
@@ -58,22 +58,18 @@ def noisy():
     )
     exact = simulate(TRUTH, F, 1 / FS, hold="cubic")
     record = add_noise(exact, LEVEL, random_state=np.random.default_rng(1))
-    (segment,) = from_arrays(record, smooth=KinematicSmoother(joint=False)).segments
-
-    run = simulated(TRUTH, segment)
-    gap = unbalanced(TRUTH, equivalent_matrices(TRUTH, LAYOUT, [run]), segment)
-    noise = noise_model(TRUTH, LAYOUT, [segment], [run], [gap])
-    return Noisy(exact, segment, run, gap, noise)
+    fit = free_run_fit(record, KinematicSmoother(joint=False))
+    return Noisy(exact, fit.with_noise(TRUTH))
 
 
 def test_the_level_of_the_force_noise_is_found(noisy):
     rms = np.sqrt(np.mean(noisy.exact.force[:, 2] ** 2))
 
-    assert noisy.noise.force[2] == pytest.approx((LEVEL * rms) ** 2 / FS, rel=0.3)
+    assert noisy.fit.noise.force[2] == pytest.approx((LEVEL * rms) ** 2 / FS, rel=0.3)
 
 
 def test_unforced_floors_and_a_base_at_rest_have_no_noise(noisy):
-    assert noisy.noise.force[[0, 1, 3]].max() == 0.0
+    assert noisy.fit.noise.force[[0, 1, 3]].max() == 0.0
 
 
 def test_the_noise_of_the_motion_is_that_of_three_channels_together(noisy):
@@ -85,17 +81,17 @@ def test_the_noise_of_the_motion_is_that_of_three_channels_together(noisy):
     w = 2 * np.pi * f[:, None]
 
     best = 1 / ((w / a) ** 2 + 1 / v**2 + 1 / (w * x) ** 2) / FS
-    ratio = noisy.noise.motion(f) / best
+    ratio = noisy.fit.noise.motion(f) / best
     assert np.median(np.abs(np.log(ratio))) < 0.35
 
 
 def force_errors(noisy):
     """Lines of the error of the measured and of the corrected force in 2 to 40 Hz."""
-    better = corrected(noisy.segment, noisy.gap, noisy.noise)
+    (shot,) = noisy.fit.shots
     f = np.fft.rfftfreq(len(noisy.exact.force), 1 / FS)
     band = (f > 2) & (f < 40)
     lines = []
-    for segment in (noisy.segment, better):
+    for segment in (shot.segment, noisy.fit.forces[0]):
         error = segment.F[:, 2] - noisy.exact.force[:, 2]
         lines.append(np.fft.rfft(error)[band])
     return f, band, lines
@@ -109,8 +105,9 @@ def test_the_corrected_force_is_nearer(noisy):
 
 def test_the_error_of_the_corrected_force_is_independent_of_the_gap(noisy):
     f, band, errors = force_errors(noisy)
-    missed = np.cumsum(noisy.segment.v - noisy.run.v, axis=1)[:, 2]
-    G = transfer(noisy.noise.matrices, f[band])[:, 2, 2]
+    (shot,) = noisy.fit.shots
+    missed = (shot.measured - shot.simulated_channels(TRUTH))[:, 2]
+    G = transfer(noisy.fit.noise.matrices, f[band])[:, 2, 2]
     as_force = np.fft.rfft(missed)[band] / G
 
     coherence = []
@@ -121,12 +118,9 @@ def test_the_error_of_the_corrected_force_is_independent_of_the_gap(noisy):
 
 
 def test_exact_motion_has_no_noise_model():
-    record = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0))
-    (segment,) = from_arrays(record, smooth=False).segments
-    matrices = equivalent_matrices(TRUTH, LAYOUT, [segment])
-    gap = unbalanced(TRUTH, matrices, segment)
+    record = driven(TRUTH, [3], 4.0, FS, 100.0, (0.5, 60.0), hold="cubic")
 
-    assert noise_model(TRUTH, LAYOUT, [segment], [segment], [gap]) is None
+    assert free_run_fit(record, smooth=False).with_noise(TRUTH) is None
 
 
 def test_transfer_is_what_a_steady_sine_shows():

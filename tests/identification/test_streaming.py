@@ -277,7 +277,8 @@ def test_a_law_that_remembers_goes_on_from_chunk_to_chunk(
     """A state that starts anew in each of nine chunks would miss the coefficients."""
     t = 5.0 + np.arange(6000) / 1000
     frame = table(*path_dependent)
-    step, tolerance = None, 1e-9
+    step = None
+    tolerance = 1e-9
     if clock == "dt":
         step = 1e-3
     elif clock == "column":

@@ -13,8 +13,7 @@ from pysindy_nrf.exceptions import (
     FileFormatError,
     NRFError,
 )
-from pysindy_nrf.identification.streaming import open_source, sources
-from pysindy_nrf.identification.streaming.chunks import ColumnReader
+from pysindy_nrf.identification.streaming import ColumnReader, open_source, sources
 from pysindy_nrf.records import Input
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")

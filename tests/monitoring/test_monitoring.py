@@ -10,7 +10,8 @@ from pysindy_nrf.exceptions import ChainError, ChannelError
 from pysindy_nrf.monitoring import compare_tests, track
 from pysindy_nrf.simulation import add_noise
 
-MASS, STIFFNESS = 10.0, 5e4  # of every floor and storey of the chain of three
+MASS = 10.0
+STIFFNESS = 5e4
 DRIFT = -250.0  # of a stiffness, N/m/s
 KNOWN = dict.fromkeys((1, 2, 3), MASS)
 LINEAR = laws.PowerSeries(1, [60.0, 4e4])
@@ -138,7 +139,8 @@ def test_a_law_with_a_state_is_compared_on_its_own_parameters():
 @pytest.mark.slow
 def test_standard_errors_hold_what_they_promise():
     """Of repeated tests of an unchanged structure."""
-    z, p = [], []
+    z = []
+    p = []
     for seed in range(20, 32, 2):
         tests = []
         for number in (seed, seed + 1):
@@ -187,7 +189,8 @@ def test_a_window_is_the_fit_of_its_samples():
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
 def test_a_window_never_joins_two_records(chain2):
     """Of 1.2 and 0.8 s: windows of 0.4 s in steps of 0.2 s lie inside one of them."""
-    X, F = chain2.X, chain2.F
+    X = chain2.X
+    F = chain2.F
     ids = np.repeat(["a", "b"], [1200, 800])
     model = NRFRegressor(dt=1e-3, degree=1).fit(X, F, record=ids)
     found = track(model, X, F, window=0.4, step=0.2, record=ids)
@@ -198,7 +201,8 @@ def test_a_window_never_joins_two_records(chain2):
 
 
 def test_seconds_without_a_step_are_refused(chain2):
-    X, F = chain2.X, chain2.F
+    X = chain2.X
+    F = chain2.F
     with pytest.raises(ChannelError, match="needs the sampling step"):
         track(NRFRegressor().fit(X, F), X, F, window=0.5, step=0.1)
 
@@ -212,7 +216,8 @@ def test_seconds_without_a_step_are_refused(chain2):
     ],
 )
 def test_windows_that_cannot_be_are_refused(chain2, error, words, settings):
-    X, F = chain2.X, chain2.F
+    X = chain2.X
+    F = chain2.F
     timed = NRFRegressor(dt=1e-3).fit(X, F)
     with pytest.raises(error, match=words):
         track(timed, X, F, **{"window": 0.5, "step": 0.5, **settings})
@@ -224,7 +229,8 @@ def test_few_blocks_are_refused():
 
 
 def test_tests_of_other_structures_are_refused(chain2):
-    X, F = chain2.X, chain2.F
+    X = chain2.X
+    F = chain2.F
     one_floor = (X[:, ::2], F[:, :1])
     with pytest.raises(ChainError, match="have 2 and 1 DOFs"):
         compared((X, F), one_floor, dt=1e-3)
@@ -249,7 +255,8 @@ def forced(model, seed):
 
 @pytest.fixture(scope="module")
 def floating():
-    before, after = forced(free_chain(4e4), 0), forced(free_chain(3.6e4), 1)
+    before = forced(free_chain(4e4), 0)
+    after = forced(free_chain(3.6e4), 1)
     return compared(before, after, chain=Chain(2, ground="free"), dt=2e-3)
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ...exceptions import ChannelError
 from ...records.channels import by_record
@@ -123,7 +124,7 @@ class ColumnReader:
     covariates: tuple[str, ...] = ()
     coordinates: str = "relative"
 
-    def n_dof(self, columns: Iterable[str], where: Any) -> int:
+    def n_dof(self, columns: Iterable[str], where: object) -> int:
         """DOFs of named columns: those of a1, a2, ..."""
         n = number_of_dofs(columns)
         if not n:
@@ -133,7 +134,7 @@ class ColumnReader:
             )
         return n
 
-    def wanted(self, columns: Sequence[str], where: Any) -> list[str]:
+    def wanted(self, columns: Sequence[str], where: object) -> list[str]:
         """The columns to read; an error names those that are missing."""
         n_dof = self.n_dof(columns, where)
         needed = feature_names(n_dof, self.coordinates) + list(self.covariates)
@@ -152,13 +153,15 @@ class ColumnReader:
             beside += _BASE
         return needed + [name for name in beside if name in columns]
 
-    def chunk(self, values: Mapping[str, Any], name: str, first: bool) -> Chunk:
+    def chunk(self, values: Mapping[str, np.ndarray], name: str, first: bool) -> Chunk:
         """Named columns as a chunk."""
         n_dof = self.n_dof(values, name)
         motions = feature_names(n_dof, self.coordinates)
         if self.coordinates == "absolute" and set(_BASE) <= set(values):
             motions += _BASE
-            X: Any = pd.DataFrame(_some_of(values, motions), copy=False)
+            X: pd.DataFrame | np.ndarray = pd.DataFrame(
+                _some_of(values, motions), copy=False
+            )
         else:
             X = _side_by_side(values, motions)
 
@@ -175,7 +178,7 @@ class ColumnReader:
         )
         return Chunk(samples, name, first)
 
-    def item(self, item: Any, first: bool = True) -> Chunk:
+    def item(self, item: object, first: bool = True) -> Chunk:
         """One item of an iterator as a chunk.
 
         Raises
@@ -190,8 +193,9 @@ class ColumnReader:
         if hasattr(item, "columns"):
             columns = [str(column) for column in item.columns]
             wanted = self.wanted(columns, "The table")
-            values = {column: item[column].to_numpy() for column in wanted}
-            time = table_time(item)
+            table = cast(pd.DataFrame, item)
+            values = {column: table[column].to_numpy() for column in wanted}
+            time = table_time(table)
             if time is not None:
                 values["t"] = time
             return self.chunk(values, "record", first)
@@ -219,11 +223,13 @@ def record_chunk(record: Record) -> Chunk:
     return Chunk(samples, record.name, coordinates="relative")
 
 
-def _some_of(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+def _some_of(
+    values: Mapping[str, np.ndarray], names: Iterable[str]
+) -> dict[str, np.ndarray]:
     return {name: values[name] for name in names}
 
 
-def _side_by_side(values: Mapping[str, Any], names: Iterable[str]) -> np.ndarray:
+def _side_by_side(values: Mapping[str, np.ndarray], names: Iterable[str]) -> np.ndarray:
     """Columns as a matrix, in single precision if all of them are."""
     columns = [values[name] for name in names]
     single = np.result_type(*columns) == np.float32
@@ -231,9 +237,10 @@ def _side_by_side(values: Mapping[str, Any], names: Iterable[str]) -> np.ndarray
     return np.stack(columns, dtype=dtype, casting="unsafe").T
 
 
-def seconds_since(time: Any, origin: Any) -> np.ndarray:
+def seconds_since(time: ArrayLike, origin: np.generic | float) -> np.ndarray:
     """Times as seconds since an origin of the same kind; numbers are seconds."""
-    array = np.asarray(time)
+    array: np.ndarray = np.asarray(time)
     if array.dtype.kind in "mM":
-        return (array - origin) / np.timedelta64(1, "ns") * 1e-9
+        elapsed: np.ndarray = array - np.asarray(origin)
+        return elapsed / np.timedelta64(1, "ns") * 1e-9
     return seconds_of(array, "time")

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
@@ -41,32 +40,33 @@ from .state import PassState, identity, load, save
 SECONDS_BETWEEN_STATES = 10.0
 
 Pass = Callable[[str], RunningSums]
+StatePath = str | os.PathLike[str] | None
 
 
 def fit_pieces(
-    settings: StreamSettings, given: Input, state: Any = None
+    settings: StreamSettings, passed: Input, state: StatePath = None
 ) -> IdentificationResult:
     """Fit files or an iterator, chunk by chunk; memory does not grow with them.
 
     Parameters
     ----------
     settings : StreamSettings
-    given : Input
+    passed : Input
         Paths or an iterator, and what was passed beside them.
     state : path-like, optional
         File or folder for the state of an interrupted fit.
     """
-    source = open_source(given, settings.reader)
+    source = open_source(passed, settings.reader)
     passes = _Passes(settings, source, state)
     # the matrices are small, and other fits may run beside this one
     with threadpool_limits(1, "blas"):
-        result = identified(passes.run, "gram" if source.again else "root")
+        result = identified(passes.add_up, "gram" if source.again else "root")
     passes.delete_state()
     return result
 
 
 def with_records(
-    sums: RunningSums | None, settings: StreamSettings, given: Input
+    sums: RunningSums | None, settings: StreamSettings, passed: Input
 ) -> RunningSums:
     """Sums of earlier records and of further ones; the earlier sums do not change.
 
@@ -84,9 +84,9 @@ def with_records(
         )
 
     out = sums.copy()
-    records = records_in(given.X)
+    records = records_in(passed.X)
     if records is None:
-        chunks = [Chunk(given, f"call {out.n_chunks}")]
+        chunks = [Chunk(passed, f"call {out.n_chunks}")]
     else:
         chunks = [record_chunk(record) for record in records]
     with threadpool_limits(1, "blas"):
@@ -114,12 +114,14 @@ def identified(add_up: Pass, kind: str = "gram") -> IdentificationResult:
 
 def _order_and_total(sums: RunningSums) -> tuple[SolveOrder, NormalEquations]:
     """The order of the solve, and the sums of all blocks."""
-    layout, data = sums.require_problem().layout, sums.shown()
+    layout = sums.require_problem().layout
+    data = sums.shown()
     total = sums.pieces().sum()
     require_moving(data, layout)
     require_clock(data, layout)
     for dofs, matrix in total.matrices.items():
-        n_unknowns, n_samples = matrix.shape[0] - 1, int(total.sizes[dofs])
+        n_unknowns = matrix.shape[0] - 1
+        n_samples = int(total.sizes[dofs])
         if len(dofs) == 1 and 0 < n_samples <= n_unknowns:
             raise ChannelError(
                 f"{n_samples} samples are too few for the balance of DOF {dofs[0]},"
@@ -149,12 +151,12 @@ def _result_of(
     resolver = Resolver(
         sums.pieces().squares(), order, dict(problem.known_masses), problem.optimizer
     )
-    facts = {"asked": sums.settings.estimator.estimation, "found": LeastSquares.name}
-    found = Finding(
+    finding = Finding(
         estimate,
         sums.shown(),
-        facts,
-        resolver,
+        asked=sums.settings.estimator.estimation,
+        method=LeastSquares.name,
+        resolver=resolver,
         by_least_squares=estimate,
         judged=sums.judged(),
         in_memory=False,
@@ -162,7 +164,7 @@ def _result_of(
     # the forces themselves were not kept
     unknown = {f"F{j}": pd.Series(dtype=float) for j in sums.unknown_somewhere}
     return replace(
-        examined_result(found), data=None, unknown_forces=pd.DataFrame(unknown)
+        examined_result(finding), data=None, unknown_forces=pd.DataFrame(unknown)
     )
 
 
@@ -172,7 +174,9 @@ def _result_of(
 class _Passes:
     """Passes over a source with progress and a state on disk."""
 
-    def __init__(self, settings: StreamSettings, source: Source, state: Any) -> None:
+    def __init__(
+        self, settings: StreamSettings, source: Source, state: StatePath
+    ) -> None:
         self.settings = settings
         self.source = source
         self.mark = identity(settings, source) if source.again else ""
@@ -180,7 +184,7 @@ class _Passes:
         # whether the file at the path is known to be a state
         self.is_own = False
 
-    def _path_of_state(self, state: Any) -> Path | None:
+    def _path_of_state(self, state: StatePath) -> Path | None:
         if state is not None:
             if not self.source.again:
                 raise ChannelError(
@@ -194,11 +198,13 @@ class _Passes:
             return Path.cwd() / f".fit-{self.mark[:12]}.nrf-state"
         return None
 
-    def run(self, kind: str) -> RunningSums:
+    def add_up(self, kind: str) -> RunningSums:
         """Sums of one pass; of the second one where a state of it is resumed."""
         from tqdm.auto import tqdm
 
-        state = PassState(RunningSums(self.settings, kind, self.source.n_samples))
+        state = PassState(
+            RunningSums.of_length(self.settings, kind, self.source.n_samples)
+        )
         chunks = self.source.chunks()
         if kind == "root":
             # interrupted in the second pass, a fit does not repeat the first
@@ -234,7 +240,10 @@ class _Passes:
         return state if used == state.used else None
 
     def _add(
-        self, chunks: Iterator[Chunk], state: PassState, progress: Callable[[int], Any]
+        self,
+        chunks: Iterator[Chunk],
+        state: PassState,
+        progress: Callable[[int], object],
     ) -> None:
         """Add chunks; where the user interrupts, the state is saved."""
         saved = time.monotonic()

@@ -6,29 +6,32 @@ Sums of different chunks of the same data add, in any order.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from ...chain.identifiability import SolveOrder
 from ...chain.layout import Group, LawLayout, block_size
 from ...equations.accumulation import GramPass
-from ...equations.balances import blocks_of_segment
+from ...equations.balances import States, blocks_of_segment
 from ...equations.chain_solve import groups_of
 from ...equations.normal_equations import NormalEquations
 from ...exceptions import ChainError, ChannelError, NRFError
 from ...laws import ForceLaw
-from ...records.dataset import ROW_ARRAYS, Dataset, Segment
+from ...records.dataset import Dataset, Segment
 from ...records.extent import Extent
 from ...records.input_arrays import InputSettings, as_dataset
 from ...records.record import plain_times
 from ..problem import Problem, law_list
 from .chunks import Chunk, ColumnReader, seconds_since
 from .runs import PieceKey, Run, append, joined
+
+if TYPE_CHECKING:
+    from ..regressor import NRFRegressor
 
 # Blocks that are kept at least, for intervals; at most twice as many.
 N_BLOCKS = 64
@@ -58,10 +61,10 @@ class StreamSettings:
         Not fitted; it defines the problem once the number of DOFs is known.
     """
 
-    estimator: Any
+    estimator: NRFRegressor
 
     @classmethod
-    def of(cls, estimator: Any) -> StreamSettings:
+    def of_estimator(cls, estimator: NRFRegressor) -> StreamSettings:
         """The settings of an estimator.
 
         Raises
@@ -106,14 +109,16 @@ class StreamSettings:
         return {name: _exact(value) for name, value in parameters.items()}
 
 
-def _exact(value: Any) -> str:
+def _exact(value: object) -> str:
     """A setting in all its digits; a law prints fewer."""
     if isinstance(value, Mapping):
-        items = [f"{key!s}: {_exact(one)}" for key, one in value.items()]
+        items = [f"{key!s}: {_exact(item)}" for key, item in value.items()]
         return ", ".join(sorted(items))
     if isinstance(value, (list, tuple, np.ndarray)):
         return f"[{', '.join(map(_exact, value))}]"
-    return _exact(value.to_dict()) if hasattr(value, "to_dict") else repr(value)
+    if hasattr(value, "to_dict"):
+        return _exact(value.to_dict())
+    return repr(value)
 
 
 class SummedProblem:
@@ -124,12 +129,11 @@ class SummedProblem:
         self.layout: LawLayout = self.problem.layout
         self.known_masses = dict(self.problem.known_masses)
         self.groups: list[Group] = []
-        n = self.problem.chain.n_dof
-        for j in range(1, n + 1):
+        for j in range(1, self.n_dof + 1):
             self.groups.append(self.layout.group((j,)))
         # under base excitation storeys follow from the inertia of all floors above
-        for j in range(1, n):
-            above = tuple(range(j, n + 1))
+        for j in range(1, self.n_dof):
+            above = tuple(range(j, self.n_dof + 1))
             if self.known_masses.keys() >= set(above):
                 self.groups.append(self.layout.group(above))
 
@@ -181,13 +185,13 @@ class Windows:
 
     Attributes
     ----------
-    kept : list of (key, Segment)
+    chosen : list of (key, Segment)
     every : int
-        One of so many that are offered is kept.
+        One of so many that are offered is chosen.
     n_offered : int
     """
 
-    kept: list[tuple[Key, Segment]] = field(default_factory=list)
+    chosen: list[tuple[Key, Segment]] = field(default_factory=list)
     every: int = 1
     n_offered: int = 0
 
@@ -202,35 +206,44 @@ class Windows:
             if self.n_offered % self.every == 0:
                 stop = min(start + size, inside.stop)
                 key = (*piece, start - inside.start)
-                self.kept.append((key, copied(segment, start, stop)))
+                self.chosen.append((key, copied(segment, start, stop)))
             self.n_offered += 1
-            if len(self.kept) > N_WINDOWS:
-                self.kept = self.kept[::2]
+            if len(self.chosen) > N_WINDOWS:
+                self.chosen = self.chosen[::2]
                 self.every *= 2
 
     def copy(self) -> Windows:
         """A copy to which windows can be offered."""
-        return replace(self, kept=list(self.kept))
+        return replace(self, chosen=list(self.chosen))
 
     def merge(self, other: Windows) -> None:
         """Take the windows of other chunks, too."""
-        self.kept = sorted([*self.kept, *other.kept], key=lambda window: window[0])
-        while len(self.kept) > N_WINDOWS:
-            self.kept = self.kept[::2]
+        together = [*self.chosen, *other.chosen]
+        self.chosen = sorted(together, key=lambda window: window[0])
+        while len(self.chosen) > N_WINDOWS:
+            self.chosen = self.chosen[::2]
 
 
 def copied(segment: Segment, start: int, stop: int) -> Segment:
     """Some samples of a segment, copied."""
-    part = segment.part(slice(start, stop), 0)
-    arrays: dict[str, Any] = {}
-    for name in ROW_ARRAYS:
-        array = getattr(part, name)
-        if array is not None:
-            arrays[name] = np.array(array, dtype=float)
+    window = segment.part(slice(start, stop), 0)
     covariates = {
-        name: np.array(line, dtype=float) for name, line in part.covariates.items()
+        name: np.array(line, dtype=float) for name, line in window.covariates.items()
     }
-    return replace(part, **arrays, covariates=covariates)
+    return replace(
+        window,
+        a=np.array(window.a, dtype=float),
+        v=np.array(window.v, dtype=float),
+        s=np.array(window.s, dtype=float),
+        F=np.array(window.F, dtype=float),
+        t=_copied_line(window.t),
+        ag=_copied_line(window.ag),
+        covariates=covariates,
+    )
+
+
+def _copied_line(line: np.ndarray | None) -> np.ndarray | None:
+    return None if line is None else np.array(line, dtype=float)
 
 
 # -- the pass ------------------------------------------------------------------------
@@ -251,43 +264,66 @@ class Carry:
     """
 
     end: float
-    states: dict[Any, Any]
+    states: States
     last: Segment | None
 
 
+@dataclass
 class RunningSums:
-    """Sums of one pass over chunks.
+    """Sums of one pass over chunks; what an interrupted pass needs to go on.
 
     Parameters
     ----------
     settings : StreamSettings
     kind : {"gram", "root"}
         Gram matrices, or triangular factors, which lose no digits.
-    n_samples : int, optional
-        Of the whole pass, if known; it gives the size of the blocks.
+    block_rows : int
+        Samples of a block.
+    problem : SummedProblem, optional
+        Known from the first sample on.
+    blocks : list of Block
+    runs : list of Run
+    windows : Windows
+    extent : Extent, optional
+        Range of every channel.
+    n_samples, n_chunks : int
+        That were added.
+    origin : datetime64 or float, optional
+        First time stamp; times are counted from it.
+    carry : Carry, optional
+        What the next piece needs of the last one.
     """
 
-    def __init__(
-        self,
-        settings: StreamSettings,
-        kind: str = "gram",
-        n_samples: int | None = None,
-    ) -> None:
-        self.settings = settings
-        self.kind = kind
-        self.block_rows = _SMALLEST_BLOCK
-        if n_samples is not None:
-            self.block_rows = max(_SMALLEST_BLOCK, -(-n_samples // N_BLOCKS))
-        self.problem: SummedProblem | None = None
-        self.blocks: list[Block] = []
-        self.runs: list[Run] = []
-        self.windows = Windows()
-        self.extent: Extent | None = None
-        self.n_samples = 0
-        self.n_chunks = 0
-        self.origin: Any = None
-        self.carry: Carry | None = None
-        self._products: GramPass | None = None
+    settings: StreamSettings
+    kind: str = "gram"
+    block_rows: int = _SMALLEST_BLOCK
+    problem: SummedProblem | None = None
+    blocks: list[Block] = field(default_factory=list)
+    runs: list[Run] = field(default_factory=list)
+    windows: Windows = field(default_factory=Windows)
+    extent: Extent | None = None
+    n_samples: int = 0
+    n_chunks: int = 0
+    origin: np.generic | float | None = None
+    carry: Carry | None = None
+    # the plan of products that all blocks share
+    _products: GramPass | None = field(default=None, repr=False)
+
+    @classmethod
+    def of_length(
+        cls, settings: StreamSettings, kind: str, n_samples: int | None
+    ) -> RunningSums:
+        """Empty sums, with blocks of a size that suits a pass of so many samples.
+
+        Parameters
+        ----------
+        settings : StreamSettings
+        kind : {"gram", "root"}
+        n_samples : int or None
+            None if it is not known before.
+        """
+        rows = -(-(n_samples or 0) // N_BLOCKS)
+        return cls(settings, kind, block_rows=max(_SMALLEST_BLOCK, rows))
 
     # -- adding ----------------------------------------------------------------------
 
@@ -303,11 +339,12 @@ class RunningSums:
 
     def copy(self) -> RunningSums:
         """A copy to which records can be added; this one does not change."""
-        out = copy(self)
-        out.blocks = list(self.blocks)
-        out.runs = list(self.runs)
-        out.windows = self.windows.copy()
-        return out
+        return replace(
+            self,
+            blocks=list(self.blocks),
+            runs=list(self.runs),
+            windows=self.windows.copy(),
+        )
 
     def merge(self, other: RunningSums) -> None:
         """Add the sums of other chunks of the same data."""
@@ -377,7 +414,8 @@ class RunningSums:
 
     def _segments(self, chunk: Chunk) -> list[Segment]:
         """The samples of a chunk, checked."""
-        samples, estimator = chunk.samples, self.settings.estimator
+        samples = chunk.samples
+        estimator = self.settings.estimator
         if samples.time is not None and len(samples.time):
             time = plain_times(samples.time)
             if self.origin is None:
@@ -406,7 +444,7 @@ class RunningSums:
         """Sum up the balances of a segment, block by block."""
         layout = self.require_problem().layout
         end = 0.0 if segment.t is None else float(segment.t[-1])
-        states: dict[Any, Any] = {}
+        states: States = {}
         if layout.has_memory and carry is not None and carry.last is not None:
             states = carry.states
             segment = _behind(carry.last, segment)
@@ -435,7 +473,9 @@ class RunningSums:
             return segment
         if self.origin is None:
             # dt counts from the start of each chunk
-            time = segment.t + (carry.end + self.settings.estimator.dt)
+            dt = self.settings.estimator.dt
+            assert dt is not None
+            time = segment.t + (carry.end + dt)
             segment = replace(segment, t=time)
         assert segment.t is not None
         if segment.t[0] <= carry.end:
@@ -521,14 +561,14 @@ class RunningSums:
         return order
 
     def shown(self) -> Dataset:
-        """The windows that were kept, with the range of all samples."""
-        if not self.windows.kept or self.extent is None:
+        """The windows that were chosen, with the range of all samples."""
+        if not self.windows.chosen or self.extent is None:
             raise ChannelError(
                 "There are no samples", "The source is empty, or holds only NaN."
             )
         segments: list[Segment] = []
         first_row = 0
-        for _, window in self.windows.kept:
+        for _, window in self.windows.chosen:
             rows = slice(first_row, first_row + window.n_samples)
             segments.append(replace(window, rows=rows, known_extent=self.extent))
             first_row = rows.stop
@@ -544,14 +584,14 @@ class RunningSums:
         if not self.require_problem().layout.has_memory:
             return everything
         starts = [(*run.first, 0) for run in self.runs]
-        keys = [key for key, _ in self.windows.kept]
+        keys = [key for key, _ in self.windows.chosen]
         at_start = [
             segment for key, segment in zip(keys, everything.segments) if key in starts
         ]
         return replace(everything, segments=at_start or everything.segments[:1])
 
 
-def has_no_finite_row(X: Any) -> bool:
+def has_no_finite_row(X: ArrayLike) -> bool:
     """Whether every row of a matrix holds a NaN; the ends are looked at first."""
     matrix = np.asarray(X.to_numpy() if hasattr(X, "to_numpy") else X)
     if matrix.dtype.kind != "f" or not len(matrix):
@@ -563,13 +603,26 @@ def has_no_finite_row(X: Any) -> bool:
 
 def _behind(last: Segment, segment: Segment) -> Segment:
     """A segment with the sample before it in front, which is not one of its own."""
-    arrays: dict[str, Any] = {}
-    for name in ROW_ARRAYS:
-        before, after = getattr(last, name), getattr(segment, name)
-        known = before is not None and after is not None
-        arrays[name] = np.concatenate([before, after]) if known else None
     covariates = {}
     for name, line in segment.covariates.items():
         covariates[name] = np.concatenate([last.covariates[name], line])
     valid = slice(segment.valid.start + 1, segment.valid.stop + 1)
-    return replace(segment, **arrays, covariates=covariates, valid=valid)
+    return replace(
+        segment,
+        a=np.concatenate([last.a, segment.a]),
+        v=np.concatenate([last.v, segment.v]),
+        s=np.concatenate([last.s, segment.s]),
+        F=np.concatenate([last.F, segment.F]),
+        t=_joined_lines(last.t, segment.t),
+        ag=_joined_lines(last.ag, segment.ag),
+        covariates=covariates,
+        valid=valid,
+    )
+
+
+def _joined_lines(
+    before: np.ndarray | None, after: np.ndarray | None
+) -> np.ndarray | None:
+    if before is None or after is None:
+        return None
+    return np.concatenate([before, after])

@@ -22,6 +22,7 @@ from .chunks import Chunk, ColumnReader
 # Bytes of a chunk as float64, and the samples that it has at least and at most.
 CHUNK_BYTES = 2**25
 SAMPLES_IN_CHUNK = 4096, 2**18
+Columns = dict[str, np.ndarray]
 # Files of any size are read, in chunks.
 _ANY_SIZE = 2**62
 
@@ -43,7 +44,7 @@ class Source:
     again: bool = True
     paths: Sequence[Path] = ()
 
-    def identity(self) -> list[Any]:
+    def identity(self) -> list[list[str | int]]:
         """Paths and sizes of the files, as JSON; :func:`content` compares the rest."""
         return [[str(path.resolve()), path.stat().st_size] for path in self.paths]
 
@@ -71,8 +72,8 @@ def _samples_in_chunk(n_dof: int) -> int:
 class ArraySource(FileSource):
     """Arrays, most often mapped ``.npy`` files."""
 
-    def __init__(self, given: Input) -> None:
-        arrays = {"X": given.X, **arrays_beside(given)}
+    def __init__(self, passed: Input) -> None:
+        arrays = {"X": passed.X, **arrays_beside(passed)}
         files = [x for x in arrays.values() if isinstance(x, (str, os.PathLike))]
         self.paths = [Path(file) for file in files]
         self.arrays = {name: _mapped(value, name) for name, value in arrays.items()}
@@ -96,8 +97,8 @@ class ArraySource(FileSource):
         name = self.paths[0].stem if self.paths else "record"
         for first_row in range(0, self.n_samples, self.chunk_samples):
             rows = slice(first_row, first_row + self.chunk_samples)
-            part = {key: np.asarray(x[rows]) for key, x in self.arrays.items()}
-            yield Chunk(input_of_arrays(part), name, first_row == 0)
+            piece = {key: np.asarray(x[rows]) for key, x in self.arrays.items()}
+            yield Chunk(input_of_arrays(piece), name, first_row == 0)
 
 
 def _mapped(value: Any, name: str) -> Any:
@@ -119,9 +120,9 @@ def _mapped(value: Any, name: str) -> Any:
 _COVARIATE = "covariate "
 
 
-def arrays_beside(given: Input) -> dict[str, Any]:
+def arrays_beside(passed: Input) -> dict[str, Any]:
     """The arrays beside X by one name each, covariates as ``covariate name``."""
-    arrays = given.beside()
+    arrays = passed.beside()
     covariates = arrays.pop("covariates", {})
     for name, line in dict(covariates).items():
         arrays[_COVARIATE + name] = line
@@ -148,7 +149,7 @@ class TableSource(FileSource):
 
     kind: str
 
-    def __init__(self, path: Any, reader: ColumnReader) -> None:
+    def __init__(self, path: str | os.PathLike[str], reader: ColumnReader) -> None:
         self.path = Path(path)
         self.paths = [self.path]
         self.reader = reader
@@ -178,7 +179,7 @@ class TableSource(FileSource):
         """Names of the columns, and the number of samples."""
         raise NotImplementedError
 
-    def _batches(self, file: Any, wanted: list[str]) -> Iterator[dict[str, Any]]:
+    def _batches(self, file: Any, wanted: list[str]) -> Iterator[Columns]:
         """Columns of consecutive rows."""
         raise NotImplementedError
 
@@ -195,7 +196,7 @@ class ParquetSource(TableSource):
     def _contents(self, file: Any) -> tuple[list[str], int]:
         return list(file.schema_arrow.names), file.metadata.num_rows
 
-    def _batches(self, file: Any, wanted: list[str]) -> Iterator[dict[str, Any]]:
+    def _batches(self, file: Any, wanted: list[str]) -> Iterator[Columns]:
         for batch in file.iter_batches(
             self.chunk_samples, columns=wanted, use_threads=False
         ):
@@ -237,7 +238,7 @@ class HDF5Source(TableSource):
             )
         return columns, lengths.pop()
 
-    def _columns_of_matrix(self, name: str, values: Any) -> list[str]:
+    def _columns_of_matrix(self, name: str, values: np.ndarray) -> list[str]:
         """Names of the columns of a matrix that is known by its name; else none."""
         coordinates = self.reader.coordinates
         rate, drift = ("v", "s") if coordinates == "relative" else ("xdot", "x")
@@ -250,10 +251,10 @@ class HDF5Source(TableSource):
             return [f"{name}{j}" for j in range(1, width + 1)]
         return []
 
-    def _batches(self, file: Any, wanted: list[str]) -> Iterator[dict[str, Any]]:
+    def _batches(self, file: Any, wanted: list[str]) -> Iterator[Columns]:
         for first_row in range(0, self.n_samples, self.chunk_samples):
             rows = slice(first_row, first_row + self.chunk_samples)
-            values: dict[str, Any] = {}
+            values: Columns = {}
             for name, columns in self._matrices.items():
                 if set(wanted) & set(columns):
                     values.update(zip(columns, file[name][rows].T))
@@ -269,20 +270,20 @@ class ListSource(Source):
     """Several files in sequence, each with one record or more."""
 
     def __init__(self, parts: Sequence[Source]) -> None:
-        self.parts = [part for part in parts if isinstance(part, FileSource)]
-        if len(self.parts) < len(parts):
+        self.files = [source for source in parts if isinstance(source, FileSource)]
+        if len(self.files) < len(parts):
             raise ChannelError(
                 "A list of sources holds something that is not a file",
                 "Give a list of paths without lists in it, or one iterator that yields"
                 " all the pieces.",
             )
-        self.n_samples = sum(part.n_samples for part in self.parts)
-        self.paths = [path for part in self.parts for path in part.paths]
+        self.n_samples = sum(file.n_samples for file in self.files)
+        self.paths = [path for file in self.files for path in file.paths]
 
     def chunks(self) -> Iterator[Chunk]:
-        """Chunks of the parts, each part its own record."""
-        for part in self.parts:
-            yield from part.chunks()
+        """Chunks of the files, each its own record."""
+        for file in self.files:
+            yield from file.chunks()
 
 
 class IteratorSource(Source):
@@ -290,7 +291,7 @@ class IteratorSource(Source):
 
     again = False
 
-    def __init__(self, items: Iterable[Any], reader: ColumnReader) -> None:
+    def __init__(self, items: Iterable[object], reader: ColumnReader) -> None:
         self.items = items
         self.reader = reader
 
@@ -310,7 +311,7 @@ _TABLES: dict[str, type[TableSource]] = {
 }
 
 
-def open_source(given: Input, reader: ColumnReader) -> Source:
+def open_source(passed: Input, reader: ColumnReader) -> Source:
     """The source of the data that a user passes to ``fit``.
 
     Raises
@@ -320,35 +321,35 @@ def open_source(given: Input, reader: ColumnReader) -> Source:
     FileFormatError
         If a file cannot be read in chunks.
     """
-    X = given.X
+    X = passed.X
     if isinstance(X, (str, os.PathLike)):
-        return _open_file(given, reader)
+        return _open_file(passed, X, reader)
     if isinstance(X, (list, tuple)):
-        return _open_list(given, reader)
-    refuse_beside(given, "an iterator, whose items hold them")
+        return _open_list(passed, X, reader)
+    refuse_beside(passed, "an iterator, whose items hold them")
     return IteratorSource(X, reader)
 
 
-def _open_file(given: Input, reader: ColumnReader) -> Source:
-    suffix = Path(given.X).suffix.lower()
+def _open_file(
+    passed: Input, path: str | os.PathLike[str], reader: ColumnReader
+) -> Source:
+    suffix = Path(path).suffix.lower()
     if suffix == ".npy":
-        return ArraySource(given)
+        return ArraySource(passed)
     if suffix not in _TABLES:
         raise FileFormatError(
-            f"{given.X} has the type {suffix or '(none)'}, which cannot be read in"
-            " chunks",
+            f"{path} has the type {suffix or '(none)'}, which cannot be read in chunks",
             f"Give .npy, {', '.join(_TABLES)}; read a single record with"
             " io.read_record, or a long text file as pandas.read_csv(path,"
             " chunksize=...).",
         )
-    refuse_beside(given, "a table, whose columns hold them")
-    return _TABLES[suffix](given.X, reader)
+    refuse_beside(passed, "a table, whose columns hold them")
+    return _TABLES[suffix](path, reader)
 
 
-def _open_list(given: Input, reader: ColumnReader) -> Source:
+def _open_list(passed: Input, paths: Sequence[object], reader: ColumnReader) -> Source:
     """Files in sequence, with as many files of forces, or none."""
-    paths = list(given.X)
-    forces = given.F
+    forces = passed.F
     if forces is None:
         forces = [None] * len(paths)
     if not isinstance(forces, (list, tuple)) or len(forces) != len(paths):
@@ -356,13 +357,13 @@ def _open_list(given: Input, reader: ColumnReader) -> Source:
             f"{len(paths)} files of X need as many of F",
             "Give a list of paths of the same length.",
         )
-    refuse_beside(given, "a list of files", but="F")
+    refuse_beside(passed, "a list of files", but="F")
     pairs = [Input(path, force) for path, force in zip(paths, forces)]
     return ListSource([open_source(pair, reader) for pair in pairs])
 
 
-def refuse_beside(given: Input, what: str, but: str = "") -> None:
+def refuse_beside(passed: Input, what: str, but: str = "") -> None:
     """Refuse everything beside X, ``but`` one name."""
-    for name in arrays_beside(given):
+    for name in arrays_beside(passed):
         if name != but:
             raise ChannelError(f"{name} was given beside {what}", f"Leave {name} out.")

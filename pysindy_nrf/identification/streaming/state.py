@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from .chunks import Chunk, content
 from .running_sums import (
     Block,
     Carry,
+    Key,
     RunningSums,
     StreamSettings,
     SummedProblem,
@@ -30,7 +31,8 @@ from .running_sums import (
 from .runs import Run
 from .sources import Source
 
-_SCHEMA, _VERSION = "pysindy_nrf.FitState", 8
+_SCHEMA = "pysindy_nrf.FitState"
+_VERSION = 8
 # What reading a file that is no state may raise.
 _DAMAGED = (
     OSError,
@@ -45,6 +47,25 @@ _DAMAGED = (
 )
 
 Arrays = dict[str, np.ndarray]
+
+
+class _Facts(TypedDict):
+    """What a file holds of the sums beside arrays, as JSON has it."""
+
+    schema: str
+    mark: str
+    used: int
+    n_chunks: int
+    n_samples: int
+    kind: str
+    block_rows: int
+    n_dof: int | None
+    blocks: list[tuple[list[int], str]]
+    runs: list[dict[str, object]]
+    windows: list[tuple[list[int], str]]
+    every: int
+    n_offered: int
+    end: float | None
 
 
 @dataclass
@@ -73,34 +94,36 @@ def identity(settings: StreamSettings, source: Source) -> str:
 def save(path: Path, state: PassState, mark: str) -> None:
     """Write the state of a pass, with the mark of its sources and settings."""
     sums = state.sums
-    facts = {
-        "schema": _SCHEMA,
-        "mark": mark,
-        "used": state.used,
-        "n_chunks": sums.n_chunks,
-        "n_samples": sums.n_samples,
-        "kind": sums.kind,
-        "block_rows": sums.block_rows,
-        "n_dof": None if sums.problem is None else sums.problem.n_dof,
-        "blocks": [[block.key, block.record] for block in sums.blocks],
-        "runs": [asdict(run) for run in sums.runs],
-        "windows": [[key, window.name] for key, window in sums.windows.kept],
-        "every": sums.windows.every,
-        "n_offered": sums.windows.n_offered,
-        "end": None if sums.carry is None else sums.carry.end,
-    }
+    windows = sums.windows
+    facts = _Facts(
+        schema=_SCHEMA,
+        mark=mark,
+        used=state.used,
+        n_chunks=sums.n_chunks,
+        n_samples=sums.n_samples,
+        kind=sums.kind,
+        block_rows=sums.block_rows,
+        n_dof=None if sums.problem is None else sums.problem.n_dof,
+        blocks=[(list(block.key), block.record) for block in sums.blocks],
+        runs=[asdict(run) for run in sums.runs],
+        windows=[(list(key), window.name) for key, window in windows.chosen],
+        every=windows.every,
+        n_offered=windows.n_offered,
+        end=None if sums.carry is None else sums.carry.end,
+    )
     encoded = np.frombuffer(json.dumps(facts).encode(), dtype=np.uint8)
+    arrays: dict[str, Any] = {"facts": encoded} | _arrays_of(sums)
     with atomic_write(path, "wb") as file:
-        np.savez(file, facts=encoded, **_arrays_of(sums))
+        np.savez(file, **arrays)
 
 
-def _arrays_of(sums: RunningSums) -> dict[str, Any]:
+def _arrays_of(sums: RunningSums) -> Arrays:
     arrays: Arrays = {}
     if sums.blocks:
         stacked = NormalEquations.stack([block.sums for block in sums.blocks])
         for name, array in stacked.to_arrays().items():
             arrays[f"sums.{name}"] = array
-    for i, (_, window) in enumerate(sums.windows.kept):
+    for i, (_, window) in enumerate(sums.windows.chosen):
         arrays |= _arrays_of_segment(f"window{i}", window)
     if sums.carry is not None:
         for (site, law), law_state in sums.carry.states.items():
@@ -139,7 +162,7 @@ def load(path: Path, settings: StreamSettings, mark: str) -> PassState | None:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        facts = json.loads(bytes(arrays.pop("facts")).decode())
+        facts: _Facts = json.loads(bytes(arrays.pop("facts")).decode())
         if facts["schema"] != _SCHEMA:
             raise FileFormatError(
                 f"{path} bears the signature {facts['schema']!r}",
@@ -158,37 +181,64 @@ def load(path: Path, settings: StreamSettings, mark: str) -> PassState | None:
         ) from error
 
 
-def _sums_of(
-    settings: StreamSettings, facts: dict[str, Any], arrays: Arrays
-) -> RunningSums:
-    sums = RunningSums(settings, facts["kind"])
-    sums.block_rows = facts["block_rows"]
-    sums.n_samples = facts["n_samples"]
-    sums.n_chunks = facts["n_chunks"]
-    sums.runs = [_run_of(run) for run in facts["runs"]]
-    if "origin" in arrays:
-        sums.origin = arrays["origin"][()]
+def _sums_of(settings: StreamSettings, facts: _Facts, arrays: Arrays) -> RunningSums:
+    problem = None
+    blocks: list[Block] = []
     if facts["n_dof"] is not None:
-        sums.problem = SummedProblem(settings, facts["n_dof"])
-        sums.blocks = _blocks_of(sums.problem, facts["blocks"], arrays)
-    kept = [
-        (tuple(key), _segment_of(name, f"window{i}", arrays))
-        for i, (key, name) in enumerate(facts["windows"])
-    ]
-    sums.windows = Windows(kept, facts["every"], facts["n_offered"])
+        problem = SummedProblem(settings, facts["n_dof"])
+        blocks = _blocks_of(problem, facts["blocks"], arrays)
+    extent = None
     if "low" in arrays:
-        sums.extent = Extent(arrays["low"], arrays["high"], arrays["finite"])
+        extent = Extent(arrays["low"], arrays["high"], arrays["finite"])
+    carry = None
     if facts["end"] is not None:
-        sums.carry = _carry_of(float(facts["end"]), arrays)
-    return sums
+        carry = _carry_of(float(facts["end"]), arrays)
+
+    origin = None
+    if "origin" in arrays:
+        origin = cast(np.generic, arrays["origin"][()])
+
+    return RunningSums(
+        settings,
+        facts["kind"],
+        block_rows=facts["block_rows"],
+        problem=problem,
+        blocks=blocks,
+        runs=[_run_of(run) for run in facts["runs"]],
+        windows=_windows_of(facts, arrays),
+        extent=extent,
+        n_samples=facts["n_samples"],
+        n_chunks=facts["n_chunks"],
+        origin=origin,
+        carry=carry,
+    )
 
 
-def _run_of(facts: dict[str, Any]) -> Run:
-    tuples = {name: tuple(facts[name]) for name in ("first", "last", "unknown")}
-    return Run(**(facts | tuples))
+def _run_of(facts: dict[str, object]) -> Run:
+    """A run; JSON has lists in place of its tuples."""
+    values = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in facts.items()
+    }
+    return Run(**values)  # type: ignore[arg-type]
 
 
-def _blocks_of(problem: SummedProblem, named: list[Any], arrays: Arrays) -> list[Block]:
+def _windows_of(facts: _Facts, arrays: Arrays) -> Windows:
+    chosen = []
+    for i, (key, name) in enumerate(facts["windows"]):
+        window = _segment_of(name, f"window{i}", arrays)
+        chosen.append((_key_of(key), window))
+    return Windows(chosen, facts["every"], facts["n_offered"])
+
+
+def _key_of(numbers: list[int]) -> Key:
+    chunk, piece, block = numbers
+    return chunk, piece, block
+
+
+def _blocks_of(
+    problem: SummedProblem, named: list[tuple[list[int], str]], arrays: Arrays
+) -> list[Block]:
     if not named:
         return []
     head = "sums."
@@ -201,7 +251,7 @@ def _blocks_of(problem: SummedProblem, named: list[Any], arrays: Arrays) -> list
         of_sums, problem.layout, problem.groups, problem.known_masses
     )
     return [
-        Block(tuple(key), record, stacked[i]) for i, (key, record) in enumerate(named)
+        Block(_key_of(key), record, stacked[i]) for i, (key, record) in enumerate(named)
     ]
 
 
@@ -223,6 +273,16 @@ def _segment_of(name: str, stem: str, arrays: Arrays) -> Segment:
         for key, line in arrays.items()
         if key.startswith(head)
     }
-    rows: dict[str, Any] = {key: arrays.get(f"{stem}.{key}") for key in ROW_ARRAYS}
-    all_rows = slice(0, len(rows["a"]))
-    return Segment(name, all_rows, **rows, covariates=covariates, valid=all_rows)
+    all_rows = slice(0, len(arrays[f"{stem}.a"]))
+    return Segment(
+        name,
+        all_rows,
+        a=arrays[f"{stem}.a"],
+        v=arrays[f"{stem}.v"],
+        s=arrays[f"{stem}.s"],
+        F=arrays[f"{stem}.F"],
+        t=arrays.get(f"{stem}.t"),
+        ag=arrays.get(f"{stem}.ag"),
+        covariates=covariates,
+        valid=all_rows,
+    )

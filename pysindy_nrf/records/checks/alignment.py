@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.signal import resample_poly
 
 from ...exceptions import ChannelError
@@ -116,7 +116,7 @@ class ChannelComparison:
         milliseconds = abs(self.transfer.delay) * 1e3
         return f"is {milliseconds:.3g} ms ({abs(self.samples):.2f} samples) {side}"
 
-    def row(self) -> dict[str, Any]:
+    def row(self) -> dict[str, str | float | bool]:
         """A row of the table of :func:`channel_alignment`."""
         fit = self.transfer
         return {
@@ -254,13 +254,13 @@ def _comparison(
     return ChannelComparison(*names, record.fs, fit)
 
 
-def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
+def align(record: Record, alignment: pd.DataFrame, gains: bool = False) -> Record:
     """Shift and invert channels as found by :func:`channel_alignment`.
 
     Parameters
     ----------
     record : Record
-    found : DataFrame
+    alignment : DataFrame
         Rows may be dropped or changed before.
     gains : bool
         Correct gains too; a gain shows that one of two channels is wrong, not which.
@@ -290,7 +290,7 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
     True
     """
     changes: dict[str, np.ndarray] = {}
-    for name, row in found.iterrows():
+    for name, row in alignment.iterrows():
         # of an incoherent channel nothing is known to correct
         if row["aligned"] or not np.isfinite(row["sign"]):
             continue
@@ -306,10 +306,12 @@ def align(record: Record, found: pd.DataFrame, gains: bool = False) -> Record:
 
 
 def resampled(
-    channels: Mapping[str, Any],
+    channels: Mapping[str, ArrayLike],
     rates: Mapping[str, float],
     fs: float | None = None,
-    **options: Any,
+    *,
+    name: str = "record",
+    coordinates: str = "relative",
 ) -> Record:
     """One record from channels that were sampled at different rates.
 
@@ -321,8 +323,8 @@ def resampled(
         Hz, by channel or by kind (``{"a": 1000.0, "x1": 500.0}``).
     fs : float, optional
         Rate wanted, Hz; the lowest of the rates if None.
-    **options
-        For :meth:`Record.from_frame`.
+    name, coordinates : str
+        As for :class:`Record`.
 
     Returns
     -------
@@ -354,20 +356,21 @@ def resampled(
     ... )
     (250.0, True)
     """
-    rate_of = {name: _rate_of(name, rates) for name in channels}
+    rate_of = {channel: _rate_of(channel, rates) for channel in channels}
     wanted = float(fs or min(rate_of.values()))
     out = {}
-    for name, values in channels.items():
-        line = as_matrix(values, [name], 1)[:, 0].astype(float)
-        ratio = _simple_ratio(name, rate_of[name], wanted)
+    for channel, values in channels.items():
+        line = as_matrix(values, [channel], 1)[:, 0].astype(float)
+        ratio = _simple_ratio(channel, rate_of[channel], wanted)
         if ratio != 1:
             line = resample_poly(
                 line, ratio.numerator, ratio.denominator, padtype="line"
             )
-        out[name] = line
+        out[channel] = line
+
     shortest = min(map(len, out.values()))
-    table = pd.DataFrame({name: line[:shortest] for name, line in out.items()})
-    return Record.from_frame(table, fs=wanted, **options)
+    table = pd.DataFrame({channel: line[:shortest] for channel, line in out.items()})
+    return Record.from_frame(table, fs=wanted, name=name, coordinates=coordinates)
 
 
 def _rate_of(channel: str, rates: Mapping[str, float]) -> float:
@@ -393,7 +396,12 @@ def _simple_ratio(channel: str, rate: float, wanted: float) -> Fraction:
 
 
 def split_at_gaps(
-    table: pd.DataFrame, fs: float | None = None, shortest: int = 100, **options: Any
+    table: pd.DataFrame,
+    fs: float | None = None,
+    shortest: int = 100,
+    *,
+    name: str = "record",
+    coordinates: str = "relative",
 ) -> list[Record]:
     """Records from a table whose clock has gaps, or whose channels have NaN inside.
 
@@ -405,8 +413,8 @@ def split_at_gaps(
         Hz; from the usual step if None.
     shortest : int
         Pieces with fewer samples are left out.
-    **options
-        For :meth:`Record.from_frame`.
+    name, coordinates : str
+        As for :class:`Record`; the pieces are numbered.
 
     Raises
     ------
@@ -425,7 +433,7 @@ def split_at_gaps(
     >>> [(rec.n_samples, round(rec.fs, 6)) for rec in split_at_gaps(table)]
     [(400, 100.0), (500, 100.0)]
     """
-    clock = next((name for name in ("t", "time") if name in table), None)
+    clock = next((label for label in ("t", "time") if label in table), None)
     time = table.index if clock is None else table[clock].to_numpy()
     channels = table if clock is None else table.drop(columns=[clock])
     steps = np.diff(seconds_of(time))
@@ -433,15 +441,16 @@ def split_at_gaps(
     complete = channels.dropna(axis=1, how="all").notna().all(axis=1).to_numpy()
     breaks = (steps > GAP * usual) | (steps <= 0) | (complete[1:] != complete[:-1])
 
-    name = options.pop("name", "record")
     out: list[Record] = []
     for rows in np.split(np.arange(len(table)), np.flatnonzero(breaks) + 1):
         if complete[rows[0]] and len(rows) >= shortest:
-            part = channels.iloc[rows].reset_index(drop=True)
-            part_name = f"{name}, part {len(out) + 1}"
-            out.append(
-                Record.from_frame(part, fs=1.0 / usual, name=part_name, **options)
+            record = Record.from_frame(
+                channels.iloc[rows].reset_index(drop=True),
+                fs=1.0 / usual,
+                name=f"{name}, part {len(out) + 1}",
+                coordinates=coordinates,
             )
+            out.append(record)
     if not out:
         raise ChannelError(
             f"No piece without a gap has {shortest} samples",

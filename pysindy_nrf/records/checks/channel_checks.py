@@ -7,7 +7,7 @@ import pandas as pd
 
 from ...common.warn import warn_user
 from ...exceptions import DataQualityWarning
-from ..files.summary import kind_of, summary
+from ..files.summary import channel_table
 from ..quality import QualityNote, messages
 from ..record import Record
 from .channel_faults import fault_notes
@@ -39,8 +39,9 @@ def channel_notes(record: Record) -> tuple[QualityNote, ...]:
     [('sign', 'x1', 'a1'), ('sign', 'x2', 'a2'), ('sign', 'x3', 'a3')]
     """
     notes = unit_notes(record) + contradiction_notes(record)
-    if not notes and (slow := slow_clock_note(record)):
-        notes = (slow,)
+    if not notes:
+        slow_clock = slow_clock_note(record)
+        notes = () if slow_clock is None else (slow_clock,)
     return notes + fault_notes(record)
 
 
@@ -143,17 +144,8 @@ def measured(
         What the record is used for.
     """
     levels = noise or {}
-    sizes = summary(record)["channels"]
-    channels = pd.DataFrame(
-        {
-            "channel": list(sizes),
-            "what": [kind_of(record, name) for name in sizes],
-            "unit": [size["unit"] for size in sizes.values()],
-            "rms": [size["rms"] for size in sizes.values()],
-            "peak": [size["peak"] for size in sizes.values()],
-            "noise": [levels.get(name, float("nan")) for name in sizes],
-        }
-    )
+    channels = channel_table(record)
+    channels["noise"] = [levels.get(name, float("nan")) for name in channels["channel"]]
     return Measured(
         record.name,
         record.n_dof,

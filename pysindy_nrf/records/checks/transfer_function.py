@@ -284,7 +284,7 @@ def _fitted(
     gain = float(np.exp(np.average(log_gain, weights=weight)))
     fit = sign * gain * np.exp(-1j * w * delay)
     power = second * coherence
-    left = (np.abs(response / fit - 1) ** 2 * power).sum()
+    unexplained = (np.abs(response / fit - 1) ** 2 * power).sum()
     return Transfer(
         float(np.average(coherence)),
         True,
@@ -292,7 +292,7 @@ def _fitted(
         sign,
         delay,
         _scatter(log_gain, w, weight, coherence),
-        float(np.sqrt(left / power.sum())),
+        float(np.sqrt(unexplained / power.sum())),
     )
 
 

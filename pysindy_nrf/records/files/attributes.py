@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -77,7 +76,7 @@ class Attributes:
         return json.dumps(content, allow_nan=False)
 
     @classmethod
-    def from_json(cls, text: str | bytes, where: Any) -> Attributes:
+    def from_json(cls, text: str | bytes, where: object) -> Attributes:
         """Attributes from the text of :meth:`to_json`.
 
         Raises
@@ -111,7 +110,7 @@ class Attributes:
         return attributes
 
 
-def _require_version(data: Mapping[str, Any], where: Any) -> None:
+def _require_version(data: Mapping[str, object], where: object) -> None:
     """Refuse another schema and later versions."""
     if data["schema"] != SCHEMA:
         raise ValueError("it is of another schema")

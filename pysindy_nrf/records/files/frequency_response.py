@@ -1,10 +1,11 @@
 """Measured frequency responses as rows of the force balances."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -39,6 +40,61 @@ class FrequencyResponse:
     H: np.ndarray
     excited: int = 1
     name: str = "frequency response"
+
+    @classmethod
+    def from_arrays(
+        cls,
+        f: ArrayLike,
+        H: ArrayLike,
+        excited: int = 1,
+        kind: str = "accelerance",
+        name: str = "frequency response",
+    ) -> FrequencyResponse:
+        """Check frequencies and responses, and convert them to accelerance.
+
+        A line at 0 Hz, where a force moves no accelerometer, is left out.
+
+        Parameters
+        ----------
+        f : array-like of shape (n_lines,)
+            Frequencies, Hz.
+        H : array-like of complex, shape (n_lines, n_dof)
+            Responses, SI units.
+        excited : int
+            The DOF on which the force acts.
+        kind : {"accelerance", "mobility", "receptance"}
+            Acceleration, velocity or displacement over force.
+        name : str
+
+        Raises
+        ------
+        ChannelError
+            If the arrays do not fit each other, are not finite, the frequencies do not
+            rise, or ``kind`` or ``excited`` is wrong.
+        """
+        frequencies = _real_frequencies(np.asarray(f), name)
+        responses = np.asarray(H).astype(complex)
+        if responses.ndim == 1:
+            responses = responses[:, None]
+        if responses.ndim != 2 or frequencies.shape != responses.shape[:1]:
+            raise ChannelError(
+                f"{name}: {frequencies.shape} frequencies for responses of shape"
+                f" {responses.shape}",
+                "Give one row of H for each frequency, one column for each DOF.",
+            )
+        if kind not in KINDS:
+            raise ChannelError(
+                f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}."
+            )
+        _require_dof(excited, responses.shape[1], name)
+        _require_finite(responses, name)
+        _require_rising(frequencies, name)
+
+        moving = frequencies > 0
+        frequencies = frequencies[moving]
+        iw = 2j * np.pi * frequencies[:, None]
+        accelerance = responses[moving] * iw ** KINDS[kind]
+        return cls(frequencies, accelerance, int(excited), name)
 
     @property
     def n_dof(self) -> int:
@@ -112,49 +168,7 @@ def read_frf(
         f, H = _from_text(file)
     else:
         f, H = _from_variables(file, max_bytes)
-    return frequency_response(f, H, excited, kind, file.stem)
-
-
-def frequency_response(
-    f: ArrayLike,
-    H: ArrayLike,
-    excited: int = 1,
-    kind: str = "accelerance",
-    name: str = "frequency response",
-) -> FrequencyResponse:
-    """Check frequencies and responses and convert them to accelerance.
-
-    A line at 0 Hz, where a force moves no accelerometer, is left out.
-
-    Raises
-    ------
-    ChannelError
-        If the arrays do not fit each other, are not finite, the frequencies do not
-        rise, or ``kind`` or ``excited`` is wrong.
-    """
-    frequencies = _real_frequencies(np.asarray(f), name)
-    responses = np.asarray(H).astype(complex)
-    if responses.ndim == 1:
-        responses = responses[:, None]
-    if responses.ndim != 2 or frequencies.shape != responses.shape[:1]:
-        raise ChannelError(
-            f"{name}: {frequencies.shape} frequencies for responses of shape"
-            f" {responses.shape}",
-            "Give one row of H for each frequency, one column for each DOF.",
-        )
-    if kind not in KINDS:
-        raise ChannelError(
-            f"kind={kind!r} is unknown", f"Choose one of {', '.join(KINDS)}."
-        )
-    _require_dof(excited, responses.shape[1], name)
-    _require_finite(responses, name)
-    _require_rising(frequencies, name)
-
-    moving = frequencies > 0
-    frequencies = frequencies[moving]
-    iw = 2j * np.pi * frequencies[:, None]
-    accelerance = responses[moving] * iw ** KINDS[kind]
-    return FrequencyResponse(frequencies, accelerance, int(excited), name)
+    return FrequencyResponse.from_arrays(f, H, excited, kind, file.stem)
 
 
 def _real_frequencies(f: np.ndarray, name: str) -> np.ndarray:
@@ -168,7 +182,7 @@ def _real_frequencies(f: np.ndarray, name: str) -> np.ndarray:
     return f.astype(float)
 
 
-def _require_dof(excited: Any, n_dof: int, name: str) -> None:
+def _require_dof(excited: int, n_dof: int, name: str) -> None:
     is_integer = hasattr(excited, "__index__") and not isinstance(excited, bool)
     if not is_integer or not 1 <= int(excited) <= n_dof:
         raise ChannelError(
@@ -264,7 +278,7 @@ def frf_to_features(
     if isinstance(f, FrequencyResponse):
         frf = f
     else:
-        frf = frequency_response(f, np.asarray(H), excited)
+        frf = FrequencyResponse.from_arrays(f, np.asarray(H), excited)
     used = in_band(frf.f, band)
     if not used.any():
         raise ChannelError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,7 @@ from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, factor, kind_of_unit, si_unit, split_suffix
+from .units import dimension_of, kind_of_unit, si_factor, si_unit, split_suffix
 
 SLOW = 8.0  # Hz; accelerations of structures are sampled faster
 EVEN_PERCENT = 0.01  # by which steps of an even clock may vary
@@ -70,6 +70,16 @@ class Reading:
     sources: dict[str, Source]
     unused: tuple[str, ...]
     clock: str = ""
+
+
+class ReadingOptions(TypedDict, total=False):
+    """How the variables of a file become channels; see :func:`read_record`."""
+
+    mapping: Mapping[str, str] | None
+    fs: float | None
+    units: Mapping[str, str] | None
+    name: str | None
+    coordinates: str | None
 
 
 def read_record(
@@ -148,7 +158,10 @@ def read_record(
 
 
 def inspect_record(
-    path: AnyPath | list[AnyPath], *, max_bytes: int = MAX_BYTES, **options: Any
+    path: AnyPath | list[AnyPath],
+    *,
+    max_bytes: int = MAX_BYTES,
+    **options: Unpack[ReadingOptions],
 ) -> Reading:
     r"""Read a record as :func:`read_record`, and keep how the file was understood.
 
@@ -408,7 +421,7 @@ def _unit_beside_factor(
     millimetres or not, which the user must say.
     """
     try:
-        size = factor(written, channel)
+        size = si_factor(written, channel)
     except ChannelError:  # another quantity, such as volts
         return None
     if size == 1:
@@ -426,7 +439,7 @@ def _in_si(line: np.ndarray, unit: str | None, channel: str) -> np.ndarray:
     """Samples of a channel in SI units; a covariate keeps its unit."""
     if not unit or dimension_of(channel) is None or line.dtype.kind != "f":
         return line
-    scale = factor(unit, channel)
+    scale = si_factor(unit, channel)
     return line if scale == 1 else line * scale
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ...common import number_of
 from ...exceptions import ChannelError
 from ..record import Record
 from .attributes import Attributes, columns_of
-from .reading import understand
+from .reading import ReadingOptions, understand
 from .table import Table
 from .units import si_unit
 
@@ -19,10 +19,10 @@ _KEY = "pysindy_nrf"  # of the attributes of a record
 MAX_TEXT_SHOWN = 40  # characters of a value in a message
 MAX_CHANNELS_SHOWN = 3
 
-Channel = Mapping[str, Any]
+Channel = Mapping[str, Any]  # arrays, texts and numbers by key
 
 
-def to_sep005(record: Record) -> list[dict[str, Any]]:
+def to_sep005(record: Record) -> list[dict[str, object]]:
     """Convert a record to SEP005 dictionaries.
 
     Parameters
@@ -60,7 +60,7 @@ def to_sep005(record: Record) -> list[dict[str, Any]]:
     text = attributes.to_json()
     channels = []
     for name, line in columns_of(record).items():
-        channel = {
+        channel: dict[str, object] = {
             "data": line.copy(),
             "name": name,
             "unit_str": "",
@@ -75,7 +75,9 @@ def to_sep005(record: Record) -> list[dict[str, Any]]:
     return channels
 
 
-def from_sep005(channels: Sequence[Channel] | Channel, **options: Any) -> Record:
+def from_sep005(
+    channels: Sequence[Channel] | Channel, **options: Unpack[ReadingOptions]
+) -> Record:
     """Convert SEP005 dictionaries to a record.
 
     Parameters

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -117,18 +116,18 @@ def _lines_on_use(record: Record) -> list[str]:
     return lines
 
 
-def contents(table: Table, most: int = MAX_VARIABLES_SHOWN) -> str:
+def contents(table: Table, max_shown: int = MAX_VARIABLES_SHOWN) -> str:
     """List of the variables of a file, for a user who has to map them."""
     longest = max((len(name) for name in table.variables), default=0)
     width = min(longest, MAX_NAME_WIDTH)
     lines = [f"{table.path} holds ({table.in_words}):"]
-    for name, values in list(table.variables.items())[:most]:
+    for name, values in list(table.variables.items())[:max_shown]:
         line = f"  {short(name):{width}s}  {_extent(values)}"
         if name in table.units:
             line += f" {table.units[name]}"
         lines.append(line)
 
-    n_hidden = len(table.variables) - most
+    n_hidden = len(table.variables) - max_shown
     if n_hidden > 0:
         lines.append(f"  and {n_hidden} more")
     return "\n".join(lines)
@@ -150,7 +149,7 @@ def _extent(values: np.ndarray) -> str:
     return f"{shape}, {np.nanmin(values):.4g} to {np.nanmax(values):.4g}"
 
 
-def summary(record: Record) -> dict[str, Any]:
+def summary(record: Record) -> dict[str, object]:
     """Summary of a record as plain data, for JSON."""
     channels = {
         name: {"unit": si_unit(name), "rms": _rms(line), "peak": _peak(line)}
@@ -172,15 +171,21 @@ def summary(record: Record) -> dict[str, Any]:
 
 def record_html(record: Record) -> str:
     """A record as a small table for notebooks; every name is escaped."""
+    body = channel_table(record).to_html(
+        index=False, border=0, float_format="{:.4g}".format
+    )
+    title = escape(f"Record: {_title(record, record.name)}")
+    forces = escape(_forces(record))
+    return f"<div><p><b>{title}</b></p><p>{forces}</p>{body}</div>"
+
+
+def channel_table(record: Record) -> pd.DataFrame:
+    """Quantity, unit, root mean square and peak of every channel."""
     rows = [
         [name, kind_of(record, name), si_unit(name), _rms(line), _peak(line)]
         for name, line in record.channels().items()
     ]
-    table = pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak"])
-    body = table.to_html(index=False, border=0, float_format="{:.4g}".format)
-    title = escape(f"Record: {_title(record, record.name)}")
-    forces = escape(_forces(record))
-    return f"<div><p><b>{title}</b></p><p>{forces}</p>{body}</div>"
+    return pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak"])
 
 
 def kind_of(record: Record, name: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from ...exceptions import FileFormatError
 from .formats import format_of
 from .table import MAX_BYTES, Table, check_file
-from .units import factor
+from .units import si_factor
 
 AnyPath = str | PathLike[str]
 
@@ -146,7 +146,7 @@ def _require_one_time(tables: Sequence[Table]) -> None:
             )
 
     units = {table.units.get("t", "s") for table in tables}
-    if len({factor(unit, "t") for unit in units}) > 1:
+    if len({si_factor(unit, "t") for unit in units}) > 1:
         raise FileFormatError(
             f"The times of the files have different units: {', '.join(sorted(units))}",
             "Export them in one unit.",

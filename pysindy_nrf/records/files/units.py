@@ -93,7 +93,7 @@ def si_unit(channel: str) -> str:
     return "" if quantity is None else quantity.si
 
 
-def factor(unit: str, channel: str) -> float:
+def si_factor(unit: str, channel: str) -> float:
     """Factor from a unit to the SI unit of a channel.
 
     Raises
@@ -261,8 +261,8 @@ def _factors(text: str) -> list[tuple[str, int]] | None:
 
     operators = ["*", *re.findall(r"[*/ ]", text)]
     factors = []
-    for operator, part in zip(operators, re.split(r"[*/ ]", text)):
-        match = _FACTOR.fullmatch(part)
+    for operator, power_of_unit in zip(operators, re.split(r"[*/ ]", text)):
+        match = _FACTOR.fullmatch(power_of_unit)
         if match is None:
             return None
         power = int(match[2] or 1)

@@ -3,10 +3,13 @@
 A file is written completely or not at all.
 """
 
+from __future__ import annotations
+
 import csv
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -14,6 +17,7 @@ import pandas as pd
 from ...common.files import atomic_write
 from ...common.lazy import require
 from ...exceptions import ChannelError, FileFormatError
+from ..dataset import Dataset, Ends
 from ..record import Record
 from .attributes import Attributes, columns_of
 from .formats import PARQUET, UFF
@@ -108,7 +112,7 @@ def _write_parquet(
         parquet.write_table(table, file)
 
 
-def _no_formula(cell: Any) -> Any:
+def _no_formula(cell: object) -> object:
     """A text on one line, quoted if spreadsheets would run it as a formula."""
     if not isinstance(cell, str):
         return cell
@@ -166,8 +170,23 @@ def write_table(table: pd.DataFrame, path: str | PathLike[str]) -> Path:
     return path
 
 
+class RestoringForceModel(Protocol):
+    """A model of a structure that gives the forces of its sites."""
+
+    laws: Mapping[Ends, Sequence[object]]
+
+    def segments(self, X: Record, **options: object) -> Dataset:
+        """The motions of a record."""
+
+    def site_forces(self, data: Dataset) -> list[np.ndarray]:
+        """Forces of all sites along each record."""
+
+
 def write_forces(
-    model: Any, data: Any, path: str | PathLike[str], **options: Any
+    model: RestoringForceModel,
+    data: Record,
+    path: str | PathLike[str],
+    **options: object,
 ) -> Path:
     """Write the restoring forces that a model reconstructs along a record.
 
@@ -232,7 +251,7 @@ def write_forces(
 
 
 def _history_of_force(
-    site: Any, line: np.ndarray, fs: float, record: str
+    site: Ends, line: np.ndarray, fs: float, record: str
 ) -> TimeHistory:
     """The force of a site, between the nodes of its DOFs."""
     titles = (f"restoring force of {site}, N", record)

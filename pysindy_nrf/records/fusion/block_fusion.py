@@ -59,8 +59,8 @@ class ChannelSet:
             n_pieces = -(-len(values) // size)
             starts = np.linspace(0, len(values) - size, n_pieces).astype(int)
             third = np.diff(values, 3 - order)
-            parts = [third[start : start + size - 3] for start in starts]
-            most_active = np.argmax([part @ part for part in parts])
+            roughness = [np.sum(third[t : t + size - 3] ** 2) for t in starts]
+            most_active = np.argmax(roughness)
             pieces.append(self._scaled(channels, starts[most_active], size))
         return pieces
 
@@ -119,9 +119,9 @@ def fuse_motions(
     search_size = SEARCH if complete else BLOCK
     if n_samples <= max(MIN_SEARCH_PIECES * SEARCH, 3 * (search_size // 2)):
         ladder = ladder_of(n_samples)
-        whole = channels.block(0, n_samples)
-        single = first_step.fuse(whole, ladder, known)
-        return FusedMotions(second_step(whole, single, ladder), first_step.kept)
+        block = channels.block(0, n_samples)
+        single = first_step.fuse(block, ladder, known)
+        return FusedMotions(second_step(block, single, ladder), first_step.kept)
 
     searched = first_step.fuse(
         channels.most_active(search_size), ladder_of(search_size), known

@@ -6,16 +6,17 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ...exceptions import ChannelError
 from ..channels import as_matrix, finite_span
 from ..checks.transfer_function import ORDERS
+from ..clock import times_of_table
 from ..record import Record
-from ..zero_phase_filter import check_rate, clock_of
+from ..zero_phase_filter import check_rate
 from .block_fusion import ChannelSet, fuse_motions
 from .dof_fusion import DofKnowledge
 
@@ -73,7 +74,7 @@ class ChannelTable:
 
     @classmethod
     def _checked(
-        cls, channels: Mapping[str, Any], fs: float, absolute: bool, where: str
+        cls, channels: Mapping[str, ArrayLike], fs: float, absolute: bool, where: str
     ) -> ChannelTable:
         columns = {
             name: np.asarray(as_matrix(values, [name], 1)[:, 0], float)
@@ -97,11 +98,12 @@ class ChannelTable:
     @cached_property
     def motions(self) -> dict[int, dict[str, str]]:
         """By DOF, in rising order, the names of its measured channels by kind."""
-        found: dict[int, dict[str, str]] = {}
+        by_dof: dict[int, dict[str, str]] = {}
         for name in self.measured:
-            if match := MOTION_NAME.fullmatch(name):
-                found.setdefault(int(match[2]), {})[match[1]] = name
-        return dict(sorted(found.items()))
+            match = MOTION_NAME.fullmatch(name)
+            if match:
+                by_dof.setdefault(int(match[2]), {})[match[1]] = name
+        return dict(sorted(by_dof.items()))
 
     @cached_property
     def base(self) -> np.ndarray:
@@ -178,7 +180,7 @@ def _rate_of_clock(table: pd.DataFrame) -> float | None:
     """Sampling rate of a time column or index, Hz; None if there is none."""
     name = next((name for name in TIME_NAMES if name in table), None)
     column = None if name is None else table[name].to_numpy()
-    seconds = clock_of(table, column, len(table))
+    seconds = times_of_table(table, column)
     if seconds is None:
         return None
     return Record(displacement=np.zeros(len(table)), time=seconds).fs

@@ -5,8 +5,8 @@ from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import make_interp_spline
 
+from ...common import positive
 from ...exceptions import ChannelError
-from ..zero_phase_filter import check_rate
 
 # Degree of the interpolating spline.
 DEGREE = 7
@@ -65,7 +65,7 @@ def integrate(
     if order not in (1, 2):
         raise ChannelError(f"order={order!r} is not 1 or 2", "Integrate once or twice.")
     values = _checked_motion(a)
-    dt = 1.0 / check_rate(1.0 / dt if dt else None)
+    dt = positive("dt", dt, "Give the sampling step in s.", ChannelError)
 
     if method == "cumulative":
         integral = values

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from ...exceptions import ChannelError
 from ..channels import checked, contiguous
+from ..clock import times_of_table
 from ..record import Record
-from ..zero_phase_filter import MAX_NOISE_SHARE, Band, clock_of
+from ..zero_phase_filter import MAX_NOISE_SHARE, Band
 from .channel_fusion import (
     FusedChannels,
     FusionSettings,
@@ -26,6 +28,11 @@ from .channel_table import TIME_NAMES, ChannelTable
 
 # Names of channels that an error lists at most.
 NAMES_SHOWN = 9
+
+# What may be fused, and what comes out of it.
+Measured: TypeAlias = Record | pd.DataFrame | ArrayLike
+Fused: TypeAlias = Record | pd.DataFrame | np.ndarray
+ChannelOrDof = TypeVar("ChannelOrDof", str, int)
 
 
 class KinematicSmoother(TransformerMixin, BaseEstimator):
@@ -151,7 +158,12 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         self.noise_share = noise_share
 
     def fit(
-        self, X: Any, y: Any = None, *, record: Any = None, time: Any = None
+        self,
+        X: Measured,
+        y: object = None,
+        *,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
     ) -> KinematicSmoother:
         """Find the noise levels of the channels.
 
@@ -176,7 +188,13 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         self._learn_from(X, record, time)
         return self
 
-    def transform(self, X: Any, *, record: Any = None, time: Any = None) -> Any:
+    def transform(
+        self,
+        X: Measured,
+        *,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> Fused:
         """Fuse with the noise levels found in :meth:`fit`.
 
         Returns
@@ -187,17 +205,21 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         """
         check_is_fitted(self, "noise_")
         if isinstance(X, Record):
-            return self._fused_as_fitted(X)
-        if not isinstance(X, pd.DataFrame):
-            named = self._named(X, reset=False)
-            return self.transform(named, record=record, time=time).to_numpy()
-        pieces = _contiguous_pieces(X, record, time)
-        fused = [self._fused_as_fitted(piece) for piece in pieces]
-        return pd.concat(fused).set_axis(X.index)
+            fused = self._fuse_as_fitted(ChannelTable.from_record(X, self.fs))
+            return fused.as_record(X)
+        if isinstance(X, pd.DataFrame):
+            return self._fused_table(X, record, time)
+        named = self._named(X, reset=False)
+        return self._fused_table(named, record, time).to_numpy()
 
     def fit_transform(
-        self, X: Any, y: Any = None, *, record: Any = None, time: Any = None
-    ) -> Any:
+        self,
+        X: Measured,
+        y: object = None,
+        *,
+        record: ArrayLike | None = None,
+        time: ArrayLike | None = None,
+    ) -> Fused:
         """Find the noise levels as :meth:`fit` does, and fuse.
 
         Returns
@@ -241,7 +263,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             return self._fuse_as_fitted(table)
         return self._learn([table])
 
-    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+    def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """Names of the columns that ``transform`` gives.
 
         Parameters
@@ -261,19 +283,20 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
             self.noise, self.band, self.joint, self.spacing, self.noise_share
         )
 
-    def _learn_from(self, X: Any, record: Any, time: Any) -> FusedChannels | None:
+    def _learn_from(
+        self, X: Measured, record: ArrayLike | None, time: ArrayLike | None
+    ) -> FusedChannels | None:
         """Fit to a record, a table or an array; the motion if it is one piece."""
-        named = isinstance(X, (Record, pd.DataFrame))
-        if not named:
-            X = self._named(X, reset=True)
+        has_names = isinstance(X, (Record, pd.DataFrame))
         if isinstance(X, Record):
             tables = [ChannelTable.from_record(X, self.fs)]
         else:
-            pieces = _contiguous_pieces(X, record, time)
+            table = X if has_names else self._named(X, reset=True)
+            pieces = _contiguous_pieces(table, record, time)
             tables = [ChannelTable.from_frame(piece, self.fs) for piece in pieces]
 
         fused = self._learn(tables)
-        if not named:
+        if not has_names:
             del self.feature_names_in_
         self._levels_of_fit = True
         return fused if len(tables) == 1 else None
@@ -307,13 +330,15 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         self.feature_names_in_ = np.array(table.names, dtype=object)
         return fused
 
-    def _fused_as_fitted(self, X: Record | pd.DataFrame) -> Any:
-        """One contiguous piece by the levels and band of fit, in the form given."""
-        if isinstance(X, Record):
-            table = ChannelTable.from_record(X, self.fs)
-            return self._fuse_as_fitted(table).as_record(X)
-        table = ChannelTable.from_frame(X, self.fs)
-        return self._fuse_as_fitted(table).as_frame(X)
+    def _fused_table(
+        self, table: pd.DataFrame, record: ArrayLike | None, time: ArrayLike | None
+    ) -> pd.DataFrame:
+        """All pieces of a table by the levels and band of fit."""
+        fused = []
+        for piece in _contiguous_pieces(table, record, time):
+            motion = self._fuse_as_fitted(ChannelTable.from_frame(piece, self.fs))
+            fused.append(motion.as_frame(piece))
+        return pd.concat(fused).set_axis(table.index)
 
     def _fuse_as_fitted(self, table: ChannelTable) -> FusedChannels:
         if table.names != self._names_in:
@@ -327,7 +352,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         warn_of_lost_motion(fused)
         return fused
 
-    def _named(self, X: Any, reset: bool) -> pd.DataFrame:
+    def _named(self, X: ArrayLike, reset: bool) -> pd.DataFrame:
         """An array as a table, its columns named by ``channels``."""
         if self.channels is None:
             raise ChannelError(
@@ -351,7 +376,9 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
 
 
 def _over_pieces(
-    pieces: Sequence[Mapping[Any, float]], reduce: Callable[..., np.ndarray], name: str
+    pieces: Sequence[Mapping[ChannelOrDof, float]],
+    reduce: Callable[..., np.ndarray],
+    name: str,
 ) -> pd.Series:
     """Values of several pieces by channel or DOF, reduced to one."""
     keys = list(dict.fromkeys(key for values in pieces for key in values))
@@ -359,9 +386,11 @@ def _over_pieces(
     return pd.Series(reduce(table, axis=0), index=keys, name=name)
 
 
-def _contiguous_pieces(table: pd.DataFrame, record: Any, time: Any) -> list[Any]:
+def _contiguous_pieces(
+    table: pd.DataFrame, record: ArrayLike | None, time: ArrayLike | None
+) -> list[pd.DataFrame]:
     """Parts of a table with one record id each and a clock without gaps."""
-    seconds = clock_of(table, time, len(table), record)
+    seconds = times_of_table(table, time, record)
     pieces = contiguous(len(table), record, seconds)
     if time is not None:
         table = table.set_axis(pd.Index(seconds, name="t"))

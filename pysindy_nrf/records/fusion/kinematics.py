@@ -5,7 +5,6 @@ The result has absolute accelerations, inter-storey velocities and drifts (paper
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -327,9 +326,7 @@ def base_acceleration(record: Record) -> np.ndarray:
         return record.base_acceleration
     if not record.base_moves:
         return np.zeros(record.n_samples)
-    ground = _fused_base(
-        record, velocity=record.base_velocity, displacement=record.base_displacement
-    )
+    ground = _fused_base(record, record.base_velocity, record.base_displacement)
     return ground.a[:, 0]
 
 
@@ -373,19 +370,27 @@ def base_motion(
         )
     ground = _fused_base(
         record,
-        acceleration=fused.base_acceleration,
-        velocity=fused.base_velocity,
-        displacement=fused.base_displacement,
+        fused.base_velocity,
+        fused.base_displacement,
+        fused.base_acceleration,
     )
     return ground.v[:, 0], ground.x[:, 0]
 
 
-def _fused_base(record: Record, **measured: Any) -> FusedChannels:
-    """Motion of the base of a record, fused from what was measured of it, as if it were
-    a DOF.
-    """
+def _fused_base(
+    record: Record,
+    velocity: np.ndarray | None,
+    displacement: np.ndarray | None,
+    acceleration: np.ndarray | None = None,
+) -> FusedChannels:
+    """Motion of the base of a record, fused as that of a DOF is."""
     ground = Record(
-        **measured, fs=record.fs, name=f"base of {record.name}", coordinates="absolute"
+        acceleration=acceleration,
+        velocity=velocity,
+        displacement=displacement,
+        fs=record.fs,
+        name=f"base of {record.name}",
+        coordinates="absolute",
     )
     table = ChannelTable.from_record(ground)
     return fuse_channels(table, FusionSettings(), band=None, noise={})

@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from chains import driven
+from scipy.interpolate import CubicSpline
 
 from pysindy_nrf import ChainModel, Record, laws
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.laws.sensor import shifted
-from pysindy_nrf.records import channel_alignment
-from pysindy_nrf.records.checks.alignment import (
+from pysindy_nrf.records import (
     align,
+    channel_alignment,
     compare_channels,
     resampled,
     split_at_gaps,
@@ -32,20 +32,26 @@ def noisy(record, request):
     return add_noise(record, request.param, random_state=0)
 
 
+def delayed(y, samples):
+    """A signal late by samples; what lies before its start is its first value."""
+    rows = np.arange(len(y))
+    return CubicSpline(rows, y)(np.clip(rows - samples, 0, len(y) - 1))
+
+
 def late(record, kind, samples, gain=1.0):
     """The record with a late channel of floor 2 whose gain is wrong."""
     channel = getattr(record, NAMES[kind]).copy()
-    channel[:, 1] = gain * shifted(channel[:, 1], samples)
+    channel[:, 1] = gain * delayed(channel[:, 1], samples)
     return record.replace(**{NAMES[kind]: channel})
 
 
 @pytest.mark.parametrize("samples", [-9.5, -3.0, -0.25, 0.25, 2.6, 12.0])
 def test_a_delay_comes_back(noisy, samples):
     table = channel_alignment(late(noisy, "x", samples))
-    found = table.loc["x2"]
-    assert found["samples"] == pytest.approx(samples, abs=0.06)
-    assert found["delay"] == pytest.approx(samples * 1e-3, abs=6e-5)
-    assert ("late" if samples > 0 else "early") in found["message"]
+    fault = table.loc["x2"]
+    assert fault["samples"] == pytest.approx(samples, abs=0.06)
+    assert fault["delay"] == pytest.approx(samples * 1e-3, abs=6e-5)
+    assert ("late" if samples > 0 else "early") in fault["message"]
     assert table["aligned"].drop("x2").all()
 
 
@@ -71,9 +77,9 @@ def test_a_fault_comes_back_from_runs_with_gaps_between(noisy, kind, samples, ga
         outside[run] = False
     getattr(wrong, NAMES[kind])[outside] *= -3.0
     table = channel_alignment(wrong, runs=RUNS)
-    found = table.loc[f"{kind}2"]
-    assert found["samples"] == pytest.approx(samples, abs=0.1)
-    assert found["gain"] == pytest.approx(gain, rel=0.02)
+    fault = table.loc[f"{kind}2"]
+    assert fault["samples"] == pytest.approx(samples, abs=0.1)
+    assert fault["gain"] == pytest.approx(gain, rel=0.02)
 
     others = table.drop(f"{kind}2")
     assert others["samples"].abs().max() < 0.15
@@ -102,7 +108,7 @@ def test_of_two_readings_of_a_narrow_motion_the_shorter_shift_is_taken(
     and the reverse.
     """
     a, v = narrow
-    v = sign * shifted(v, samples)
+    v = sign * delayed(v, samples)
     found = channel_alignment(Record(acceleration=a, velocity=v, fs=1e3)).loc["v1"]
     assert found["sign"] == sign
     assert found["samples"] == pytest.approx(samples, abs=1)

@@ -13,8 +13,7 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.records import channel_alignment, channel_notes
-from pysindy_nrf.records.checks.channel_checks import data_warnings
+from pysindy_nrf.records import channel_alignment, channel_notes, data_warnings
 from pysindy_nrf.records.files import read_record
 from pysindy_nrf.simulation import add_noise
 
@@ -279,7 +278,7 @@ def test_a_time_in_other_units_is_asked_for(table, tmp_path, unit, shown, factor
 
     path = tmp_path / "scope.csv"
     stretched.to_csv(path, index=False)
-    with pytest.raises(ChannelError, match=f"time is in {unit}, not in s"):
+    with pytest.raises(ChannelError, match=f"time is in {unit}, not"):
         read_record(path)
     for name in (unit, shown):
         assert data_warnings(read_record(path, units={"t": name})) == []

@@ -10,7 +10,6 @@ import pytest
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.exceptions import DataQualityWarning
 from pysindy_nrf.records import motion_notes
-from pysindy_nrf.records.checks.motion_checks import motion_doubts
 
 DT = 1e-3
 
@@ -61,9 +60,7 @@ def columns(X):
 def test_arrays_that_are_no_motion_give_notes(case, change, dt, words):
     motion = columns(change(case.noisy(0.05)))
     notes = motion_notes(*motion, None, dt)
-    texts = motion_doubts(*motion, None, dt)
-    assert re.search(words, "; ".join(texts))
-    assert {note.message for note in notes} == set(texts)
+    assert re.search(words, "; ".join(note.message for note in notes))
     # displacements of storeys are called drifts
     assert not any(note.channel.startswith("x") for note in notes)
 

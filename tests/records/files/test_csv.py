@@ -318,7 +318,7 @@ def test_a_file_of_this_package_that_is_cut_is_refused(frame, tmp_path):
     path = write_record(Record.from_frame(frame), tmp_path / "own.csv")
     content = path.read_bytes()
     path.write_bytes(content[:-3])
-    with pytest.raises(FileFormatError, match="its last line is cut off"):
+    with pytest.raises(FileFormatError, match="last line is cut off"):
         read_record(path)
     path.write_bytes(b"".join(content.splitlines(keepends=True)[:100]))
     with pytest.raises(FileFormatError, match="had 300 samples, 98 of"):

@@ -7,8 +7,8 @@ import pytest
 
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError
+from pysindy_nrf.records import FrequencyResponse
 from pysindy_nrf.records.files import frf_to_features, read_frf
-from pysindy_nrf.records.files.frequency_response import frequency_response
 
 MASSES = np.array([5.0, 4.0, 6.0])
 DAMPING = np.array([3.0, 2.0, 4.0])
@@ -53,7 +53,7 @@ def test_every_parameter_comes_out_exactly(excited):
 )
 def test_kinds_are_one_response(kind, power):
     iw = 2j * np.pi * F[:, None]
-    response = frequency_response(F, iw**power * receptance(F, 2), 2, kind)
+    response = FrequencyResponse.from_arrays(F, iw**power * receptance(F, 2), 2, kind)
     np.testing.assert_allclose(response.H, H, rtol=1e-12)
 
 
@@ -129,7 +129,7 @@ IMPOSSIBLE = {
 def test_a_response_that_cannot_be_one(words, change):
     response = {"f": F, "H": H, "excited": 2} | change
     with pytest.raises(ChannelError, match=words):
-        frequency_response(**response)
+        FrequencyResponse.from_arrays(**response)
 
 
 def test_a_line_of_weight_zero_is_not_used():
@@ -168,7 +168,7 @@ NOISE = REAL + 1j * IMAGINARY  # 1 % rms
 )
 def test_one_percent_noise_biases_no_mass_and_accuses_nothing(size):
     """Least squares on the same rows misses by 7 % (relative) and 93 % (white)."""
-    response = frequency_response(LINES, TRUE + size * NOISE, 2)
+    response = FrequencyResponse.from_arrays(LINES, TRUE + size * NOISE, 2)
     with warnings.catch_warnings(action="error"):
         model = NRFRegressor(degree=1).fit(response)
     np.testing.assert_allclose(model.masses_, MASSES, rtol=0.01)
@@ -191,7 +191,7 @@ FAULTS = {
 @pytest.mark.parametrize(("words", "fault"), FAULTS.items())
 def test_a_fault_of_a_response_is_named(words, fault):
     measured = TRUE * (1 + NOISE) * np.asarray(fault.get("factor", 1.0))
-    response = frequency_response(
+    response = FrequencyResponse.from_arrays(
         LINES,
         measured[:, fault.get("order", [0, 1, 2])],
         excited=fault.get("excited", 2),

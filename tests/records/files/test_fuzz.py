@@ -14,17 +14,20 @@ from pysindy_nrf.records.files import read_record
 fuzzing = pytest.importorskip("fuzz", reason="benchmarks are not installed")
 pytestmark = pytest.mark.fuzz
 MAX_MEMORY = 1500  # MB
+FILES_OF_A_READER = 6
 
 
-def test_some_seconds_of_damaged_files():
+def test_damaged_files_of_every_reader():
     from fuzzing.targets import TARGETS
 
     seed = int(os.environ.get("FUZZ_SEED", 0))
-    found = fuzzing.fuzz("all", seed=seed, seconds=4.0)
-    assert not found.failures, "\n".join(map(str, found.failures))
-    assert found.refused > len(TARGETS)
-    assert found.read > 0
-    assert found.peak < MAX_MEMORY
+    n_files = FILES_OF_A_READER * len(TARGETS)
+    outcome = fuzzing.fuzz("all", seed=seed, n_files=n_files)
+    assert not outcome.failures, "\n".join(map(str, outcome.failures))
+    assert outcome.read + outcome.refused == n_files
+    assert outcome.refused > len(TARGETS)
+    assert outcome.read > 0
+    assert outcome.peak < MAX_MEMORY
 
 
 ODD_CELLS = "nan inf - 1,5 1e400 2024-05-01 0x10 1_000 ٣ # ' True 1e5j".split()

@@ -11,8 +11,8 @@ from text_tables import rows_of
 
 from pysindy_nrf.cli import run
 from pysindy_nrf.exceptions import ChannelError, FileFormatError
+from pysindy_nrf.records import read_mapping
 from pysindy_nrf.records.files import read_record
-from pysindy_nrf.records.files.mapping import read_mapping
 
 DOCS = Path(__file__).parents[3] / "docs"
 T = np.arange(50) / 100

@@ -216,7 +216,7 @@ def test_raw_counts_are_refused(written):
         10,
     )
     path = written(counts.text(np.arange(40) - 982416), "raw.V0c")
-    with pytest.raises(FileFormatError, match="raw counts of channel 1.*V1, V2"):
+    with pytest.raises(FileFormatError, match="raw counts of channel 1"):
         read_table(path)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
 from pysindy_nrf.exceptions import DataQualityWarning
-from pysindy_nrf.records.zero_phase_filter import lowest_frequency
+from pysindy_nrf.records import lowest_frequency
 from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.slow

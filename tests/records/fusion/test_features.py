@@ -9,8 +9,7 @@ from smooth_motions import FS, MASS, chain_masses, chain_test, two_floors
 
 from pysindy_nrf import KinematicSmoother, Record
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
-from pysindy_nrf.records import ZeroPhaseFilter, fuse_record, to_features
-from pysindy_nrf.records.fusion.kinematics import TwoWayFusion
+from pysindy_nrf.records import ZeroPhaseFilter, from_arrays, fuse_record, to_features
 
 
 @pytest.fixture(scope="module")
@@ -54,22 +53,24 @@ def test_tables_hold_what_the_typed_result_does(noisy):
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.DataQualityWarning")
 def test_two_ways_of_one_fusion_are_those_of_two(channels, request):
     record = request.getfixturevalue(channels)
-    both = TwoWayFusion()
-    for found, joint in ((both.joint(record), True), (both.separate(record), False)):
-        alone = fuse_record(record, KinematicSmoother(band="auto", joint=joint))
-        np.testing.assert_allclose(found.motion, alone.motion, rtol=1e-9)
-        assert (found.joint, found.band) == (alone.joint, alone.band)
+    data = from_arrays(record, both_fusions=True)
+    for fused, joint in ((data, True), (data.apart, False)):
+        smoother = KinematicSmoother(band="auto", joint=joint)
+        alone = from_arrays(record, smooth=smoother).segments[0]
+        for name in "avs":
+            both_ways = getattr(fused.segments[0], name)
+            np.testing.assert_allclose(both_ways, getattr(alone, name), rtol=1e-9)
+        assert fused.segments[0].band == alone.band
 
 
 def test_channels_of_two_fusions_are_checked_once(noisy):
     turned = noisy.replace(displacement=-noisy.displacement)
-    both = TwoWayFusion()
     with pytest.warns(DataQualityWarning, match="opposite sign"):
-        first = both.joint(turned)
+        together = from_arrays(turned, both_fusions=True)
     with warnings.catch_warnings(action="error"):
-        second = both.separate(turned)
-    assert [note.kind for note in first.notes] == ["sign"] * 4
-    assert second.notes == ()
+        apart = together.apart
+    assert [note.kind for note in together.quality] == ["sign"] * 4
+    assert apart.quality == ()
 
 
 def test_knots_limit_the_frequency_of_a_motion_without_accelerometer(noisy):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import Record
-from pysindy_nrf.records.fusion.noise_levels import (
+from pysindy_nrf.records import (
     denoised,
     levels_of,
     noisy_base,

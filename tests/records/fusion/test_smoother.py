@@ -139,7 +139,7 @@ def test_an_array_without_names_and_a_hole_are_refused(motion):
         KinematicSmoother(fs=FS).fit(motion.a)
     hole = motion.a[:, 0].copy()
     hole[17] = np.nan
-    with pytest.raises(ChannelError, match="a1 .* NaN in row 17"):
+    with pytest.raises(ChannelError, match="a1 .* row 17"):
         KinematicSmoother(fs=FS).fit(pd.DataFrame({"a1": hole}))
 
 

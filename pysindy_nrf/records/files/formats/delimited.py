@@ -1,7 +1,7 @@
 """Delimited text; how it is written is found from the file itself."""
 
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -47,7 +47,9 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 def _read_frame(path: Path, dialect: Dialect, without_last_row: bool) -> pd.DataFrame:
     """The rows of numbers; columns are called by their position."""
     separator = dialect.notation.separator
-    options: dict[str, Any] = dict(
+    read = partial(
+        pd.read_csv,
+        path,
         sep=r"\s+" if separator == BLANK else separator,
         decimal=dialect.notation.decimal,
         header=None,
@@ -61,10 +63,10 @@ def _read_frame(path: Path, dialect: Dialect, without_last_row: bool) -> pd.Data
         low_memory=False,
     )
     try:
-        frame = pd.read_csv(path, **options)
+        frame = read()
         if without_last_row:
             # read again, since that row may have turned a column into text
-            frame = pd.read_csv(path, nrows=len(frame) - 1, **options)
+            frame = read(nrows=len(frame) - 1)
         return frame
     except (ValueError, UnicodeError) as error:  # pandas' own are ValueErrors
         raise unreadable(path, "delimited text", error) from error

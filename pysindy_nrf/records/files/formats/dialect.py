@@ -93,7 +93,7 @@ class _Text:
     content: list[int]
     encoding: str
 
-    def rows(self, notation: Notation, start: int, stop: int) -> list[list[str]]:
+    def cells(self, notation: Notation, start: int, stop: int) -> list[list[str]]:
         """Cells of some of the lines with content."""
         return [notation.cells(self.lines[i]) for i in self.content[start:stop]]
 
@@ -169,13 +169,13 @@ def _dialect(text: _Text, notation: Notation, strict: bool) -> Dialect | None:
     start = _first_row_of_numbers(text, notation, strict)
     if start is None:
         return None
-    body = text.rows(notation, start, start + ROWS_TRIED)
+    body = text.cells(notation, start, start + ROWS_TRIED)
     if not _is_even(body, notation, strict):
         return None
 
     width = len(body[0])
     first_row = text.content[start]
-    rows_above = text.rows(notation, 0, start)
+    rows_above = text.cells(notation, 0, start)
     above = [cells for cells in rows_above if len(cells) == width]
     if not above:
         above = _names_in_comment(text.lines[:first_row], notation, width)
@@ -232,7 +232,7 @@ def _likeliest_notation(text: _Text) -> Notation:
 
     def count_of_numbers(notation: Notation) -> float:
         count = 0.0
-        for cells in text.rows(notation, 0, n_shown):
+        for cells in text.cells(notation, 0, n_shown):
             if len(cells) > 1:
                 count += len(cells) * notation.share_of_numbers(cells)
         return count

@@ -3,7 +3,6 @@
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -12,7 +11,7 @@ from ....exceptions import FileFormatError
 from ..table import MAX_BYTES, Table, check_size, reading_as
 from .dialect import header_of
 
-Row = Sequence[Any]  # cells, None where nothing is written
+Row = Sequence[object]  # cells, None where nothing is written
 
 
 def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:

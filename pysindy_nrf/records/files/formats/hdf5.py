@@ -1,8 +1,11 @@
 """HDF5, and MATLAB v7.3 files, which are HDF5."""
 
+from __future__ import annotations
+
+from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +13,9 @@ from ....common.lazy import require
 from ....exceptions import FileFormatError
 from ..table import MAX_BYTES, Table, check_size, reading_as
 from .numeric_arrays import numeric_arrays
+
+if TYPE_CHECKING:
+    import h5py
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -20,14 +26,14 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     Names of groups are joined by points. MATLAB writes columns first, and marks texts
     and empty arrays.
     """
-    h5py = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
+    library = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
     kind = "MATLAB v7.3" if matlab else "HDF5"
     arrays: dict[str, np.ndarray] = {}
     objects = []
     total = 0
 
-    with reading_as(path, kind), h5py.File(path, "r") as file:
-        for name, data_set in data_sets(h5py, file).items():
+    with reading_as(path, kind), library.File(path, "r") as file:
+        for name, data_set in data_sets(library, file).items():
             if "MATLAB_object_decode" in data_set.attrs:
                 class_name = bytes(data_set.attrs["MATLAB_class"]).decode()
                 objects.append(f"{name} ({class_name})")
@@ -44,7 +50,7 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     return table_without_objects(path, kind, numeric_arrays(arrays), objects)
 
 
-def _is_numeric(data_set: Any, matlab: bool) -> bool:
+def _is_numeric(data_set: h5py.Dataset, matlab: bool) -> bool:
     """Whether a data set holds numbers, and not a text or nothing."""
     if data_set.shape is None or "MATLAB_empty" in data_set.attrs:
         return False
@@ -67,7 +73,7 @@ def table_without_objects(
     return Table(path, kind, arrays, notes=notes)
 
 
-def require_own(path: Any, name: str, data_set: Any) -> None:
+def require_own(path: str | PathLike[str], name: str, data_set: h5py.Dataset) -> None:
     """Refuse a data set whose values lie in other files."""
     if data_set.external or data_set.is_virtual:
         raise FileFormatError(
@@ -76,15 +82,15 @@ def require_own(path: Any, name: str, data_set: Any) -> None:
         )
 
 
-def data_sets(h5py: ModuleType, file: Any) -> dict[str, Any]:
+def data_sets(library: ModuleType, file: h5py.File) -> dict[str, h5py.Dataset]:
     """Data sets of an open file by name, each once.
 
     Links into other files are not followed.
     """
     by_name = {}
 
-    def collect(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
+    def collect(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, library.Dataset):
             by_name[name] = item
 
     file.visititems(collect)

@@ -7,7 +7,6 @@ output. It imports NumPy and SciPy alone, so that the process starts fast.
 import json
 import sys
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ NUMERIC_KINDS = "biufcmM"
 
 
 def numeric_arrays(
-    content: Mapping[str, Any], prefix: str = ""
+    content: Mapping[str, object], prefix: str = ""
 ) -> dict[str, np.ndarray]:
     """Numeric arrays by name.
 

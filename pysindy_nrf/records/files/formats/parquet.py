@@ -1,9 +1,11 @@
 """Parquet files."""
 
+from __future__ import annotations
+
 from collections import Counter
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -17,6 +19,10 @@ from ..table import (
     reading_as,
     two_columns_of_one_name,
 )
+
+if TYPE_CHECKING:
+    from pyarrow import DataType
+    from pyarrow.parquet import FileMetaData
 
 ATTRIBUTES_KEY = SCHEMA.encode()  # of the metadata of a record written here
 
@@ -57,17 +63,17 @@ def _attributes(path: Path, metadata: dict[bytes, bytes]) -> Attributes | None:
     return None if text is None else Attributes.from_json(text, path)
 
 
-def _is_text(types: ModuleType, kind: Any) -> bool:
+def _is_text(types: ModuleType, kind: DataType) -> bool:
     return types.is_string(kind) or types.is_large_string(kind)
 
 
-def _is_channel(types: ModuleType, kind: Any) -> bool:
+def _is_channel(types: ModuleType, kind: DataType) -> bool:
     """Whether a column holds numbers, times or texts, and nothing nested."""
     is_plain = types.is_primitive(kind) or types.is_dictionary(kind)
     return is_plain or _is_text(types, kind)
 
 
-def _declared_size(metadata: Any, n_columns: int) -> int:
+def _declared_size(metadata: FileMetaData, n_columns: int) -> int:
     """Bytes that a file unpacks to, as its metadata declare and as doubles at least."""
     groups = range(metadata.num_row_groups)
     declared = sum(metadata.row_group(i).total_byte_size for i in groups)

@@ -1,7 +1,7 @@
 """TDMS files of LabVIEW."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     return Table(path, "TDMS", variables, units, fs=fs)
 
 
-def _unit_of(properties: dict[str, Any]) -> str:
+def _unit_of(properties: Mapping[str, object]) -> str:
     """Unit of a channel, under either of the names that LabVIEW uses."""
     fallback = properties.get("NI_UnitDescription", "")
     return str(properties.get("unit_string", fallback))

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from ...clock import rate_of
 from ..attributes import Attributes
 from ..table import MAX_BYTES, Table, check_size, reading_as, unreadable
 from ..units import si_unit
+
+if TYPE_CHECKING:
+    import pyuff
 
 # Types of data sets. That of the attributes of a record is our own; other programs pass
 # over it.
@@ -73,7 +76,7 @@ def _require_end(path: Path) -> None:
         raise unreadable(path, "UFF", "its last data set does not end")
 
 
-def _read_histories(file: Any, path: Path, max_bytes: int) -> list[DataSet]:
+def _read_histories(file: pyuff.UFF, path: Path, max_bytes: int) -> list[DataSet]:
     """Data sets of time histories, after a look at what their heads announce."""
     numbers, points = [], []
     for i, kind in enumerate(file.get_set_types()):

@@ -7,7 +7,7 @@ from ....exceptions import ChannelError, FileFormatError
 from ...channels import channel_of
 from ...record import MATRICES
 from ..table import Table
-from ..units import dimension_of, factor, kind_of_unit, split_suffix, split_unit
+from ..units import dimension_of, kind_of_unit, si_factor, split_suffix, split_unit
 from .expression import Expression, parse
 
 # "F2kg" and "f2" (a frequency) are no forces.
@@ -78,7 +78,7 @@ def _add_by_name_and_unit(
         if values.ndim == 1 and kind_of_unit(unit) == channel[0]:
             assignment[channel] = Expression(name, unit=unit)
         elif dimension_of(channel) == "force":
-            factor(unit, channel)  # an error that names the unit
+            si_factor(unit, channel)  # an error that names the unit
             assignment[channel] = Expression(name, unit=unit)
 
 

@@ -4,8 +4,8 @@ import difflib
 import sys
 import tomllib
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
-from typing import Any
 
 from ....exceptions import FileFormatError
 from ...record import COORDINATES
@@ -45,7 +45,7 @@ class MappingFile:
     name: str | None = None
 
 
-def read_mapping(path: Any) -> MappingFile:
+def read_mapping(path: str | PathLike[str]) -> MappingFile:
     """Read a mapping file.
 
     Raises
@@ -54,21 +54,21 @@ def read_mapping(path: Any) -> MappingFile:
         If it is not TOML, a key is unknown or has a wrong value, or a file lies outside
         its folder.
     """
-    path = Path(path)
-    check_file(path, MAX_MAPPING_BYTES)
+    location = Path(path)
+    check_file(location, MAX_MAPPING_BYTES)
     try:
-        with open(path, "rb") as file:
+        with open(location, "rb") as file:
             data = tomllib.load(file)
     # not TOML, not UTF-8, or a number of thousands of digits
     except (ValueError, RecursionError) as error:
-        raise unreadable(path, "a mapping file (TOML)", error) from error
+        raise unreadable(location, "a mapping file (TOML)", error) from error
 
     for key, value in data.items():
-        _check_entry(path, key, value)
+        _check_entry(location, key, value)
     if "fs" in data:
         data["fs"] = float(data["fs"])
-    files = tuple(_file_inside(path, name) for name in data.pop("files", ()))
-    return MappingFile(path, files, **data)
+    files = tuple(_file_inside(location, name) for name in data.pop("files", ()))
+    return MappingFile(location, files, **data)
 
 
 # What stands under each key, in words.
@@ -85,7 +85,7 @@ _TYPES = {"together": bool, "name": str, "channels": dict, "units": dict}
 _EXAMPLES = {"channels": "F2 = 'Shaker @ kN'", "units": "a = 'g'"}
 
 
-def _check_entry(path: Path, key: str, value: Any) -> None:
+def _check_entry(path: Path, key: str, value: object) -> None:
     """Refuse an unknown key, and a wrong value."""
     if key not in _KEYS:
         nearest = difflib.get_close_matches(key, _KEYS, 1)
@@ -109,13 +109,14 @@ def _check_entry(path: Path, key: str, value: Any) -> None:
             )
 
 
-def _fits(key: str, value: Any) -> bool:
+def _fits(key: str, value: object) -> bool:
     """Whether a value may stand under a key."""
     if key == "files":
         return isinstance(value, list) and bool(value) and all(map(_is_text, value))
     if key == "fs":
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return is_number and 0 < value <= sys.float_info.max
+        if not isinstance(value, (int, float)) or isinstance(value, bool):
+            return False
+        return 0 < value <= sys.float_info.max
     if key == "coordinates":
         return value in COORDINATES
     return isinstance(value, _TYPES[key])
@@ -125,7 +126,7 @@ def _is_text(value: object) -> bool:
     return isinstance(value, str) and bool(value.strip())
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """A value, cut where a message would drown in it."""
     try:
         return repr(value)[:60]

@@ -45,17 +45,17 @@ def names_one_of(name: str, words: str) -> bool:
     """Whether the name of a column holds one of some words."""
     decomposed = unicodedata.normalize("NFKD", name.lower())
     plain = "".join(c for c in decomposed if not unicodedata.combining(c))
-    parts = re.findall(r"[^\W\d_]+", plain)
-    return any(_holds(word, plain, parts) for word in words.split())
+    words_of_name = re.findall(r"[^\W\d_]+", plain)
+    return any(_contains(word, plain, words_of_name) for word in words.split())
 
 
-def _holds(word: str, plain: str, parts: list[str]) -> bool:
-    """Whether a name, and the parts it is made of, holds a word."""
+def _contains(word: str, name: str, words_of_name: list[str]) -> bool:
+    """Whether a name contains a word; short words must be whole ones of the name."""
     if not word.isascii() or "_" in word:
-        return word in plain
+        return word in name
     if len(word) < 3:
-        return word in parts
-    return any(part.startswith(word) for part in parts)
+        return word in words_of_name
+    return any(candidate.startswith(word) for candidate in words_of_name)
 
 
 def letter_named(name: str) -> str | None:

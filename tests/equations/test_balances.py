@@ -1,4 +1,4 @@
-"""Equations of motion of records: the same columns whole, block by block, law by law."""
+"""Equations of motion of records: the same columns whole, by block and by law."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sums of products of the columns of equations of motion, their factors, their blocks."""
+"""Sums of products of the columns of equations of motion, factors and blocks."""
 
 import pickle
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Columns:
         return blocks_of(self.terms, self.a, self.F, size)
 
     def of_group(self, layout, group, masses=MASSES):
-        """Written out: terms, a_j and F_j of one DOF; sum of F_j - m_j a_j of several."""
+        """Terms, a_j and F_j of one DOF; sum of F_j - m_j a_j of several."""
         columns = [self.terms[:, layout.slices[site]] for site in group.sites]
         dofs = [dof - 1 for dof in group.dofs]
         if len(dofs) == 1:

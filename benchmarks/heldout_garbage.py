@@ -42,8 +42,8 @@ FOUND = (
     "parameters",
     "intervals",
     "gain",
-    "gain_error",
-    "gain_least",
+    "reduction_error",
+    "reduction_least",
     "share",
     "validation_before",
 )

@@ -97,7 +97,7 @@ def in_words(report: Any) -> str:
             text += " (NOT CONFIRMED)"
         if not step.sure:
             text += " [not sure]"
-        words.append(f"{text} {step.gain:.2g} dB")
+        words.append(f"{text} {step.reduction:.2g} dB")
     return "; ".join(words) or "nothing"
 
 

@@ -483,10 +483,10 @@ def first_step(steps: list) -> dict[str, float]:
         return dict.fromkeys(columns, np.nan)
     first = steps[0]
     return {
-        "gain": first.gain,
-        "gain error": first.gain_error,
-        "gain least": first.gain_least,
-        "gain held-out": first.gain_heldout,
+        "gain": first.reduction,
+        "gain error": first.reduction_error,
+        "gain least": first.reduction_least,
+        "gain held-out": first.reduction_heldout,
     }
 
 
@@ -500,7 +500,7 @@ def rejected(report: Any) -> str:
     """The best candidates that were not taken."""
     words = []
     for _, row in report.candidates.head(3).iterrows():
-        words.append(f"{row['law']} at {row['site']} {row['gain (dB)']:.3g}")
+        words.append(f"{row['law']} at {row['site']} {row['reduction (dB)']:.3g}")
     return "; ".join(words)
 
 

@@ -168,8 +168,8 @@ def test_an_undeclared_effect_is_found_where_it_acts():
 def test_a_step_says_what_the_search_and_heldout_data_say():
     report = close_loop(record(cubic, seed=3, noise=0.01), max_steps=1)
     (step,) = report.steps
-    assert step.confirmed and step.gain_heldout > 0
-    assert step.gain > 1.0 and step.gain_least > 0.5 * step.gain
+    assert step.confirmed and step.reduction_heldout > 0
+    assert step.reduction > 1.0 and step.reduction_least > 0.5 * step.reduction
     assert 0.03 < step.share < 1.0
     assert step.error_after < 0.5 * step.error_before
     assert report.table.loc["baseline", "held-out"] == step.error_before
@@ -407,7 +407,7 @@ def test_an_effect_that_takes_less_than_a_tenth_is_not_confirmed(
     assert step.error_after < step.error_before
     assert step.confirmed is confirmed
     # a tenth of the error, in dB
-    assert (step.gain > 0.915) is confirmed
+    assert (step.reduction > 0.915) is confirmed
     assert ("the gain is too small: NOT CONFIRMED" in str(report)) is not confirmed
 
 

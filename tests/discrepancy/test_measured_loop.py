@@ -119,7 +119,7 @@ def test_an_effect_takes_over_no_spring():
 def test_an_effect_that_takes_a_tenth_of_the_heldout_error_is_confirmed():
     """Of those that take no tenth in the search."""
     steps = frame("fbgm162s3", 111).steps + frame("fbgm162s3", 0, -111).steps
-    small = [step for step in steps if step.gain < 0.915]
+    small = [step for step in steps if step.reduction < 0.915]
     assert {step.confirmed for step in small} == {True, False}
     for step in small:
         assert step.confirmed == (step.error_after <= 0.9 * step.error_before)

@@ -156,7 +156,7 @@ def two_intervals(n: int, noise: float, seed: int) -> tuple[float, float, float]
 
 
 def laws_of_storey(law: str, c: float, k: float) -> tuple[list, list]:
-    """The true laws of storey 2, and what the estimator is told of them."""
+    """The true laws of storey 2, and what is declared of them."""
     spring = laws.PowerSeries(1, [c, k])
     if law == "cubic":
         true = [laws.Duffing(k, CUBE), laws.LinearViscous(c)]

@@ -117,7 +117,7 @@ def best_refused(
     best = findings[0]
     text = (
         "no further effect is there and matters: the best candidate,"
-        f" {best.finding.candidate.name}, reductions {best.reduction.value:.2g} dB"
+        f" {best.finding.candidate.name}, lowers the error by {best.reduction.value:.2g} dB"
         f" {_errors_of(best.reduction)}"
     )
     if examination is None:
@@ -134,10 +134,10 @@ def best_refused(
 
 
 def _by_chance(chance: float) -> str:
-    """What the search reductions by chance."""
+    """By how much a search lowers the error by chance."""
     if not np.isfinite(chance):
-        return "the model has no free run, which would show what chance reductions"
-    return f"where nothing is missing the search reductions {chance:.2g} dB by chance"
+        return "the model has no free run, which would show what chance does"
+    return f"where nothing is missing, a search lowers the error by {chance:.2g} dB"
 
 
 def enough_effects(max_steps: int) -> str:
@@ -152,7 +152,9 @@ def not_in_catalogue(reductions: Iterable[GeneralReduction]) -> str:
     parts = []
     for general in reductions:
         reduction = f"{general.reduction.value:.2g} dB"
-        parts.append(f"{general.words} at {general.site} lowers the error by {reduction}")
+        parts.append(
+            f"{general.words} at {general.site} lowers the error by {reduction}"
+        )
     return f"What is left is not noise alone: {', '.join(parts)}"
 
 

@@ -29,7 +29,7 @@ _NAMES = {
     "share_of": "jackknife",
     "solve": "chain_solve",
     "solve_blocks": "chain_solve",
-    "total_gram": "accumulation",
+    "total_products": "accumulation",
     "variance": "jackknife",
 }
 __all__ = [*_NAMES]

@@ -19,11 +19,10 @@ from .normal_equations import Dofs, NormalEquations, width_of
 from .triangular import root_of
 
 __all__ = [
-    "GramPass",
     "ProductSums",
     "pieces_of",
     "rows_of",
-    "total_gram",
+    "total_products",
     "whole_block",
 ]
 
@@ -40,7 +39,7 @@ class Whitener(Protocol):
         """Rows (n_rows, n_samples) of one record, filtered."""
 
 
-def total_gram(
+def total_products(
     layout: Layout,
     groups: Sequence[Group],
     blocks: Iterable[Block],
@@ -193,10 +192,6 @@ class ProductSums:
                 self._sums.append(_Roots(self.layout, self.groups, self.known_masses))
             else:
                 self._sums.append(_Products(self.plan))
-
-
-# the name by which other folders know it
-GramPass = ProductSums
 
 
 class _Products:

@@ -17,7 +17,7 @@ from ..chain.layout import Block, Layout
 from ..chain.sites import Site
 from ..common.warn import warn_user
 from ..exceptions import IdentifiabilityError, RankWarning
-from .accumulation import total_gram
+from .accumulation import total_products
 from .inner_optimizer import Optimizer
 from .least_squares import NotTogether, SubProblem, back_substituted
 from .measured_motion import (
@@ -74,10 +74,10 @@ def solve_blocks(
     """
     groups = groups_of(layout, solve_order)
     known = dict(known_masses or {})
-    grams = total_gram(layout, groups, blocks(), known)
+    grams = total_products(layout, groups, blocks(), known)
     solution = solved_safely(grams, solve_order, known, inner)
     if solution is None:
-        grams = total_gram(layout, groups, blocks(), known, "root")
+        grams = total_products(layout, groups, blocks(), known, "root")
         solution = solve(grams, solve_order, known, inner)
     return solution, grams
 

@@ -17,7 +17,7 @@ from ..chain.identifiability import SolveOrder
 from ..chain.layout import Block, Layout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from .accumulation import total_gram
+from .accumulation import total_products
 from .free_runs import free_run_by_either as free_run_by_either
 from .free_runs import free_run_error as free_run_error
 from .free_runs import free_run_of as free_run_of
@@ -165,10 +165,12 @@ def judge(
     """
     masses = dict(enumerate(model.masses.tolist(), 1))
     groups = groups_of(layout, solve_order)
-    errors = balance_errors(model, total_gram(layout, groups, blocks(), masses))
+    errors = balance_errors(model, total_products(layout, groups, blocks(), masses))
     if not (errors["error"] < LEAST_ERROR_OF_SUMS).any():
         return errors
-    return balance_errors(model, total_gram(layout, groups, blocks(), masses, "root"))
+    return balance_errors(
+        model, total_products(layout, groups, blocks(), masses, "root")
+    )
 
 
 def explained_accelerations(

@@ -317,8 +317,3 @@ class ChannelSolve(CompiledChainSolve):
         reference = np.zeros_like(residual)
         reference[:, 0, forces + 1] = 1.0
         return residual, reference
-
-
-# the names by which other folders know them
-ChainFit = CompiledChainSolve
-ChannelFit = ChannelSolve

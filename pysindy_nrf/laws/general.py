@@ -7,7 +7,7 @@ import numpy as np
 
 from .base import Coefficients, ForceLaw, Term
 from .hysteresis import Element, Jenkins
-from .power_series import whole
+from .power_series import whole_number
 from .shape import Shape
 
 
@@ -31,7 +31,7 @@ class PrandtlIshlinskii(Element):
     def __init__(
         self, uy: float | None = None, F: Coefficients = None, n: int = 6
     ) -> None:
-        self.n_states = whole("n", n, 1)
+        self.n_states = whole_number("n", n, 1)
         self.nonnegative = tuple(term.symbol for term in self.terms())
         super().__init__({"uy": uy}, F)
 
@@ -87,7 +87,7 @@ class SmoothSurface(ForceLaw):
         c: Coefficients = None,
         degree: int = 5,
     ) -> None:
-        self.degree = whole("degree", degree, 1)
+        self.degree = whole_number("degree", degree, 1)
         super().__init__({"S": S, "V": V}, c)
 
     def options(self) -> dict[str, object]:

@@ -15,7 +15,7 @@ Order = int | tuple[int, int]
 MAX_POWER = 60
 
 
-def whole(name: str, value: object, least: int = 0) -> int:
+def whole_number(name: str, value: object, least: int = 0) -> int:
     """The value as an int.
 
     Raises
@@ -50,11 +50,11 @@ def exponents_of(order: object) -> tuple[tuple[int, int], ...]:
                 f"order={order!r} is not a box (k, q)",
                 "Give two whole numbers, e.g. (2, 3).",
             )
-        k = whole("k", order[0])
-        q = whole("q", order[1])
+        k = whole_number("k", order[0])
+        q = whole_number("q", order[1])
         total = k + q
     else:
-        k = q = total = whole("degree", order)
+        k = q = total = whole_number("degree", order)
     if max(k, q) > MAX_POWER:
         raise LawError(
             f"degree={order!r} is above the highest power, {MAX_POWER}",

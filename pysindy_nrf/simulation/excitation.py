@@ -11,7 +11,7 @@ import numpy as np
 from ..chain.sites import dofs_of
 from ..common import RandomState, generator, positive
 from ..exceptions import ChainError, ChannelError
-from ..laws.power_series import whole
+from ..laws.power_series import whole_number
 from ..records.zero_phase_filter import check_band, check_rate
 
 MAX_SHARE_OF_BLOWS = 0.5  # of the record: blows would overlap otherwise
@@ -75,7 +75,7 @@ def impact_hammer(
     """
     n_samples, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(level)
-    n_hits = whole("n_hits", n_hits, 1)
+    n_hits = whole_number("n_hits", n_hits, 1)
     width = positive("width", width, "Give it in s.", ChannelError)
     _check_blows(n_hits, width, spread, duration, fs)
 
@@ -196,7 +196,7 @@ def _frame(
     n_dof: int, duration: float, fs: float, excited: int | Iterable[int]
 ) -> tuple[int, list[int]]:
     """Number of samples and columns of the forced DOFs."""
-    n_dof = whole("n_dof", n_dof, 1)
+    n_dof = whole_number("n_dof", n_dof, 1)
     seconds = positive("duration", duration, "Give it in s.", ChannelError)
     n_samples = round(seconds * check_rate(fs))
     if n_samples < 2:

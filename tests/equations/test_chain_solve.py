@@ -16,7 +16,7 @@ from pysindy_nrf.equations import (
     groups_of,
     solve,
     solve_blocks,
-    total_gram,
+    total_products,
 )
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 
@@ -87,7 +87,7 @@ class Case:
     def total(self, order, kind="gram", known=None):
         terms = np.hstack([self.terms[str(site)] for site in LAYOUT.sites])
         blocks = blocks_of(terms, self.a, self.F, 150)
-        return total_gram(LAYOUT, groups_of(LAYOUT, order), blocks, known, kind)
+        return total_products(LAYOUT, groups_of(LAYOUT, order), blocks, known, kind)
 
     def solved(self, order, known=None):
         return solve(self.total(order, known=known), order, known)
@@ -311,7 +311,7 @@ def single(columns, a, F, kind="gram", known=None):
     order = plan_solve_order(
         ONE.chain, [1], (), known or (), strategy="complete", sites=ONE.acting
     )
-    total = total_gram(ONE, groups_of(ONE, order), blocks, known, kind)
+    total = total_products(ONE, groups_of(ONE, order), blocks, known, kind)
     return solve(total, order, known)
 
 

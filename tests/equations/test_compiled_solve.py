@@ -12,7 +12,7 @@ from pysindy_nrf.equations import (
     CompiledChainSolve,
     groups_of,
     solve,
-    total_gram,
+    total_products,
 )
 
 BRACED = Layout(
@@ -61,7 +61,7 @@ class Case:
         order = self.order()
         blocks = blocks_of(self.terms, self.a, self.F)
         groups = groups_of(self.layout, order)
-        total = total_gram(self.layout, groups, blocks, self.known, "root")
+        total = total_products(self.layout, groups, blocks, self.known, "root")
         return solve(total, order, self.known)
 
     def compiled(self):

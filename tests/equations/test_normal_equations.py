@@ -15,7 +15,7 @@ from pysindy_nrf.equations import (
     ProductSums,
     blocks_of_segment,
     pieces_of,
-    total_gram,
+    total_products,
 )
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records import from_arrays
@@ -69,7 +69,7 @@ def random_columns():
 
 
 def total_of(columns, kind="gram", size=64):
-    return total_gram(LAYOUT, GROUPS, columns.blocks(size), MASSES, kind)
+    return total_products(LAYOUT, GROUPS, columns.blocks(size), MASSES, kind)
 
 
 def assert_products(found, expected, rel=1e-12):
@@ -107,7 +107,7 @@ def test_every_product_is_exact(counts, size, dofs, chunk, known):
     columns = whole_numbers(size, layout.n_terms, 4)
     groups = [layout.group(group) for group in dofs]
     masses = {dof: MASSES[dof] for dof in known}
-    total = total_gram(layout, groups, columns.blocks(chunk), masses)
+    total = total_products(layout, groups, columns.blocks(chunk), masses)
     assert list(total.matrices) == dofs
     for group in groups:
         A = columns.of_group(layout, group, dict.fromkeys(MASSES, 0.0) | masses)
@@ -176,7 +176,7 @@ def test_records_with_different_unknown_forces(kind):
 )
 def test_sums_of_other_equations_or_kinds_do_not_add(groups, kind, what):
     columns = random_columns()
-    other = total_gram(LAYOUT, groups, columns.blocks(), MASSES, kind)
+    other = total_products(LAYOUT, groups, columns.blocks(), MASSES, kind)
     with pytest.raises(NRFError, match=f"different {what} cannot"):
         total_of(columns).merge(other)
 
@@ -261,7 +261,7 @@ def test_what_is_summed_up_are_the_features_of_the_library(order, dtype, seed, n
 
     groups = [layout.group((j,)) for j in range(1, n + 1)]
     blocks = blocks_of_segment(segment, layout, 700, states={})
-    total = total_gram(layout, groups, blocks)
+    total = total_products(layout, groups, blocks)
     columns = Columns(features[:, n:], features[:, :n], F.astype(float))
     for dofs, matrix in total.matrices.items():
         A = columns.of_group(layout, total.groups[dofs])
@@ -294,7 +294,7 @@ def of_columns(columns, kind="gram"):
     """One DOF whose columns [terms | a | F] are given, one row a sample."""
     layout = Layout(Chain(1), {"storey 1": columns.shape[1] - 2})
     blocks = blocks_of(columns[:, :-2], columns[:, -2:-1], columns[:, -1:], 100)
-    return total_gram(layout, [layout.group((1,))], blocks, kind=kind)
+    return total_products(layout, [layout.group((1,))], blocks, kind=kind)
 
 
 @pytest.mark.parametrize("condition", [1e1, 1e5, 1e9, 1e13])
@@ -451,7 +451,7 @@ def test_pieces_sum_up_to_the_records(two_records):
     blocks = []
     for segment in two_records.segments:
         blocks.extend(blocks_of_segment(segment, SERIES))
-    assert_same(pieces.sum(), total_gram(SERIES, SINGLES, blocks))
+    assert_same(pieces.sum(), total_products(SERIES, SINGLES, blocks))
     assert pieces.n_samples.sum() == 900
     # the least whole length that makes at most 64 pieces is 15 samples
     assert np.bincount(pieces.record).tolist() == [40, 20]

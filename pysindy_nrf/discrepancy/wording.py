@@ -117,8 +117,8 @@ def best_refused(
     best = findings[0]
     text = (
         "no further effect is there and matters: the best candidate,"
-        f" {best.finding.candidate.name}, lowers the error by {best.reduction.value:.2g} dB"
-        f" {_errors_of(best.reduction)}"
+        f" {best.finding.candidate.name}, lowers the error by"
+        f" {best.reduction.value:.2g} dB {_errors_of(best.reduction)}"
     )
     if examination is None:
         return text

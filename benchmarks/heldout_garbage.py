@@ -29,7 +29,7 @@ from battery.scorer import baseline
 from harness import judged, options_of, quietly
 
 from pysindy_nrf import Record, close_loop
-from pysindy_nrf.discrepancy import balance_loop
+from pysindy_nrf.discrepancy import balance_loop, course
 from pysindy_nrf.discrepancy.search_data import SearchData
 from pysindy_nrf.records.dataset import Dataset
 
@@ -100,14 +100,14 @@ class GarbageRows:
         self.seed = seed
         self.kinds = "avsF" if motion else "F"
         self._prepare = balance_loop.prepare
-        self._split = balance_loop.split
+        self._split = course.split
         self._fixed = SearchData.fixed
         self._halves: Any = None
 
     def prepare(self, *arguments: Any, **options: Any) -> Any:
         ready = self._prepare(*arguments, **options)
         segments = list(ready.data.segments)
-        length = balance_loop.window_length(segments)
+        length = course.window_length(segments)
         self._halves = self._split(segments, length, ready.heldout)
         rng = np.random.default_rng(self.seed)
         for block in self._halves[1]:
@@ -149,7 +149,7 @@ def garbage_rows(seed: int, motion: bool) -> Iterator[None]:
 
     with (
         mock.patch.object(balance_loop, "prepare", steps.prepare),
-        mock.patch.object(balance_loop, "split", steps.split),
+        mock.patch.object(course, "split", steps.split),
         mock.patch.object(SearchData, "fixed", balances),
     ):
         yield

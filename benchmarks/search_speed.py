@@ -76,7 +76,7 @@ def state_of(test: Record) -> SearchState:
     dataset = records.data
     problem = NRFRegressor(degree=1).problem(dataset.n_dof)
     length = window_length(dataset.segments)
-    data = SearchData(dataset, *split(dataset.segments, length), {})
+    data = SearchData(dataset, split(dataset.segments, length), {})
 
     windows = Windows(dataset, data.search, length)
     spectra = BalanceSpectra(data, windows)

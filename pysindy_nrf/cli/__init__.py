@@ -1,5 +1,6 @@
 """The command line ``pysindy-nrf``."""
 
-from .group import main, run
+from .exit_codes import ExitCode
+from .group import cli, main, run
 
-__all__ = ["main", "run"]
+__all__ = ["ExitCode", "cli", "main", "run"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import click
 import numpy as np
@@ -20,6 +20,23 @@ if TYPE_CHECKING:
     from ..records.dataset import Dataset
 
 
+class ForcesOptions(opt.FitOptions):
+    """Options of ``forces``."""
+
+    output: Path
+    figures: bool
+
+
+class DamageOptions(opt.FitOptions):
+    """Options of ``damage``."""
+
+    least: float
+    level: float
+    blocks: int
+    output: Path
+    figures: bool
+
+
 @click.command(short_help="Storey forces, the force of a damper, dissipated energy.")
 @click.argument("file", type=PATH)
 @opt.record_options
@@ -31,7 +48,9 @@ if TYPE_CHECKING:
 @opt.degree_option(3, "Total degree of the power series, or box k,q.")
 @opt.model_options
 @opt.written_options
-def forces(file: Path, bare: Path | None, as_json: bool, **options: Any) -> None:
+def forces(
+    file: Path, bare: Path | None, as_json: bool, **options: Unpack[ForcesOptions]
+) -> None:
     """Storey forces along a record, the energy that each storey dissipates, and the
     force of a damper.
 
@@ -137,7 +156,9 @@ def _draw_forces(
     help="Pieces of each test, left out in turn.",
 )
 @opt.written_options
-def damage(before: Path, after: Path, as_json: bool, **options: Any) -> None:
+def damage(
+    before: Path, after: Path, as_json: bool, **options: Unpack[DamageOptions]
+) -> None:
     """Say which storey's force, or which mass, changed between two tests of one
     structure.
 
@@ -189,7 +210,7 @@ def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
     return save(path, figures, columns=min(3, len(figures)))
 
 
-def _data_of_changes(report: ChangeReport) -> dict[str, Any]:
+def _data_of_changes(report: ChangeReport) -> dict[str, object]:
     """What changed, as plain data."""
     masses = []
     for before, after in zip(report.before.masses, report.after.masses):

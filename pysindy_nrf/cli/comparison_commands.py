@@ -3,17 +3,41 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import click
 
 from . import options as opt
-from .parameters import PATH, RANGE
+from .parameters import PATH, RANGE, Band, Degree
 from .printing import table_text
 from .session import Session
 
 if TYPE_CHECKING:
     from ..selection.selection import OrderSelection
+
+
+class OrderOptions(opt.RecordOptions):
+    """Options of ``select-order``."""
+
+    degrees: list[int]
+    boxes: tuple[list[int], ...]
+    folds: int
+    rule: str
+    scoring: str
+    masses: dict[int, float]
+    band: Band | None
+    output: Path
+    figures: bool
+
+
+class ComparisonOptions(opt.RecordOptions):
+    """Options of ``compare``."""
+
+    degree: int
+    heldout: float
+    truth: Path | None
+    time_limit: float
+    output: Path
 
 
 @click.command(
@@ -58,7 +82,9 @@ if TYPE_CHECKING:
     help="Draw the error over the order (needs matplotlib).",
 )
 @opt.json_option
-def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+def select_order(
+    files: tuple[Path, ...], as_json: bool, **options: Unpack[OrderOptions]
+) -> None:
     """Find the order of the power series that the records support.
 
     All orders on all folds come from one pass over the samples. Scores are of held-out
@@ -83,7 +109,7 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
             raise click.UsageError(f"--box takes two numbers k,q, not {shown}.")
 
     with session.listening():
-        found = selected_order(
+        selection = selected_order(
             records,
             degrees=options["degrees"],
             boxes=boxes or None,
@@ -93,44 +119,44 @@ def select_order(files: tuple[Path, ...], as_json: bool, **options: Any) -> None
             known_masses=options["masses"] or None,
             band=options["band"],
         )
-        table = found.table
+        table = selection.table
 
-    _conclude(session, found)
+    _conclude(session, selection)
     with session.writing() as folder:
         written = [write_table(table, folder / "orders.csv")]
         if options["figures"]:
-            written += save(folder / "orders.png", [found.figure()])
+            written += save(folder / "orders.png", [selection.figure()])
     data = {
         "records": [summary(record) for record in records],
-        "best_order": found.best_order,
-        "orders_by_storey": found.orders_,
+        "best_order": selection.best_order,
+        "orders_by_storey": selection.orders_,
         "table": table,
     }
     session.finish(data, written)
 
 
-def _conclude(session: Session, found: OrderSelection) -> None:
+def _conclude(session: Session, selection: OrderSelection) -> None:
     """The orders, the best one, and the storeys that need less."""
     from ..laws.power_series import exponents_of
 
     title = "Orders (errors: percent NRMSE on held-out blocks)"
-    session.conclude_headed(title, table_text(found.table))
-    kind = "box k,q" if isinstance(found.best_order, tuple) else "total degree"
-    order = _as_option(found.best_order)
-    rule = found.rule.replace("_", " ")
+    session.conclude_headed(title, table_text(selection.table))
+    kind = "box k,q" if isinstance(selection.best_order, tuple) else "total degree"
+    order = _as_option(selection.best_order)
+    rule = selection.rule.replace("_", " ")
     session.conclude(
         f"\nBest: {kind} {order} ({rule}); next: pysindy-nrf identify ... --degree"
         f" {order}"
     )
-    n_terms = len(exponents_of(found.best_order))
-    for site, value in found.orders_.items():
+    n_terms = len(exponents_of(selection.best_order))
+    for site, value in selection.orders_.items():
         if len(exponents_of(value)) < n_terms:
             lower = _as_option(value)
             option = f"--order '{site}={lower}'"
             session.conclude(f"  {site} needs no more than {lower}: {option}")
 
 
-def _as_option(order: Any) -> str:
+def _as_option(order: Degree | tuple[int, ...]) -> str:
     """An order as --degree takes it."""
     return ",".join(map(str, order)) if isinstance(order, tuple) else str(order)
 
@@ -163,7 +189,9 @@ def _as_option(order: Any) -> str:
 )
 @opt.output_option
 @opt.json_option
-def compare(file: Path | None, as_json: bool, **options: Any) -> None:
+def compare(
+    file: Path | None, as_json: bool, **options: Unpack[ComparisonOptions]
+) -> None:
     """Fit plain SINDy and this package to the same record and judge both on its end.
 
     FILE is one record on a base at rest; every force is known.
@@ -188,7 +216,7 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
     if options["truth"] is not None:
         truth = ChainModel.from_json(options["truth"])
     with session.listening():
-        found = compare_with_sindy(
+        table = compare_with_sindy(
             record,
             degree=options["degree"],
             heldout=options["heldout"],
@@ -197,14 +225,14 @@ def compare(file: Path | None, as_json: bool, **options: Any) -> None:
         )
 
     share = 100 * options["heldout"]
-    unknown = [name for name in found if found[name].isna().all()]
+    unknown = [name for name in table if table[name].isna().all()]
     session.conclude_headed(
         f"On the last {share:g} % of the record (errors: percent NRMSE)",
-        table_text(found.drop(columns=["note", *unknown])),
+        table_text(table.drop(columns=["note", *unknown])),
     )
-    for name, note in found["note"].items():
+    for name, note in table["note"].items():
         if note:
             session.conclude(f"  {name}: {note}")
     with session.writing() as folder:
-        written = [write_table(found, folder / "comparison.csv")]
-    session.finish({"record": summary(record), "table": found}, written)
+        written = [write_table(table, folder / "comparison.csv")]
+    session.finish({"record": summary(record), "table": table}, written)

@@ -8,9 +8,9 @@ import io
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import click
 
@@ -18,6 +18,7 @@ from .. import __version__
 from ..exceptions import MissingExtraError, NRFError
 from .change_commands import damage, forces
 from .comparison_commands import compare, select_order
+from .exit_codes import ExitCode
 from .identify_commands import demo, identify
 from .loop_commands import close_loop, run_test
 from .options import OPTIONS_OF_ARGUMENTS
@@ -25,11 +26,8 @@ from .printing import printable
 from .record_commands import inspect, list_laws, simulate
 from .report_commands import plan, report
 
-# Exit codes, beside outcome.RED.
-OTHER, USAGE = 1, 2
-DATA, INTERRUPTED = 3, 130
-# Seconds after which an interruption that was swallowed comes again.
-_AGAIN = 0.05
+# Seconds after which an interruption that was swallowed is repeated.
+_INTERRUPT_DELAY = 0.05
 
 
 class _Ordered(click.Group):
@@ -91,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(run(arguments))
 
 
-def run(arguments: Sequence[str] | None = None) -> int:
+def run(arguments: Sequence[str] | None = None) -> ExitCode:
     """Run the command line.
 
     Parameters
@@ -101,8 +99,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
     Returns
     -------
-    int
-        The exit code.
+    ExitCode
+        An integer.
     """
     _show_unknown_signs_as_codes()
     words = sys.argv[1:] if arguments is None else list(arguments)
@@ -111,18 +109,18 @@ def run(arguments: Sequence[str] | None = None) -> int:
             code = cli.main(
                 words, prog_name="pysindy-nrf", standalone_mode=False, obj=words
             )
-        return code or 0
+        return ExitCode(code or 0)
     except click.ClickException as error:
         text = io.StringIO()
         error.show(text)
         click.echo(printable(text.getvalue()), err=True, nl=False)
-        return USAGE
+        return ExitCode.USAGE
     except (click.Abort, KeyboardInterrupt):
         click.echo("Stopped. No half-written file is left.", err=True)
-        return INTERRUPTED
+        return ExitCode.INTERRUPTED
     except Exception as error:
         click.echo(printable(f"Error: {_sentence(error)}"), err=True)
-        return DATA if isinstance(error, NRFError) else OTHER
+        return ExitCode.DATA if isinstance(error, NRFError) else ExitCode.OTHER
 
 
 def _show_unknown_signs_as_codes() -> None:
@@ -165,19 +163,17 @@ def _of_the_system(error: OSError) -> str:
 
 @contextmanager
 def _repeated_interrupts() -> Iterator[None]:
-    """Let Ctrl-C come again that falls into a callback of the compiler.
+    """Repeat a Ctrl-C that falls into a callback of the compiler.
 
     Python drops what is raised there.
     """
     before = sys.unraisablehook
 
-    def hook(fault: Any) -> None:
-        if not issubclass(fault.exc_type, KeyboardInterrupt):
+    def hook(fault: sys.UnraisableHookArgs) -> None:
+        if issubclass(fault.exc_type, KeyboardInterrupt):
+            threading.Thread(target=_interrupt_later, daemon=True).start()
+        else:
             before(fault)
-            return
-        again = threading.Timer(_AGAIN, _interrupt)
-        again.daemon = True
-        again.start()
 
     sys.unraisablehook = hook
     try:
@@ -186,11 +182,12 @@ def _repeated_interrupts() -> Iterator[None]:
         sys.unraisablehook = before
 
 
-def _interrupt() -> None:
+def _interrupt_later() -> None:
     """Interrupt the main thread; by a real signal where there is one.
 
     A signal ends a wait of the main thread, too.
     """
+    time.sleep(_INTERRUPT_DELAY)
     if hasattr(signal, "pthread_kill"):
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     else:

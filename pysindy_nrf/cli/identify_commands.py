@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import click
 
@@ -19,10 +19,27 @@ if TYPE_CHECKING:
     from ..records.record import Record
 
 
+class DemoOptions(TypedDict):
+    """Options of ``demo``."""
+
+    output: Path
+
+
+class IdentifyOptions(opt.FitOptions):
+    """Options of ``identify``."""
+
+    links: tuple[str, ...]
+    raw: bool
+    excited: int
+    kind: str
+    output: Path
+    figures: bool
+
+
 @click.command(short_help="Identify a bundled record of a shaken frame.")
 @opt.demo_output_option
 @opt.json_option
-def demo(as_json: bool, **_: Any) -> int:
+def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     """Identify a bundled record: a shaken three-storey frame whose ground storey
     hardens.
 
@@ -98,7 +115,12 @@ def demo(as_json: bool, **_: Any) -> int:
     "accelerance",
 )
 @opt.written_options
-def identify(files: tuple[Path, ...], frf: bool, as_json: bool, **options: Any) -> int:
+def identify(
+    files: tuple[Path, ...],
+    frf: bool,
+    as_json: bool,
+    **options: Unpack[IdentifyOptions],
+) -> int:
     """Find masses and restoring forces from the records of one chain.
 
     FILE is CSV or other delimited text, Parquet, MATLAB, HDF5, NumPy, UFF 58 or strong
@@ -175,7 +197,7 @@ def _forced_and_unknown(records: Sequence[Record]) -> tuple[list[int], list[int]
 
 
 def _identify_responses(
-    session: Session, files: tuple[Path, ...], options: dict[str, Any]
+    session: Session, files: tuple[Path, ...], options: IdentifyOptions
 ) -> int:
     """Find a linear chain from its frequency responses."""
     from ..records.files import read_frf
@@ -185,32 +207,31 @@ def _identify_responses(
     _refuse_what_is_not_of_responses(files, options)
     frf = read_frf(files[0], excited=options["excited"], kind=options["kind"])
     session.measured(frf.describe(options["band"]))
-    estimator = opt.regressor_of(options)
+    estimator = opt.regressor_of(options).set_params(degree=1)
     chain = Chain(frf.n_dof, options["links"])
     say_what_is_identifiable(session, estimator, chain, [frf.excited], [])
     return finish(session, identify_frf(frf, estimator), options["figures"])
 
 
 def _refuse_what_is_not_of_responses(
-    files: tuple[Path, ...], options: dict[str, Any]
+    files: tuple[Path, ...], options: IdentifyOptions
 ) -> None:
-    """Refuse options of records and of nonlinear laws; the degree becomes 1."""
+    """Refuse options of records and of nonlinear laws."""
     if len(files) != 1:
         raise click.UsageError("--frf takes one FILE.")
-    flags = {
-        "mapping_file": "mapping",
-        "mapping": "map",
-        "units": "unit",
-        "fs": "fs",
-        "raw": "raw",
+    of_records = {
+        "--mapping": options["mapping_file"],
+        "--map": options["mapping"],
+        "--unit": options["units"],
+        "--fs": options["fs"],
+        "--raw": options["raw"],
     }
-    for name, flag in flags.items():
-        if options[name]:
-            raise click.UsageError(f"--{flag} does not go with --frf.")
+    for flag, value in of_records.items():
+        if value:
+            raise click.UsageError(f"{flag} does not go with --frf.")
 
-    if not opt.was_given("degree"):
-        options["degree"] = 1
-    if options["degree"] != 1 or options["orders"] or options["laws"]:
+    is_curved = opt.was_given("degree") and options["degree"] != 1
+    if is_curved or options["orders"] or options["laws"]:
         raise click.UsageError(
             "Frequency responses identify linear laws only: leave out --order and"
             " --law, and --degree or set it to 1."

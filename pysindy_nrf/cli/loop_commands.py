@@ -6,11 +6,12 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import click
 
 from . import options as opt
+from .exit_codes import code_of_verdict
 from .parameters import PATH
 from .printing import table_text, verdict_data, verdict_text
 from .session import Session
@@ -18,6 +19,17 @@ from .session import Session
 if TYPE_CHECKING:
     from ..discrepancy import LoopReport
     from ..records.files.reading import Reading
+
+
+class LoopOptions(opt.FitOptions):
+    """Options of ``run`` and ``close-loop``."""
+
+    heldout: tuple[Path, ...]
+    steps: int | None
+    seed: int
+    output: Path
+    figures: bool
+
 
 _loop_options = opt.together(
     opt.files_options,
@@ -48,7 +60,9 @@ _loop_options = opt.together(
 @_loop_options
 @opt.run_output_option
 @opt.json_option
-def run_test(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
+def run_test(
+    files: tuple[Path, ...], as_json: bool, **options: Unpack[LoopOptions]
+) -> int:
     """Inspect the files of a test, find masses, restoring forces and what linear
     storeys lack, and say a verdict.
 
@@ -85,7 +99,9 @@ def _free_folder(name: str) -> Path:
 @_loop_options
 @opt.output_option
 @opt.json_option
-def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
+def close_loop(
+    files: tuple[Path, ...], as_json: bool, **options: Unpack[LoopOptions]
+) -> int:
     """Find the effects a model lacks, add them, and report the error before and after.
 
     FILE is read as by ``identify``. A quarter of each record (or the files given with
@@ -103,30 +119,29 @@ def close_loop(files: tuple[Path, ...], as_json: bool, **options: Any) -> int:
 
 
 def _close(
-    session: Session, files: Sequence[Path], options: dict[str, Any], inspected: bool
+    session: Session, files: Sequence[Path], options: LoopOptions, inspected: bool
 ) -> int:
     """Close the loop, write what was found, and print it."""
     from ..records.files import describe
-    from .outcome import exit_code
 
     readings = opt.readings_of(files, options)
     heldout: list[Reading] = []
     if options["heldout"]:
         heldout = opt.readings_of(options["heldout"], options)
-    every = readings + heldout
-    session.measured(*map(describe, every))
-    doubts = _doubts_of(every) if inspected else []
+    tests = readings + heldout
+    session.measured(*map(describe, tests))
+    if inspected:
+        session.add_warnings(_doubts_of(tests))
     report = _closed_loop(session, readings, heldout, options)
 
     verdict = report.verdict
-    warnings = dict.fromkeys([*doubts, *session.warnings])
-    session.warnings = [text for text in warnings if text not in verdict.reasons]
+    session.drop_warnings(verdict.reasons)
     _conclude(session, report)
     report.model.info.update(session.provenance())
     with session.writing() as folder:
         written = _write(report, folder, options["figures"])
     session.finish(_data(report), written)
-    return exit_code(verdict)
+    return code_of_verdict(verdict)
 
 
 def _doubts_of(readings: Sequence[Reading]) -> list[str]:
@@ -145,7 +160,7 @@ def _closed_loop(
     session: Session,
     readings: Sequence[Reading],
     heldout: Sequence[Reading],
-    options: dict[str, Any],
+    options: LoopOptions,
 ) -> LoopReport:
     """The loop closed on records."""
     from ..discrepancy import close_loop as closed_loop
@@ -185,7 +200,7 @@ def _conclude(session: Session, report: LoopReport) -> None:
     session.conclude_headed(f"Model{not_to_be_used}", str(report.model))
 
 
-def _data(report: LoopReport) -> dict[str, Any]:
+def _data(report: LoopReport) -> dict[str, object]:
     """What was found, as plain data."""
     steps = [asdict(step) | {"sentence": step.sentence} for step in report.steps]
     return {

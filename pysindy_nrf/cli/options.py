@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
 
 import click
 
 from . import parameters
-from .parameters import PATH
+from .parameters import PATH, Band, Degree
 from .session import FORCE, NAMED_FILES, Session, working
 
 if TYPE_CHECKING:
@@ -17,9 +17,53 @@ if TYPE_CHECKING:
     from ..laws.base import ForceLaw
     from ..records.files.mapping import MappingFile
     from ..records.files.reading import Reading
+    from ..records.files.tables import AnyPath
     from ..records.record import Record
 
-Decorator = Callable[[Any], Any]
+Command = TypeVar("Command", bound=Callable[..., object] | click.Command)
+
+
+class Decorator(Protocol):
+    """What adds options to a command."""
+
+    def __call__(self, command: Command, /) -> Command:
+        """The command with the options."""
+
+
+class ReadingOptions(TypedDict):
+    """Channels, units and clock, as the readers of files take them."""
+
+    mapping: dict[str, str]
+    units: dict[str, str]
+    fs: float | None
+
+
+class ExcitationOptions(ReadingOptions):
+    """How forces are read: from the file of a test, or by a mapping file."""
+
+    mapping_file: Path | None
+
+
+class RecordOptions(ExcitationOptions):
+    """How records are read."""
+
+    coordinates: str | None
+
+
+class ModelOptions(TypedDict):
+    """The chain to be fitted, and how."""
+
+    degree: Degree
+    laws: list[tuple[str, list[str]]]
+    masses: dict[int, float]
+    band: Band | None
+    orders: NotRequired[dict[str, Degree]]
+    strategy: NotRequired[str]
+    estimation: NotRequired[str]
+
+
+class FitOptions(RecordOptions, ModelOptions):
+    """Records and the chain that is fitted to them."""
 
 
 # -- kinds of options ----------------------------------------------------------
@@ -28,7 +72,7 @@ Decorator = Callable[[Any], Any]
 def together(*options: Decorator) -> Decorator:
     """Several options as one decorator, in the order in which help lists them."""
 
-    def decorated(command: Any) -> Any:
+    def decorated(command: Command) -> Command:
         for option in reversed(options):
             command = option(command)
         return command
@@ -190,7 +234,7 @@ OPTIONS_OF_ARGUMENTS = {"known_masses": "--known-mass DOF=KG"}
 # -- what the options describe -------------------------------------------------
 
 
-def mapping_of(options: dict[str, Any]) -> tuple[MappingFile, dict[str, Any]]:
+def mapping_of(options: ExcitationOptions) -> tuple[MappingFile, ReadingOptions]:
     """The mapping file, and channels, units and clock by it and by the options.
 
     Options go before the file.
@@ -201,7 +245,7 @@ def mapping_of(options: dict[str, Any]) -> tuple[MappingFile, dict[str, Any]]:
     if options["mapping_file"] is not None:
         mapping = read_mapping(options["mapping_file"])
     click.get_current_context().meta.setdefault(NAMED_FILES, []).extend(mapping.files)
-    how = {
+    how: ReadingOptions = {
         "mapping": mapping.channels | options["mapping"],
         "units": mapping.units | options["units"],
         "fs": mapping.fs if options["fs"] is None else options["fs"],
@@ -210,7 +254,7 @@ def mapping_of(options: dict[str, Any]) -> tuple[MappingFile, dict[str, Any]]:
 
 
 def readings_of(
-    files: Sequence[Path], options: dict[str, Any], needed: bool = True
+    files: Sequence[Path], options: RecordOptions, needed: bool = True
 ) -> list[Reading]:
     """What files hold, by the record options and the mapping file.
 
@@ -218,28 +262,34 @@ def readings_of(
     ----------
     files : sequence of Path
         Those of the mapping file if there are none.
-    options : dict
+    options : RecordOptions
     needed : bool
         Whether no file at all is a usage error.
     """
     from ..records.files import inspect_record
 
     mapping, how = mapping_of(options)
-    how["coordinates"] = options["coordinates"] or mapping.coordinates
+    coordinates = options["coordinates"] or mapping.coordinates
     files = list(files or mapping.files)
     if not files and needed:
         raise click.UsageError(
             "Missing argument 'FILE...': give a file with the channels of a test."
         )
 
-    tests: list[Any] = [files] if mapping.together and files else list(files)
+    tests: list[AnyPath | list[AnyPath]] = [*files]
+    if mapping.together and files:
+        tests = [[*files]]
     name = mapping.name if len(tests) == 1 else None
+    readings = []
     with working("reading"):
-        return [inspect_record(test, name=name, **how) for test in tests]
+        for test in tests:
+            reading = inspect_record(test, name=name, coordinates=coordinates, **how)
+            readings.append(reading)
+    return readings
 
 
 def records_of(
-    session: Session, options: dict[str, Any], *groups: Iterable[Path]
+    session: Session, options: RecordOptions, *groups: Iterable[Path]
 ) -> list[Record]:
     """The records of some groups of files, each read as by :func:`readings_of`.
 
@@ -255,7 +305,7 @@ def records_of(
 
 
 def laws_of(
-    pairs: Iterable[tuple[str, list[str]]], degree: int | tuple[int, int]
+    pairs: Iterable[tuple[str, list[str]]], degree: Degree
 ) -> dict[str, list[ForceLaw]] | None:
     """Laws by site, from sites and names of laws; None if there are none."""
     from .. import laws
@@ -270,17 +320,16 @@ def laws_of(
     return by_site or None
 
 
-def regressor_of(options: dict[str, Any]) -> NRFRegressor:
+def regressor_of(options: ModelOptions) -> NRFRegressor:
     """The regressor that the options describe."""
     from ..identification.regressor import NRFRegressor
 
-    settings = {}
-    for name in ("degree", "band", "strategy", "estimation"):
-        if name in options:
-            settings[name] = options[name]
     return NRFRegressor(
+        degree=options["degree"],
+        orders=options.get("orders") or None,
+        strategy=options.get("strategy", "auto"),
+        estimation=options.get("estimation", "auto"),
         laws=laws_of(options["laws"], options["degree"]),
         known_masses=options["masses"] or None,
-        orders=options.get("orders") or None,
-        **settings,
+        band=options["band"],
     )

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ..diagnosis.effects import shares_of
+from ..diagnosis.facts import facts_of_model
 from ..diagnosis.free_run import FreeRuns
-from ..diagnosis.verdict import Verdict, verdict_on
+from ..diagnosis.verdict import Verdict, verdict_from
 from ..identification.noise_spectra import transfer
 from ..identification.regressor import NRFRegressor
 from ..records.files.frequency_response import FrequencyResponse, in_band
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
+from .exit_codes import ExitCode, code_of_verdict
 from .session import warned, working
-
-RED = 4  # exit code
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class Outcome:
         Of the fit, beside the reasons of the verdict.
     """
 
-    estimator: Any
+    estimator: NRFRegressor
     verdict: Verdict
     free: FreeRuns = field(default_factory=lambda: FreeRuns(pd.DataFrame()))
     shares: dict[str, pd.Series] = field(default_factory=dict)
@@ -86,14 +85,9 @@ class Outcome:
         return modes if (modes["damping"].abs() < 1).all() else None
 
     @property
-    def exit_code(self) -> int:
+    def exit_code(self) -> ExitCode:
         """Exit code of the verdict."""
-        return exit_code(self.verdict)
-
-
-def exit_code(verdict: Verdict) -> int:
-    """Exit code of a verdict: 4 if it is red."""
-    return RED if verdict.state == "red" else 0
+        return code_of_verdict(self.verdict)
 
 
 def identify_records(
@@ -109,8 +103,10 @@ def identify_records(
         Whether channels are taken as they are, without fusion.
     """
     with warned() as messages, working("fitting, running free, checking"):
-        data: Any = from_arrays(records, smooth=False) if raw else records
-        estimator.fit(data)
+        if raw:
+            estimator.fit(from_arrays(records, smooth=False))
+        else:
+            estimator.fit(records)
         shares = shares_of(estimator.model_, estimator.fit_data(""))
         verdict, free = estimator.verdict(), estimator.free_runs()
     others = [text for text in messages() if text not in verdict.reasons]
@@ -128,5 +124,5 @@ def identify_frf(frf: FrequencyResponse, estimator: NRFRegressor) -> Outcome:
 
     bounds = estimator.bounds()[0]
     known = estimator.problem_.known_masses
-    verdict = verdict_on(estimator.model_, {}, [], bounds=bounds, known_masses=known)
+    verdict = verdict_from(facts_of_model(estimator.model_, bounds, None, known))
     return Outcome(estimator, verdict, responses=responses, warnings=messages())

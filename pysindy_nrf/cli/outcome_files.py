@@ -19,6 +19,7 @@ from ..report.figures.matplotlib_renderer import save
 from ..report.figures.motion import free_run_figure, response_figures
 from ..report.model_content import identification_of
 from ..report.words import band_text
+from .exit_codes import ExitCode
 from .outcome import Outcome
 from .outcome_words import outcome_data, outcome_text
 from .session import Session
@@ -36,7 +37,7 @@ def finish(
     figures: bool,
     records: Sequence[Record] = (),
     truth: ChainModel | None = None,
-) -> int:
+) -> ExitCode:
     """Write what was found, then print it.
 
     Parameters
@@ -52,11 +53,10 @@ def finish(
 
     Returns
     -------
-    int
-        The exit code.
+    ExitCode
     """
     session.conclude(outcome_text(outcome, truth))
-    session.warnings += outcome.warnings
+    session.add_warnings(outcome.warnings)
     outcome.estimator.model_.info.update(session.provenance())
     with session.writing() as folder:
         written = write_outcome(outcome, folder, figures, records)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import pandas as pd
 
@@ -100,7 +99,7 @@ def _balance_errors(errors: pd.DataFrame) -> list[str]:
     return lines
 
 
-def _third_law(gaps: Mapping[Any, float]) -> list[str]:
+def _third_law(gaps: pd.Series) -> list[str]:
     """How far the two estimates of a storey differ."""
     if not len(gaps):
         return []
@@ -127,11 +126,11 @@ def _free_run_errors(outcome: Outcome) -> list[str]:
     return lines
 
 
-def outcome_data(outcome: Outcome, records: Sequence[Record]) -> dict[str, Any]:
+def outcome_data(outcome: Outcome, records: Sequence[Record]) -> dict[str, object]:
     """The same as plain data, for ``--json``."""
     estimator, responses = outcome.estimator, outcome.responses
     model = estimator.model_
-    understood = [summary(record) for record in records]
+    understood: list[dict[str, object]] = [summary(record) for record in records]
     response_errors = modes = None
     if responses is not None:
         frf = responses.measured

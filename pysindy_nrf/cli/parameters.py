@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import click
 
 from ..chain.sites import Site
+
+# A total degree, or a box (k, q).
+Degree = int | tuple[int, int]
+# Ends of a band, Hz; open where None.
+Band = tuple[float | None, float | None]
+
+Key = TypeVar("Key", bound=Hashable)
+Value = TypeVar("Value")
 
 # The highest order, and the highest floor, that a range may name.
 LARGEST_NUMBER = 50
@@ -29,17 +37,19 @@ class Text(click.ParamType):
         What is said to be wanted then; the words of the error if empty.
     """
 
-    def __init__(self, name: str, read: Callable[[str], Any], wanted: str = "") -> None:
+    def __init__(
+        self, name: str, read: Callable[[str], object], wanted: str = ""
+    ) -> None:
         self.name = name
         self.read = read
         self.wanted = wanted
 
     def convert(
         self,
-        value: Any,
+        value: object,
         param: click.Parameter | None,
         ctx: click.Context | None,
-    ) -> Any:
+    ) -> object:
         """The value; one that was converted before is left alone."""
         if not isinstance(value, str):
             return value
@@ -50,10 +60,10 @@ class Text(click.ParamType):
             self.fail(why, param, ctx)
 
 
-def pair(form: str, read: Callable[[str], Any] = str) -> Text:
+def pair(form: str, read: Callable[[str], object] = str) -> Text:
     """A text ``KEY=VALUE``, split at the first ``=``, whose value is read."""
 
-    def parts(text: str) -> tuple[str, Any]:
+    def key_and_value(text: str) -> tuple[str, object]:
         # bytes of a terminal that is said to know only ASCII
         with suppress(UnicodeError):
             text = os.fsencode(text).decode("utf-8")
@@ -62,14 +72,14 @@ def pair(form: str, read: Callable[[str], Any] = str) -> Text:
             raise ValueError(f"{text!r} is not of the form {form}")
         return key.strip(), read(value.strip())
 
-    return Text(form, parts)
+    return Text(form, key_and_value)
 
 
 def once(
-    ctx: click.Context, param: click.Parameter, pairs: Iterable[tuple[str, Any]]
-) -> dict[str, Any]:
+    ctx: click.Context, param: click.Parameter, pairs: Iterable[tuple[Key, Value]]
+) -> dict[Key, Value]:
     """Pairs as a mapping; a key given twice is a usage error."""
-    mapping: dict[str, Any] = {}
+    mapping: dict[Key, Value] = {}
     for key, value in pairs:
         if key in mapping:
             raise click.BadParameter(f"{key}= is given twice.", ctx, param)
@@ -96,7 +106,7 @@ def mass(text: str) -> tuple[int, float]:
     return int(dof), float(value)
 
 
-def band(text: str) -> tuple[float | None, float | None]:
+def band(text: str) -> Band:
     """Two frequencies, Hz; ``none`` is an open end."""
     ends: list[float | None] = []
     for end in text.split(","):
@@ -106,7 +116,7 @@ def band(text: str) -> tuple[float | None, float | None]:
     return low, high
 
 
-def degree(text: str) -> int | tuple[int, int]:
+def degree(text: str) -> Degree:
     """A total degree, ``3``, or a box ``k,q``."""
     numbers = _whole_numbers(text)
     if len(numbers) not in (1, 2) or min(numbers) < 0:
@@ -135,13 +145,13 @@ def floors(text: str) -> list[int]:
 
 def _numbers(text: str) -> list[float]:
     """Numbers with commas between them."""
-    return [float(part) for part in text.split(",")]
+    return [float(number) for number in text.split(",")]
 
 
 def _whole_numbers(text: str) -> list[int]:
     """Whole numbers with commas between them; empty if they are not."""
     try:
-        return [int(part) for part in text.split(",")]
+        return [int(number) for number in text.split(",")]
     except ValueError:
         return []
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -52,7 +52,7 @@ def verdict_text(verdict: Verdict) -> str:
     return "\n".join(lines)
 
 
-def verdict_data(verdict: Verdict) -> dict[str, Any]:
+def verdict_data(verdict: Verdict) -> dict[str, object]:
     """A verdict as plain data."""
     return {
         "state": verdict.state,
@@ -73,7 +73,7 @@ def printable(words: str) -> str:
     return "".join(signs)
 
 
-def plain(data: Any) -> Any:
+def plain(data: object) -> object:
     """Data as JSON holds them: no NumPy, no NaN."""
     data = _builtin(data)
     if isinstance(data, dict):
@@ -87,7 +87,7 @@ def plain(data: Any) -> Any:
     return str(data)
 
 
-def _builtin(data: Any) -> Any:
+def _builtin(data: object) -> object:
     """Data of NumPy and pandas as Python's own."""
     if isinstance(data, pd.DataFrame):
         return data.to_dict("index")

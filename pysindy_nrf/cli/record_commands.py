@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 import click
 import numpy as np
@@ -20,10 +20,20 @@ if TYPE_CHECKING:
     from ..laws.base import ForceLaw
     from ..records.files.mapping import MappingFile
     from ..records.files.reading import Reading
+    from ..records.files.tables import AnyPath
     from ..records.record import Record
 
 # Share by which a drift may exceed what the data of a model reached.
 BEYOND_THE_DATA = 1.05
+
+
+class SimulationOptions(opt.ExcitationOptions):
+    """Options of ``simulate``."""
+
+    method: str
+    x0: list[float] | None
+    v0: list[float] | None
+    output: Path
 
 
 @click.command(short_help="Say what a file holds and how it was understood.")
@@ -35,7 +45,10 @@ BEYOND_THE_DATA = 1.05
 )
 @opt.json_option
 def inspect(
-    files: tuple[Path, ...], as_json: bool, write_mapping: Path | None, **options: Any
+    files: tuple[Path, ...],
+    as_json: bool,
+    write_mapping: Path | None,
+    **options: Unpack[opt.RecordOptions],
 ) -> None:
     """Say what a file holds and how it was understood. Nothing is solved, nothing is
     written.
@@ -70,7 +83,7 @@ def inspect(
 
 
 def _readings(
-    session: Session, files: Sequence[Path], options: dict[str, Any]
+    session: Session, files: Sequence[Path], options: opt.RecordOptions
 ) -> list[Reading]:
     """What files hold; the columns of one that cannot be understood are listed."""
     from ..records.files import read_table
@@ -85,7 +98,7 @@ def _readings(
         raise
 
 
-def _data_of_reading(reading: Reading, doubts: list[str]) -> dict[str, Any]:
+def _data_of_reading(reading: Reading, doubts: list[str]) -> dict[str, object]:
     """How a file was understood, as plain data."""
     from ..records.files.summary import summary
 
@@ -206,7 +219,12 @@ def _data_of_law(law: type[ForceLaw]) -> dict[str, str]:
     "simulation.csv", "File of the record: .csv, .parquet or .uff.", single=True
 )
 @opt.json_option
-def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) -> None:
+def simulate(
+    model: Path,
+    forces: Path | None,
+    as_json: bool,
+    **options: Unpack[SimulationOptions],
+) -> None:
     """Run a model alone under the forces of a file and write the motion.
 
     MODEL is model.json of identify or closed_loop.json of close-loop. FORCES holds F1..
@@ -245,10 +263,10 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
             x0=options["x0"],
             v0=options["v0"],
         )
-    run.t0 = load.t0
+    run = run.starting_at(load.t0)
 
     session.conclude(describe(run))
-    session.warnings += _beyond_the_data(structure, run)
+    session.add_warnings(_beyond_the_data(structure, run))
     path = options["output"]
     with session.writing() as folder:
         write_record(run, folder / path.name)
@@ -256,12 +274,12 @@ def simulate(model: Path, forces: Path | None, as_json: bool, **options: Any) ->
     session.say(f"\nWritten: {path}")
 
 
-def _one_test(forces: Path | None, mapping: MappingFile) -> Any:
+def _one_test(forces: Path | None, mapping: MappingFile) -> AnyPath | list[AnyPath]:
     """The file given, or the one test that the mapping file names."""
     if forces is not None:
         return forces
     if mapping.together and mapping.files:
-        return list(mapping.files)
+        return [*mapping.files]
     if len(mapping.files) == 1:
         return mapping.files[0]
     why = "no file is named"

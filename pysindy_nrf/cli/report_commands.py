@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import click
 import pandas as pd
 
 from . import options as opt
-from .parameters import FLOORS, PATH
+from .parameters import FLOORS, PATH, Band
 from .printing import table_text
 from .session import Session
 
@@ -22,6 +23,26 @@ if TYPE_CHECKING:
 LISTED_TESTS = 10
 # Bytes of the file of a result: far more than any has.
 MAX_BYTES = 200_000_000
+
+
+class PlanOptions(TypedDict):
+    """Options of ``plan``."""
+
+    links: tuple[str, ...]
+    can_hit: list[int] | None
+    sensors: list[int] | None
+    unknown: list[int] | None
+    masses: dict[int, float]
+    max_hits: int
+    model: Path | None
+
+
+class ReportOptions(opt.RecordOptions):
+    """Options of ``report``."""
+
+    band: Band | None
+    title: str | None
+    output: Path
 
 
 @click.command(short_help="Say which floor to hit, which sensor to add.")
@@ -43,14 +64,16 @@ MAX_BYTES = 200_000_000
     help="Floors on which a force acts that is not measured.",
 )
 @opt.mass_option
-@click.option("--most", type=click.IntRange(1), default=2, help="Floors hit at most.")
+@click.option(
+    "--most", "max_hits", type=click.IntRange(1), default=2, help="Floors hit at most."
+)
 @click.option(
     "--model",
     type=PATH,
     help="A first guess (model.json): ranks floors by how modes respond.",
 )
 @opt.json_option
-def plan(floors: int, as_json: bool, **options: Any) -> None:
+def plan(floors: int, as_json: bool, **options: Unpack[PlanOptions]) -> None:
     """Say which floor to hit, or which sensor to add, before a test of a structure with
     FLOORS floors.
 
@@ -69,22 +92,22 @@ def plan(floors: int, as_json: bool, **options: Any) -> None:
         model = ChainModel.from_json(options["model"])
         if model.n_dof != floors:
             raise click.UsageError(f"The model has {model.n_dof} floors, not {floors}.")
-    found = Chain(floors, options["links"]).plan(
+    test_plan = Chain(floors, options["links"]).plan(
         can_hit=options["can_hit"],
         sensors=options["sensors"],
         unknown=options["unknown"] or (),
         known_masses=options["masses"],
         model=model,
-        most=min(options["most"], floors),
+        most=min(options["max_hits"], floors),
     )
 
-    if found.advice:
-        session.say(*found.advice)
-    if len(found.table):
-        shown = _table_of_tests(found.table, with_response=model is not None)
+    if test_plan.advice:
+        session.say(*test_plan.advice)
+    if len(test_plan.table):
+        shown = _table_of_tests(test_plan.table, with_response=model is not None)
         session.headed("Tests, the best first", shown)
-    tests = found.table.to_dict("records")
-    session.emit({"advice": found.advice, "tests": tests})
+    tests = test_plan.table.to_dict("records")
+    session.emit({"advice": test_plan.advice, "tests": tests})
 
 
 def _table_of_tests(table: pd.DataFrame, with_response: bool) -> str:
@@ -106,7 +129,9 @@ def _table_of_tests(table: pd.DataFrame, with_response: bool) -> str:
 @click.option("--title", help="Title of the page.")
 @opt.output("report.html", "File of the page.", single=True)
 @opt.json_option
-def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
+def report(
+    files: tuple[Path, ...], as_json: bool, **options: Unpack[ReportOptions]
+) -> None:
     """Write one page (HTML, works offline) of a result, over records.
 
     FILE is a result (model.json of identify, closed_loop.json of close-loop, what they
@@ -118,28 +143,34 @@ def report(files: tuple[Path, ...], as_json: bool, **options: Any) -> None:
       pysindy-nrf report nrf_output/model.json shaker.csv --unit a=g -o frame.html
     """
     from ..common.files import atomic_write
-    from ..report.page import page
+    from ..report import as_html
 
     session = Session(as_json)
-    results = [path for path in files if path.suffix.lower() == ".json"]
-    if len(results) != 1:
-        raise click.UsageError(
-            "report takes one result (.json); records are identified by run or identify"
-            " first."
-        )
-    others = [path for path in files if path not in results]
+    result = _result_among(files)
+    others = [path for path in files if path != result]
     readings = opt.readings_of(others, options, needed=False)
     records = [reading.record for reading in readings]
     title, output = options["title"], options["output"]
     with session.listening():
-        model = _model_of(results[0])
-        html = page(model, records or None, title=title, band=options["band"])
+        model = _model_of(result)
+        html = as_html(model, records or None, title=title, band=options["band"])
 
     with session.writing() as folder, atomic_write(folder / output.name) as file:
         file.write(html)
     names = [record.name for record in records]
     session.emit({"title": title, "records": names}, [output])
     session.say(f"Written: {output}   (open it in a browser)")
+
+
+def _result_among(files: Sequence[Path]) -> Path:
+    """The one result among files."""
+    results = [path for path in files if path.suffix.lower() == ".json"]
+    if len(results) != 1:
+        raise click.UsageError(
+            "report takes one result (.json); records are identified by run or identify"
+            " first."
+        )
+    return results[0]
 
 
 def _model_of(path: Path) -> ChainModel:

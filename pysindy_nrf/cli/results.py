@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import TypedDict
 
 from ..common.audit import versions
 from ..common.files import PART, atomic_write, file_behind, hold, left_behind
@@ -27,10 +27,18 @@ _SCHEMA, _VERSION = "pysindy_nrf.Manifest", 1
 _LOCK, _REPLACED = "lock", "replaced"
 
 
+class Source(TypedDict):
+    """A file that a run reads."""
+
+    file: str
+    bytes: int
+    sha256: str
+
+
 class Run(TypedDict):
     """What a manifest says of one run, among other things."""
 
-    inputs: list[dict[str, Any]]
+    inputs: list[Source]
     files: dict[str, str]
 
 
@@ -72,18 +80,18 @@ class Results:
             self._refuse_losses([output.name])
 
     @cached_property
-    def sources(self) -> list[dict[str, Any]]:
+    def sources(self) -> list[Source]:
         """The inputs as manifests and models name them: file, bytes, SHA-256."""
-        sources = []
+        sources: list[Source] = []
         for path in dict.fromkeys(self.inputs):
             if path.is_file():
                 size = path.stat().st_size
-                source = {"file": str(path), "bytes": size, "sha256": sha256(path)}
-                sources.append(source)
+                mark = sha256(path)
+                sources.append({"file": str(path), "bytes": size, "sha256": mark})
         return sources
 
     @contextmanager
-    def aside(self, about: Mapping[str, Any]) -> Iterator[Path]:
+    def aside(self, about: Mapping[str, object]) -> Iterator[Path]:
         """A folder for the files of the run, which are moved into place at the end.
 
         Parameters
@@ -103,8 +111,11 @@ class Results:
                 yield aside
                 self._publish(aside, about)
         except OSError as error:
-            self._name_the_place(error, aside)
-            raise
+            place = self._place_of(error, aside)
+            if place is None:
+                raise
+            renamed = OSError(error.errno, error.strerror, str(place))
+            raise renamed from error
         finally:
             replaced = (aside / _REPLACED).glob("*")
             if not any(replaced):  # else the next run brings them back
@@ -113,16 +124,16 @@ class Results:
                 for folder in made:
                     folder.rmdir()
 
-    def _name_the_place(self, error: OSError, aside: Path) -> None:
-        """Let an error name the file in its place, not where it is written aside."""
-        if error.filename is not None:
-            path = Path(error.filename)
-            if path.parent == aside.resolve():
-                error.filename = str(self.home / path.name)
+    def _place_of(self, error: OSError, aside: Path) -> Path | None:
+        """The place of the file that an error names where it is written aside."""
+        if error.filename is None:
+            return None
+        path = Path(error.filename)
+        return self.home / path.name if path.parent == aside.resolve() else None
 
     # -- moving ----------------------------------------------------------------
 
-    def _publish(self, aside: Path, about: Mapping[str, Any]) -> None:
+    def _publish(self, aside: Path, about: Mapping[str, object]) -> None:
         """Move the files into place; what they replace comes back if that fails."""
         files = {}
         for path in sorted(aside.iterdir()):

@@ -9,10 +9,9 @@ import shlex
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -76,19 +75,32 @@ class Session:
         """Keep words of the result below a heading."""
         self.conclude(heading(title), *words)
 
+    def add_warnings(self, warnings: Iterable[str]) -> None:
+        """Add warnings, each once."""
+        for warning in warnings:
+            if warning not in self.warnings:
+                self.warnings.append(warning)
+
+    def drop_warnings(self, others: Iterable[str]) -> None:
+        """Drop the warnings that are given elsewhere."""
+        elsewhere = set(others)
+        self.warnings = [
+            warning for warning in self.warnings if warning not in elsewhere
+        ]
+
     def take_care(self) -> None:
         """Print the warnings."""
         if self.warnings:
             self.headed("Take care", paragraphs(self.warnings))
 
-    def emit(self, data: dict[str, Any], files: Iterable[Path] = ()) -> None:
+    def emit(self, data: Mapping[str, object], files: Iterable[Path] = ()) -> None:
         """Print plain data for machines: strict JSON."""
         if not self.as_json:
             return
-        data = dict(data)
-        data.setdefault("warnings", self.warnings)
-        data["files"] = [str(path) for path in files]
-        _print(json.dumps(plain(data), indent=2, allow_nan=False))
+        names = [str(path) for path in files]
+        warnings = data.get("warnings", self.warnings)
+        document = {**data, "warnings": warnings, "files": names}
+        _print(json.dumps(plain(document), indent=2, allow_nan=False))
 
     @contextmanager
     def listening(self, label: str = "working") -> Iterator[Callable[[], None]]:
@@ -100,11 +112,9 @@ class Session:
             try:
                 yield tick
             finally:
-                for message in messages():
-                    if message not in self.warnings:
-                        self.warnings.append(message)
+                self.add_warnings(messages())
 
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, object]:
         """The command, and the files that it read with their SHA-256."""
         words = click.get_current_context().obj or []
         command = shlex.join(["pysindy-nrf", *words])
@@ -130,7 +140,7 @@ class Session:
                 self.say(*self._sections)
             self.take_care()
 
-    def finish(self, data: dict[str, Any], files: Sequence[Path]) -> None:
+    def finish(self, data: Mapping[str, object], files: Sequence[Path]) -> None:
         """Print the data for machines, or what was written and the page to open."""
         home = self.results.home
         places = [home / path.name for path in files]
@@ -184,7 +194,7 @@ def working(label: str) -> Iterator[Callable[[], None]]:
     n_tried, done = itertools.count(1), threading.Event()
 
     def tick() -> None:
-        bar.desc = f"laws tried: {next(n_tried)}"
+        bar.set_description_str(f"laws tried: {next(n_tried)}", refresh=False)
 
     def watch() -> None:
         while not done.wait(1.0):
@@ -208,8 +218,11 @@ def warned() -> Iterator[Callable[[], list[str]]]:
         warnings.simplefilter("always", NRFWarning)
 
         def messages() -> list[str]:
-            own = [entry for entry in caught if issubclass(entry.category, NRFWarning)]
-            return list(dict.fromkeys(str(entry.message) for entry in own))
+            texts = []
+            for entry in caught:
+                if issubclass(entry.category, NRFWarning):
+                    texts.append(str(entry.message))
+            return list(dict.fromkeys(texts))
 
         yield messages
 

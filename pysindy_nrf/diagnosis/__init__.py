@@ -1,14 +1,26 @@
-"""Diagnostics of forces, laws and balances of a fit, and planning of the next test."""
+"""Diagnostics of forces, laws and balances of a fit, and the verdict on it."""
 
 from ..common.lazy import public_names
 
 _NAMES = {
+    "Diagnosis": "limits",
     "Facts": "facts",
+    "FreeRunFacts": "facts",
+    "FreeRuns": "free_run",
+    "GrowingMode": "facts",
+    "Reason": "rules",
     "Verdict": "verdict",
+    "diagnose": "limits",
+    "digits": "effects",
+    "effect_words": "effects",
+    "facts_of_model": "facts",
     "force_delay": "force_delays",
+    "free_runs": "free_run",
     "residual_of": "residual",
+    "verdict_after_search": "verdict",
     "verdict_from": "verdict",
     "warn_of_bias": "bias",
+    "wiring_errors": "wiring",
 }
 __all__ = [*_NAMES]
 

@@ -104,9 +104,43 @@ def plain_name(name: object) -> str:
     return str(name).replace("_", " ")
 
 
+def capitalised(text: str) -> str:
+    """A text with a capital at its start."""
+    return text[:1].upper() + text[1:]
+
+
+def as_sentence(text: str) -> str:
+    """Words with a capital and a full stop."""
+    text = text.strip().rstrip(".")
+    return f"{capitalised(text)}." if text else ""
+
+
 def law_at_site(effect: Effect) -> str:
     """An effect by its law and its site."""
     return f"{plain_name(effect.law)} at {effect.site}"
+
+
+def not_told_apart(effect: Effect) -> list[str]:
+    """What else the data allow instead of an effect."""
+    texts = []
+    if effect.alternatives:
+        others = ", ".join(map(plain_name, effect.alternatives))
+        family = plain_name(effect.family)
+        texts.append(f"At {effect.site} the data cannot tell {family} from {others}.")
+    if effect.company:
+        laws = sorted(map(plain_name, (effect.law, *effect.company)))
+        together = f"{', '.join(laws[:-1])} and {laws[-1]}"
+        texts.append(
+            f"At {effect.site} {together} may together stand for one law that is not in"
+            " the catalogue."
+        )
+    if effect.sensors:
+        sensors = " or ".join(effect.sensors)
+        texts.append(
+            f"The same fault, reversed, at {sensors} explains as much as"
+            f" {law_at_site(effect)}."
+        )
+    return texts
 
 
 def described(effect: Effect) -> str:

@@ -144,25 +144,40 @@ def facts_of_model(
     over_periods : float
         Error of free runs over some periods, percent NRMSE.
     """
-    impossible = {}
-    for j, mass in enumerate(model.masses, 1):
-        if mass <= 0 and j not in known_masses:
-            impossible[j] = float(mass)
-
-    modes = pd.DataFrame()
-    if (model.masses > 0).all() and (model.total_masses > 0).all():
-        modes = model.modes()
-    growing = None
-    if len(modes) and modes["damping"].min() < 0:
-        growing = GrowingMode(modes["damping"].idxmin(), float(modes["damping"].min()))
-
+    modes = _modes_of(model)
     return Facts(
-        impossible_masses=impossible,
+        impossible_masses=_impossible_masses(model, known_masses),
         negative_stiffness=tuple(_negative_stiffness(model, bounds)),
         intervals=bounds,
-        growing_mode=growing,
+        growing_mode=_growing_mode(modes),
         free_run=_free_run_facts(runs, modes, over_periods),
     )
+
+
+def _modes_of(model: ChainModel) -> pd.DataFrame:
+    """Modes of the linear part; empty where a mass is not positive."""
+    if (model.masses > 0).all() and (model.total_masses > 0).all():
+        return model.modes()
+    return pd.DataFrame()
+
+
+def _impossible_masses(
+    model: ChainModel, known_masses: Collection[int]
+) -> dict[int, float]:
+    """Masses that were identified and are not positive, by DOF."""
+    impossible = {}
+    for j, mass in enumerate(model.masses.tolist(), 1):
+        if mass <= 0 and j not in known_masses:
+            impossible[j] = mass
+    return impossible
+
+
+def _growing_mode(modes: pd.DataFrame) -> GrowingMode | None:
+    """The mode with the most negative damping."""
+    if modes.empty or not modes["damping"].min() < 0:
+        return None
+    number = modes["damping"].idxmin()
+    return GrowingMode(number, float(modes.loc[number, "damping"]))
 
 
 def _free_run_facts(
@@ -171,19 +186,27 @@ def _free_run_facts(
     """How far a model alone follows the measured motion."""
     if runs is None:
         return FreeRunFacts(over_periods=over_periods)
-    endless = bool((~np.isfinite(runs.table.to_numpy(dtype=float))).any())
-    floats = True
-    if len(modes) and runs.runs:
-        longest = max(seg.n_valid * (seg.dt or 1.0) for seg, _ in runs.runs)
-        floats = float(modes["frequency"].min()) * longest < FLOATING_PERIODS
+    is_finite = np.isfinite(runs.table.to_numpy(dtype=float)).all()
     return FreeRunFacts(
-        runs.error, over_periods, endless or runs.failed, runs.why_not, floats
+        error=runs.error,
+        over_periods=over_periods,
+        diverges=runs.failed or not is_finite,
+        why_not=runs.why_not,
+        floats=_floats(runs, modes),
     )
+
+
+def _floats(runs: FreeRuns, modes: pd.DataFrame) -> bool:
+    """Whether the slowest mode hardly comes round in the longest record."""
+    if modes.empty or not runs.runs:
+        return True
+    durations = [segment.n_valid * (segment.dt or 1.0) for segment, _ in runs.runs]
+    return float(modes["frequency"].min()) * max(durations) < FLOATING_PERIODS
 
 
 def _negative_stiffness(model: ChainModel, bounds: Bounds) -> list[str]:
     """Storeys without memory whose stiffness is negative and carries their force."""
-    found = []
+    storeys = []
     for site, force in model.restoring_forces.items():
         region = model.visited.get(site)
         stiffness = float(force.linear_part()["k"])
@@ -192,8 +215,8 @@ def _negative_stiffness(model: ChainModel, bounds: Bounds) -> list[str]:
         if region is None or not site.is_storey or not surely_negative:
             continue
         if _is_polynomial(force) and _pushes_outwards(force, region):
-            found.append(str(site))
-    return found
+            storeys.append(str(site))
+    return storeys
 
 
 def _is_polynomial(force: RestoringForce) -> bool:
@@ -208,13 +231,13 @@ def _pushes_outwards(force: RestoringForce, region: VisitedRegion) -> bool:
     """Whether a storey pushes away from its rest, and its spring carries the force."""
     largest = np.maximum(np.abs(region.low), np.abs(region.high))
     rate, drift = float(largest[0]), float(largest[1])
-    left, right = force(np.zeros(2), np.array([-drift, drift]))
+    backward, forward = force(np.zeros(2), np.array([-drift, drift]))
 
     linear = force.linear_part()
     of_spring = -linear["k"] * drift
     of_dashpot = abs(linear["c"]) * rate
     carries = of_spring > CARRIES * (of_spring + of_dashpot)
-    return bool(right - left < 0 and carries)
+    return bool(forward - backward < 0 and carries)
 
 
 # -- a closed loop -------------------------------------------------------------
@@ -298,15 +321,19 @@ def facts_of_loop(report: Loop) -> Facts:
     ``wiring`` is left out: a verdict asks for it where the other facts make it likely.
     """
     model = report.model
-    known = [j for j in range(1, model.n_dof + 1) if f"m{j}" not in report.bounds]
+    dofs = range(1, model.n_dof + 1)
+    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
     over_periods = float(report.final["free run"])
+    of_model = facts_of_model(
+        model, report.bounds, report.free_runs, known_masses, over_periods
+    )
 
     unexplained = {}
-    for j in range(1, model.n_dof + 1):
+    for j in dofs:
         unexplained[j] = float(report.final.get(f"held-out dof {j}", np.nan))
     confirmed = [step for step in report.steps if step.confirmed]
     return replace(
-        facts_of_model(model, report.bounds, report.free_runs, known, over_periods),
+        of_model,
         unexplained=unexplained,
         holds=tuple(map(described, confirmed)),
         channel_faults=report.faults,

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy import linalg
 
 from ..chain.layout import LawLayout
@@ -52,8 +53,30 @@ RANK = 1e-12
 COLUMNS = ["delay", "samples", "error", "aligned", "message"]
 
 
+class Problem(Protocol):
+    """What delays need of the problem behind a fit."""
+
+    @property
+    def layout(self) -> LawLayout:
+        """Columns of the laws."""
+
+    def filters(self, data: Dataset) -> list[ZeroPhaseFilter | None]:
+        """The filter of each record."""
+
+
+class Fitted(Protocol):
+    """What delays need of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
+
+    @property
+    def problem_(self) -> Problem:
+        """The problem behind the fit."""
+
+    def fit_data(self, cure: str) -> Dataset:
+        """The data of the fit."""
+
+
 def force_delay(
-    estimator: Any, X: Any = None, F: Any = None, **options: Any
+    estimator: Fitted, X: object = None, F: ArrayLike | None = None, **options: object
 ) -> pd.DataFrame:
     """Delay of each measured force against the motion.
 
@@ -119,11 +142,11 @@ class _Delay:
         size = abs(self.samples)
         return not (size >= LEAST_DELAY and size >= SURE * self.error)
 
-    def row(self, dof: int, dt: float | None) -> list[Any]:
+    def row(self, dof: int, dt: float | None) -> tuple[float, float, float, bool, str]:
         """Row of the table."""
         seconds = self.samples * (dt or np.nan)
         message = self.message(dof, dt)
-        return [seconds, self.samples, self.error, self.is_aligned, message]
+        return seconds, self.samples, self.error, self.is_aligned, message
 
     def message(self, dof: int, dt: float | None) -> str:
         """Message on the delay; empty if the force is aligned."""

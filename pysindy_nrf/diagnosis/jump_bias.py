@@ -9,10 +9,10 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from sklearn.base import BaseEstimator
 
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
@@ -125,7 +125,7 @@ class JumpBias:
         model: ChainModel,
         solve_order: SolveOrder,
         known_masses: Mapping[int, float] | None = None,
-        inner: Any = None,
+        inner: BaseEstimator | None = None,
         silent: bool = False,
         layout: LawLayout | None = None,
     ) -> None:

@@ -24,6 +24,7 @@ import pandas as pd
 from ..chain.model import ChainModel
 from ..exceptions import ChannelError
 from ..records.dataset import Dataset
+from ..records.record import Record
 from ..records.zero_phase_filter import ZeroPhaseFilter
 
 Filters = Sequence[ZeroPhaseFilter | None]
@@ -58,7 +59,7 @@ class Residual:
     balance: list[np.ndarray]
     reference: pd.DataFrame
     scale: np.ndarray
-    columns: dict[Any, Any] = field(default_factory=dict)
+    columns: dict[Any, dict[Any, Any]] = field(default_factory=dict)
 
     @property
     def n_dof(self) -> int:
@@ -105,8 +106,8 @@ def from_top(columns: np.ndarray) -> np.ndarray:
 
 def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Rms of every column over records; NaN if it is unknown in all of them."""
-    squares = np.sum([np.nansum(part**2, axis=0) for part in parts], axis=0)
-    count = np.sum([np.isfinite(part).sum(axis=0) for part in parts], axis=0)
+    squares = np.sum([np.nansum(lines**2, axis=0) for lines in parts], axis=0)
+    count = np.sum([np.isfinite(lines).sum(axis=0) for lines in parts], axis=0)
     mean = np.full(np.shape(squares), np.nan)
     np.divide(squares, count, out=mean, where=count > 0)
     return np.sqrt(mean)
@@ -114,7 +115,7 @@ def rms(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 def residual_of(
     model: ChainModel,
-    data: Any,
+    data: Dataset | Record | Sequence[Record],
     filters: Filters | None = None,
     forces: Sequence[np.ndarray] | None = None,
 ) -> Residual:

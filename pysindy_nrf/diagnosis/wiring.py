@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -119,13 +119,13 @@ def suspect_channels(records: Iterable[Record]) -> dict[str, bool]:
     dict of str to bool
         What one of two channels of a floor is, and whether that is sure.
     """
-    found: dict[str, bool] = {}
+    faults: dict[str, bool] = {}
     for record in records:
         with suppress(NRFError):  # no floor has two kinds of channels
             table = channel_alignment(record)
             for _, row in table[~table["aligned"].astype(bool)].iterrows():
-                found |= _fault_of_channel(row)
-    return found
+                faults |= _fault_of_channel(row)
+    return faults
 
 
 def _fault_of_channel(row: pd.Series) -> dict[str, bool]:
@@ -238,7 +238,7 @@ def _exchange(kinds: tuple[str, ...], j: int, k: int) -> Callable[[Record], Reco
         order[[j - 1, k - 1]] = k - 1, j - 1
         if j == k:
             signs[j - 1] = -1.0
-        changes: dict[str, Any] = {}
+        changes = {}
         for kind in kinds:
             changes[kind] = getattr(record, kind)[:, order] * signs
         return record.replace(**changes)
@@ -340,12 +340,12 @@ def _closure(records: list[Record], solve: Solve, known: Collection[int]) -> Clo
     """How well the balances of records close."""
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         try:
-            found = solve(records)
+            fitted = solve(records)
         except NRFError:
             return Closure(True, np.full(records[0].n_dof, np.inf))
-    errors = balance_errors(found.model, found.grams)["error"].drop("pooled")
+    errors = balance_errors(fitted.model, fitted.grams)["error"].drop("pooled")
     impossible = False
-    for j, mass in enumerate(found.model.masses, 1):
+    for j, mass in enumerate(fitted.model.masses, 1):
         impossible |= bool(mass <= 0) and j not in known
     return Closure(impossible, np.maximum(errors.to_numpy(dtype=float), _LEAST_ERROR))
 
@@ -402,8 +402,8 @@ def _in_words(closing: list[tuple[WiringError, Closure]], as_wired: Closure) -> 
     if closure.errors.max() > OPEN:
         dofs = ", ".join(map(str, np.flatnonzero(closes) + 1))
         which = f"the balance of DOF {dofs} closes"
-    left = closure.errors[closes].max()
+    largest = closure.errors[closes].max()
     return (
-        f"With {' or '.join(names[:3])} {which} ({left:.2g} % left at most): check the"
-        " mapping of the channels."
+        f"With {' or '.join(names[:3])} {which} ({largest:.2g} % left at most): check"
+        " the mapping of the channels."
     )

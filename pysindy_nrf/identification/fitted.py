@@ -13,7 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from ..chain.model import ChainModel
 from ..diagnosis.free_run import FreeRuns
-from ..diagnosis.planning import Diagnosis, diagnose
+from ..diagnosis.limits import Diagnosis, diagnose
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import Verdict
 from ..equations.errors import explained_accelerations, judge
@@ -160,7 +160,10 @@ class FittedChain:
         return explained_accelerations(parts)
 
     def balance_errors(
-        self, X: object, y: object = None, **beside: ArrayLike
+        self,
+        X: object,
+        y: object = None,
+        **beside: ArrayLike | Mapping[str, ArrayLike] | None,
     ) -> pd.DataFrame:
         """Balance errors on data as in :meth:`fit` and :meth:`restoring_force`.
 
@@ -320,7 +323,7 @@ class FittedChain:
         return self.result_.bounds
 
     def diagnose(self) -> Diagnosis:
-        """What limits the estimate; see :func:`diagnosis.planning.diagnose`."""
+        """What limits the estimate; see :func:`diagnosis.limits.diagnose`."""
         check_is_fitted(self)
         return diagnose(self)
 

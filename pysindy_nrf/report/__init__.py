@@ -1,8 +1,26 @@
-"""The page that an engineer shows to a colleague.
+"""The page that an engineer shows to a colleague, and its figures.
 
-One file, offline, with figures that turn and tables that sort.
+One file, offline, with figures that turn and tables that sort. Figures are defined
+apart from how they are drawn: on matplotlib's axes (:class:`Drawing`) or by plotly
+(:func:`as_plotly`).
 """
 
-from .page import available, write_html
+from ..common.lazy import public_names
 
-__all__ = ["available", "write_html"]
+_NAMES = {
+    "Axis": "figures.figure",
+    "Bars": "figures.figure",
+    "Drawing": "figures.matplotlib_renderer",
+    "Figure": "figures.figure",
+    "Line": "figures.figure",
+    "as_html": "page",
+    "as_plotly": "figures.plotly_renderer",
+    "available": "page",
+    "content_of": "page",
+    "identification_of": "model_content",
+    "order_figure": "figures.motion",
+    "write_html": "page",
+}
+__all__ = [*_NAMES]
+
+__getattr__, __dir__ = public_names(__name__, _NAMES)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,6 +31,8 @@ from .tables import Table, table
 from .words import listed
 
 _UNKNOWN = (np.nan, np.nan)
+# Records by whose names a page is called.
+MAX_NAMES_IN_TITLE = 3
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ class Floor:
 class Storey:
     """A storey of the drawing.
 
-    ``state`` is empty where there is none, ``"linear"``, or ``"guilty"`` where
-    something was found.
+    ``state`` is empty where there is none, ``"linear"``, or ``"guilty"`` where an
+    effect acts.
     """
 
     words: str
@@ -89,11 +90,11 @@ class Storey:
 
 @dataclass(frozen=True)
 class Frame:
-    """The structure as it is drawn, from the ground up; what was found stands below."""
+    """The structure as it is drawn, from the ground up; its effects stand below."""
 
     floors: list[Floor]
     storeys: list[Storey]
-    found: list[str]
+    effects: list[str]
     base_moves: bool = False
 
 
@@ -110,7 +111,7 @@ class ModelPart:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRecord:
-    """One record: what it holds, and the table of its channels."""
+    """One record, and the table of its channels."""
 
     record: Measured
     channels: Table
@@ -201,7 +202,7 @@ def _modes(model: ChainModel) -> pd.DataFrame:
 
 
 def _masses(model: ChainModel, bounds: Bounds) -> Table:
-    rows = []
+    rows: list[list[str | float]] = []
     for j, mass in enumerate(model.masses, 1):
         rows.append([f"m{j}", *_with_ends(mass, bounds.get(f"m{j}"))])
     head = ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"]
@@ -210,7 +211,7 @@ def _masses(model: ChainModel, bounds: Bounds) -> Table:
 
 def _coefficients(model: ChainModel, bounds: Bounds) -> Table:
     """Coefficients and shape parameters of all sites."""
-    rows: list[list[Any]] = []
+    rows: list[list[str | float]] = []
     for site, force in model.restoring_forces.items():
         for (term, value), unit in zip(force.coefficients.items(), force.units):
             ends = _with_ends(value, bounds.get(f"{site}: {term}"))
@@ -231,7 +232,9 @@ def _with_ends(value: float, interval: Interval | None = None) -> list[Estimate]
     return [Estimate(number, low, high) for number in (float(value), low, high)]
 
 
-def _with_intervals(caption: str, head: list[str], rows: list[list[Any]]) -> Table:
+def _with_intervals(
+    caption: str, head: list[str], rows: Sequence[Sequence[str | float]]
+) -> Table:
     """A table; without its last two columns where there is no interval."""
     if not rows or np.isnan([row[-2] for row in rows]).all():
         return Table(caption, head[:-2], [row[:-2] for row in rows])
@@ -244,7 +247,7 @@ def _with_intervals(caption: str, head: list[str], rows: list[list[Any]]) -> Tab
 def frame_of(
     model: ChainModel,
     bounds: Bounds,
-    found: Mapping[str, str],
+    effects: Mapping[str, str],
     open_dofs: Iterable[int],
     records: Sequence[Measured],
 ) -> Frame:
@@ -254,13 +257,13 @@ def frame_of(
     ----------
     model : ChainModel
     bounds : mapping of str to (float, float)
-    found : mapping of str to str
-        What was found beside linear storeys, in words by site.
+    effects : mapping of str to str
+        What the model has beside linear storeys, in words by site.
     open_dofs : iterable of int
         DOFs whose balance does not close.
     records : sequence of Measured
     """
-    open_dofs = set(open_dofs)
+    open_balances = set(open_dofs)
     forced: set[int] = set()
     for record in records:
         forced.update(record.forced)
@@ -269,14 +272,14 @@ def frame_of(
     for j, mass in enumerate(model.masses, 1):
         estimate = Estimate(mass, *bounds.get(f"m{j}", _UNKNOWN))
         words = f"m{j} = {as_text(estimate)} kg"
-        floors.append(Floor(words, j in forced, j in open_dofs))
-        storeys.append(_storey(model, j, bounds, found))
+        floors.append(Floor(words, j in forced, j in open_balances))
+        storeys.append(_storey(model, j, bounds, effects))
     base_moves = any(record.base_moves for record in records)
-    return Frame(floors, storeys, list(found.values()), base_moves)
+    return Frame(floors, storeys, list(effects.values()), base_moves)
 
 
 def _storey(
-    model: ChainModel, number: int, bounds: Bounds, found: Mapping[str, str]
+    model: ChainModel, number: int, bounds: Bounds, effects: Mapping[str, str]
 ) -> Storey:
     """One storey with its stiffness."""
     name = f"storey {number}"
@@ -291,10 +294,15 @@ def _storey(
         low, high = bounds.get(f"{name}: s", _UNKNOWN)
         estimate = Estimate(stiffness, low / 1e3, high / 1e3)
         words = f"k{number} = {as_text(estimate)} kN/m"
-    return Storey(words, "guilty" if name in found else "linear")
+    return Storey(words, "guilty" if name in effects else "linear")
 
 
 # -- records and settings ------------------------------------------------------
+
+
+def names_of(records: Sequence[Measured]) -> str:
+    """Names of the records, by which a page is called."""
+    return listed(record.name for record in records[:MAX_NAMES_IN_TITLE])
 
 
 def measured_part(records: Iterable[Measured]) -> list[MeasuredRecord]:
@@ -310,30 +318,30 @@ def measured_part(records: Iterable[Measured]) -> list[MeasuredRecord]:
 
 
 def audit_part(
-    model: ChainModel, settings: Mapping[str, Mapping[str, Any]]
+    model: ChainModel, settings: Mapping[str, Mapping[str, object]]
 ) -> list[Table]:
     """What was run, with which settings, and which versions."""
     installed = [[name, version] for name, version in versions().items()]
     return [
-        _run(model.info),
+        _run(model.info.get("command", ""), model.info.get("inputs", ())),
         _settings(settings),
         Table("Versions", ["package", "version"], installed),
     ]
 
 
-def _run(info: Mapping[str, Any]) -> Table:
+def _run(command: str, inputs: Iterable[Mapping[str, object]]) -> Table:
     """What was run, when, and on which files."""
-    rows = []
-    if "command" in info:
-        rows.append(["command", info["command"]])
+    rows: list[list[object]] = []
+    if command:
+        rows.append(["command", command])
     rows.append(["written", datetime.now().astimezone().isoformat(" ", "seconds")])
-    for source in info.get("inputs", ()):
+    for source in inputs:
         size = f"{source['bytes']} bytes, SHA-256 {source['sha256']}"
         rows.append([source["file"], size])
     return Table("This run", ["what", "value"], rows)
 
 
-def _settings(groups: Mapping[str, Mapping[str, Any]]) -> Table:
+def _settings(groups: Mapping[str, Mapping[str, object]]) -> Table:
     rows = []
     for group, values in groups.items():
         for name, value in values.items():
@@ -341,7 +349,7 @@ def _settings(groups: Mapping[str, Mapping[str, Any]]) -> Table:
     return Table("Every setting of this run", ["of", "setting", "value"], rows)
 
 
-def _setting(value: Any) -> str:
+def _setting(value: object) -> str:
     """A setting in words; numbers of a mapping to four digits."""
     if not isinstance(value, dict) or not value:
         return str(value)

@@ -9,8 +9,13 @@ import pandas as pd
 
 from ..chain.latex import pretty
 from ..common.audit import settings_of
-from ..diagnosis.effects import described, law_at_site, plain_name
-from ..diagnosis.verdict import as_sentence, not_told_apart
+from ..diagnosis.effects import (
+    as_sentence,
+    described,
+    law_at_site,
+    not_told_apart,
+    plain_name,
+)
 from ..diagnosis.wiring import OPEN
 from ..laws.base import registry
 from .content import (
@@ -21,6 +26,7 @@ from .content import (
     frame_of,
     measured_part,
     model_part,
+    names_of,
 )
 from .figures.evidence import (
     before_after_figure,
@@ -33,8 +39,6 @@ from .results import Evidence, Loop, Step, confirmed, first_evidence
 from .tables import Table, table
 from .words import band_source, band_text, joined, listed, standing, summary_of
 
-# Records by whose names a page is called.
-MAX_NAMES_IN_TITLE = 3
 # Candidates of the last search that are listed.
 LISTED_CANDIDATES = 10
 _QUESTIONS = {
@@ -46,21 +50,22 @@ _QUESTIONS = {
 
 def loop_content(report: Loop, title: str | None = None) -> Content:
     """The page of a closed loop."""
-    names = listed(record.name for record in report.measured[:MAX_NAMES_IN_TITLE])
-    found = {step.site: described(step) for step in confirmed(report)}
+    by_site = {step.site: described(step) for step in confirmed(report)}
     open_dofs = []
     for j in range(1, report.model.n_dof + 1):
         if report.final.get(f"held-out dof {j}", 0.0) > OPEN:
             open_dofs.append(j)
     settings = report.settings or settings_of(loop={"band": report.band})
     return Content(
-        title=title or names or "Closing the loop",
+        title=title or names_of(report.measured) or "Closing the loop",
         lead=lead(report),
         model=model_part(report.model, report.loops, report.bounds),
         audit=audit_part(report.model, settings),
         verdict=report.verdict,
         care=list(report.verdict.reasons),
-        frame=frame_of(report.model, report.bounds, found, open_dofs, report.measured),
+        frame=frame_of(
+            report.model, report.bounds, by_site, open_dofs, report.measured
+        ),
         picture=pictures(report),
         stopped=report.stopped_because,
         tiles=_tiles(report),
@@ -88,11 +93,11 @@ def lead(report: Loop) -> str:
 def _what_was_found(report: Loop) -> str:
     """The effects that are confirmed, and what they change."""
     before, after = report.table["held-out"].iloc[0], report.final["held-out"]
-    found = [law_at_site(step) for step in confirmed(report)]
-    if found:
-        them = "it" if len(found) == 1 else "them"
+    lacking = [law_at_site(step) for step in confirmed(report)]
+    if lacking:
+        them = "it" if len(lacking) == 1 else "them"
         return (
-            f"The declared model lacked {joined(found)}, confirmed on held-out data:"
+            f"The declared model lacked {joined(lacking)}, confirmed on held-out data:"
             f" with {them} the balance error there falls from {before:.3g} to"
             f" {after:.3g} %."
         )
@@ -146,20 +151,20 @@ def pictures(report: Loop) -> list[Figure]:
 
 
 def effects(report: Loop) -> Table | None:
-    """Every effect with its gain, in the order of acceptance; None if there is none."""
+    """Every effect with its error reduction, as accepted; None if there is none."""
     if not report.steps:
         return None
     rows = []
     for step in report.steps:
-        gains = [step.gain, step.gain_error, step.gain_least, step.gain_heldout]
+        reductions = [step.gain, step.gain_error, step.gain_least, step.gain_heldout]
         share = 100 * step.share
-        rows.append([law_at_site(step), *gains, share, standing(step)])
+        rows.append([law_at_site(step), *reductions, share, standing(step)])
     head = [
         "effect",
-        "gain (dB)",
+        "error reduction (dB)",
         "std. error (dB)",
         "least (dB)",
-        "held-out gain (dB)",
+        "held-out reduction (dB)",
         "share of force (%)",
         "held-out data",
     ]
@@ -222,7 +227,7 @@ def chapters(report: Loop) -> list[Chapter]:
 def _chapter_of_step(
     number: int, step: Step, evidence: Evidence | None, drawn_first: bool
 ) -> Chapter:
-    """What was seen, decided and gained with one effect."""
+    """What one effect was inferred from, and by how much it lowers the error."""
     facts = [*_answers(evidence), ("Decision", as_sentence(step.evidence))]
     facts.append(("Held-out data", _on_heldout(step)))
     if np.isfinite(step.free_run_before) and np.isfinite(step.free_run_after):
@@ -234,9 +239,11 @@ def _chapter_of_step(
 
     tables = [_parameters(step)]
     if step.tied:
-        rows = [[plain_name(law), site, float(gain)] for law, site, gain in step.tied]
+        rows = []
+        for law_name, site, reduction in step.tied:
+            rows.append([plain_name(law_name), site, float(reduction)])
         caption = f"The data cannot tell from {plain_name(step.law)}"
-        tables.append(Table(caption, ["law", "site", "gain (dB)"], rows))
+        tables.append(Table(caption, ["law", "site", "error reduction (dB)"], rows))
 
     name = law_at_site(step)
     if step.confirmed and not step.sure:
@@ -257,7 +264,7 @@ def _on_heldout(step: Step) -> str:
     """What held-out data say of an effect."""
     text = (
         f"{standing(step)}: balance error {step.error_before:.3g} →"
-        f" {step.error_after:.3g} %, gain {step.gain_heldout:.2g} dB"
+        f" {step.error_after:.3g} %, error reduction {step.gain_heldout:.2g} dB"
     )
     if not step.confirmed:
         text += "; the model does not hold this effect"
@@ -278,8 +285,10 @@ def _last_chapter(
         tables.append(Table(caption, list(best.columns), rows))
     if len(report.lack_of_fit):
         rows = report.lack_of_fit.reset_index().to_numpy().tolist()
-        head = ["site", "law", "gain (dB)", "standard error"]
-        tables.append(Table("What general laws would still gain", head, rows))
+        head = ["site", "law", "error reduction (dB)", "standard error"]
+        tables.append(
+            Table("What general laws would still remove of the error", head, rows)
+        )
 
     why = ("Why it stopped", as_sentence(report.stopped_because))
     figures = _evidence_figures(evidence, drawn_first)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from .content import Chapter
 from .loop_content import band_and_source, chapters, effects, errors, lead
@@ -21,9 +20,9 @@ def markdown(report: Loop) -> str:
     lines += _steps(report)
     lines += [f"Stopped: {_safe(report.stopped_because)}.", ""]
 
-    gains = effects(report)
-    if gains is not None:
-        lines += _with_caption(gains)
+    reductions = effects(report)
+    if reductions is not None:
+        lines += _with_caption(reductions)
     where = band_and_source(report)
     lines += [
         f"Errors in percent NRMSE ({where}); balance errors (one step) except the free"
@@ -65,7 +64,7 @@ def _chapter(chapter: Chapter) -> list[str]:
     return lines
 
 
-def _settings(groups: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def _settings(groups: Mapping[str, Mapping[str, object]]) -> list[str]:
     lines = ["## Settings", ""]
     for group, values in groups.items():
         pairs = [f"{_safe(name)} = {_safe(value)}" for name, value in values.items()]
@@ -93,7 +92,7 @@ def _items(sentences: Iterable[str]) -> list[str]:
     return [*(f"- {_safe(text)}" for text in sentences), ""]
 
 
-def _safe(text: Any) -> str:
+def _safe(text: object) -> str:
     """Text that no Markdown renderer takes for markup or for the end of a cell."""
     safe = str(text).replace("&", "&amp;").replace("<", "&lt;")
     return safe.replace("|", "\\|").replace("\n", " ")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -23,15 +23,21 @@ from ..records.checks.channel_checks import Measured, measured
 from ..records.dataset import Dataset
 from ..records.record import Record
 from ..records.zero_phase_filter import filters_of
-from .content import Content, Tile, audit_part, frame_of, measured_part, model_part
+from .content import (
+    Content,
+    Tile,
+    audit_part,
+    frame_of,
+    measured_part,
+    model_part,
+    names_of,
+)
 from .figures.evidence import residual_figure
 from .figures.figure import Figure, dof_words
 from .figures.motion import free_run_figure
 from .tables import Table, table
-from .words import Band, band_text, listed
+from .words import Band, band_text
 
-# Records by whose names a page is called.
-MAX_NAMES_IN_TITLE = 3
 _HEAD_OF_ERRORS = {
     "error": "error (%)",
     "residual": "residual rms (N)",
@@ -53,7 +59,7 @@ class Fitted(Protocol):
 
     model_: ChainModel
     errors_: pd.DataFrame
-    third_law_gap_: Mapping[Any, float]
+    third_law_gap_: pd.Series
     missing_terms_: pd.DataFrame
 
     def verdict(self) -> Verdict:
@@ -68,7 +74,7 @@ class Fitted(Protocol):
     def free_runs(self) -> FreeRuns:
         """The model alone under the forces of the fit."""
 
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
+    def get_params(self, deep: bool = True) -> dict[str, object]:
         """Settings."""
 
 
@@ -97,9 +103,9 @@ class Identification:
     verdict: Verdict | None = None
     errors: pd.DataFrame | None = None
     free_runs: FreeRuns | None = None
-    third_law_gap: Mapping[Any, float] = field(default_factory=dict)
+    third_law_gap: pd.Series = field(default_factory=lambda: pd.Series(dtype=float))
     missing_terms: pd.DataFrame = field(default_factory=pd.DataFrame)
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, object] = field(default_factory=dict)
 
 
 def identification_of(
@@ -156,77 +162,78 @@ def _with_fit(shown: Identification, subject: Fitted) -> Identification:
 
 
 def model_content(
-    found: Identification, title: str | None = None, notes: Sequence[str] = ()
+    identified: Identification, title: str | None = None, notes: Sequence[str] = ()
 ) -> Content:
     """The page of an identification.
 
     Parameters
     ----------
-    found : Identification
+    identified : Identification
     title : str, optional
         Names of the records if None.
     notes : sequence of str
         What is to be taken care of, beside the reasons of the verdict.
     """
-    model, data = found.model, found.data
-    picture, obstacles = _picture(found)
+    model, data = identified.model, identified.data
+    picture, obstacles = _picture(identified)
     loops, nonlinear = [], dict[str, str]()
     if data is not None:
-        loops = loops_of(model, data, filters_of(found.band, data))
-        nonlinear = nonlinear_parts(model, shares_of(model, data), found.bounds)
+        loops = loops_of(model, data, filters_of(identified.band, data))
+        nonlinear = nonlinear_parts(model, shares_of(model, data), identified.bounds)
 
     care = [*notes, *obstacles]
-    if found.verdict is not None:
-        care = [*found.verdict.reasons, *care]
-    records = _measured_records(found)
-    names = listed(record.name for record in records[:MAX_NAMES_IN_TITLE])
-    frame = frame_of(model, found.bounds, nonlinear, _open_dofs(found), records)
+    if identified.verdict is not None:
+        care = [*identified.verdict.reasons, *care]
+    records = _measured_records(identified)
+    frame = frame_of(
+        model, identified.bounds, nonlinear, _open_dofs(identified), records
+    )
     return Content(
-        title=title or names or "Chain model",
+        title=title or names_of(records) or "Chain model",
         lead=_lead(model),
-        model=model_part(model, loops, found.bounds),
-        audit=audit_part(model, _settings(found)),
-        verdict=found.verdict,
+        model=model_part(model, loops, identified.bounds),
+        audit=audit_part(model, _settings(identified)),
+        verdict=identified.verdict,
         care=list(dict.fromkeys(care)),
         frame=frame,
         picture=picture,
-        tiles=_tiles(found),
+        tiles=_tiles(identified),
         measured=measured_part(records),
-        errors=_errors(found),
+        errors=_errors(identified),
     )
 
 
-def _picture(found: Identification) -> tuple[list[Figure], list[str]]:
+def _picture(identified: Identification) -> tuple[list[Figure], list[str]]:
     """Residual and free run, and why one of them cannot be drawn."""
-    if found.data is None:
+    if identified.data is None:
         return [], []
     figures, obstacles = [], []
-    filters = filters_of(found.band, found.data)
+    filters = filters_of(identified.band, identified.data)
     try:
-        sizes = residual_of(found.model, found.data, filters).sizes
+        sizes = residual_of(identified.model, identified.data, filters).sizes
         residual = residual_figure(sizes)
         if residual is not None:
             figures.append(residual)
     except NRFError as error:
         obstacles.append(str(error))
-    return figures + free_run_figure(found.free_runs), obstacles
+    return figures + free_run_figure(identified.free_runs), obstacles
 
 
-def _measured_records(found: Identification) -> list[Measured]:
+def _measured_records(identified: Identification) -> list[Measured]:
     """What the records hold, with the noise that fusion estimates."""
-    if not found.records or found.data is None:
+    if not identified.records or identified.data is None:
         return []
     records = []
-    for record, segment in zip(found.records, found.data.segments):
+    for record, segment in zip(identified.records, identified.data.segments):
         records.append(measured(record, segment.noise))
     return records
 
 
-def _open_dofs(found: Identification) -> list[int]:
+def _open_dofs(identified: Identification) -> list[int]:
     """DOFs whose balance does not close."""
-    if found.errors is None:
+    if identified.errors is None:
         return []
-    errors = found.errors["error"].drop("pooled")
+    errors = identified.errors["error"].drop("pooled")
     return [int(str(name)[4:]) for name, error in errors.items() if error > OPEN]
 
 
@@ -238,44 +245,46 @@ def _lead(model: ChainModel) -> str:
     return f"{model.n_dof} {masses} and {n_forces} {forces}."
 
 
-def _tiles(found: Identification) -> list[Tile]:
+def _tiles(identified: Identification) -> list[Tile]:
     """Error, mass and band in numbers."""
     tiles = []
-    if found.errors is not None:
-        pooled = f"{found.errors.loc['pooled', 'error']:.3g} %"
+    if identified.errors is not None:
+        pooled = f"{identified.errors.loc['pooled', 'error']:.3g} %"
         tiles.append(Tile("Balance error, pooled", pooled, "on the fitted data"))
-    total = float(found.model.masses.sum())
+    total = float(identified.model.masses.sum())
     tiles.append(Tile("Total mass", f"{total:.4g} kg"))
-    tiles.append(Tile("Band", band_text(found.band)))
+    tiles.append(Tile("Band", band_text(identified.band)))
     return tiles
 
 
-def _settings(found: Identification) -> dict[str, dict[str, str]]:
+def _settings(identified: Identification) -> dict[str, dict[str, str]]:
     """Parameters of the regressor, and what is known of the model."""
-    model = dict(found.model.info)
-    for name in ("command", "inputs"):  # said of the run
+    model = dict(identified.model.info)
+    for name in ("command", "inputs"):  # in the table of the run
         model.pop(name, None)
-    model["band"] = found.band
-    if found.settings:
-        return settings_of(regressor=found.settings, model=model)
+    model["band"] = identified.band
+    if identified.settings:
+        return settings_of(regressor=identified.settings, model=model)
     return settings_of(model=model)
 
 
-def _errors(found: Identification) -> list[Figure | Table]:
+def _errors(identified: Identification) -> list[Figure | Table]:
     """Errors of the balances, and what they say of laws and of Newton's third law."""
     shown: list[Figure | Table] = []
-    if found.errors is not None:
-        errors = found.errors.set_axis([dof_words(name) for name in found.errors.index])
+    if identified.errors is not None:
+        errors = identified.errors.set_axis(
+            [dof_words(name) for name in identified.errors.index]
+        )
         caption = "Balance errors on the fitted data, percent NRMSE"
         shown.append(table(caption, errors, _HEAD_OF_ERRORS, "balance"))
-    if len(found.third_law_gap):
-        gaps = [[str(site), gap] for site, gap in found.third_law_gap.items()]
+    if len(identified.third_law_gap):
+        gaps = [[str(site), gap] for site, gap in identified.third_law_gap.items()]
         head = ["storey", "difference (% of its rms)"]
         caption = "Newton's third law: how far the two estimates of one storey differ"
         shown.append(Table(caption, head, gaps))
-    if len(found.missing_terms):
-        biased = np.where(found.missing_terms["biased"], "yes", "no")
-        missing = found.missing_terms.assign(biased=biased)
+    if len(identified.missing_terms):
+        biased = np.where(identified.missing_terms["biased"], "yes", "no")
+        missing = identified.missing_terms.assign(biased=biased)
         caption = "What terms beyond the laws would explain"
         index = "step of the solve"
         shown.append(table(caption, missing, _HEAD_OF_MISSING_TERMS, index))

@@ -1,4 +1,4 @@
-"""Small views for notebooks, with every name escaped."""
+"""A small view of a closed loop for notebooks, with every name escaped."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from html import escape
 
 import pandas as pd
 
-from ..chain.latex import pretty
-from ..records.checks.channel_checks import measured
-from ..records.record import Record
 from .loop_content import errors
 from .results import Loop
-from .tables import Table, table, texts
+from .tables import Table, texts
 
 # Rows of a table.
 MAX_ROWS = 30
@@ -19,36 +16,24 @@ MAX_ROWS = 30
 _ERRORS = ("search", "validation", "held-out", "free run")
 
 
-def record_html(record: Record) -> str:
-    """A record: clock, forces, channels."""
-    facts = measured(record)
-    units = [pretty(str(unit)) for unit in facts.channels["unit"]]
-    channels = facts.channels.drop(columns="noise").assign(unit=units)
-    body = _html_table(table("", channels))
-    return _box(f"Record: {facts.name}", f"{facts.facts}.", body)
-
-
 def loop_html(report: Loop) -> str:
-    """A report of the loop: steps, errors, reason to stop."""
+    """A report of the loop: verdict, steps, errors, reason to stop."""
+    verdict = report.verdict
+    words = f"{verdict.state.upper()}: {verdict.sentence}"
     story = "<p>No effect was added.</p>"
     if report.steps:
         steps = [f"<li>{escape(step.sentence)}</li>" for step in report.steps]
         story = f"<ol>{''.join(steps)}</ol>"
+
     columns = [name for name in _ERRORS if name in report.table]
-    numbers = _html_table(errors(report, columns))
-    stopped = f"<p>Stopped: {escape(report.stopped_because)}.</p>"
-
-    verdict = report.verdict
-    words = f"{verdict.state.upper()}: {verdict.sentence}"
-    return _box("Closed loop", words, f"{story}{numbers}{stopped}")
-
-
-def _box(title: str, words: str, body: str) -> str:
-    """A heading, a sentence, and what follows."""
-    lines = [f"<p style='margin:.2em 0'><b>{escape(title)}</b></p>"]
-    if words:
-        lines.append(f"<p style='margin:.2em 0'>{escape(words)}</p>")
-    return f"<div class='pysindy-nrf'>{''.join(lines)}{body}</div>"
+    parts = [
+        "<p style='margin:.2em 0'><b>Closed loop</b></p>",
+        f"<p style='margin:.2em 0'>{escape(words)}</p>",
+        story,
+        _html_table(errors(report, columns)),
+        f"<p>Stopped: {escape(report.stopped_because)}.</p>",
+    ]
+    return f"<div class='pysindy-nrf'>{''.join(parts)}</div>"
 
 
 def _html_table(shown: Table) -> str:

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from importlib.resources import files
 from importlib.util import find_spec
-from typing import Any
+from os import PathLike
+from typing import TypeGuard
 
 import numpy as np
 
@@ -23,9 +24,13 @@ from .content import Content
 from .figures.figure import Figure
 from .figures.plotly_renderer import as_plotly
 from .loop_content import loop_content
-from .model_content import Identification, identification_of, model_content
+from .model_content import Fitted, Identification, identification_of, model_content
+from .results import Loop
 from .tables import cells
 from .words import Band
+
+# What a page is about.
+Subject = Loop | Fitted | ChainModel | Identification
 
 _PURPOSE = "The HTML report"
 # A literal of a script that is at least this long is the program of the street maps.
@@ -42,8 +47,8 @@ def available() -> bool:
 
 
 def write_html(
-    path: Any,
-    subject: Any,
+    path: str | PathLike[str],
+    subject: Subject,
     record: Record | Sequence[Record] | None = None,
     *,
     title: str | None = None,
@@ -72,13 +77,13 @@ def write_html(
     NRFError
         If the subject is none of these.
     """
-    html = page(subject, record, title=title, notes=notes, band=band)
+    html = as_html(subject, record, title=title, notes=notes, band=band)
     with atomic_write(path) as file:
         file.write(html)
 
 
-def page(
-    subject: Any,
+def as_html(
+    subject: Subject,
     record: Record | Sequence[Record] | None = None,
     *,
     title: str | None = None,
@@ -88,20 +93,39 @@ def page(
     """The page as text; see :func:`write_html`."""
     for package in ("jinja2", "plotly.offline"):
         require(package, "report", _PURPOSE)
+    return _rendered(content_of(subject, record, title=title, notes=notes, band=band))
 
-    if hasattr(subject, "steps") and hasattr(subject, "stopped_because"):
-        return rendered(loop_content(subject, title))
-    if isinstance(subject, ChainModel) or hasattr(subject, "model_"):
+
+def content_of(
+    subject: Subject,
+    record: Record | Sequence[Record] | None = None,
+    *,
+    title: str | None = None,
+    notes: Sequence[str] = (),
+    band: Band = None,
+) -> Content:
+    """What the page shows, apart from how; see :func:`write_html`."""
+    if _is_loop(subject):
+        return loop_content(subject, title)
+    if isinstance(subject, ChainModel) or _is_fitted(subject):
         subject = identification_of(subject, record, band)
     if isinstance(subject, Identification):
-        return rendered(model_content(subject, title, notes))
+        return model_content(subject, title, notes)
     raise NRFError(
         f"{type(subject).__name__} cannot be reported",
         "Give a LoopReport, a fitted NRFRegressor or a ChainModel.",
     )
 
 
-def rendered(content: Content) -> str:
+def _is_loop(subject: object) -> TypeGuard[Loop]:
+    return hasattr(subject, "steps") and hasattr(subject, "stopped_because")
+
+
+def _is_fitted(subject: object) -> TypeGuard[Fitted]:
+    return hasattr(subject, "model_")
+
+
+def _rendered(content: Content) -> str:
     """The page of a content."""
     jinja2 = require("jinja2", "report", _PURPOSE)
     offline = require("plotly.offline", "report", _PURPOSE)
@@ -114,15 +138,16 @@ def rendered(content: Content) -> str:
     )
     environment.filters["cells"] = cells
     markup = jinja2.utils.markupsafe.Markup
-    drawn: dict[str, dict[str, Any]] = {}
+    drawn: dict[str, dict[str, object]] = {}
 
-    def register(figure: Figure, numbers: str) -> tuple[str, int]:
-        """Keep a figure for the script, with its table; its name and height."""
+    def register(figure: Figure, numbers: str) -> tuple[str, object]:
+        """Draw a figure for the script, with its table; its name and height."""
         name = f"figure-{len(drawn) + 1}"
-        drawn[name] = {**as_plotly(figure), "numbers": str(numbers)}
-        return name, drawn[name]["layout"]["height"]
+        plot = as_plotly(figure)
+        drawn[name] = {**plot, "numbers": str(numbers)}
+        return name, plot["layout"]["height"]
 
-    def math(pieces: list[str]) -> Any:
+    def math(pieces: list[str]) -> str:
         return markup(mathml(pieces))
 
     style = markup(_template("style.css"))
@@ -149,10 +174,10 @@ def _template(name: str) -> str:
 def _without_maps(library: str) -> str:
     """The plotting library without its street maps, a tenth of its size."""
 
-    def kept(literal: re.Match[str]) -> str:
+    def emptied(literal: re.Match[str]) -> str:
         return "''" if "maplibre" in literal[0] else literal[0]
 
-    return _LONG_LITERAL.sub(kept, library)
+    return _LONG_LITERAL.sub(emptied, library)
 
 
 @lru_cache(2)

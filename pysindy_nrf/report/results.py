@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import pandas as pd
 
@@ -29,11 +29,11 @@ class Step(effects.Effect, Protocol):
 
     @property
     def gain_least(self) -> float:
-        """Gain without the fold that speaks most for it, dB."""
+        """Error reduction without the fold that contributes most, dB."""
 
     @property
     def gain_heldout(self) -> float:
-        """Gain on held-out data, dB."""
+        """Error reduction on held-out data, dB."""
 
     @property
     def share(self) -> float:
@@ -41,7 +41,7 @@ class Step(effects.Effect, Protocol):
 
     @property
     def tied(self) -> Sequence[tuple[str, str, float]]:
-        """Law, site and gain of candidates that the data could not tell from it."""
+        """Law, site and error reduction, dB, of candidates that explain it as well."""
 
 
 class NoiseFloor(Protocol):
@@ -167,12 +167,12 @@ class Loop(Protocol):
         """Force of every site along the search data."""
 
     @property
-    def settings(self) -> Mapping[str, Mapping[str, Any]]:
+    def settings(self) -> Mapping[str, Mapping[str, object]]:
         """Every setting of the run, by group."""
 
     @property
     def lack_of_fit(self) -> pd.DataFrame:
-        """What general laws would still gain."""
+        """What general laws would still remove of the error, dB."""
 
     @property
     def bounds(self) -> effects.Bounds:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ class Table:
 
     caption: str
     head: list[str]
-    rows: list[list[Any]]
+    rows: Sequence[Sequence[object]]
 
 
 def table(
@@ -57,7 +57,7 @@ class Cell(NamedTuple):
     faint: bool = False
 
 
-def cell(value: Any) -> Cell:
+def cell(value: object) -> Cell:
     """The cell of a number or of text.
 
     Four digits of a number are shown, all are kept for sorting and copying.
@@ -79,6 +79,6 @@ def cells(shown: Table) -> tuple[list[list[Cell]], list[bool]]:
     return rows, numeric
 
 
-def texts(values: Sequence[Any]) -> list[str]:
+def texts(values: Sequence[object]) -> list[str]:
     """Values as they are shown in cells."""
     return [cell(value).text for value in values]

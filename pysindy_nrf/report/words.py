@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from ..diagnosis.effects import Effect
 from ..laws.base import ForceLaw
@@ -13,7 +12,7 @@ Band = tuple[float | None, float | None] | None
 BAND_FOUND = "found from the data"
 
 
-def listed(parts: Iterable[Any]) -> str:
+def listed(parts: Iterable[object]) -> str:
     """Words with commas between them."""
     return ", ".join(map(str, parts))
 
@@ -33,7 +32,7 @@ def band_text(band: Band) -> str:
     return f"{low or 0:.4g} to {high:.4g} Hz"
 
 
-def band_source(settings: Mapping[str, Mapping[str, Any]]) -> str:
+def band_source(settings: Mapping[str, Mapping[str, object]]) -> str:
     """Where the band of a closed loop comes from, if its settings say so."""
     band = settings.get("loop", {}).get("band")
     if band is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,11 @@ from ..exceptions import ChannelError, NRFError
 from ..records.dataset import BlockRows, Dataset
 
 # Sides of a fold.
-OUT, TRAIN, TEST = 0, 1, 2
+OUT = 0
+TRAIN = 1
+TEST = 2
 # Stands for all folds, stacked.
-EVERY = "every"
+EVERY: Final = "every"
 
 # A fold by number, every fold, or all samples.
 Fold = int | str | None

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,9 @@ from ..equations.normal_equations import NormalEquations
 from ..exceptions import NRFError
 from .folds import EVERY, Fold
 from .order_sums import FoldSide, Order, OrderSums
+
+# A number, or one for each fold of a stack.
+Scores = float | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class HeldOut:
         """Degrees of freedom."""
         return range(1, self.order.layout.n_dof + 1)
 
-    def balance_error(self, dofs: Iterable[int]) -> Any:
+    def balance_error(self, dofs: Iterable[int]) -> Scores:
         """Pooled error of some equations of motion, percent NRMSE."""
         masses, coefficients = self.solution.masses, self.solution.coefficients
         return pooled_percent(
@@ -67,15 +69,17 @@ class HeldOut:
         )
 
 
-def _balance(held_out: HeldOut) -> Any:
+def _balance(held_out: HeldOut) -> Scores:
     """Minus the pooled error of the equations of motion, percent."""
     solution = held_out.solution
     return -pooled_error(solution.masses, solution.coefficients, held_out.grams)
 
 
-def _acceleration(held_out: HeldOut) -> Any:
+def _acceleration(held_out: HeldOut) -> Scores:
     """R^2 of the accelerations, variance-weighted over the DOFs."""
-    grams, solution, side = held_out.grams, held_out.solution, held_out.side
+    grams = held_out.grams
+    solution = held_out.solution
+    side = held_out.side
     missed = np.zeros(grams.shape)
     variation = np.zeros(grams.shape)
     for dof in held_out.dofs:
@@ -97,17 +101,17 @@ def _acceleration(held_out: HeldOut) -> Any:
     return 1.0 - np.divide(missed, variation, out=undefined, where=variation != 0)
 
 
-def _free_run(held_out: HeldOut) -> Any:
+def _free_run(held_out: HeldOut) -> Scores:
     """Minus the error of the displacements of free runs, percent."""
-    if held_out.fold != EVERY:
+    if isinstance(held_out.fold, int):
         return _free_run_of(held_out, held_out.solution, held_out.fold)
     scores = []
     for fold in range(held_out.sums.folds.n_folds):
         scores.append(_free_run_of(held_out, held_out.solution.of(fold), fold))
-    return scores
+    return np.array(scores)
 
 
-def _free_run_of(held_out: HeldOut, solution: Solution, fold: Any) -> float:
+def _free_run_of(held_out: HeldOut, solution: Solution, fold: int) -> float:
     sums = held_out.sums
     model = model_of(held_out.order.layout, solution)
     runs = sums.folds.held_out_runs(sums.data, fold)
@@ -115,14 +119,14 @@ def _free_run_of(held_out: HeldOut, solution: Solution, fold: Any) -> float:
     return -error if np.isfinite(error) else float("nan")
 
 
-SCORES: dict[str, Callable[[HeldOut], Any]] = {
+SCORES: dict[str, Callable[[HeldOut], Scores]] = {
     "balance": _balance,
     "acceleration": _acceleration,
     "free_run": _free_run,
 }
 
 
-def _held_out(sums: OrderSums, order: Order) -> Iterator[tuple[HeldOut, Any]]:
+def _held_out(sums: OrderSums, order: Order) -> Iterator[tuple[HeldOut, int | slice]]:
     """A candidate on all folds, and where their scores stand.
 
     All folds at once; one by one where they differ too much or one of them fails.

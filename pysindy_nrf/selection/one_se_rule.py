@@ -8,6 +8,14 @@ import numpy as np
 from ..exceptions import NRFError
 from ..laws.power_series import exponents_of
 
+# Total degree of a power series, or its box (k, q).
+Degree = int | tuple[int, int]
+# Parameters of a candidate, and ``cv_results_``: scikit-learn puts anything there.
+Parameters = Mapping[str, Any]
+SearchResults = Mapping[str, Any]
+# Complexity of a candidate, or a sort key of it.
+Rank = float | tuple[float, ...]
+
 # What more terms must take off the held-out error, and the error below which nothing is
 # missing: those of the closed loop. Sensor offsets and slow drift are the same in all
 # folds of a test, so the folds do not see them as scatter, and even powers can imitate
@@ -21,10 +29,10 @@ _SIZES = ("max_iter", "group_sparsity", "target_sparsity")
 
 
 def one_standard_error(
-    results: Mapping[str, Any],
+    results: SearchResults,
     *,
     metric: str = "score",
-    complexity: Callable[[Mapping[str, Any]], float] | None = None,
+    complexity: Callable[[Parameters], Rank] | None = None,
     min_gain: float = MIN_GAIN,
 ) -> int:
     r"""The one-standard-error rule, for ``GridSearchCV(refit=one_standard_error)``.
@@ -81,7 +89,7 @@ def one_standard_error(
     return choose(errors_of(scores), ranks, min_gain)
 
 
-def fold_scores(results: Mapping[str, Any], metric: str = "score") -> np.ndarray:
+def fold_scores(results: SearchResults, metric: str = "score") -> np.ndarray:
     """Test scores of ``cv_results_``, (n_candidates, n_folds)."""
     columns: list[np.ndarray] = []
     while f"split{len(columns)}_test_{metric}" in results:
@@ -110,7 +118,7 @@ def errors_of(scores: np.ndarray) -> np.ndarray:
 
 def choose(
     errors: np.ndarray,
-    complexity: Sequence[Any],
+    complexity: Sequence[Rank],
     min_gain: float = MIN_GAIN,
     paired: bool = False,
 ) -> int:
@@ -141,7 +149,7 @@ def standard_error(errors: np.ndarray) -> float:
     return float(np.std(errors, ddof=1) / np.sqrt(n)) if n > 1 else 0.0
 
 
-def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
+def complexity_of(params: Parameters) -> tuple[float, ...]:
     """Sort key of a candidate: fewer terms first, then the larger threshold."""
     last = {name.rsplit("__", 1)[-1]: value for name, value in params.items()}
     if last.keys().isdisjoint(("degree", "orders", *_PENALTIES, *_SIZES)):
@@ -161,7 +169,9 @@ def complexity_of(params: Mapping[str, Any]) -> tuple[float, ...]:
     return tuple(key)
 
 
-def _number_of_terms(degree: Any, orders: Mapping[str, Any] | None) -> float:
+def _number_of_terms(
+    degree: Degree | None, orders: Mapping[str, Degree] | None
+) -> float:
     """Terms of a candidate; a storey that is not named has the degree."""
     terms = 0.0 if degree is None else float(len(exponents_of(degree)))
     if not orders:

@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -26,6 +25,7 @@ from ..laws.power_series import PowerSeries, exponents_of
 from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import ZeroPhaseFilter
 from .folds import TEST, TRAIN, Fold, FoldClasses
+from .one_se_rule import Degree
 
 # Samples that make the powers of a site orthogonal.
 N_SAMPLED = 2048
@@ -42,7 +42,7 @@ class Monomials(PowerSeries):
         self.degree = max(map(sum, self.exponents), default=0)
         ForceLaw.__init__(self, {}, None)
 
-    def positions(self, order: Any) -> np.ndarray:
+    def positions(self, order: Degree) -> np.ndarray:
         """Where the terms of one order stand among these."""
         return np.array([self.exponents.index(pair) for pair in exponents_of(order)])
 
@@ -63,13 +63,13 @@ class Order:
 
     def index(self, group: Group, places: ColumnPlaces) -> np.ndarray:
         """Where the columns of a group stand among those of all candidates."""
-        own = [np.zeros(0, dtype=int)]
+        index = [np.zeros(0, dtype=int)]
         for site in group.sites:
-            own.append(places.sites[site].start + self.columns[site])
+            index.append(places.sites[site].start + self.columns[site])
         if places.mass is not None:
-            own.append(np.array([places.mass]))
-        own.append(np.array([places.target]))
-        return np.concatenate(own)
+            index.append(np.array([places.mass]))
+        index.append(np.array([places.target]))
+        return np.concatenate(index)
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,10 @@ class FoldSide:
     grams: NormalEquations
     acceleration_sums: np.ndarray
     counts: np.ndarray
+
+
+# DOFs that are forced, DOFs whose force is unknown, sites at which laws act.
+_Excitation = tuple[tuple[int, ...], tuple[int, ...], tuple[Site, ...]]
 
 
 class OrderSums:
@@ -109,7 +113,7 @@ class OrderSums:
         self,
         problem: Problem,
         laws: Mapping[Site, Sequence[ForceLaw]],
-        orders: Sequence[Any],
+        orders: Sequence[Degree],
         data: Dataset,
         folds: Sequence[tuple[np.ndarray, np.ndarray]],
     ) -> None:
@@ -125,7 +129,7 @@ class OrderSums:
         self.union = {site: Monomials(exponents) for site in searched}
         series = {site: (law,) for site, law in self.union.items()}
         self.layout = LawLayout(self.chain, {**series, **self.laws})
-        self._solve_orders: dict[Any, SolveOrder] = {}
+        self._solve_orders: dict[_Excitation, SolveOrder] = {}
         self._sides: dict[tuple[Fold, int], FoldSide] = {}
         self._sum_up()
 
@@ -187,15 +191,19 @@ class OrderSums:
             classes = self.folds.class_of[segment.rows][segment.valid]
             start = 0
             for block in self._orthogonal_blocks(segment, filter):
-                own = classes[start : start + block.n_samples]
+                of_block = classes[start : start + block.n_samples]
                 start += block.n_samples
-                for number in np.unique(own).tolist():
-                    part = block.take(own == number)
-                    known = np.array(block.known)
-                    total = part.acceleration.sum(axis=1)
-                    self._acceleration_sums[number] += np.where(known, total, 0.0)
-                    self._counts[number] += known * part.n_samples
-                    yield number, part
+                for number in np.unique(of_block).tolist():
+                    of_class = block.take(of_block == number)
+                    self._count(number, of_class)
+                    yield number, of_class
+
+    def _count(self, number: int, block: Block) -> None:
+        """Add up accelerations and samples of a class, for the variance behind R^2."""
+        known = np.array(block.known)
+        total = block.acceleration.sum(axis=1)
+        self._acceleration_sums[number] += np.where(known, total, 0.0)
+        self._counts[number] += known * block.n_samples
 
     def _orthogonal_blocks(
         self, segment: Segment, filter: ZeroPhaseFilter | None
@@ -239,7 +247,7 @@ class OrderSums:
             )
         return self._sides[key]
 
-    def order(self, orders: Mapping[Site, Any]) -> Order:
+    def order(self, orders: Mapping[Site, Degree]) -> Order:
         """A candidate with an order at every searched site."""
         series = {site: (PowerSeries(order),) for site, order in orders.items()}
         layout = LawLayout(self.chain, {**series, **self.laws})
@@ -250,7 +258,7 @@ class OrderSums:
                 columns[site] = self.union[site].positions(orders[site])
         return Order(layout, columns)
 
-    def uniform_order(self, order: Any) -> Order:
+    def uniform_order(self, order: Degree) -> Order:
         """A candidate with one order at every searched site."""
         return self.order(dict.fromkeys(self.union, order))
 
@@ -298,11 +306,11 @@ class OrderSums:
         """Solve one candidate on the training side of a fold."""
         total = self.side(fold, TRAIN).grams
         solve_order = self.solve_order(total, order)
-        own = self.cut(total, order, solve_order)
+        grams = self.cut(total, order, solve_order)
         known_masses, optimizer = self.problem.known_masses, self.problem.optimizer
         with warnings.catch_warnings(action="ignore", category=RankWarning):
-            solution = solve(own, solve_order, known_masses, optimizer)
-        return solution, solve_order, own
+            solution = solve(grams, solve_order, known_masses, optimizer)
+        return solution, solve_order, grams
 
     def held_out(self, fold: Fold) -> FoldSide:
         """Sums of the test side of a fold."""

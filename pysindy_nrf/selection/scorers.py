@@ -19,10 +19,14 @@ search reach these scorers without further request; a pipeline's own steps must 
 requested what they need.
 """
 
-from collections.abc import Callable
-from typing import Any
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.pipeline import Pipeline
 from sklearn.utils.metadata_routing import MetadataRequest
 
 from ..equations.free_runs import free_run_error
@@ -30,7 +34,19 @@ from ..exceptions import ChannelError, NRFError
 from ..records.dataset import BlockRows
 from ..records.zero_phase_filter import filters_of
 
+if TYPE_CHECKING:
+    from ..identification.regressor import NRFRegressor
+
 __all__ = ["acceleration", "balance", "free_run"]
+
+
+class Metadata(TypedDict, total=False):
+    """What comes with the data, as in ``NRFRegressor.fit``."""
+
+    record: ArrayLike
+    time: ArrayLike
+    base_acceleration: ArrayLike
+    covariates: Mapping[str, ArrayLike]
 
 
 class ChainScorer:
@@ -40,24 +56,27 @@ class ChainScorer:
     """
 
     def __init__(self, name: str, judge: Callable[..., float]) -> None:
-        self.name, self.judge = name, judge
+        self.name = name
+        self.judge = judge
 
-    def __call__(self, estimator: Any, X: Any, y: Any = None, **metadata: Any) -> float:
+    def __call__(
+        self, estimator: object, X: object, y: object = None, **metadata: object
+    ) -> float:
         """Score a fitted regressor, or a pipeline that ends in one."""
-        given = {name: value for name, value in metadata.items() if value is not None}
-        while hasattr(estimator, "steps"):
-            X = _transformed(estimator[:-1], X, given)
+        passed = {name: value for name, value in metadata.items() if value is not None}
+        while isinstance(estimator, Pipeline):
+            X = _transformed(estimator[:-1], X, passed)
             estimator = estimator[-1]
         if not hasattr(estimator, "balance_errors"):
             what = f"{type(estimator).__name__} is not a chain regressor"
             cure = "These scorers judge NRFRegressor, alone or last in a Pipeline."
             raise NRFError(what, cure)
-        return self.judge(estimator, X, y, **given)
+        return self.judge(estimator, X, y, **passed)
 
     def get_metadata_routing(self) -> MetadataRequest:
         """What scikit-learn passes."""
         request = MetadataRequest(owner=self)
-        for name in ("record", "time", "base_acceleration", "covariates"):
+        for name in Metadata.__annotations__:
             request.score.add_request(param=name, alias=True)
         return request
 
@@ -65,11 +84,11 @@ class ChainScorer:
         return f"scorers.{self.name}"
 
 
-def _transformed(steps: Any, X: Any, metadata: dict[str, Any]) -> Any:
+def _transformed(steps: Pipeline, X: object, metadata: Mapping[str, object]) -> object:
     """Data behind the first steps of a pipeline."""
     if not len(steps):
         return X
-    consumed: dict[str, Any] = {}
+    consumed = {}
     if metadata:
         routing = steps.get_metadata_routing()
         for name in routing.consumes("transform", metadata):
@@ -77,15 +96,21 @@ def _transformed(steps: Any, X: Any, metadata: dict[str, Any]) -> Any:
     return steps.transform(X, **consumed)
 
 
-def _balance(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
+def _balance(
+    regressor: NRFRegressor, X: object, F: object = None, **metadata: Unpack[Metadata]
+) -> float:
     return -float(regressor.balance_errors(X, F, **metadata).loc["pooled", "error"])
 
 
-def _acceleration(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
+def _acceleration(
+    regressor: NRFRegressor, X: object, F: object = None, **metadata: Unpack[Metadata]
+) -> float:
     return float(regressor.score(X, F, **metadata))
 
 
-def _free_run(regressor: Any, X: Any, F: Any = None, **metadata: Any) -> float:
+def _free_run(
+    regressor: NRFRegressor, X: object, F: object = None, **metadata: Unpack[Metadata]
+) -> float:
     data = regressor.dataset(X, F, **metadata)
     if any(segment.dt is None for segment in data.segments):
         what = "The free run needs the time of the samples"

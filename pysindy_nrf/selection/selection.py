@@ -1,11 +1,14 @@
 """Order selection: all orders, all folds from one pass over the samples."""
 
-from collections.abc import Iterable, Mapping
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from ..chain.sites import Site
@@ -20,13 +23,30 @@ from ..report.figures.figure import Figure
 from ..report.figures.matplotlib_renderer import Drawing
 from ..report.figures.motion import order_figure
 from .held_out import SCORES, errors_on_folds, scores_on_folds
-from .one_se_rule import choose, complexity_of, errors_of, standard_error
+from .one_se_rule import Degree, choose, complexity_of, errors_of, standard_error
 from .order_sums import OrderSums
 from .splitters import BlockedTimeSplit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 RULES = ("one_standard_error", "best")
 # Passes over the storeys until each has its own order.
 MAX_PASSES = 3
+
+# Rows that train and that test of one fold.
+FoldRows = tuple[np.ndarray, np.ndarray]
+
+
+class Splitter(Protocol):
+    """A splitter of scikit-learn, or one like it."""
+
+    def split(self, X: np.ndarray, y: object, groups: np.ndarray) -> Iterator[FoldRows]:
+        """Rows of each fold."""
+
+
+# Number of blocks in time, a splitter, or the rows of each fold.
+CrossValidation = int | Splitter | Iterable[FoldRows]
 
 
 class OrderSelection:
@@ -50,7 +70,7 @@ class OrderSelection:
     def __init__(
         self,
         sums: OrderSums,
-        labels: list[Any],
+        labels: Sequence[Degree],
         scoring: str,
         rule: str,
         estimator: NRFRegressor,
@@ -106,7 +126,7 @@ class OrderSelection:
         return table
 
     @cached_property
-    def orders_(self) -> dict[str, Any]:
+    def orders_(self) -> dict[str, Degree]:
         return _orders_by_storey(self._sums, self._labels, self.best_order)
 
     def regressor(self, by_storey: bool = False) -> NRFRegressor:
@@ -122,7 +142,7 @@ class OrderSelection:
             return new.set_params(degree=self.best_order)
         return new.set_params(orders={**self.orders_, **dict(new.orders or {})})
 
-    def plot(self, ax: Any = None) -> Any:
+    def plot(self, ax: Axes | None = None) -> Drawing:
         """Draw held-out error over the order.
 
         Parameters
@@ -156,19 +176,19 @@ class OrderSelection:
 
 
 def select_order(
-    X: Any,
-    F: Any = None,
+    X: object,
+    F: ArrayLike | None = None,
     *,
     degrees: Iterable[int] | None = range(1, 8),
     boxes: Iterable[tuple[int, int]] | None = None,
-    cv: Any = 5,
+    cv: CrossValidation = 5,
     rule: str = "one_standard_error",
     scoring: str = "balance",
     free_run: bool = False,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
+    record: ArrayLike | None = None,
+    time: ArrayLike | None = None,
+    base_acceleration: ArrayLike | None = None,
+    covariates: Mapping[str, ArrayLike] | None = None,
     **regressor_params: Any,
 ) -> OrderSelection:
     """Choose the order of the power series by held-out error.
@@ -249,13 +269,17 @@ def select_order(
     return OrderSelection(sums, labels, scoring, rule, estimator, free_run)
 
 
-def _labels(degrees: Any, boxes: Any) -> list[Any]:
+def _labels(
+    degrees: Iterable[Degree] | None, boxes: Iterable[tuple[int, int]] | None
+) -> list[Degree]:
     """All orders, each once."""
-    labels: list[Any] = []
-    for degree in degrees if degrees is not None else ():
-        whole = hasattr(degree, "__index__") and not isinstance(degree, bool)
-        labels.append(int(degree) if whole else degree)
-    labels.extend(map(tuple, boxes or ()))
+    labels: list[Degree] = []
+    for degree in () if degrees is None else degrees:
+        if isinstance(degree, (int, np.integer)) and not isinstance(degree, bool):
+            degree = int(degree)
+        labels.append(degree)
+    for box in boxes or ():
+        labels.append(cast(Degree, tuple(box)))
     if not labels:
         what = "There is no order to choose from"
         raise NRFError(what, "Give degrees=range(1, 8), or boxes=[(1, 3), ...].")
@@ -265,7 +289,9 @@ def _labels(degrees: Any, boxes: Any) -> list[Any]:
     return list(dict.fromkeys(labels))
 
 
-def data_of(estimator: Any, X: Any, F: Any, **options: Any) -> Dataset:
+def data_of(
+    estimator: NRFRegressor, X: object, F: ArrayLike | None, **options: object
+) -> Dataset:
     """The data that an estimator would be fitted to.
 
     Refuses an estimator that sums of products cannot serve.
@@ -297,13 +323,18 @@ def data_of(estimator: Any, X: Any, F: Any, **options: Any) -> Dataset:
 
 
 def order_sums_of(
-    estimator: Any, labels: list[Any], data: Dataset, cv: Any
+    estimator: NRFRegressor,
+    labels: Sequence[Degree],
+    data: Dataset,
+    cv: CrossValidation,
 ) -> OrderSums:
     """Sums for all folds and several orders at the sites that have none."""
     problem = estimator.problem(data.n_dof)
     named = [*(estimator.laws or ()), *(estimator.orders or ())]
-    given = {problem.chain.site(text): () for text in named}
-    fixed = {site: problem.laws[site] for site in given}
+    fixed = {}
+    for text in named:
+        site = problem.chain.site(text)
+        fixed[site] = problem.laws[site]
     if all(site in fixed for site in problem.chain.sites):
         what = "Every site has a law or an order already"
         raise ChainError(what, "Leave a storey out of laws= and orders=.")
@@ -313,7 +344,7 @@ def order_sums_of(
     return sums
 
 
-def _folds(cv: Any, data: Dataset) -> list[tuple[np.ndarray, np.ndarray]]:
+def _folds(cv: CrossValidation, data: Dataset) -> list[FoldRows]:
     """Rows that train and that test of each fold."""
     splitter = BlockedTimeSplit(int(cv)) if isinstance(cv, (int, np.integer)) else cv
     if not hasattr(splitter, "split"):
@@ -327,12 +358,14 @@ def _folds(cv: Any, data: Dataset) -> list[tuple[np.ndarray, np.ndarray]]:
     return list(splitter.split(np.empty((data.n_samples, 1)), None, records))
 
 
-def _orders_by_storey(sums: OrderSums, labels: list[Any], best: Any) -> dict[str, Any]:
+def _orders_by_storey(
+    sums: OrderSums, labels: Sequence[Degree], best: Degree
+) -> dict[str, Degree]:
     """Each storey's simplest order, the others being what they are.
 
     From the top down, until nothing changes.
     """
-    chosen: dict[Site, Any] = dict.fromkeys(sums.union, best)
+    chosen: dict[Site, Degree] = dict.fromkeys(sums.union, best)
     ranks = [complexity_of({"degree": label}) for label in labels]
     from_top = sorted(chosen, key=lambda site: (-site.p, -site.q))
     for _ in range(MAX_PASSES):
@@ -346,7 +379,7 @@ def _orders_by_storey(sums: OrderSums, labels: list[Any], best: Any) -> dict[str
 
 
 def _errors_of_orders(
-    sums: OrderSums, labels: list[Any], chosen: Mapping[Site, Any], site: Site
+    sums: OrderSums, labels: Sequence[Degree], chosen: Mapping[Site, Degree], site: Site
 ) -> np.ndarray:
     """Held-out errors of the equations that a site stands in, for all its orders."""
     dofs = [dof for dof in (site.p, site.q) if dof > 0]

@@ -1,10 +1,11 @@
 """Which terms: those of the power series that held-out data miss when left out."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from ..chain.layout import LawLayout
@@ -12,16 +13,18 @@ from ..chain.sites import Site
 from ..equations.errors import pooled_error
 from ..exceptions import NRFError
 from ..identification.regressor import NRFRegressor
+from ..laws.base import ForceLaw
 from .held_out import errors_on_folds
-from .one_se_rule import choose, standard_error
+from .one_se_rule import Degree, choose, standard_error
 from .order_sums import Monomials, Order, OrderSums
-from .selection import data_of, order_sums_of
+from .selection import CrossValidation, data_of, order_sums_of
 
 # Rise of the held-out error, as a share, that the absence of a term may cost at most.
 MARGIN = 0.02
 
-# By site: which of the monomials are left.
+# By site: mask of the monomials that the model has.
 Support = Mapping[Site, np.ndarray]
+Laws = Mapping[Site, Sequence[ForceLaw]]
 
 
 class SparsitySelection:
@@ -41,7 +44,7 @@ class SparsitySelection:
         self,
         table: pd.DataFrame,
         terms: pd.Series,
-        laws: Mapping[Site, Any],
+        laws: Laws,
         estimator: NRFRegressor,
     ) -> None:
         self.table = table
@@ -55,20 +58,20 @@ class SparsitySelection:
         return clone(self._estimator).set_params(laws=laws, orders=None)
 
     def __repr__(self) -> str:
-        left = int(self.table["terms"].iloc[-1])
-        return f"SparsitySelection({left} of {len(self.terms)} terms)"
+        n_terms = int(self.table["terms"].iloc[-1])
+        return f"SparsitySelection({n_terms} of {len(self.terms)} terms)"
 
 
 def select_sparsity(
-    X: Any,
-    F: Any = None,
+    X: object,
+    F: ArrayLike | None = None,
     *,
-    degree: Any = 3,
-    cv: Any = 6,
-    record: Any = None,
-    time: Any = None,
-    base_acceleration: Any = None,
-    covariates: Any = None,
+    degree: Degree = 3,
+    cv: CrossValidation = 6,
+    record: ArrayLike | None = None,
+    time: ArrayLike | None = None,
+    base_acceleration: ArrayLike | None = None,
+    covariates: Mapping[str, ArrayLike] | None = None,
     **regressor_params: Any,
 ) -> SparsitySelection:
     """Leave out the terms of the power series that held-out data do not miss.
@@ -131,21 +134,21 @@ def select_sparsity(
 class _Elimination:
     """Terms go one by one, until the folds can tell."""
 
-    def __init__(self, sums: OrderSums, degree: Any) -> None:
+    def __init__(self, sums: OrderSums, degree: Degree) -> None:
         self.sums = sums
-        self.whole = sums.uniform_order(degree)
-        self.order = self.whole
-        errors = errors_on_folds(sums, self.whole)
+        self.full = sums.uniform_order(degree)
+        self.order = self.full
+        errors = errors_on_folds(sums, self.full)
         if not np.isfinite(errors).all():
             what = "The whole series cannot be fitted on every fold"
             raise NRFError(what, "Use fewer folds or a lower degree.")
         # what was left out, the candidate, its held-out errors
-        self._steps: list[tuple[str, Order, np.ndarray]] = [("", self.whole, errors)]
+        self._steps: list[tuple[str, Order, np.ndarray]] = [("", self.full, errors)]
 
     def eliminate(self) -> None:
         """Leave out the weakest term, as long as the held-out error allows it."""
         least = self._steps[0][2]
-        counts = self.whole.layout.counts
+        counts = self.full.layout.counts
         support: Support = {
             site: np.ones(counts[site], dtype=bool) for site in self.sums.union
         }
@@ -161,7 +164,7 @@ class _Elimination:
             self.order = order
             if np.mean(errors) < np.mean(least):
                 least = errors
-            label = self.whole.layout.labels(site)[term]
+            label = self.full.layout.labels(site)[term]
             self._steps.append((f"{label} of {site}", order, errors))
             weakest = self._weakest(support)
 
@@ -171,10 +174,10 @@ class _Elimination:
         A storey keeps one at least.
         """
         rises: dict[tuple[Site, int], float] = {}
-        for site, left in support.items():
-            if left.sum() < 2:
+        for site, terms in support.items():
+            if terms.sum() < 2:
                 continue
-            for term in np.flatnonzero(left).tolist():
+            for term in np.flatnonzero(terms).tolist():
                 order = self._restricted(_without(support, site, term))
                 try:
                     solution, _, grams = self.sums.fit(order, None)
@@ -186,10 +189,10 @@ class _Elimination:
 
     def _restricted(self, support: Support) -> Order:
         """A candidate with the terms of a support alone; given laws are kept whole."""
-        columns = dict(self.whole.columns)
-        laws: dict[Site, Any] = dict(self.sums.laws)
-        for site, left in support.items():
-            columns[site] = self.whole.columns[site][left]
+        columns = dict(self.full.columns)
+        laws: dict[Site, tuple[ForceLaw, ...]] = dict(self.sums.laws)
+        for site, terms in support.items():
+            columns[site] = self.full.columns[site][terms]
             exponents = self.sums.union[site].exponents
             laws[site] = (Monomials(exponents[i] for i in columns[site]),)
         in_order = {site: laws[site] for site in [*support, *self.sums.laws]}
@@ -208,8 +211,8 @@ class _Elimination:
         """Coefficients of all terms by site, 0 where left out."""
         coefficients = self.sums.fit(self.order, None)[0].coefficients
         values = {}
-        for site in self.whole.layout.acting:
-            for label in self.whole.layout.labels(site):
+        for site in self.full.layout.acting:
+            for label in self.full.layout.labels(site):
                 values[str(site), label] = 0.0
             labels = self.order.layout.labels(site)
             for label, value in zip(labels, coefficients[site]):
@@ -220,6 +223,6 @@ class _Elimination:
 
 def _without(support: Support, site: Site, term: int) -> Support:
     """A support without one term."""
-    left = support[site].copy()
-    left[term] = False
-    return {**support, site: left}
+    terms = support[site].copy()
+    terms[term] = False
+    return {**support, site: terms}

@@ -6,10 +6,10 @@ groups.
 """
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils.validation import _num_samples
 
@@ -53,12 +53,14 @@ class BlockedTimeSplit(BaseCrossValidator):
     def __repr__(self) -> str:
         return f"BlockedTimeSplit(n_splits={self.n_splits!r}, gap={self.gap!r})"
 
-    def get_n_splits(self, X: Any = None, y: Any = None, groups: Any = None) -> int:
+    def get_n_splits(
+        self, X: object = None, y: object = None, groups: object = None
+    ) -> int:
         """Number of folds; parameters as of :meth:`split`, not needed."""
         return whole("n_splits", self.n_splits, 2)
 
     def split(
-        self, X: Any, y: Any = None, groups: Any = None
+        self, X: ArrayLike, y: object = None, groups: ArrayLike | None = None
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Row numbers of each fold.
 
@@ -95,7 +97,7 @@ class BlockedTimeSplit(BaseCrossValidator):
             yield np.flatnonzero(is_train), np.concatenate(tests)
 
 
-def _rows_of_records(groups: Any, n_samples: int) -> list[np.ndarray]:
+def _rows_of_records(groups: ArrayLike | None, n_samples: int) -> list[np.ndarray]:
     """Rows of each record."""
     pieces = by_record(groups, n_samples)
     names = pd.Series([name for name, _ in pieces])

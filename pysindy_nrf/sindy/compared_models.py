@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 import pysindy as ps
+from pysindy.feature_library.base import BaseFeatureLibrary
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from sklearn.base import clone
@@ -37,7 +38,7 @@ class RecordPart:
     F: np.ndarray
     dt: float
 
-    def part(self, rows: slice) -> RecordPart:
+    def take(self, rows: slice) -> RecordPart:
         """Some of the samples."""
         return RecordPart(
             self.a[rows], self.v[rows], self.s[rows], self.F[rows], self.dt
@@ -95,12 +96,23 @@ class ComparedModel(Protocol):
     def free_run(self, data: RecordPart, deadline: float) -> np.ndarray: ...
 
 
-def precision_and_recall(found: set, true: set) -> tuple[float, float]:
-    """Shares of true terms among those found, and of those found among the true."""
-    right = len(found & true)
-    precision = right / len(found) if found else np.nan
-    recall = right / len(true) if true else np.nan
+Term = TypeVar("Term")
+
+
+def precision_and_recall(identified: set[Term], true: set[Term]) -> tuple[float, float]:
+    """Shares of true terms among the identified, and of identified among the true."""
+    n_right = len(identified & true)
+    precision = n_right / len(identified) if identified else np.nan
+    recall = n_right / len(true) if true else np.nan
     return precision, recall
+
+
+def _random_like(
+    channels: np.ndarray, n_samples: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Normal random channels of the standard deviations of some others."""
+    shape = (n_samples, channels.shape[1])
+    return rng.standard_normal(shape) * channels.std(axis=0)
 
 
 class PlainSINDy:
@@ -131,11 +143,11 @@ class PlainSINDy:
         """The targets."""
         return np.hstack([data.xdot, data.a])
 
-    def library(self, data: RecordPart) -> Any:
+    def library(self, data: RecordPart) -> BaseFeatureLibrary:
         """The feature library."""
         return ps.PolynomialLibrary(self.degree)
 
-    def optimizer(self) -> Any:
+    def optimizer(self) -> ps.STLSQ:
         """The optimizer."""
         return ps.STLSQ(normalize_columns=self.normalise)
 
@@ -157,14 +169,14 @@ class PlainSINDy:
         self.names = self.model.get_feature_names()
 
     @property
-    def found(self) -> set[int]:
+    def features(self) -> set[int]:
         """Features that stand in the acceleration of any DOF."""
         return set(np.flatnonzero(self.coefficients.any(axis=0)).tolist())
 
     @property
     def terms(self) -> int:
         """Number of features found."""
-        return len(self.found)
+        return len(self.features)
 
     def linear(self, prefix: str) -> np.ndarray:
         """Coefficients of the terms x0.. or u0.. in the accelerations."""
@@ -211,10 +223,9 @@ class PlainSINDy:
         """
         rng = np.random.default_rng(0)
         size = 3 * self.n_features(data)
-        v, s, F = (
-            rng.standard_normal((size, y.shape[1])) * y.std(axis=0)
-            for y in (data.v, data.s, data.F)
-        )
+        v = _random_like(data.v, size, rng)
+        s = _random_like(data.s, size, rng)
+        F = _random_like(data.F, size, rng)
         R = truth.restoring_force(np.hstack([np.zeros_like(s), v, s]))
         above = np.hstack([R[:, 1:], np.zeros((size, 1))])
         a = (F - R + above) / truth.masses
@@ -229,7 +240,7 @@ class PlainSINDy:
             return np.nan, np.nan
 
         true = np.flatnonzero((np.abs(exact) > 1e-7).any(axis=1))
-        return precision_and_recall(self.found, set(true.tolist()))
+        return precision_and_recall(self.features, set(true.tolist()))
 
     def third_law(self, masses: np.ndarray) -> tuple[float, str]:
         """Largest gap, percent, of the two stiffnesses found of each storey.
@@ -307,7 +318,7 @@ class ExpertSINDy(PlainSINDy):
         drift_accelerations = np.diff(a, axis=1, prepend=0.0)
         return np.hstack([state[:, a.shape[1] :], drift_accelerations])
 
-    def library(self, data: RecordPart) -> Any:
+    def library(self, data: RecordPart) -> BaseFeatureLibrary:
         """Polynomials of each storey by itself, and the forces."""
         n_dof = data.n_dof
         libraries = []
@@ -319,7 +330,7 @@ class ExpertSINDy(PlainSINDy):
         columns.append(list(range(2 * n_dof, 2 * n_dof + len(data.forced))))
         return ps.GeneralizedLibrary(libraries, inputs_per_library=columns)
 
-    def optimizer(self) -> Any:
+    def optimizer(self) -> ps.STLSQ:
         """The optimizer."""
         return ps.STLSQ(
             threshold=EXPERT_THRESHOLD, alpha=EXPERT_RIDGE, normalize_columns=True
@@ -346,7 +357,8 @@ class Regressor:
     def fit(self, data: RecordPart) -> None:
         """Fit the estimator to a part of a record."""
         estimator = self._chosen(data)
-        self.fitted: Any = estimator.set_params(dt=data.dt).fit(data.X, data.F)
+        estimator.set_params(dt=data.dt)
+        self.fitted = estimator.fit(data.X, data.F)
 
     def _chosen(self, data: RecordPart) -> NRFRegressor:
         return clone(self.estimator)
@@ -372,8 +384,8 @@ class Regressor:
         self, data: RecordPart, truth: ChainModel
     ) -> tuple[float, float]:
         """Shares of the true terms."""
-        found = _terms_of(self.fitted.restoring_forces_)
-        return precision_and_recall(found, _terms_of(truth.restoring_forces))
+        identified = _terms_of(self.fitted.restoring_forces_)
+        return precision_and_recall(identified, _terms_of(truth.restoring_forces))
 
     def third_law(self, masses: np.ndarray) -> tuple[float, str]:
         """Largest gap of the two estimates of each storey, percent."""
@@ -383,6 +395,7 @@ class Regressor:
     def free_run(self, data: RecordPart, deadline: float) -> np.ndarray:
         """Displacements of the model alone."""
         run = self.fitted.simulate(data.F, x0=data.x[0], v0=data.xdot[0])
+        assert run.displacement is not None  # a simulation has every channel
         return run.displacement
 
 

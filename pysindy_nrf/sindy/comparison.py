@@ -6,11 +6,12 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pysindy as ps
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
 
 from ..chain.model import ChainModel
 from ..equations.errors import Sizes, nrmse, pooled_percent
@@ -47,13 +48,13 @@ MAX_WORK = 2e11
 
 
 def compare_with_sindy(
-    X: Any,
-    F: Any = None,
+    X: object,
+    F: ArrayLike | None = None,
     dt: float | None = None,
     *,
     truth: ChainModel | None = None,
     degree: int = 3,
-    optimizers: Mapping[str, Any] | str | None = None,
+    optimizers: Mapping[str, BaseEstimator] | str | None = None,
     heldout: float = 0.3,
     free_run: int = 500,
     time_limit: float = 10.0,
@@ -158,7 +159,7 @@ def compare_with_sindy(
         raise ChannelError(what, "Give a number between 0 and 1.")
     record = _single_record(X, F, dt, coordinates)
     cut = round(record.n_samples * (1 - heldout))
-    search, rest = record.part(slice(0, cut)), record.part(slice(cut, None))
+    search, rest = record.take(slice(0, cut)), record.take(slice(cut, None))
     models = _models(degree, optimizers)
 
     with warnings.catch_warnings(action="ignore"):
@@ -187,7 +188,7 @@ def compare_with_sindy(
 
 
 def _models(
-    degree: int, optimizers: Mapping[str, Any] | str | None
+    degree: int, optimizers: Mapping[str, BaseEstimator] | str | None
 ) -> dict[str, ComparedModel]:
     """The models of the table by name."""
     models: dict[str, ComparedModel] = {
@@ -217,7 +218,9 @@ def _models(
     return models
 
 
-def _single_record(X: Any, F: Any, dt: float | None, coordinates: str) -> RecordPart:
+def _single_record(
+    X: object, F: ArrayLike | None, dt: float | None, coordinates: str
+) -> RecordPart:
     """The one contiguous record of some data, or an error."""
     data = from_arrays(X, F, coordinates=coordinates, dt=dt)
     segment = data.segments[0]
@@ -228,14 +231,17 @@ def _single_record(X: Any, F: Any, dt: float | None, coordinates: str) -> Record
         raise ChannelError("The comparison needs the sampling step", "Pass dt= in s.")
 
     rows = segment.valid
-    a, v, s, forces = (
-        channel[rows].astype(float)
-        for channel in (segment.a, segment.v, segment.s, segment.F)
-    )
+    forces = segment.F[rows].astype(float)
     if np.isnan(forces).any():
         cure = "SINDy needs every force: give zeros where none acts."
         raise ChannelError("A force is unknown", cure)
-    return RecordPart(a, v, s, forces, segment.dt)
+    return RecordPart(
+        a=segment.a[rows].astype(float),
+        v=segment.v[rows].astype(float),
+        s=segment.s[rows].astype(float),
+        F=forces,
+        dt=segment.dt,
+    )
 
 
 class _StoreyForces(dict[str, np.ndarray]):
@@ -314,9 +320,9 @@ class _Comparison:
 
     def row(
         self, model: ComparedModel, n_free_run: int
-    ) -> tuple[dict[str, Any], np.ndarray | None]:
+    ) -> tuple[dict[str, float | str], np.ndarray | None]:
         """The row of one model, and the storey forces (N) that it finds."""
-        row: dict[str, Any] = {"storeys_found": "", "note": ""}
+        row: dict[str, float | str] = {"storeys_found": "", "note": ""}
         if isinstance(model, PlainSINDy) and model.work(self.search) > MAX_WORK:
             row["note"] = self._too_much(model)
             return row, None
@@ -335,10 +341,10 @@ class _Comparison:
         accelerations = model.accelerations(self.rest)
         forces = self._storey_forces(handed, accelerations)
         if self.reference.known:
-            own = self._storey_forces(masses, accelerations)
+            by_its_masses = self._storey_forces(masses, accelerations)
             row["mass_error"] = self.reference.mass_error(masses)
             row["restoring_force_error"] = self.reference.force_error(forces)
-            row["force_error_own_masses"] = self.reference.force_error(own)
+            row["force_error_own_masses"] = self.reference.force_error(by_its_masses)
         if self.reference.known and not self.reference.model.has_memory:
             row["precision"], row["recall"] = model.precision_and_recall(
                 self.search, self.reference.model
@@ -373,9 +379,9 @@ class _Comparison:
         self, model: ComparedModel, n_samples: int
     ) -> tuple[float, str]:
         """Error of the displacements, percent, and a note."""
-        part = self.rest.part(slice(0, max(2, n_samples)))
+        start = self.rest.take(slice(0, max(2, n_samples)))
         try:
-            x = model.free_run(part, time.perf_counter() + self.time_limit)
+            x = model.free_run(start, time.perf_counter() + self.time_limit)
         except TimeoutError:
             return np.nan, f"free run given up after {self.time_limit:g} s"
         except (SimulationError, OverflowError, FloatingPointError):
@@ -383,5 +389,5 @@ class _Comparison:
         if not np.isfinite(x).all():
             return np.inf, "free run diverges"
 
-        errors = [nrmse(part.x[:, j], x[:, j]) for j in range(part.n_dof)]
+        errors = [nrmse(start.x[:, j], x[:, j]) for j in range(start.n_dof)]
         return float(np.sqrt(np.mean(np.square(errors)))), ""

@@ -1,11 +1,14 @@
 """Force laws as PySINDy feature libraries."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self, TypeGuard
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pysindy import AxesArray
 from pysindy.feature_library.base import BaseFeatureLibrary
 from pysindy.utils import comprehend_axes
@@ -13,7 +16,7 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from ..chain.layout import LawLayout, declared_laws, power_series_laws
-from ..chain.sites import dofs_of
+from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of
 from ..common import MOST_DOFS
 from ..common.warn import warn_user
@@ -22,9 +25,27 @@ from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
 from ..laws.base import ForceLaw, subscript
 from ..records.channels import checked, same_columns
 from ..records.dataset import Segment
+from ..selection.one_se_rule import Degree
 
 _INPUTS = ("balance", "state")
 _UNNAMED = re.compile(r"[xu]\d+")
+
+# One law or several.
+Laws = ForceLaw | Sequence[ForceLaw]
+# By site as the user names it: "storey 2", or 2.
+LawsBySite = Mapping[Any, Sequence[ForceLaw]]
+
+
+class LawColumns(AxesArray):
+    """Features that know the library that made them; any copy or part forgets it."""
+
+    made_by: ForceLawLibrary | None = None
+
+    def __new__(cls, columns: np.ndarray, library: ForceLawLibrary) -> LawColumns:
+        return super().__new__(cls, columns, comprehend_axes(columns))
+
+    def __init__(self, columns: np.ndarray, library: ForceLawLibrary) -> None:
+        self.made_by = library
 
 
 class ForceLawLibrary(BaseFeatureLibrary):
@@ -90,7 +111,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
 
     def __init__(
         self,
-        laws: Any = None,
+        laws: Mapping[Any, Laws] | Laws | None = None,
         chain: Chain | None = None,
         inputs: str = "balance",
         dt: float | None = None,
@@ -102,7 +123,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         self.dt = dt
         self.excited = excited
 
-    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+    def _laws(self, chain: Chain) -> LawsBySite:
         if self.laws is None:
             cure = "Pass laws={'storey 1': [...], ...}, or one list for every storey."
             raise LawError("The library has no laws", cure)
@@ -110,7 +131,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
             return declared_laws(self.laws)
         return declared_laws(dict.fromkeys(chain.sites, self.laws))
 
-    def fit(self, x: Any, y: Any = None) -> Any:
+    def fit(self, x: ArrayLike, y: object = None) -> Self:
         """Count the features.
 
         Parameters
@@ -150,7 +171,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         chain = chain_of(self.chain, n_dof)
         return LawLayout(chain, self._laws(chain))
 
-    def _columns_of_u(self, width: int) -> "_ForceColumns":
+    def _columns_of_u(self, width: int) -> _ForceColumns:
         """DOFs of the chain, and those with a column of u, in a table of some width."""
         n_dof = None if self.chain is None else chain_of(self.chain, 0).n_dof
         if self.inputs == "balance":
@@ -174,7 +195,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         columns.require_width(width, needed)
         return columns
 
-    def transform(self, x: Any) -> Any:
+    def transform(self, x: ArrayLike) -> LawColumns | list[LawColumns]:
         """Columns of the balances.
 
         Parameters
@@ -197,32 +218,33 @@ class ForceLawLibrary(BaseFeatureLibrary):
         tags.input_tags.allow_nan = True
         return tags
 
-    def _checked(self, x: Any, reset: bool) -> np.ndarray:
+    def _checked(self, x: ArrayLike, reset: bool) -> np.ndarray:
         # PySINDy's weak form asks for the columns by a single sample
         if isinstance(x, AxesArray) and x.ndim == 1:
             x = np.asarray(x)[None]
-        if getattr(x, "ndim", 2) > 2:
+        if isinstance(x, np.ndarray) and x.ndim > 2:
             same_columns(self, x.shape[-1], None, reset)
             return np.asarray(x)
         return checked(self, x, reset=reset)
 
-    def _columns(self, x: Any) -> Any:
-        x = self._checked(x, reset=False)
-        leading_axes = x.shape[:-1]
-        x = x.reshape(-1, x.shape[-1])
-        n_dof, n_terms = self.layout_.n_dof, self.layout_.n_terms
+    def _columns(self, x: ArrayLike) -> LawColumns:
+        """The features of one record."""
+        matrix = self._checked(x, reset=False)
+        leading_axes = matrix.shape[:-1]
+        matrix = matrix.reshape(-1, matrix.shape[-1])
+        n_dof = self.layout_.n_dof
+        last_term = n_dof + self.layout_.n_terms
 
-        kind = np.result_type(x.dtype, np.float32)
-        out = np.empty((len(x), self.n_output_features_), dtype=kind)
-        first, second, third = np.split(x, [n_dof, 2 * n_dof], axis=1)
+        kind = np.result_type(matrix.dtype, np.float32)
+        out = np.empty((len(matrix), self.n_output_features_), dtype=kind)
+        first, second, third = np.split(matrix, [n_dof, 2 * n_dof], axis=1)
         if self.inputs == "balance":
             out[:, :n_dof] = first
             segment = self._segment(first, second, third)
         else:
             out[:, :n_dof] = second
-            out[:, n_dof + n_terms :] = 0.0
-            forces = [n_dof + n_terms + j - 1 for j in self.excited_]
-            out[:, forces] = third
+            out[:, last_term:] = 0.0
+            out[:, [last_term + j - 1 for j in self.excited_]] = third
             v = np.diff(second, axis=1, prepend=0.0)
             s = np.diff(first, axis=1, prepend=0.0)
             segment = self._segment(np.zeros_like(first), v, s)
@@ -231,14 +253,9 @@ class ForceLawLibrary(BaseFeatureLibrary):
         # the columns that every fit sums up
         for block in blocks_of_segment(segment, self.layout_):
             stop = start + block.n_samples
-            out[start:stop, n_dof : n_dof + n_terms] = block.terms.T
+            out[start:stop, n_dof:last_term] = block.terms.T
             start = stop
-
-        out = out.reshape(*leading_axes, -1)
-        features = AxesArray(out, comprehend_axes(out))
-        # ChainOptimizer reads the layout from it; any copy or part loses it
-        features.made_by = self
-        return features
+        return LawColumns(out.reshape(*leading_axes, -1), self)
 
     def _segment(self, a: np.ndarray, v: np.ndarray, s: np.ndarray) -> Segment:
         """The rows as one contiguous record."""
@@ -246,7 +263,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         t = None if self.dt is None else np.arange(len(s)) * self.dt
         return Segment("record", rows, a, v, s, np.zeros_like(s), t, valid=rows)
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: BaseFeatureLibrary) -> BaseFeatureLibrary:
         """Laws of both libraries at every site.
 
         With a library of another kind: PySINDy's concatenated columns.
@@ -281,16 +298,16 @@ class ForceLawLibrary(BaseFeatureLibrary):
             names.extend(f"{head}{j}" for j in range(1, n_dof + 1))
 
         if input_features is not None:
-            given = list(map(str, input_features))
+            users_names = list(map(str, input_features))
             # those of the names that are columns of the input
             columns = list(range(2 * n_dof))
             columns.extend(2 * n_dof + j - 1 for j in self.excited_)
-            if len(given) != len(columns):
-                what = f"{len(given)} names for {len(columns)} columns"
+            if len(users_names) != len(columns):
+                what = f"{len(users_names)} names for {len(columns)} columns"
                 cure = f"Give the names of {', '.join(heads)} of every DOF."
                 raise ChannelError(what, cure)
-            if not all(map(_UNNAMED.fullmatch, given)):
-                for column, name in zip(columns, given):
+            if not all(map(_UNNAMED.fullmatch, users_names)):
+                for column, name in zip(columns, users_names):
                     names[column] = name
 
         terms = term_names(self.layout_)
@@ -298,7 +315,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
             return names[:n_dof] + terms
         return names[n_dof : 2 * n_dof] + terms + names[2 * n_dof :]
 
-    def get_feature_names_out(self, input_features: Any = None) -> np.ndarray:
+    def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """The same, as scikit-learn asks for them; see :meth:`get_feature_names`.
 
         Returns
@@ -316,13 +333,15 @@ class _ForceColumns:
     excited: tuple[int, ...]
 
     @classmethod
-    def of_every_dof(cls, width: int, n_dof: int | None) -> "_ForceColumns":
+    def of_every_dof(cls, width: int, n_dof: int | None) -> _ForceColumns:
         """One column a DOF; a third of all columns if the chain is not known."""
         count = max(width // 3, 1) if n_dof is None else n_dof
         return cls(count, tuple(range(1, count + 1)))
 
     @classmethod
-    def named(cls, excited: Any, width: int, n_dof: int | None) -> "_ForceColumns":
+    def named(
+        cls, excited: int | Sequence[int], width: int, n_dof: int | None
+    ) -> _ForceColumns:
         """The columns that a user names."""
         named = dofs_of("excited", excited, MOST_DOFS)
         count = max((width - len(named)) // 2, 1) if n_dof is None else n_dof
@@ -371,7 +390,7 @@ def _require_state_space(layout: LawLayout) -> None:
             raise LawError(what, "Use NRFRegressor, or inputs='balance'.")
 
 
-def _is_list_of_records(x: Any) -> bool:
+def _is_list_of_records(x: ArrayLike) -> TypeGuard[Sequence[ArrayLike]]:
     return isinstance(x, (list, tuple)) and len(x) > 0 and np.ndim(np.asarray(x[0])) > 1
 
 
@@ -412,7 +431,7 @@ class ForceLawLibrarySum(ForceLawLibrary):
         return self._shared("dt")
 
     @property
-    def excited(self) -> Any:  # type: ignore[override]
+    def excited(self) -> int | Sequence[int] | None:  # type: ignore[override]
         """Those of the libraries added."""
         return self._shared("excited")
 
@@ -428,8 +447,8 @@ class ForceLawLibrarySum(ForceLawLibrary):
                 raise LawError(what, f"Give all of them one {name}.")
         return values[0] if values else None
 
-    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
-        merged: dict[Any, list[ForceLaw]] = {}
+    def _laws(self, chain: Chain) -> LawsBySite:
+        merged: dict[Site, list[ForceLaw]] = {}
         for library in self.libraries:
             for text, group in library._laws(chain).items():
                 merged.setdefault(chain.site(text), []).extend(group)
@@ -460,9 +479,9 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
 
     def __init__(
         self,
-        degree: Any = 3,
+        degree: Degree = 3,
         chain: Chain | None = None,
-        orders: Mapping[Any, Any] | None = None,
+        orders: Mapping[Any, Degree] | None = None,
         inputs: str = "balance",
         excited: int | Sequence[int] | None = None,
     ) -> None:
@@ -472,5 +491,5 @@ class InterstoryPolynomialLibrary(ForceLawLibrary):
         self.inputs = inputs
         self.excited = excited
 
-    def _laws(self, chain: Chain) -> Mapping[Any, Sequence[ForceLaw]]:
+    def _laws(self, chain: Chain) -> LawsBySite:
         return power_series_laws(chain, self.degree, self.orders)

@@ -1,25 +1,32 @@
 """Chain-aware optimizers: the paper's solve around any PySINDy optimizer."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, MultiOutputMixin, RegressorMixin
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
-from ..chain.identifiability import plan_solve_order
+from ..chain.identifiability import SolveOrder, plan_solve_order
 from ..chain.layout import Layout, blocks_of
 from ..chain.sites import Site
 from ..chain.structure import Chain, chain_of, masses_of
 from ..common.warn import warn_user
-from ..equations.chain_solve import doubtful_masses, solve_blocks
+from ..equations.chain_solve import Solution, doubtful_masses, solve_blocks
 from ..equations.errors import explained_accelerations
 from ..equations.inner_optimizer import balance_optimizer
 from ..exceptions import BiasWarning, ChainError, ChannelError
 from ..records.channels import as_matrix, checked, rows_text, sample_weights
+from .feature_library import ForceLawLibrary, LawColumns
+
+# The library that makes the terms, or their numbers at the sites.
+Terms = ForceLawLibrary | Sequence[int] | None
 
 
 @dataclass(frozen=True)
@@ -76,7 +83,7 @@ class _Samples:
             raise ChannelError(what, "Give more than there are unknowns.")
         return rows
 
-    def take(self, rows: np.ndarray) -> "_Samples":
+    def take(self, rows: np.ndarray) -> _Samples:
         return _Samples(self.terms[rows], self.acceleration[rows], self.force[rows])
 
 
@@ -92,11 +99,11 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
     def __init__(
         self,
-        optimizer: Any = None,
+        optimizer: BaseEstimator | None = None,
         chain: Chain | None = None,
         strategy: str = "auto",
         excited: int | Iterable[int] | None = None,
-        terms: Any = None,
+        terms: Terms = None,
         known_masses: Mapping[int, float] | None = None,
     ) -> None:
         self.optimizer = optimizer
@@ -106,7 +113,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.terms = terms
         self.known_masses = known_masses
 
-    def balance_optimizer(self) -> Any:
+    def balance_optimizer(self) -> BaseEstimator | None:
         """Refuse an optimizer that does not solve equations of motion.
 
         Raises
@@ -121,7 +128,9 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         cure = "Give the optimizer inside it, optimizer=..., or none."
         raise ChainError(what, cure)
 
-    def _solve(self, x: Any, samples: _Samples, sample_weight: Any) -> np.ndarray:
+    def _solve(
+        self, x: ArrayLike, samples: _Samples, sample_weight: ArrayLike | None
+    ) -> np.ndarray:
         """Find masses and coefficients; coefficients of the terms by equation."""
         n_samples = len(samples.acceleration)
         if len(samples.force) != n_samples:
@@ -157,6 +166,12 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             weights=weights,
         )
         solution, _ = solve_blocks(layout, order, blocks, known_masses, inner)
+        return self._store(solution, order, layout)
+
+    def _store(
+        self, solution: Solution, order: SolveOrder, layout: Layout
+    ) -> np.ndarray:
+        """Store what was found; returns coefficients of the terms by equation."""
         solution.pass_on()
         doubts = doubtful_masses(solution)
         if doubts:
@@ -165,26 +180,50 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.solution_ = solution
         self.inner_ = solution.inner
         self.solve_order_ = solution.followed(order)
-        dofs = range(1, samples.n_dof + 1)
+        dofs = range(1, layout.n_dof + 1)
         self.masses_ = np.array([solution.masses[j] for j in dofs])
         return equation_rows(layout, solution.coefficients, solution.twins)
 
-    def _layout(self, x: Any, n_dof: int, n_terms: int) -> Layout:
+    def _layout(self, x: ArrayLike, n_dof: int, n_terms: int) -> Layout:
         """Which terms belong to which site."""
         library = self._library(x)
         if library is None:
-            chain = chain_of(self.chain, n_dof)
-            counts = _counts(self.terms, n_terms, len(chain.sites))
-            layout = Layout(chain, dict(zip(chain.sites, counts)))
+            layout = self._layout_by_counts(n_dof, n_terms)
         else:
-            what = f"The library makes features of inputs={library.inputs!r}"
-            cure = f"It needs {self._inputs!r}."
-            _require(library.inputs == self._inputs, what, cure)
-            layout = library._layout_of(n_dof)
-
+            layout = self._layout_of_library(library, n_dof)
         what = f"{n_dof} balances for a chain with {layout.n_dof} DOFs"
         _require(layout.n_dof == n_dof, what, "Give one force column a DOF.")
 
+        if library is not None:
+            self._require_same_chain(library, layout, n_dof)
+        fits = layout.n_terms == n_terms
+        source = _source_of(x)
+        if source is not None:
+            fits = fits and layout.slices == source.layout_.slices
+        what = (
+            f"{n_terms} columns do not come from terms={self.terms!r} on a chain of"
+            f" {n_dof} DOFs"
+        )
+        cure = "Give the library that made these features: terms=library."
+        _require(fits, what, cure)
+        return layout
+
+    def _layout_by_counts(self, n_dof: int, n_terms: int) -> Layout:
+        """The layout by the numbers of terms at the sites."""
+        chain = chain_of(self.chain, n_dof)
+        counts = _counts(self.terms, n_terms, len(chain.sites))
+        return Layout(chain, dict(zip(chain.sites, counts)))
+
+    def _layout_of_library(self, library: ForceLawLibrary, n_dof: int) -> Layout:
+        """The layout of a library that makes features of the kind that is needed."""
+        what = f"The library makes features of inputs={library.inputs!r}"
+        _require(library.inputs == self._inputs, what, f"It needs {self._inputs!r}.")
+        return library._layout_of(n_dof)
+
+    def _require_same_chain(
+        self, library: ForceLawLibrary, layout: Layout, n_dof: int
+    ) -> None:
+        """Refuse features or a chain that are not those of the library."""
         fitted_dofs = getattr(library, "layout_", layout).n_dof
         what = (
             f"The library made features of {fitted_dofs} DOFs, the targets are those of"
@@ -196,28 +235,16 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         what = f"chain={self.chain} is not the library's"
         _require(self.chain in (None, layout.chain), what, "Give it there alone.")
 
-        source = getattr(x, "made_by", None)
-        fits = layout.n_terms == n_terms
-        if source is not None:
-            fits = fits and layout.slices == source.layout_.slices
-        what = (
-            f"{n_terms} columns do not come from terms={self.terms!r} on a chain of"
-            f" {n_dof} DOFs"
-        )
-        cure = "Give the library that made these features: terms=library."
-        _require(fits, what, cure)
-        return layout
-
-    def _library(self, x: Any) -> Any:
+    def _library(self, x: ArrayLike) -> ForceLawLibrary | None:
         """The library that made the features, if it is known.
 
-        Features straight from a library bring it.
+        Features straight from a library bring it, unless ``terms`` are numbers.
         """
-        given = self.terms if hasattr(self.terms, "_layout_of") else None
-        source = getattr(x, "made_by", None)
-        if source is not None and (self.terms is None or given is not None):
-            return source
-        return given
+        named = self.terms if isinstance(self.terms, ForceLawLibrary) else None
+        source = _source_of(x)
+        if source is None or (named is None and self.terms is not None):
+            return named
+        return source
 
     def _finish(self, coef: np.ndarray) -> Self:
         self.coef_ = coef
@@ -227,7 +254,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.n_iter_ = 1
         return self
 
-    def _targets(self, y: Any, names: str, what: str) -> np.ndarray:
+    def _targets(self, y: ArrayLike | None, names: str, what: str) -> np.ndarray:
         """Targets as a matrix; infinite ones are refused."""
         if y is None:
             missing = (
@@ -251,7 +278,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         tags.input_tags.allow_nan = True
         return tags
 
-    def predict(self, x: Any) -> np.ndarray:
+    def predict(self, x: ArrayLike) -> np.ndarray:
         """Right-hand sides.
 
         Parameters
@@ -287,11 +314,16 @@ def equation_rows(
     rows = np.zeros((layout.n_dof, layout.n_terms))
     for site in layout.acting:
         columns = layout.slices[site]
-        own = coefficients[site]
-        rows[site.p - 1, columns] = own
+        upper = coefficients[site]
+        rows[site.p - 1, columns] = upper
         if site.kind == "link" and site.q > 0:
-            rows[site.q - 1, columns] = -lower.get(site, own)
+            rows[site.q - 1, columns] = -lower.get(site, upper)
     return rows
+
+
+def _source_of(x: ArrayLike) -> ForceLawLibrary | None:
+    """The library that made features, where these come straight from it."""
+    return x.made_by if isinstance(x, LawColumns) else None
 
 
 def _require(condition: bool, what: str, cure: str) -> None:
@@ -299,7 +331,7 @@ def _require(condition: bool, what: str, cure: str) -> None:
         raise ChannelError(what, cure)
 
 
-def _counts(terms: Any, n_columns: int, n_sites: int) -> Sequence[int]:
+def _counts(terms: Terms, n_columns: int, n_sites: int) -> Sequence[int]:
     """Numbers of terms at the sites."""
     cure = (
         "Give the library that made the features, terms=library, or the number of terms"
@@ -376,7 +408,7 @@ class ChainOptimizer(_ChainOptimizerBase):
     array([[ 10.,   3., 500.]])
     """
 
-    def balance_optimizer(self) -> Any:
+    def balance_optimizer(self) -> BaseEstimator | None:
         """The PySINDy optimizer inside this one, which runs on every equation.
 
         Returns
@@ -401,7 +433,9 @@ class ChainOptimizer(_ChainOptimizerBase):
             raise ChainError(what, "Give these to that estimator.")
         return balance_optimizer(self.optimizer)
 
-    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
+    def fit(
+        self, x_: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> Self:
         """Find masses and coefficients.
 
         Parameters
@@ -431,7 +465,9 @@ class ChainOptimizer(_ChainOptimizerBase):
         rows = self._solve(x_, samples, sample_weight)
         return self._finish(np.hstack([np.diag(self.masses_), rows]))
 
-    def score(self, X: Any, y: Any, sample_weight: Any = None) -> float:
+    def score(
+        self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> float:
         """R^2 of the accelerations, as :meth:`NRFRegressor.score`.
 
         Equations without a force count like the others.
@@ -499,7 +535,9 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
 
     _inputs = "state"
 
-    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
+    def fit(
+        self, x_: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> Self:
         """Find masses and coefficients; errors as of :meth:`ChainOptimizer.fit`.
 
         Parameters

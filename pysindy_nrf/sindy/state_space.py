@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import pysindy as ps
@@ -10,6 +10,7 @@ import pysindy as ps
 from ..chain.layout import LawLayout, with_coefficients
 from ..chain.model import ChainModel, as_model
 from ..exceptions import ChainError, LawError
+from ..identification.regressor import NRFRegressor
 from .feature_library import ForceLawLibrary
 from .optimizers import StateSpaceChainOptimizer, equation_rows
 
@@ -21,7 +22,7 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         super().__init__()
         self.model = model
 
-    def fit(self, x_: Any, y: Any, sample_weight: Any = None) -> Self:
+    def fit(self, x_: object, y: object, sample_weight: object = None) -> Self:
         """Take the model's coefficients; the data are not used."""
         layout = LawLayout(self.model.chain, self.model.laws)
         self.masses_ = self.model.masses
@@ -32,7 +33,7 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         return self
 
 
-def to_sindy(model: Any, dt: float | None = None) -> ps.SINDy:
+def to_sindy(model: ChainModel | NRFRegressor, dt: float | None = None) -> ps.SINDy:
     """A chain model as a fitted ``ps.SINDy``.
 
     Its state is [x_1..x_n, xdot_1..xdot_n] relative to the base, its inputs u are the
@@ -144,8 +145,8 @@ def from_sindy(sindy: ps.SINDy) -> ChainModel:
 
     values = {}
     for site in layout.acting:
-        own = rows[site.p - 1, layout.slices[site]]
-        values[site] = site.incidence(site.p) * own
+        entering = rows[site.p - 1, layout.slices[site]]
+        values[site] = site.incidence(site.p) * entering
     return ChainModel(masses, with_coefficients(layout.laws, values), layout.chain)
 
 
@@ -155,11 +156,11 @@ def _masses_of(
     """Masses from the coefficients of the forces (1/m) or of the accelerations (m)."""
     n_dof = layout.n_dof
     if in_state_space:
-        own = np.diag(coefficients[n_dof:, n_dof + layout.n_terms :])
+        diagonal = np.diag(coefficients[n_dof:, n_dof + layout.n_terms :])
     else:
-        own = np.diag(coefficients[:, :n_dof])
+        diagonal = np.diag(coefficients[:, :n_dof])
 
-    lost = [f"m{j + 1}" for j in np.flatnonzero(own == 0)]
+    lost = [f"m{j + 1}" for j in np.flatnonzero(diagonal == 0)]
     if lost:
         what = (
             f"{', '.join(lost)} cannot be read off: the coefficient of the force or of"
@@ -170,4 +171,4 @@ def _masses_of(
             " ChainOptimizer."
         )
         raise ChainError(what, cure)
-    return 1.0 / own if in_state_space else own
+    return 1.0 / diagonal if in_state_space else diagonal

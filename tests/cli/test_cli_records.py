@@ -8,8 +8,7 @@ import pytest
 from report_cases import TWO_STOREYS, two_storeys
 
 from pysindy_nrf import datasets, excitation, simulate
-from pysindy_nrf.cli import run
-from pysindy_nrf.cli.group import DATA, USAGE
+from pysindy_nrf.cli import ExitCode, run
 from pysindy_nrf.records.files import read_record
 
 # Digits that a file may lose.
@@ -48,7 +47,7 @@ def test_inspect_finds_nothing_wrong_with_the_bundled_record(capsys, demo_file):
 
 def test_inspect_lists_the_columns_it_cannot_place(here, capsys):
     write_csv("own.csv", Zeit=[0.0, 0.5, 1.0], Laser=[1.0, 2.5, 2.0])
-    assert run(["inspect", "own.csv"]) == DATA
+    assert run(["inspect", "own.csv"]) == ExitCode.DATA
     shown = capsys.readouterr()
     assert "Laser  3 values, 1 to 2.5" in shown.out
     assert "--map x1=name" in shown.err
@@ -67,7 +66,7 @@ def test_inspect_proposes_a_mapping_that_run_can_read(here, capsys, demo_file):
     assert run(["inspect", "test.csv", "--write-mapping", "test.toml"]) == 0
     assert "run --mapping test.toml" in capsys.readouterr().out
     assert run(["inspect", "--mapping", "test.toml"]) == 0
-    assert run(["inspect", "test.csv", "--write-mapping", "test.toml"]) == DATA
+    assert run(["inspect", "test.csv", "--write-mapping", "test.toml"]) == ExitCode.DATA
 
 
 # -- laws ----------------------------------------------------------------------
@@ -75,9 +74,9 @@ def test_inspect_proposes_a_mapping_that_run_can_read(here, capsys, demo_file):
 
 def test_laws_are_chosen_by_words(spoken):
     assert run(["laws", "coulomb", "--json"]) == 0
-    found = {row["name"]: row for row in spoken()["laws"]}
-    assert found["coulomb_friction"]["formula"] == "Fc sgn(v)"
-    assert all("coulomb" in str(row).lower() for row in found.values())
+    listed = {row["name"]: row for row in spoken()["laws"]}
+    assert listed["coulomb_friction"]["formula"] == "Fc sgn(v)"
+    assert all("coulomb" in str(row).lower() for row in listed.values())
 
 
 # -- simulate ------------------------------------------------------------------
@@ -156,9 +155,9 @@ def test_simulate_wants_one_test(here, capsys, truth_file):
     for name in ("f.csv", "g.csv"):
         write_csv(name, t=[0.0, 1, 2], F1=[1.0, 2, 3])
     Path("two.toml").write_text('files = ["f.csv", "g.csv"]', "utf-8")
-    assert run(["simulate", truth_file, "--mapping", "two.toml"]) == USAGE
+    assert run(["simulate", truth_file, "--mapping", "two.toml"]) == ExitCode.USAGE
     assert "names 2 tests" in capsys.readouterr().err
-    assert run(["simulate", truth_file]) == USAGE
+    assert run(["simulate", truth_file]) == ExitCode.USAGE
     assert "no file is named" in capsys.readouterr().err
     assert not Path("simulation.csv").exists()
 
@@ -183,19 +182,19 @@ def test_simulate_refuses_forces_that_do_not_fit(
     here, capsys, truth_file, column, words
 ):
     write_csv("f.csv", t=[0.0, 1, 2], **{column: [1.0, 2, 3]})
-    assert run(["simulate", truth_file, "f.csv"]) == DATA
+    assert run(["simulate", truth_file, "f.csv"]) == ExitCode.DATA
     assert words in capsys.readouterr().err
     assert not Path("simulation.csv").exists()
 
 
 def test_simulate_refuses_what_is_no_model(here, capsys):
     write_csv("f.csv", t=[0.0, 1, 2], F1=[1.0, 2, 3])
-    assert run(["simulate", "f.csv", "f.csv"]) == DATA
+    assert run(["simulate", "f.csv", "f.csv"]) == ExitCode.DATA
     assert "f.csv" in capsys.readouterr().err
 
 
 def test_simulate_refuses_a_start_that_is_no_numbers(here, truth_file):
-    assert run(["simulate", truth_file, "f.csv", "--x0", "a,b"]) == USAGE
+    assert run(["simulate", truth_file, "f.csv", "--x0", "a,b"]) == ExitCode.USAGE
 
 
 @pytest.fixture
@@ -273,9 +272,9 @@ def test_plan_without_a_floor_to_hit(capsys):
 
 
 def test_plan_refuses_floors_that_are_not_there(capsys, truth_file):
-    assert run(["plan", "3", "--can-hit", "9"]) == DATA
+    assert run(["plan", "3", "--can-hit", "9"]) == ExitCode.DATA
     assert "DOF 9" in capsys.readouterr().err
-    assert run(["plan", "5", "--model", truth_file]) == USAGE
+    assert run(["plan", "5", "--model", truth_file]) == ExitCode.USAGE
     assert "has 3 floors, not 5" in capsys.readouterr().err
 
 
@@ -345,6 +344,6 @@ def test_report_of_what_json_printed(here, needs_pages, capsys, demo_file):
 
 def test_report_takes_one_result(here, truth_file):
     Path("none.json").write_text("[1, 2]")
-    assert run(["report"]) == USAGE
-    assert run(["report", "none.json", truth_file]) == USAGE
-    assert run(["report", "none.json"]) == DATA
+    assert run(["report"]) == ExitCode.USAGE
+    assert run(["report", "none.json", truth_file]) == ExitCode.USAGE
+    assert run(["report", "none.json"]) == ExitCode.DATA

@@ -12,13 +12,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from sources import trees
 
 from pysindy_nrf import ChainModel, datasets, laws
-from pysindy_nrf.cli import run
-from pysindy_nrf.cli.group import OTHER, USAGE
-from pysindy_nrf.common.files import atomic_write
+from pysindy_nrf.cli import ExitCode, run
+from pysindy_nrf.records.files import write_table
 
 MODEL = ChainModel(
     [10.0, 12.0], {1: laws.LinearElastic(1e5), 2: laws.Dahl(sigma=1e3, Fd=20.0)}
@@ -61,7 +61,7 @@ def test_no_space_left_is_said_in_words(finished, monkeypatch, capsys):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", no_space)
-    assert run(["identify", "test.csv", "-o", "out", "--degree", "2"]) == OTHER
+    assert run(["identify", "test.csv", "-o", "out", "--degree", "2"]) == ExitCode.OTHER
     text = capsys.readouterr().err
     assert "out/" in text
     assert "Make room there" in text
@@ -73,7 +73,7 @@ def test_no_space_left_is_said_in_words(finished, monkeypatch, capsys):
 def test_a_folder_that_cannot_be_made(finished, capsys, folder):
     before = Path("test.csv").read_bytes()
     command = ["identify", "test.csv", "-o", folder, "--degree", "1"]
-    assert run(command) in (OTHER, USAGE)
+    assert run(command) in (ExitCode.OTHER, ExitCode.USAGE)
     text = capsys.readouterr().err
     assert "test.csv" in text
     assert is_sentence(text)
@@ -81,27 +81,31 @@ def test_a_folder_that_cannot_be_made(finished, capsys, folder):
 
 
 @pytest.mark.parametrize("failure", [RuntimeError, KeyboardInterrupt])
-def test_the_old_file_survives_a_failure(tmp_path, failure):
+def test_the_old_file_survives_a_failure(tmp_path, monkeypatch, failure):
     path = tmp_path / "model.json"
     path.write_text("old")
-    with pytest.raises(failure), atomic_write(path) as file:
-        file.write("half of the new")
+
+    def fail(handle):
         raise failure
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(failure):
+        MODEL.to_json(path)
     assert contents(tmp_path) == {"model.json": b"old"}
 
 
 # -- the process is stopped ----------------------------------------------------
 
 SLOW_WRITE = """
-import signal, sys, time
-from pysindy_nrf.common.files import atomic_write
+import os, signal, sys, time
+from pysindy_nrf import ChainModel, laws
 # a parent in the background ignores it
 signal.signal(signal.SIGINT, signal.default_int_handler)
-with atomic_write(sys.argv[1]) as file:
-    file.write("half of the new")
-    file.flush()
+def wait(handle):
     print("writing", flush=True)
     time.sleep(60)
+os.fsync = wait
+ChainModel([1.0], {1: laws.LinearElastic(1e4)}).to_json(sys.argv[1])
 """
 
 
@@ -161,14 +165,10 @@ def test_the_next_run_cleans_up(written, how):
 # -- one door ------------------------------------------------------------------
 
 
-def test_folders_are_made_and_bytes_written_as_they_are(tmp_path):
+def test_folders_are_made_and_texts_written_in_utf_8(tmp_path):
     path = tmp_path / "a" / "b" / "table.csv"
-    with atomic_write(path) as file:
-        file.write("größe\n")
-    assert path.read_bytes() == "größe\n".encode()
-    with atomic_write(path, "wb") as file:
-        file.write(b"\x00\r\n")
-    assert path.read_bytes() == b"\x00\r\n"
+    write_table(pd.DataFrame({"größe": [1]}), path)
+    assert path.read_bytes() == "größe\n1\n".encode()
 
 
 def permissions(path):
@@ -176,19 +176,17 @@ def permissions(path):
 
 
 def test_permissions_are_kept(tmp_path):
-    path = tmp_path / "table.csv"
+    path = tmp_path / "model.json"
     path.touch()
     path.chmod(0o640)
-    with atomic_write(path) as file:
-        file.write("new")
+    MODEL.to_json(path)
     assert permissions(path) == 0o640
 
 
 def test_permissions_of_new_files_are_the_usual_ones(tmp_path):
     usual = tmp_path / "usual"
     usual.touch()
-    with atomic_write(tmp_path / "new") as file:
-        file.write("")
+    MODEL.to_json(tmp_path / "new")
     assert permissions(tmp_path / "new") == permissions(usual)
 
 

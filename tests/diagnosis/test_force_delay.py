@@ -8,11 +8,11 @@ import integrated
 import numpy as np
 import pytest
 from chains import driven
+from scipy.interpolate import CubicSpline
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnosis import force_delay
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records.checks.alignment import shifted
 from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
@@ -39,6 +39,13 @@ def hammered():
     return simulate(TRUTH, F, 1 / FS, hold="cubic")
 
 
+def shifted(signal, n_samples):
+    """A signal later by a number of samples that need not be whole; zero outside."""
+    samples = np.arange(len(signal))
+    line = CubicSpline(samples, signal, extrapolate=False)
+    return np.nan_to_num(line(samples - n_samples))
+
+
 def late(record, n_samples):
     """The record with all forces late by whole samples."""
     return record.replace(force=np.roll(record.force, n_samples, axis=0))
@@ -53,7 +60,7 @@ def fit(*data):
 def test_the_delay_comes_back(kind, delay):
     record = pushed(noise=0.1) if kind == "random" else hammered()
     force = record.force.copy()
-    force[:, 1] = np.nan_to_num(shifted(force[:, 1], delay))
+    force[:, 1] = shifted(force[:, 1], delay)
 
     table = force_delay(fit(record.replace(force=force)))
 

@@ -12,12 +12,18 @@ import pytest
 from report_cases import FC, TWO_STOREYS, friction, loop_report
 
 from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
-from pysindy_nrf.diagnosis import Facts, verdict_from
-from pysindy_nrf.diagnosis.effects import digits, effect_words
-from pysindy_nrf.diagnosis.facts import FreeRunFacts, GrowingMode, facts_of_model
-from pysindy_nrf.diagnosis.free_run import FreeRuns
-from pysindy_nrf.diagnosis.verdict import verdict_after_search
-from pysindy_nrf.diagnosis.wiring import wiring_errors
+from pysindy_nrf.diagnosis import (
+    Facts,
+    FreeRunFacts,
+    FreeRuns,
+    GrowingMode,
+    digits,
+    effect_words,
+    facts_of_model,
+    verdict_after_search,
+    verdict_from,
+    wiring_errors,
+)
 from pysindy_nrf.records import QualityNote
 from pysindy_nrf.simulation import add_noise
 

@@ -28,10 +28,15 @@ from planarity import PlanarityDisplay, planarity
 from pysindy_nrf import ChainModel, NRFRegressor, Record, datasets, laws, simulate
 from pysindy_nrf.exceptions import ChannelError, LawError
 from pysindy_nrf.monitoring import compare_tests
-from pysindy_nrf.report.figures.figure import Axis, Bars, Figure, Line
-from pysindy_nrf.report.figures.matplotlib_renderer import Drawing
-from pysindy_nrf.report.figures.motion import order_figure
-from pysindy_nrf.report.figures.plotly_renderer import as_plotly
+from pysindy_nrf.report import (
+    Axis,
+    Bars,
+    Drawing,
+    Figure,
+    Line,
+    as_plotly,
+    order_figure,
+)
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
@@ -175,7 +180,7 @@ def test_wrong_requests_are_refused(frame, features, fitted):
 
 def test_importing_figures_imports_no_renderer():
     code = (
-        "import sys, pysindy_nrf.report.figures.figure;"
+        "import sys; from pysindy_nrf.report import Figure, as_plotly;"
         "sys.exit('matplotlib' in sys.modules or 'plotly' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False)

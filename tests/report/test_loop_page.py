@@ -1,4 +1,4 @@
-"""The page of a closed loop tells what was found, decided and refused."""
+"""The page of a closed loop shows what was found, decided and refused."""
 
 import re
 from dataclasses import replace
@@ -9,8 +9,7 @@ from html_page import Page
 from report_cases import empty_report, loop_report
 
 from pysindy_nrf import ChainModel
-from pysindy_nrf.report.loop_content import lead, loop_content
-from pysindy_nrf.report.page import page
+from pysindy_nrf.report import as_html, content_of
 
 pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
 pytest.importorskip("plotly", reason="the page needs the extra 'report'")
@@ -41,17 +40,17 @@ def with_step(report, **changes):
 
 @pytest.fixture(scope="module")
 def text():
-    return Page(page(loop_report())).text
+    return Page(as_html(loop_report())).text
 
 
-def test_evidence_and_the_reason_to_stop_are_told(text):
+def test_evidence_and_the_reason_to_stop_are_shown(text):
     report = loop_report()
     for answer in str(report.evidence[0]).splitlines():
         assert on_one_line(answer) in text
     assert on_one_line(report.stopped_because) in text
 
 
-def test_errors_before_and_after_are_told(text):
+def test_errors_before_and_after_are_shown(text):
     step = loop_report().steps[0]
     assert f"{step.error_before:.3g} → {step.error_after:.3g} %" in text
 
@@ -61,7 +60,7 @@ def test_the_name_of_a_record_is_text(text):
 
 
 @pytest.mark.parametrize("setting", ["random_state", "draws", "numpy"])
-def test_settings_and_versions_are_told(text, setting):
+def test_settings_and_versions_are_shown(text, setting):
     assert setting in text
 
 
@@ -77,13 +76,13 @@ def test_a_loop_that_finds_nothing_says_so():
     report = empty_report()
     before = report.table["held-out"].iloc[0]
     assert not report.steps
-    assert f"leaves {before:.3g} %" in lead(report)
-    assert "added nothing to it" in lead(report)
+    assert f"leaves {before:.3g} %" in content_of(report).lead
+    assert "added nothing to it" in content_of(report).lead
     assert "No effect was added" in report.to_markdown()
 
 
 def test_a_loop_that_finds_nothing_shows_the_errors_of_the_baseline():
-    content = loop_content(empty_report())
+    content = content_of(empty_report())
     tiles = tiles_of(content)
     assert tiles["Effects confirmed"] == ("0", "")
     assert tiles["Held-out balance error"][1] == "the baseline's"
@@ -94,7 +93,7 @@ def test_a_loop_that_finds_nothing_shows_the_errors_of_the_baseline():
 def test_where_nothing_is_claimed_the_headline_gives_the_reason():
     why = "the best model leaves 85 % of DOF 2"
     report = replace(empty_report(), stopped_because=why, nothing_claimed=True)
-    assert lead(report).endswith(f"T{why[1:]}.")
+    assert content_of(report).lead.endswith(f"T{why[1:]}.")
 
 
 # -- doubts --------------------------------------------------------------------
@@ -120,7 +119,7 @@ def test_a_negative_mass_is_red_and_named():
 
 def test_a_free_run_that_is_not_known_is_no_fact_of_a_chapter():
     report = with_step(loop_report(), free_run_before=UNKNOWN, free_run_after=UNKNOWN)
-    facts = dict(loop_content(report).chapters[0].facts)
+    facts = dict(content_of(report).chapters[0].facts)
     assert "Held-out data" in facts
     assert "Held-out free-run error" not in facts
 
@@ -141,7 +140,7 @@ def test_what_the_data_cannot_tell_apart_is_said_once():
     assert len(together) == 1
     assert "coulomb friction and dahl" in together[0]
 
-    chapter = loop_content(both).chapters[0]
+    chapter = content_of(both).chapters[0]
     assert "friction from hysteresis" in dict(chapter.facts)["What else it may be"]
     ties = [table for table in chapter.tables if "cannot tell" in table.caption]
     assert [table.rows for table in ties] == [[["dahl", "storey 2", 4.2]]]
@@ -160,15 +159,15 @@ def refused():
 
 def test_a_refused_effect_is_in_the_headline_but_not_counted(refused):
     before = refused.table["held-out"].iloc[0]
-    tiles = tiles_of(loop_content(refused))
-    assert "NOT CONFIRMED" in lead(refused)
-    assert "added nothing to it" in lead(refused)
+    tiles = tiles_of(content_of(refused))
+    assert "NOT CONFIRMED" in content_of(refused).lead
+    assert "added nothing to it" in content_of(refused).lead
     assert tiles["Effects confirmed"] == ("0", "1 more not confirmed")
     assert tiles["Held-out balance error"][0] == f"{before:.3g} %"
 
 
 def test_a_refused_effect_is_marked_in_tables_and_chapters(refused):
-    content = loop_content(refused)
+    content = content_of(refused)
     assert content.chapters[0].state == "NOT CONFIRMED"
     held_out = dict(content.chapters[0].facts)["Held-out data"]
     assert held_out.startswith("NOT CONFIRMED")
@@ -177,14 +176,14 @@ def test_a_refused_effect_is_marked_in_tables_and_chapters(refused):
 
 
 def test_a_refused_effect_is_hatched(refused):
-    baseline, effect = loop_content(refused).picture[0].marks
+    baseline, effect = content_of(refused).picture[0].marks
     assert effect.hatched
     assert not baseline.hatched
 
 
 def test_a_refused_effect_is_a_doubt(refused):
     assert refused.verdict.grounds[0].kind == "effect"
-    assert "NOT CONFIRMED" in loop_content(refused).care[0]
+    assert "NOT CONFIRMED" in content_of(refused).care[0]
 
 
 def test_a_refused_effect_is_marked_in_markdown_and_notebook(refused):
@@ -193,7 +192,7 @@ def test_a_refused_effect_is_marked_in_markdown_and_notebook(refused):
 
 
 def test_the_band_is_a_tile_and_no_column(refused):
-    content = loop_content(refused)
+    content = content_of(refused)
     assert tiles_of(content)["Band"][1] == "found from the data"
     assert "band" not in content.errors[0].head
 
@@ -209,5 +208,5 @@ def test_errors_of_the_headline_are_those_of_the_model():
         table=report.table.iloc[[0, 1, 1]],
     )
     before, after = both.table["held-out"].iloc[:2]
-    assert f"from {before:.3g} to {after:.3g} %" in lead(both)
+    assert f"from {before:.3g} to {after:.3g} %" in content_of(both).lead
     assert np.isclose(both.final["held-out"], after)

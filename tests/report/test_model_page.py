@@ -10,9 +10,7 @@ from html_page import Page, figures, traces
 from report_cases import K3, C, K, regressor
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, datasets, laws, simulate
-from pysindy_nrf.report import write_html
-from pysindy_nrf.report.model_content import identification_of, model_content
-from pysindy_nrf.report.page import page
+from pysindy_nrf.report import as_html, content_of, identification_of, write_html
 
 pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
 pytest.importorskip("plotly", reason="the page needs the extra 'report'")
@@ -28,7 +26,7 @@ def unit_of(title):
 @pytest.fixture(scope="module")
 def surface():
     """The surface of storey 2 of a cubic spring, as it is drawn."""
-    for figure in figures(page(regressor()[0].model_)).values():
+    for figure in figures(as_html(regressor()[0].model_)).values():
         scene = figure["layout"].get("scene")
         if scene and "s<sub>2</sub>" in scene["xaxis"]["title"]["text"]:
             return figure
@@ -66,14 +64,14 @@ def test_force_that_depends_on_the_path_is_drawn_as_a_path():
         force=0 * x + 1e-9,
         fs=500.0,
     )
-    kinds = {trace["type"] for trace in traces(page(model, rec))}
+    kinds = {trace["type"] for trace in traces(as_html(model, rec))}
     assert "surface" not in kinds
     assert "scatter3d" in kinds
 
 
 def test_intervals_and_the_third_law_are_shown():
     model, rec = regressor()
-    text = Page(page(model, rec)).text
+    text = Page(as_html(model, rec)).text
     assert "with 95 % intervals" in text
     assert "Newton's third law" in text
 
@@ -122,17 +120,17 @@ def empty_upper_storey():
 
 
 def test_a_storey_without_a_law_is_no_section():
-    found = model_content(identification_of(*empty_upper_storey()))
-    assert [section.site for section in found.model.sites] == ["storey 1"]
-    assert found.frame.storeys[1].state == ""
+    content = content_of(*empty_upper_storey())
+    assert [section.site for section in content.model.sites] == ["storey 1"]
+    assert content.frame.storeys[1].state == ""
 
 
 def test_an_unknown_force_is_named_among_what_was_measured():
     model, rec = empty_upper_storey()
     hidden = rec.replace(force=np.full_like(rec.force, np.nan))
-    found = model_content(identification_of(model, hidden))
-    assert found.measured[0].record.unknown == (1, 2)
-    assert "unknown on every DOF" in found.care[0]
+    content = content_of(model, hidden)
+    assert content.measured[0].record.unknown == (1, 2)
+    assert "unknown on every DOF" in content.care[0]
 
 
 def test_a_law_that_reads_the_motion_of_the_base_is_drawn():
@@ -144,6 +142,6 @@ def test_a_law_that_reads_the_motion_of_the_base_is_drawn():
     ag = np.sin(12 * t) * np.sin(t)
     plain = ChainModel([10.0], {"storey 1": storey})
     rec = simulate(plain, np.zeros((4000, 1)), 1 / 500, base_acceleration=ag)
-    found = model_content(identification_of(model, rec))
-    sites = {section.site: section for section in found.model.sites}
+    content = content_of(model, rec)
+    sites = {section.site: section for section in content.model.sites}
     assert sites["dof 1"].figures

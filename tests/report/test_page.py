@@ -20,8 +20,7 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.exceptions import MissingExtraError, NRFError
-from pysindy_nrf.report import write_html
-from pysindy_nrf.report.page import page
+from pysindy_nrf.report import as_html, write_html
 
 pytest.importorskip("jinja2", reason="the page needs the extra 'report'")
 pytest.importorskip("plotly", reason="the page needs the extra 'report'")
@@ -32,7 +31,7 @@ MEGABYTE = 1e6
 
 @pytest.fixture(scope="module")
 def loop_page():
-    return page(loop_report())
+    return as_html(loop_report())
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +39,9 @@ def pages(loop_page):
     model, rec = regressor()
     return {
         "loop": Page(loop_page),
-        "regressor": Page(page(model, rec)),
-        "model": Page(page(model.model_)),
-        "nasty": Page(page(nasty_report())),
+        "regressor": Page(as_html(model, rec)),
+        "model": Page(as_html(model.model_)),
+        "nasty": Page(as_html(nasty_report())),
     }
 
 
@@ -56,12 +55,12 @@ def test_page_is_well_formed(pages, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_page_asks_nothing_of_a_network(pages, kind):
-    found = pages[kind]
-    for _, attrs in found.elements:
+    shown = pages[kind]
+    for _, attrs in shown.elements:
         assert "src" not in attrs
         assert attrs.get("href", "#").startswith("#")
 
-    metas = found.all("meta")
+    metas = shown.all("meta")
     policies = [meta["content"] for meta in metas if "http-equiv" in meta]
     assert len(policies) == 1
     assert "default-src 'none'" in policies[0]
@@ -70,9 +69,9 @@ def test_page_asks_nothing_of_a_network(pages, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_page_runs_no_script_but_its_own(pages, kind):
-    found = pages[kind]
-    assert len(found.all("script")) == 3
-    handlers = [name for _, attrs in found.elements for name in attrs]
+    shown = pages[kind]
+    assert len(shown.all("script")) == 3
+    handlers = [name for _, attrs in shown.elements for name in attrs]
     assert not [name for name in handlers if name.startswith("on")]
 
 
@@ -82,7 +81,7 @@ def test_a_loop_takes_two_megabytes_at_most(loop_page):
 
 def test_a_fit_takes_two_megabytes_at_most():
     demo = datasets.load_demo()
-    text = page(NRFRegressor(degree=3).fit(demo), [demo])
+    text = as_html(NRFRegressor(degree=3).fit(demo), [demo])
     assert len(text.encode()) < 1.97 * MEGABYTE
 
 
@@ -93,7 +92,7 @@ def test_a_tall_building_takes_two_megabytes_at_most():
         10, 8.0, 500.0, excited=10, rms=100.0, band=(1, 60), random_state=0
     )
     tall = simulate(floors, force, 1 / 500)
-    text = page(NRFRegressor(degree=3).fit(tall), [tall])
+    text = as_html(NRFRegressor(degree=3).fit(tall), [tall])
     assert len(text.encode()) < 2 * MEGABYTE
 
 
@@ -128,10 +127,10 @@ def test_other_things_are_refused():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_links_lead_to_places_of_the_page(pages, kind):
-    found = pages[kind]
-    targets = [link["href"].removeprefix("#") for link in found.all("a")]
-    assert len(found.ids) == len(set(found.ids))
-    assert set(targets) <= set(found.ids)
+    shown = pages[kind]
+    targets = [link["href"].removeprefix("#") for link in shown.all("a")]
+    assert len(shown.ids) == len(set(shown.ids))
+    assert set(targets) <= set(shown.ids)
     assert targets[0] == "main"
 
 
@@ -156,10 +155,10 @@ def test_figures_are_described_and_turn_by_keys(pages, kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_tables_have_captions_and_heads(pages, kind):
-    found = pages[kind]
-    assert len(found.all("caption")) == len(found.all("table")) > 2
-    assert all("scope" in head for head in found.all("th"))
-    assert found.all("html")[0]["lang"] == "en"
+    shown = pages[kind]
+    assert len(shown.all("caption")) == len(shown.all("table")) > 2
+    assert all("scope" in head for head in shown.all("th"))
+    assert shown.all("html")[0]["lang"] == "en"
 
 
 def test_every_figure_is_drawn_and_has_its_numbers(loop_page):
@@ -198,9 +197,9 @@ def test_numbers_under_the_pointer_have_their_units(loop_page):
 
 
 def test_markup_from_files_stays_text(pages):
-    found = pages["nasty"]
-    assert found.all("img") == []
-    assert NASTY in found.text
+    shown = pages["nasty"]
+    assert shown.all("img") == []
+    assert NASTY in shown.text
 
 
 def test_markup_from_files_stays_text_in_markdown():
@@ -221,10 +220,10 @@ def test_markup_of_the_user_stays_text(tmp_path):
     model, rec = regressor()
     path = tmp_path / "r.html"
     write_html(path, model, rec, notes=["the roof was <wet>"], title="Frame & shaker")
-    found = Page(path.read_text())
-    assert "the roof was <wet>" in found.text
-    assert "Frame & shaker" in found.text
-    assert found.all("wet") == []
+    shown = Page(path.read_text())
+    assert "the roof was <wet>" in shown.text
+    assert "Frame & shaker" in shown.text
+    assert shown.all("wet") == []
 
 
 @pytest.mark.parametrize("kind", ["loop", "model", "record"])

@@ -303,7 +303,9 @@ def test_a_state_that_runs_on_spoils_the_masses(three_dahl, models_of_folds):
 def clocked(request, three_dahl):
     """One record whose samples have a time in some way: X, metadata, sampling step."""
     test, n = three_dahl, three_dahl.n
-    X, metadata, dt = test.X[:n], {}, None
+    X = test.X[:n]
+    metadata = {}
+    dt = None
     if request.param == "time":
         metadata = {"time": test.time[:n]}
     elif request.param == "dt":

@@ -44,7 +44,9 @@ def fitted_sindy(case, library, optimizer):
 
 # -- one layout for library and optimizer --------------------------------------
 
-VISCOUS, SPRING, CUBIC = laws.LinearViscous(), laws.LinearElastic(), laws.Duffing()
+VISCOUS = laws.LinearViscous()
+SPRING = laws.LinearElastic()
+CUBIC = laws.Duffing()
 STOREY = [VISCOUS, SPRING, laws.CubicStiffness()]
 UNEVEN = {
     "laws": ForceLawLibrary(
@@ -139,7 +141,7 @@ class Failing(linear_model.Ridge):
 
 
 def test_an_optimizer_that_fails_is_named(case):
-    with pytest.raises(NRFError, match="Failing cannot fit one balance of 18") as error:
+    with pytest.raises(NRFError, match="Failing cannot fit") as error:
         NRFRegressor(optimizer=Failing()).fit(case.X, case.F)
     assert "needs a quadratic library" in error.value.what
     assert error.value.cure.startswith("Use STLSQ")
@@ -260,7 +262,7 @@ def test_a_problem_needs_a_chain():
 
 
 def test_weights_are_for_least_squares(case):
-    with pytest.raises(NRFError, match="sample_weight has no part in instrumental"):
+    with pytest.raises(NRFError, match="sample_weight"):
         NRFRegressor(estimation="iv", dt=1.0).fit(case.X, case.F, np.ones(2000))
 
 

@@ -128,9 +128,9 @@ def _noise_percent(sizes: pd.DataFrame, floor: NoiseFloor | None) -> np.ndarray:
 # -- detection and localisation ------------------------------------------------
 
 
-def _detection_figure(found: Detection) -> Figure | None:
+def _detection_figure(detection: Detection) -> Figure | None:
     """What the motion explains of the residual; None where nothing was asked."""
-    shares = found.verdicts[["linear share", "nonlinear share", "verdict"]].dropna()
+    shares = detection.verdicts[["linear share", "nonlinear share", "verdict"]].dropna()
     if shares.empty:
         return None
     linear, rest = 100 * shares["linear share"], 100 * shares["nonlinear share"]
@@ -273,13 +273,13 @@ def _drawn_patterns(patterns: Sequence[_Pattern], chosen: str) -> list[_Pattern]
 
 
 def dependence_figures(
-    found: Characterisation, where: str = "", means: bool = True
+    characterisation: Characterisation, where: str = "", means: bool = True
 ) -> list[Figure]:
     """What a force depends on, without any formula.
 
     With ``means`` its mean over drift and rate, too.
     """
-    shares = found.shares
+    shares = characterisation.shares
     names = [_DEPENDENCES.get(str(name), str(name)) for name in shares.index]
     head = {
         "share": "explains (%)",
@@ -301,7 +301,7 @@ def dependence_figures(
             Axis(ticks=names),
             lying=True,
             size=(4.2, 3.2),
-            alt=found.sentence,
+            alt=characterisation.sentence,
             caption=(
                 "Without any formula. Highlighted: the simplest that explains nearly as"
                 " much as the best."
@@ -315,8 +315,10 @@ def dependence_figures(
         )
     ]
     for variable in _VARIABLES:
-        if means and variable in found.curves:
-            figures.append(_mean_figure(found.curves[variable], variable, where))
+        if means and variable in characterisation.curves:
+            figures.append(
+                _mean_figure(characterisation.curves[variable], variable, where)
+            )
     return figures
 
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..tables import Table, table
 
@@ -75,16 +75,16 @@ class Line:
     marker : {"", "o", "s", "|", "ring"}
     """
 
-    x: Any
-    y: Any
+    x: ArrayLike
+    y: ArrayLike
     name: str = ""
     color: str = "blue"
     width: float = 1.1
     dash: str = "solid"
     marker: str = ""
-    error: Any = None
+    error: ArrayLike | None = None
     opacity: float = 1.0
-    z: Any = None
+    z: ArrayLike | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +103,11 @@ class Bars:
     hatched : bool
     """
 
-    values: Any
+    values: ArrayLike
     name: str = ""
     color: str | Sequence[str] = "blue"
-    low: Any = None
-    high: Any = None
+    low: ArrayLike | None = None
+    high: ArrayLike | None = None
     texts: Sequence[str] = ()
     hatched: bool = False
 
@@ -130,12 +130,12 @@ class Map:
         Whether the bar of colours is drawn.
     """
 
-    x: Any
-    y: Any
-    values: Any
+    x: ArrayLike
+    y: ArrayLike
+    values: ArrayLike
     label: str
     limit: float
-    hatched: Any
+    hatched: ArrayLike
     doubt: str
     bar: bool = True
 
@@ -151,9 +151,9 @@ class Surface:
     style : {"full", "faint", "net"}
     """
 
-    x: Any
-    y: Any
-    z: Any
+    x: ArrayLike
+    y: ArrayLike
+    z: ArrayLike
     name: str
     style: str = "full"
 
@@ -219,11 +219,11 @@ class Figure:
         return sum(isinstance(mark, Bars) for mark in self.marks)
 
 
-def dof_words(name: Any) -> str:
+def dof_words(name: object) -> str:
     """The name of a balance or an effect as it is printed: ``DOF 2`` for ``dof 2``."""
     return str(name).replace("dof", "DOF").replace("_", " ")
 
 
-def rms(values: Any) -> float:
+def rms(values: ArrayLike) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))

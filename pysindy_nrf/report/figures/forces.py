@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
@@ -67,8 +67,8 @@ class _Grid:
 
 def surface_figure(
     grid: pd.DataFrame,
-    site: Any,
-    reference: Any = None,
+    site: Site | str,
+    reference: ArrayLike | None = None,
     name: str = "paper",
     loop: SiteLoop | None = None,
 ) -> Figure:
@@ -119,7 +119,7 @@ def surface_figure(
     )
 
 
-def _alt_of_surface(site: Any, grid: _Grid) -> str:
+def _alt_of_surface(site: Site | str, grid: _Grid) -> str:
     """The ranges of force, drift and rate."""
     force = grid.where_visited
     s, v = grid.s, grid.v
@@ -130,16 +130,16 @@ def _alt_of_surface(site: Any, grid: _Grid) -> str:
     )
 
 
-def _table_of_surface(site: Any, grid: _Grid) -> Table:
+def _table_of_surface(site: Site | str, grid: _Grid) -> Table:
     """The force at some rates and drifts; empty where the data never were."""
     picked = np.linspace(0, len(grid.force) - 1, N_TABLE).astype(int)
     head = ["v (m/s)"]
     for j in picked:
         head.append(f"s = {grid.s[0, j]:.3g} m")
 
-    rows: list[list[Any]] = []
+    rows = []
     for i in picked:
-        row: list[Any] = [float(f"{grid.v[i, 0]:.3g}")]
+        row: list[float | str] = [float(f"{grid.v[i, 0]:.3g}")]
         for j in picked:
             row.append(float(grid.force[i, j]) if grid.visited[i, j] else "")
         rows.append(row)
@@ -189,7 +189,7 @@ def _path(loop: SiteLoop, color: str, width: float) -> Line:
 
 
 def _axes_in_space(
-    site: Any, limits: tuple[float, float] | None = None
+    site: Site | str, limits: tuple[float, float] | None = None
 ) -> tuple[Axis, Axis, Axis]:
     """Axes of drift, rate and force."""
     index = index_of(site)
@@ -273,14 +273,14 @@ def _caption_of_loop(loop: SiteLoop, stiffness: float) -> str:
     return caption
 
 
-def _table_of_loop(loop: SiteLoop, spring: Any = 0.0) -> Table:
+def _table_of_loop(loop: SiteLoop, spring: np.ndarray | float = 0.0) -> Table:
     """Size and work of the forces in the stretch drawn."""
     forces = {"identified": loop.identified - spring}
     if loop.measured is not None:
         forces["measured"] = loop.measured - spring
         forces["difference"] = loop.measured - loop.identified
 
-    rows: list[list[Any]] = []
+    rows = []
     for name, force in forces.items():
         work = float(np.trapezoid(force * loop.v, loop.t))
         rows.append([name, rms(force), float(np.abs(force).max()), work])

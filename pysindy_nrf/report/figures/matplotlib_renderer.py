@@ -17,6 +17,7 @@ from .figure import Axis, Bars, Figure, Line, Map
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Sheet
+    from matplotlib.figure import SubFigure
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their
 # lightness.
@@ -29,7 +30,10 @@ _COLORS = {
     "red": "#D55E00",
     "muted": "0.5",
 }
-_DASHES: dict[str, Any] = {
+# Keywords of matplotlib's methods, each of a type of its own.
+Style = dict[str, Any]
+
+_DASHES: dict[str, str | tuple[int, tuple[int, int]]] = {
     "": "",
     "solid": "-",
     "dash": "--",
@@ -38,7 +42,7 @@ _DASHES: dict[str, Any] = {
     "longdash": (0, (6, 2)),
     "shortdot": (0, (1, 1)),
 }
-_MARKERS: dict[str, dict[str, Any]] = {
+_MARKERS: dict[str, Style] = {
     "": {},
     "o": {"marker": "o", "markersize": 4},
     "s": {"marker": "s", "markersize": 4},
@@ -70,8 +74,8 @@ class Drawing:
 
     # axes beside each other; 0: a single figure, and ``ax_`` is no array
     _columns: ClassVar[int] = 2
-    ax_: Any
-    figure_: Any
+    ax_: Axes | np.ndarray
+    figure_: Sheet | SubFigure
 
     def __init__(self, figures: Sequence[Figure]) -> None:
         self._figures = list(figures)
@@ -80,7 +84,7 @@ class Drawing:
         """What is drawn, apart from how: one entry for each pair of axes."""
         return self._figures
 
-    def plot(self, ax: Any = None) -> Self:
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Self:
         """Draw with matplotlib.
 
         Parameters
@@ -207,7 +211,7 @@ def _draw_legend(figure: Figure, ax: Axes) -> None:
         ax.legend(frameon=False, fontsize="small")
 
 
-def dress(ax: Any, side: str, axis: Axis) -> None:
+def dress(ax: Axes, side: str, axis: Axis) -> None:
     """Label, ticks, range and scale of one axis (``side`` x, y or z)."""
     unit, _ = _DRAWN_UNITS.get(axis.unit, (axis.unit, 1.0))
     label = f"{axis.label} ({unit})" if unit else axis.label
@@ -230,10 +234,11 @@ def _with_indices(text: str) -> str:
 
 def _draw_line(ax: Axes, line: Line, x_scale: float, y_scale: float) -> None:
     """Draw a curve, every k-th sample of a long one."""
-    every = slice(None, None, max(1, len(line.x) // MAX_POINTS))
-    x = x_scale * np.asarray(line.x, dtype=float)[every]
+    abscissa = np.asarray(line.x, dtype=float)
+    every = slice(None, None, max(1, len(abscissa) // MAX_POINTS))
+    x = x_scale * abscissa[every]
     y = y_scale * np.asarray(line.y, dtype=float)[every]
-    style = {
+    style: Style = {
         "color": _COLORS[line.color],
         "linewidth": line.width,
         "linestyle": _DASHES[line.dash],
@@ -261,7 +266,7 @@ def _draw_bars(ax: Axes, bars: Bars, figure: Figure, number: int) -> None:
     if bars.low is not None:
         bounds = np.asarray([bars.low, bars.high], dtype=float)
         ends = np.nan_to_num(np.abs(bounds - values))
-        thin: dict[str, Any] = {
+        thin: Style = {
             "fmt": "none",
             "color": "black",
             "capsize": 2,
@@ -282,14 +287,13 @@ def _draw_bars(ax: Axes, bars: Bars, figure: Figure, number: int) -> None:
         )
 
 
-def _style_of_bars(bars: Bars, lying: bool) -> dict[str, Any]:
+def _style_of_bars(bars: Bars, lying: bool) -> Style:
     """Colours, edges and label of bars."""
+    style: Style = {"label": _with_indices(bars.name) or None}
     if isinstance(bars.color, str):
-        color: Any = _COLORS[bars.color]
+        style["color"] = _COLORS[bars.color]
     else:
-        color = [_COLORS[name] for name in bars.color]
-    style: dict[str, Any] = {"color": color}
-    style["label"] = _with_indices(bars.name) or None
+        style["color"] = [_COLORS[name] for name in bars.color]
     if lying:
         style |= {"edgecolor": "black", "linewidth": 0.5}
     if bars.hatched:
@@ -297,35 +301,35 @@ def _style_of_bars(bars: Bars, lying: bool) -> dict[str, Any]:
     return style
 
 
-def _draw_map(ax: Axes, found: Map, x_scale: float, y_scale: float) -> None:
+def _draw_map(ax: Axes, field: Map, x_scale: float, y_scale: float) -> None:
     """Draw a map with its bar of colours; what is in doubt is hatched."""
-    x, y = x_scale * np.asarray(found.x), y_scale * np.asarray(found.y)
+    x, y = x_scale * np.asarray(field.x), y_scale * np.asarray(field.y)
     image = ax.pcolormesh(
         x,
         y,
-        found.values,
+        field.values,
         shading="auto",
         cmap="PuOr",
-        vmin=-found.limit,
-        vmax=found.limit,
+        vmin=-field.limit,
+        vmax=field.limit,
     )
-    if np.any(found.hatched):
-        _draw_doubt(ax, x, y, found)
-    if found.bar:
-        ax.figure.colorbar(image, ax=ax, label=found.label)
+    if np.any(field.hatched):
+        _draw_doubt(ax, x, y, field)
+    if field.bar:
+        ax.figure.colorbar(image, ax=ax, label=field.label)
 
 
-def _draw_doubt(ax: Axes, x: np.ndarray, y: np.ndarray, found: Map) -> None:
+def _draw_doubt(ax: Axes, x: np.ndarray, y: np.ndarray, field: Map) -> None:
     """Hatch what is in doubt, and say why."""
     from matplotlib.patches import Patch
 
     hatch = "////"
     levels = [0.5, 1.5]  # about the 1 of what is hatched
     doubt = ax.contourf(
-        x, y, found.hatched, levels=levels, colors="none", hatches=[hatch]
+        x, y, field.hatched, levels=levels, colors="none", hatches=[hatch]
     )
     doubt.set(edgecolor="0.6", linewidth=0.0)
-    mark = Patch(facecolor="none", edgecolor="0.6", hatch=hatch, label=found.doubt)
+    mark = Patch(facecolor="none", edgecolor="0.6", hatch=hatch, label=field.doubt)
     ax.legend(
         handles=[mark],
         frameon=False,

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from ...chain.sites import index_of
+from ...chain.sites import Site, index_of
 from ...diagnosis.free_run import FreeRuns
 from .figure import CYCLE, DASHES, Axis, Figure, Line, Map, Mark, Table
 
@@ -80,7 +79,7 @@ def _rows_about_the_largest(x: np.ndarray) -> slice:
 
 
 def response_figures(
-    f: np.ndarray, measured: np.ndarray, found: np.ndarray
+    f: np.ndarray, measured: np.ndarray, modelled: np.ndarray
 ) -> list[Figure]:
     """Size of measured and modelled frequency responses, one figure a DOF.
 
@@ -88,14 +87,14 @@ def response_figures(
     ----------
     f : ndarray of shape (n_lines,)
         Hz.
-    measured, found : ndarray of shape (n_lines, n_dof)
+    measured, modelled : ndarray of shape (n_lines, n_dof)
         Accelerance, m/s^2 by N. The uppermost DOF comes first.
     """
     figures = []
     for j in range(measured.shape[1], 0, -1):
         marks: list[Mark] = [
             Line(f, np.abs(measured[:, j - 1]), "measured", "orange", 1.8),
-            Line(f, np.abs(found[:, j - 1]), "model", "blue", 0.9, "dash"),
+            Line(f, np.abs(modelled[:, j - 1]), "model", "blue", 0.9, "dash"),
         ]
         figure = Figure(
             f"Accelerance of DOF {j}",
@@ -186,7 +185,10 @@ def order_figure(
 
 
 def change_figure(
-    table: pd.DataFrame, site: Any, largest: float | None = None, colorbar: bool = True
+    table: pd.DataFrame,
+    site: Site | str,
+    largest: float | None = None,
+    colorbar: bool = True,
 ) -> Figure:
     """Where in the (v, s) plane the force of a site changed.
 

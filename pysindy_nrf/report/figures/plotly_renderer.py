@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .figure import Axis, Bars, Figure, Line, Surface
 
@@ -38,7 +39,18 @@ AROUND_BARS, AROUND_NAMED_BARS = 66, 92
 FREE_END, MAX_TICKS = 0.12, 5
 
 
-def as_plotly(figure: Figure) -> dict[str, Any]:
+# A dictionary of plotly: its values are texts, numbers, lists and dictionaries.
+Spec = dict[str, object]
+
+
+class Plot(TypedDict):
+    """A figure as plotly reads it."""
+
+    data: list[Spec]
+    layout: Spec
+
+
+def as_plotly(figure: Figure) -> Plot:
     """Data and layout of a figure."""
     scales, units = [], []
     for side, axis in zip("xyz", figure.axes):
@@ -61,7 +73,7 @@ def as_plotly(figure: Figure) -> dict[str, Any]:
     return {"data": data, "layout": _layout_in_plane(titles, figure)}
 
 
-def _traces(figure: Figure, scales: list[float]) -> list[dict[str, Any]]:
+def _traces(figure: Figure, scales: list[float]) -> list[Spec]:
     """What plotly draws of each mark; a map is for the sheet only."""
     traces = []
     for mark in figure.marks:
@@ -95,7 +107,7 @@ def _hover(figure: Figure, units: list[str]) -> str:
     return "<br>".join(lines)
 
 
-def unit_of(values: Any, base: str) -> tuple[float, str]:
+def unit_of(values: ArrayLike, base: str) -> tuple[float, str]:
     """A factor and a unit in which numbers are neither tiny nor huge."""
     sizes = np.abs(np.asarray(values, dtype=float))
     largest = 0.0
@@ -107,7 +119,7 @@ def unit_of(values: Any, base: str) -> tuple[float, str]:
     return 1.0, base
 
 
-def plain(text: Any) -> str:
+def plain(text: object) -> str:
     """Text that plotly shows as it is; indices are lowered.
 
     Plotly would read tags and entities in it.
@@ -116,7 +128,7 @@ def plain(text: Any) -> str:
     return re.sub(r"_\{([^}]*)\}", r"<sub>\1</sub>", safe)
 
 
-def rounded(values: Any, digits: int = DIGITS) -> list[Any]:
+def rounded(values: ArrayLike, digits: int = DIGITS) -> list[object]:
     """Numbers with so many digits of the largest one; None where there is none."""
     array = np.asarray(values, dtype=float)
     finite = array[np.isfinite(array)]
@@ -134,7 +146,7 @@ def rounded(values: Any, digits: int = DIGITS) -> list[Any]:
 # -- traces --------------------------------------------------------------------
 
 
-def _line(line: Line, scales: list[float]) -> dict[str, Any]:
+def _line(line: Line, scales: list[float]) -> Spec:
     color = f"var(--{line.color})"
     modes = []
     if line.dash:
@@ -142,7 +154,7 @@ def _line(line: Line, scales: list[float]) -> dict[str, Any]:
     if line.marker:
         modes.append("markers")
     dash = _DASHES.get(line.dash, line.dash)
-    trace: dict[str, Any] = {
+    trace: Spec = {
         "type": "scatter",
         "mode": "+".join(modes),
         "name": plain(line.name),
@@ -162,9 +174,9 @@ def _line(line: Line, scales: list[float]) -> dict[str, Any]:
     return trace
 
 
-def _marker(name: str, color: str) -> dict[str, Any]:
+def _marker(name: str, color: str) -> Spec:
     """The marks of a line."""
-    marker: dict[str, Any] = {
+    marker: Spec = {
         "symbol": _MARKERS.get(name, "circle"),
         "size": _MARKER_SIZES.get(name, 5),
         "color": color,
@@ -174,22 +186,23 @@ def _marker(name: str, color: str) -> dict[str, Any]:
     return marker
 
 
-def _bars(bars: Bars, lying: bool) -> dict[str, Any]:
+def _bars(bars: Bars, lying: bool) -> Spec:
     values = np.asarray(bars.values, dtype=float)
     colors: str | list[str] = f"var(--{bars.color})"
     if not isinstance(bars.color, str):
         colors = [f"var(--{name})" for name in bars.color]
     along, across = ("x", "y") if lying else ("y", "x")
-    trace: dict[str, Any] = {
+    marker: Spec = {"color": colors}
+    if bars.hatched:
+        marker["pattern"] = {"shape": "/"}
+    trace: Spec = {
         "type": "bar",
         "orientation": "h" if lying else "v",
         "name": plain(bars.name),
         across: list(range(len(values))),
         along: rounded(values),
-        "marker": {"color": colors},
+        "marker": marker,
     }
-    if bars.hatched:
-        trace["marker"]["pattern"] = {"shape": "/"}
     if bars.low is not None:
         up = np.asarray(bars.high, dtype=float) - values
         down = values - np.asarray(bars.low, dtype=float)
@@ -205,13 +218,13 @@ def _bars(bars: Bars, lying: bool) -> dict[str, Any]:
     return trace
 
 
-def _half_length(values: np.ndarray) -> list[Any]:
+def _half_length(values: np.ndarray) -> list[object]:
     """One side of error bars; nothing where it is not known."""
     return rounded(np.nan_to_num(np.clip(values, 0, None)))
 
 
-def _surface(surface: Surface, scales: list[float]) -> dict[str, Any]:
-    trace: dict[str, Any] = {
+def _surface(surface: Surface, scales: list[float]) -> Spec:
+    trace: Spec = {
         "type": "surface",
         "x": rounded(scales[0] * np.asarray(surface.x)[0]),
         "y": rounded(scales[1] * np.asarray(surface.y)[:, 0]),
@@ -235,7 +248,7 @@ def _surface(surface: Surface, scales: list[float]) -> dict[str, Any]:
 # -- layout --------------------------------------------------------------------
 
 
-def _layout_in_plane(titles: list[str], figure: Figure) -> dict[str, Any]:
+def _layout_in_plane(titles: list[str], figure: Figure) -> Spec:
     x, y = _axis(titles[0], figure.x), _axis(titles[1], figure.y)
     height = figure.height
     if figure.lying:
@@ -244,7 +257,7 @@ def _layout_in_plane(titles: list[str], figure: Figure) -> dict[str, Any]:
         height = around + LYING_BAR * len(figure.y.ticks or ())
     legend = {"orientation": "h", "x": 0, "y": 1.02}
     legend |= {"yanchor": "bottom", "xanchor": "left"}
-    layout: dict[str, Any] = {
+    layout: Spec = {
         "xaxis": x,
         "yaxis": y,
         "height": height,
@@ -258,8 +271,8 @@ def _layout_in_plane(titles: list[str], figure: Figure) -> dict[str, Any]:
     return layout
 
 
-def _axis(title: str, axis: Axis) -> dict[str, Any]:
-    layout: dict[str, Any] = {
+def _axis(title: str, axis: Axis) -> Spec:
+    layout: Spec = {
         "title": {"text": title, "standoff": 8},
         "automargin": True,
         "zeroline": axis.zero,
@@ -274,15 +287,13 @@ def _axis(title: str, axis: Axis) -> dict[str, Any]:
     return layout
 
 
-def _layout_in_space(
-    titles: list[str], data: list[dict[str, Any]], height: int
-) -> dict[str, Any]:
+def _layout_in_space(titles: list[str], data: list[Spec], height: int) -> Spec:
     # the title of an upright axis leaves the picture when it turns: it stands still in
     # the corner
-    upright: dict[str, Any] = {"text": f"upright: {titles[2]}", "showarrow": False}
+    upright: Spec = {"text": f"upright: {titles[2]}", "showarrow": False}
     upright |= {"x": 0, "y": 1, "xref": "paper", "yref": "paper"}
     upright |= {"xanchor": "left", "yanchor": "top"}
-    scene: dict[str, Any] = {
+    scene: Spec = {
         "camera": _CAMERA,
         "aspectmode": "manual",
         "aspectratio": {"x": 1.1, "y": 1.1, "z": 0.75},

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -13,8 +13,9 @@ import pandas as pd
 from ..chain.model import ChainModel
 from ..exceptions import BiasWarning, NRFError
 from .bias import NoiseBias, sentences_of, wrong_zeros
-from .force_delays import force_delay
-from .verdict import creates_energy
+from .effects import capitalised
+from .force_delays import Fitted, force_delay
+from .rules import creates_energy
 
 __all__ = ["diagnose"]
 
@@ -38,7 +39,7 @@ class Result(Protocol):
         """What noise in the motion does to the estimate."""
 
 
-class FittedModel(Protocol):
+class FittedModel(Fitted, Protocol):
     """What a diagnosis reads of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
 
     model_: ChainModel
@@ -53,7 +54,7 @@ class FittedModel(Protocol):
         """The result of the fit."""
 
     def confidence_intervals(
-        self, level: float = 0.95, *, of: Any = "parameters"
+        self, level: float = 0.95, *, of: str = "parameters"
     ) -> pd.DataFrame:
         """Intervals of parameters or modes."""
 
@@ -111,7 +112,7 @@ def diagnose(model: FittedModel) -> Diagnosis:
     --------
     >>> import warnings
     >>> from pysindy_nrf import NRFRegressor, datasets
-    >>> from pysindy_nrf.diagnosis.planning import diagnose
+    >>> from pysindy_nrf.diagnosis.limits import diagnose
     >>> record = datasets.load_demo()  # its storey 1 is cubic
     >>> with warnings.catch_warnings(action="ignore"):
     ...     linear = NRFRegressor(degree=1).fit(record)
@@ -150,10 +151,10 @@ def _missing_laws(model: FittedModel) -> list[Finding]:
     biased = model.missing_terms_["biased"].astype(bool)
     for name, row in model.missing_terms_[biased].iterrows():
         message = (
-            f"{_capital(name)}: {row['residual']:.2g} % is unexplained, and terms that"
-            f" the laws lack explain {row['gain']:.0f} % of that. A law is missing, or"
-            " the motion is noisy: fuse the channels, then add the law (laws=) or"
-            " search for it (close_loop)."
+            f"{capitalised(name)}: {row['residual']:.2g} % is unexplained, and terms"
+            f" that the laws lack explain {row['gain']:.0f} % of that. A law is"
+            " missing, or the motion is noisy: fuse the channels, then add the law"
+            " (laws=) or search for it (close_loop)."
         )
         size = float(row["missing"])
         gravity = 3.0 + size / 100
@@ -167,7 +168,7 @@ def _jumps(model: FittedModel) -> list[Finding]:
     findings = []
     for name, text in zip(wrong.index, sentences_of(wrong)):
         lost = float(wrong.loc[name, "lost"])
-        findings.append(Finding(2.7, "jump", str(name), lost, _capital(text)))
+        findings.append(Finding(2.7, "jump", str(name), lost, capitalised(text)))
     return findings
 
 
@@ -199,7 +200,7 @@ def _conditioning(model: FittedModel) -> list[Finding]:
     for name, number in model.condition_.items():
         if number > ILL_CONDITIONED:
             message = (
-                f"{_capital(name)}: condition number {number:.1e}; some of its terms"
+                f"{capitalised(name)}: condition number {number:.1e}; some of its terms"
                 " are nearly collinear. Excite more frequencies and amplitudes, lower"
                 " the degree, or give what is known (known_masses, constraints)."
             )
@@ -253,7 +254,7 @@ def _energy(model: FittedModel) -> list[Finding]:
 
 def _estimation(model: FittedModel) -> list[Finding]:
     """Instrumental variables that were wanted and could not be used."""
-    facts: Mapping[str, Any] = model.model_.info.get("estimation", {})
+    facts = model.model_.info.get("estimation", {})
     notes = facts.get("notes", [])
     wanted = bool(notes) or facts.get("asked") == "iv"
     if not wanted or facts.get("found") != "ls":
@@ -307,11 +308,6 @@ def _unexplained(model: FittedModel) -> list[Finding]:
         " (estimation='iv'), or is a law missing?"
     )
     return [Finding(0.9, "unexplained", "all", error, message)]
-
-
-def _capital(text: str) -> str:
-    """The text with a capital at its start."""
-    return text[:1].upper() + text[1:]
 
 
 _CHECKS: tuple[Callable[[FittedModel], list[Finding]], ...] = (

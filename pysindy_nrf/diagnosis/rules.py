@@ -1,0 +1,336 @@
+"""Rules of the verdict: what speaks against a model.
+
+Each rule looks at one kind of fact and returns the reasons that follow from it, none
+where nothing does. A new rule is a function here and a line in ``RULES``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .effects import Effect, as_sentence, capitalised, law_at_site, not_told_apart
+from .facts import Facts, FreeRunFacts
+from .wiring import LARGE, OPEN
+
+# Percent of the measured motion by which a free run may miss it.
+ASTRAY = 20.0
+# Percent from which on a free run has nothing to do with the measured motion, and from
+# which on its size says nothing more.
+DIVERGED, BEYOND_NUMBERS = 100.0, 1e3
+# Factor by which a free run may get worse with an effect.
+WORSE_FREE_RUN = 1.1
+
+Kind = Literal[
+    "unexplained",  # a balance keeps a part of its force
+    "mass",  # no structure has it
+    "stiffness",  # negative
+    "interval",  # the data do not determine a mass
+    "free run",  # the model alone leaves the measured motion
+    "damping",  # a mode grows by itself
+    "no claim",  # the search claims nothing
+    "channel",  # reversed, in another unit or in the wrong column
+    "wiring",  # with another mapping of the channels the balances close
+    "quality",  # what is known of a channel, a clock or a unit
+    "effect",  # an effect is not confirmed, or its name is not sure
+    "evidence",  # a question to the residual has no answer
+    "other",
+]
+Severity = Literal["amber", "red"]
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a model is not simply to be used.
+
+    Parameters
+    ----------
+    kind : str
+    severity : {"amber", "red"}
+        Usable with care, or not to be used.
+    message : str
+        In a sentence.
+    place : str
+        DOF, site, channel or parameter; empty for the model as a whole.
+    size : float
+        How much, as the kind says: percent, kg, or a damping ratio.
+    """
+
+    kind: Kind
+    severity: Severity
+    message: str
+    place: str = ""
+    size: float = float("nan")
+
+
+# -- equations of motion and parameters ----------------------------------------
+
+
+def unexplained_equations(facts: Facts) -> list[Reason]:
+    """Equations of motion of which the model leaves a large share."""
+    reasons = []
+    for j, percent in facts.unexplained.items():
+        place = f"dof {j}"
+        if percent > OPEN:
+            message = open_balance(j, percent)
+            reasons.append(Reason("unexplained", "red", message, place, percent))
+        elif percent > LARGE:
+            message = (
+                f"{percent:.3g} % of the force in the balance of DOF {j} is"
+                " unexplained: a law is missing, or the channels are noisy."
+            )
+            reasons.append(Reason("unexplained", "amber", message, place, percent))
+    return reasons
+
+
+def open_balance(dof: int, percent: float) -> str:
+    """A sentence on an equation of motion that does not close."""
+    return f"The balance of DOF {dof} leaves {percent:.3g} % of its force unexplained."
+
+
+def impossible_masses(facts: Facts) -> list[Reason]:
+    """Masses that no structure has."""
+    if not facts.impossible_masses:
+        return []
+    masses = [f"m{j} = {mass:.4g} kg" for j, mass in facts.impossible_masses.items()]
+    places = [f"m{j}" for j in facts.impossible_masses]
+    message = f"{', '.join(masses)}: no structure has a mass that is not positive."
+    smallest = min(facts.impossible_masses.values())
+    return [Reason("mass", "red", message, ", ".join(places), smallest)]
+
+
+def negative_stiffness(facts: Facts) -> list[Reason]:
+    """Storeys that push away from their rest."""
+    if not facts.negative_stiffness:
+        return []
+    storeys = ", ".join(facts.negative_stiffness)
+    message = f"The stiffness of {storeys} came out negative."
+    return [Reason("stiffness", "red", message, storeys)]
+
+
+def undetermined_masses(facts: Facts) -> list[Reason]:
+    """Masses whose interval holds zero."""
+    names = []
+    for name, (low, high) in facts.intervals.items():
+        if name.startswith("m") and low <= 0 < high:
+            names.append(name)
+    if not names:
+        return []
+    masses = ", ".join(names)
+    message = f"The data do not determine {masses}: the interval holds zero."
+    return [Reason("interval", "red", message, masses)]
+
+
+# -- the model alone -----------------------------------------------------------
+
+
+def diverging_free_run(facts: Facts) -> list[Reason]:
+    """A model that, alone, has nothing to do with the measured motion."""
+    run = facts.free_run
+    if facts.impossible_masses:
+        return []
+    if run.diverges:
+        message = run.why_not or "The free run diverges."
+        return [Reason("free run", "red", message, size=run.error)]
+    if not _leaves_the_motion(run):
+        return []
+
+    message = "The free run diverges."
+    if run.error < BEYOND_NUMBERS:
+        message = f"The free run diverges: it misses the motion by {run.error:.3g} %."
+    return [Reason("free run", "red", message, size=run.error)]
+
+
+def _leaves_the_motion(run: FreeRunFacts) -> bool:
+    """Whether a run is lost, though a spring holds the chain, from its start on."""
+    follows_at_first = run.over_periods < ASTRAY
+    return run.error > DIVERGED and not run.floats and not follows_at_first
+
+
+def growing_mode(facts: Facts) -> list[Reason]:
+    """A mode that grows by itself, unless the free run follows all the same."""
+    mode = facts.growing_mode
+    if mode is None or judged_error(facts.free_run) < ASTRAY:
+        return []
+    message = creates_energy(mode.number, mode.damping)
+    place = f"mode {mode.number}"
+    return [Reason("damping", "amber", message, place, mode.damping)]
+
+
+def creates_energy(mode: object, damping: float) -> str:
+    """The verdict on a mode that grows by itself."""
+    return (
+        f"This model creates energy: mode {mode} has a damping of {100 * damping:.2g} %"
+        " of critical. No structure does so by itself: a sign, a unit, a delay or a"
+        " mass is wrong, a law is missing, or noise outweighs the damping."
+    )
+
+
+def straying_free_run(facts: Facts) -> list[Reason]:
+    """A free run that misses the measured motion."""
+    error = judged_error(facts.free_run)
+    if not np.isfinite(error) or error <= ASTRAY:
+        return []
+    message = (
+        f"The free run misses the measured motion by {error:.3g} %. A model can be"
+        " right and still drift (a stage without a spring, a yielding storey, a record"
+        " that starts in motion); see its figure."
+    )
+    return [Reason("free run", "amber", message, size=error)]
+
+
+def judged_error(run: FreeRunFacts) -> float:
+    """Error of the free run, percent: over some periods where it drifts later."""
+    drifts_later = run.error > ASTRAY and run.over_periods < run.error
+    return run.over_periods if drifts_later else run.error
+
+
+# -- channels, records and the search ------------------------------------------
+
+
+def nothing_claimed(facts: Facts) -> list[Reason]:
+    """A search that claims nothing."""
+    if not facts.nothing_claimed:
+        return []
+    return [Reason("no claim", "red", as_sentence(facts.nothing_claimed))]
+
+
+def wiring(facts: Facts) -> list[Reason]:
+    """An error of wiring without which the balances close."""
+    if not facts.wiring:
+        return []
+    return [Reason("wiring", "red", facts.wiring)]
+
+
+def channel_faults(facts: Facts) -> list[Reason]:
+    """Channels that seem reversed, in another unit or in the wrong column."""
+    reasons = []
+    for message, sure in facts.channel_faults.items():
+        reasons.append(Reason("channel", "red" if sure else "amber", message))
+    return reasons
+
+
+def quality_notes(facts: Facts) -> list[Reason]:
+    """What is known of channels, clocks and units."""
+    named = {note.record for note in facts.quality}
+    several_records = facts.n_records > 1 or len(named) > 1
+    reasons = []
+    for note in facts.quality:
+        if _repeats_a_fault(note.message, facts):
+            continue
+        message = note.message
+        if several_records:
+            message = f"Record {note.record!r}: {message}"
+        reason = Reason("quality", "amber", message, note.channel, note.size)
+        reasons.append(reason)
+    return reasons
+
+
+def other_doubts(facts: Facts) -> list[Reason]:
+    """What else is doubtful."""
+    doubts = [text for text in facts.doubts if not _repeats_a_fault(text, facts)]
+    return [Reason("other", "amber", doubt) for doubt in doubts]
+
+
+def _repeats_a_fault(message: str, facts: Facts) -> bool:
+    """Whether the fault of a channel says the same and more."""
+    return any(message.rstrip(".") in fault for fault in facts.channel_faults)
+
+
+# -- effects that a search added ----------------------------------------------
+
+
+def doubtful_effects(facts: Facts) -> list[Reason]:
+    """Effects that are not confirmed, not sure by name, or bought with a free run."""
+    reasons = []
+    for effect in facts.effects:
+        for message in _doubts_of_effect(effect):
+            reasons.append(Reason("effect", "amber", message, effect.site))
+    return reasons
+
+
+def _doubts_of_effect(effect: Effect) -> list[str]:
+    """What is doubtful about one effect."""
+    if not effect.confirmed:
+        return [_not_confirmed(effect)]
+    return [
+        *_only_the_closest(effect),
+        *not_told_apart(effect),
+        *_worse_free_run(effect),
+    ]
+
+
+def _not_confirmed(effect: Effect) -> str:
+    change = f"{effect.error_before:.3g} to {effect.error_after:.3g} %"
+    return (
+        f"{capitalised(law_at_site(effect))} is NOT CONFIRMED: the held-out error goes"
+        f" from {change}. The model does not hold it."
+    )
+
+
+def _only_the_closest(effect: Effect) -> list[str]:
+    """A name that is not sure, though the data name no other."""
+    if effect.sure or effect.alternatives or effect.company:
+        return []
+    return [
+        f"{capitalised(law_at_site(effect))} is only the closest law:"
+        f" {100 * effect.remainder:.0f} % of the effect stays unexplained, and the gain"
+        f" is {effect.gain:.2g} dB with a standard error of {effect.gain_error:.2g}."
+    ]
+
+
+def _worse_free_run(effect: Effect) -> list[str]:
+    """A free run that the effect makes worse."""
+    if not effect.free_run_after > WORSE_FREE_RUN * effect.free_run_before:
+        return []
+    change = f"{effect.free_run_before:.3g} to {effect.free_run_after:.3g} %"
+    return [
+        f"With {law_at_site(effect)} the held-out free run is worse than before"
+        f" ({change}), though the balances close better."
+    ]
+
+
+# -- evidence ------------------------------------------------------------------
+
+
+def unanswered_questions(facts: Facts) -> list[Reason]:
+    """Questions to the residual that have no answer."""
+    reasons = []
+    for question, why in facts.unanswered.items():
+        message = as_sentence(f"{question} was not possible because {why}")
+        reasons.append(Reason("evidence", "amber", message, question))
+    return reasons
+
+
+def unknown_noise(facts: Facts) -> list[Reason]:
+    """It is not known what noise alone would leave."""
+    if facts.noise_is_known:
+        return []
+    message = (
+        "What noise alone would leave is not known here: an unmeasured force is not"
+        " told from noise."
+    )
+    return [Reason("evidence", "amber", message)]
+
+
+# In the order in which their reasons are listed.
+RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
+    unexplained_equations,
+    impossible_masses,
+    negative_stiffness,
+    undetermined_masses,
+    diverging_free_run,
+    growing_mode,
+    straying_free_run,
+    nothing_claimed,
+    wiring,
+    channel_faults,
+    quality_notes,
+    other_doubts,
+    doubtful_effects,
+    unanswered_questions,
+    unknown_noise,
+)

@@ -66,6 +66,10 @@ class ProductSums:
         Sums of products, or triangular factors, which keep all digits (a streamed QR).
     n_blocks : int
         Numbers that exist from the start.
+    before : NormalEquations, optional
+        A total behind which the sums go on.
+    plan : ProductPlan, optional
+        That of sums of the same columns.
     """
 
     def __init__(
@@ -75,6 +79,8 @@ class ProductSums:
         known_masses: Mapping[int, float] | None = None,
         kind: str = "gram",
         n_blocks: int = 0,
+        before: NormalEquations | None = None,
+        plan: ProductPlan | None = None,
     ) -> None:
         self.layout = layout
         self.groups = {group.dofs: group for group in groups}
@@ -82,8 +88,8 @@ class ProductSums:
         self.kind = kind
         self.counts: list[float] = []
         self._sums: list[_Products | _Roots] = []
-        self._before: NormalEquations | None = None
-        self._plan: ProductPlan | None = None
+        self._before = before
+        self._plan = plan
         self._open(n_blocks - 1)
 
     @property
@@ -96,19 +102,21 @@ class ProductSums:
 
     def empty(self, before: NormalEquations | None = None) -> ProductSums:
         """Sums of the same columns that begin anew, or that go on behind a total."""
-        groups = list(self.groups.values())
-        sums = ProductSums(self.layout, groups, self.known_masses, self.kind)
-        sums._before = before
-        if self.kind == "gram":
-            sums._plan = self.plan
-        return sums
+        return ProductSums(
+            self.layout,
+            list(self.groups.values()),
+            self.known_masses,
+            self.kind,
+            before=before,
+            plan=self.plan if self.kind == "gram" else None,
+        )
 
     @property
     def n_samples(self) -> int:
         """Samples of all numbers, by their weights."""
-        total = sum(self.counts)
+        total = float(sum(self.counts))
         if self._before is not None:
-            total += self._before.n_samples
+            total += float(self._before.n_samples)
         return int(total)
 
     def add(
@@ -371,7 +379,7 @@ class _PieceRows:
         Rows of unknown forces are zero.
         """
         layout = self.equations.layout
-        block = self.equations.whole(record)
+        block = self.equations.whole_record(record)
         twin = None
         run = self.twins.get(record)
         if run is not None:

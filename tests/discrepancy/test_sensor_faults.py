@@ -1,4 +1,4 @@
-"""Faulty sensors as effects: found at their channel, and none where sensors are good."""
+"""Faulty sensors as effects: found at their channel, none where sensors are good."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sums of products of the columns of equations of motion, their factors, their blocks."""
+"""Sums of products of the columns of equations of motion, factors and blocks."""
 
 import pickle
 from dataclasses import dataclass
@@ -10,9 +10,13 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ForceLawLibrary, laws
 from pysindy_nrf.chain import LawLayout, Layout, blocks_of
-from pysindy_nrf.equations import NormalEquations, total_gram
-from pysindy_nrf.equations.accumulation import ProductSums, pieces_of
-from pysindy_nrf.equations.balances import blocks_of_segment
+from pysindy_nrf.equations import (
+    NormalEquations,
+    ProductSums,
+    blocks_of_segment,
+    pieces_of,
+    total_gram,
+)
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records import from_arrays
 
@@ -39,7 +43,7 @@ class Columns:
         return blocks_of(self.terms, self.a, self.F, size)
 
     def of_group(self, layout, group, masses=MASSES):
-        """Written out: terms, a_j and F_j of one DOF; sum of F_j - m_j a_j of several."""
+        """Terms, a_j and F_j of one DOF; sum of F_j - m_j a_j of several."""
         columns = [self.terms[:, layout.slices[site]] for site in group.sites]
         dofs = [dof - 1 for dof in group.dofs]
         if len(dofs) == 1:

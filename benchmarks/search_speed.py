@@ -77,6 +77,7 @@ def state_of(test: Record) -> SearchState:
     problem = NRFRegressor(degree=1).problem(dataset.n_dof)
     length = window_length(dataset.segments)
     data = SearchData(dataset, split(dataset.segments, length), {})
+
     windows = Windows(dataset, data.search, length)
     spectra = BalanceSpectra(data, windows)
     bands = find_bands(spectra, problem.chain, [problem.laws])

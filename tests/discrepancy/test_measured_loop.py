@@ -1,22 +1,16 @@
-"""The closed loop on measured records, from their undeclared baselines: what is
-published of them must come out.
-"""
+"""The closed loop on measured records: what is published of them comes out."""
 
-import sys
 import warnings
-from pathlib import Path
 
 import measured_sets
 import numpy as np
 import pytest
+from battery.generators import make_case
+from battery.measured import dry_friction
+from discrepancy_battery import SIZES, specifications
 from measured import folder
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-from battery.generators import make_case  # noqa: E402
-from battery.measured import dry_friction  # noqa: E402
-from discrepancy_battery import SIZES, specifications  # noqa: E402
 
 pytestmark = pytest.mark.slow
 

@@ -1,5 +1,4 @@
-"""Change between two tests, 200 simulated pairs: found in the right place, and silence
-where nothing changed?
+"""Change between two tests, 200 simulated pairs: found in the right place?
 
     python benchmarks/damage.py [--quick] [--out FOLDER]
 
@@ -7,8 +6,9 @@ Chains of 2 to 6 floors under random forces, measured twice with other forces. B
 the two: a stiffness loss of 2 to 30 %, a gap or a cubic spring that appears, a bolt
 that rubs (friction), mass that is added; amplitude ratios of 0.5 to 2 and noise of 0 to
 3 % of each channel's rms, drawn for each test. Two further kinds change nothing but the
-amplitude, or the noise. A third of the chains carries an MR damper (Dahl) in one storey
-that the regressor, linear in every storey, does not know.
+amplitude, or the noise: there the comparison must be silent. A third of the chains
+carries an MR damper (Dahl) in one storey that the regressor, linear in every storey,
+does not know.
 
 A change counts as *detectable* if its force, or the inertia of an added mass, is at
 least 1.5 % of the storey's elastic force over the common domain of motion (the report
@@ -19,51 +19,63 @@ leave. ``--quick`` takes five pairs.
 
 from __future__ import annotations
 
-import argparse
 import sys
-import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+import search_path
 import numpy as np
 import pandas as pd
+from harness import linear_storeys, options_of, quietly, write_csv
 
-from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
-from pysindy_nrf.exceptions import NRFWarning
+from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.monitoring import compare_tests
-from pysindy_nrf.simulation import free_run
-from pysindy_nrf.simulation.excitation import band_limited_random
 from pysindy_nrf.simulation.noise import add_noise
 
-FS, SECONDS = 500.0, 24.0
-KINDS = ("stiffness", "gap", "cubic", "friction", "mass", "amplitude", "noise")
-NOTHING = ("amplitude", "noise")
-LEAST, SURE = (
-    0.015,
-    5.0,
-)  # share of the elastic force, standard errors: what counts as detectable
-QUICK = (
-    14,
-    3,
-    18,
-    12,
-    27,
-)  # stiffness, friction, mass, and nothing twice, of few floors
+FS = 500.0  # Hz
+SECONDS = 24.0
 LEVEL = 150.0  # N rms of the forces of the first test
+CHANGES = ("stiffness", "gap", "cubic", "friction", "mass")
+NOTHING = ("amplitude", "noise")
+KINDS = (*CHANGES, *NOTHING)
+# what counts as detectable: share of the elastic force, standard errors
+LEAST_SHARE = 0.015
+LEAST_ERRORS = 5.0
+# stiffness, friction, mass, and nothing twice, of few floors
+QUICK = (14, 3, 18, 12, 27)
+# share of a channel's rms that a clean one is taken to have as noise
+LEAST_NOISE = 1e-4
 
 
-@dataclass
+# -- two tests of one structure ------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Change:
+    """Storey or DOF that changes ("": none), and the structure after it."""
+
+    place: str
+    healthy: ChainModel
+    changed: ChainModel
+
+    @property
+    def dof(self) -> int:
+        return int(self.place.split()[1])
+
+
+@dataclass(frozen=True)
 class Pair:
     """Two tests of one structure, and what happened between them."""
 
     kind: str
-    place: str  # storey or DOF that changed; "" where nothing did
+    place: str
     # rms force of the change over that of the storey's spring, in the common domain
     size: float
     # its size in standard errors of a fit that knows everything but the coefficients
-    sure: float
+    errors: float
     before: Record
     after: Record
     about: str
@@ -71,200 +83,254 @@ class Pair:
     @property
     def detectable(self) -> bool:
         """Whether the data can tell it."""
-        return self.place != "" and self.size >= LEAST and self.sure >= SURE
+        large = self.size >= LEAST_SHARE and self.errors >= LEAST_ERRORS
+        return self.place != "" and large
 
 
 def pair(number: int) -> Pair:
     """A pair of tests; the same for the same number."""
     rng = np.random.default_rng([26, number])
     kind = KINDS[number % len(KINDS)]
-    n = int(rng.integers(2, 7))
-    m, k, c = (
-        rng.uniform(8, 14, n),
-        rng.uniform(0.6e5, 1.4e5, n),
-        rng.uniform(60, 150, n),
-    )
-    held: dict[int, list[Any]] = {
-        i + 1: [laws.PowerSeries(1, [c[i], k[i]])] for i in range(n)
-    }
-    if damped := number % 3 == 0:
-        held[int(rng.integers(1, n + 1))].append(
-            laws.Dahl(sigma=5e4, Fd=rng.uniform(15, 40))
-        )
-    dofs = (
-        list(range(1, n + 1)) if rng.random() < 0.5 else [int(rng.integers(1, n + 1))]
-    )
-    ratio = (
-        1.0 if kind == "noise" else float(np.exp(rng.uniform(np.log(0.5), np.log(2.0))))
-    )
+    healthy = draw_chain(rng, damped=number % 3 == 0)
+    forced = draw_forced(rng, healthy.n_dof)
+    ratio = 1.0 if kind == "noise" else float(np.exp(rng.uniform(*np.log([0.5, 2.0]))))
     noise = rng.uniform(0, 0.03, 2)
     if kind == "amplitude":
         noise[1] = noise[0]
-    forces = [
-        band_limited_random(
-            n,
-            SECONDS,
-            FS,
-            excited=dofs,
-            rms=LEVEL * r,
-            band=(0.5, 40),
-            random_state=[26, number, at],
-        )
-        for at, r in enumerate((1.0, ratio))
-    ]
-    healthy = ChainModel(m, {f"storey {i}": law for i, law in held.items()})
-    first = free_run(healthy, forces[0], 1 / FS).record
-    place, changed = "", healthy
-    if kind == "mass":
-        place = f"dof {rng.integers(1, n + 1)}"
-        heavy = m.copy()
-        heavy[int(place[4:]) - 1] *= 1 + rng.uniform(0.02, 0.2)
-        changed = ChainModel(heavy, healthy.laws)
-    elif kind not in NOTHING:
-        i = int(rng.integers(1, n + 1))
-        place = f"storey {i}"
-        drift = np.diff(first.displacement, axis=1, prepend=0.0)[:, i - 1]
-        elastic = k[i - 1] * drift.std()
-        new = {
-            "stiffness": lambda: laws.LinearElastic(-rng.uniform(0.02, 0.3) * k[i - 1]),
-            "gap": lambda: laws.TwoSidedGap(
-                rng.uniform(0.5, 1.5) * drift.std(), rng.uniform(0.1, 0.5) * k[i - 1]
-            ),
-            "cubic": lambda: laws.CubicStiffness(
-                rng.uniform(0.03, 0.3) * elastic / (drift**3).std()
-            ),
-            "friction": lambda: laws.CoulombFriction(rng.uniform(0.03, 0.3) * elastic),
-        }[kind]()
-        changed = healthy.with_laws({place: [*held[i], new]})
-    second = free_run(changed, forces[1], 1 / FS).record
-    size, sure = _oracle(healthy, changed, place, first, second, noise)
-    measured = [
-        add_noise(r, s, random_state=[number, at])
-        for at, (r, s) in enumerate(zip((first, second), noise))
-    ]
+
+    first = run(healthy, forced, LEVEL, [26, number, 0])
+    change = draw_change(rng, kind, healthy, first)
+    second = run(change.changed, forced, LEVEL * ratio, [26, number, 1])
+    size, errors = visibility(change, [first, second], noise)
     about = (
-        f"n {n}, forced {dofs}, ratio {ratio:.2f}, noise {noise[0]:.1%}"
-        f" {noise[1]:.1%}{', damper' * damped}"
+        f"n {healthy.n_dof}, forced {forced}, ratio {ratio:.2f},"
+        f" noise {noise[0]:.1%} {noise[1]:.1%}"
     )
-    return Pair(kind, place, size, sure, *measured, about)
+    if number % 3 == 0:
+        about += ", damper"
+    return Pair(
+        kind,
+        change.place,
+        size,
+        errors,
+        add_noise(first, noise[0], random_state=[number, 0]),
+        add_noise(second, noise[1], random_state=[number, 1]),
+        about,
+    )
 
 
-def _oracle(
-    healthy: ChainModel,
-    changed: ChainModel,
-    place: str,
-    first: Record,
-    second: Record,
-    noise: np.ndarray,
+def draw_chain(rng: np.random.Generator, damped: bool) -> ChainModel:
+    """A chain of linear storeys, one of them with a damper."""
+    n = int(rng.integers(2, 7))
+    m = rng.uniform(8, 14, n)
+    k = rng.uniform(0.6e5, 1.4e5, n)
+    c = rng.uniform(60, 150, n)
+    storeys = linear_storeys(k, c)
+    if damped:
+        place = f"storey {rng.integers(1, n + 1)}"
+        storeys[place].append(laws.Dahl(sigma=5e4, Fd=rng.uniform(15, 40)))
+    return ChainModel(m, storeys)
+
+
+def draw_forced(rng: np.random.Generator, n: int) -> list[int]:
+    """All floors, or one."""
+    if rng.random() < 0.5:
+        return list(range(1, n + 1))
+    return [int(rng.integers(1, n + 1))]
+
+
+def run(model: ChainModel, forced: list[int], rms: float, seed: list[int]) -> Record:
+    """A test without noise under random forces."""
+    F = excitation.band_limited_random(
+        model.n_dof,
+        SECONDS,
+        FS,
+        excited=forced,
+        rms=rms,
+        band=(0.5, 40),
+        random_state=seed,
+    )
+    return simulate(model, F, 1 / FS)
+
+
+def draw_change(
+    rng: np.random.Generator, kind: str, healthy: ChainModel, test: Record
+) -> Change:
+    """What happens to the structure; of a size that fits its motion in a test."""
+    n = healthy.n_dof
+    if kind in NOTHING:
+        return Change("", healthy, healthy)
+    if kind == "mass":
+        dof = int(rng.integers(1, n + 1))
+        masses = healthy.masses.copy()
+        masses[dof - 1] *= 1 + rng.uniform(0.02, 0.2)
+        return Change(f"dof {dof}", healthy, ChainModel(masses, healthy.laws))
+
+    storey = int(rng.integers(1, n + 1))
+    place = f"storey {storey}"
+    drift = np.diff(test.displacement, axis=1, prepend=0.0)[:, storey - 1]
+    stiffness = healthy.restoring_forces[place].linear_part()["k"]
+    law = draw_law(rng, kind, stiffness, drift)
+    changed = healthy.with_laws({place: [*healthy.laws[place], law]})
+    return Change(place, healthy, changed)
+
+
+def draw_law(
+    rng: np.random.Generator, kind: str, stiffness: float, drift: np.ndarray
+) -> laws.ForceLaw:
+    """What a storey gains."""
+    elastic = stiffness * drift.std()
+    if kind == "stiffness":
+        return laws.LinearElastic(-rng.uniform(0.02, 0.3) * stiffness)
+    if kind == "gap":
+        gap = rng.uniform(0.5, 1.5) * drift.std()
+        return laws.TwoSidedGap(gap, rng.uniform(0.1, 0.5) * stiffness)
+    if kind == "cubic":
+        return laws.CubicStiffness(rng.uniform(0.03, 0.3) * elastic / (drift**3).std())
+    return laws.CoulombFriction(rng.uniform(0.03, 0.3) * elastic)
+
+
+# -- what the data can tell ----------------------------------------------------
+
+
+def visibility(
+    change: Change, tests: list[Record], noise: np.ndarray
 ) -> tuple[float, float]:
-    """Size of a change in the common domain, and in standard errors if all but the
-    coefficients were known.
+    """Size of a change in the common domain, and in standard errors.
+
+    The errors are those of a fit that knows all but the coefficients of the storey.
     """
-    if not place:
+    if not change.place:
         return 0.0, 0.0
-    j = int(place.split()[1]) - 1
-    storey = f"storey {j + 1}"
-    rows, lefts = [], []
-    motions = [
-        [np.diff(y, axis=1, prepend=0.0)[:, j] for y in (r.velocity, r.displacement)]
-        for r in (first, second)
-    ]
-    reach = [min(np.abs(a).max(), np.abs(b).max()) for a, b in zip(*motions)]
-    for at, (record, (v, s)) in enumerate(zip((first, second), motions)):
-        motion = laws.Motion(s, v, record.acceleration[:, j], record.time)
-        own = np.column_stack(
-            [x for law in healthy.laws[storey] for x in law.features(motion).T]
-        )
-        inside = (np.abs(v) <= reach[0]) & (np.abs(s) <= reach[1])
-        if place.startswith("dof"):
-            change = (changed.masses - healthy.masses)[j] * record.acceleration[:, j]
-        else:
-            change = changed.laws[storey][-1].force(motion)
-        rms_F, rms_a = (
-            record.force[:, j:].std(axis=0),
-            record.acceleration[:, j:].std(axis=0),
-        )
-        sigma = max(noise[at], 1e-4) * np.sqrt(
-            (rms_F**2).sum() + ((healthy.masses[j:] * rms_a) ** 2).sum()
-        )
-        rows.append(np.column_stack([own, change * at])[inside] / sigma)
-        lefts.append(
-            (
-                change[inside],
-                own[inside, 1] * healthy.restoring_forces[storey].linear_part()["k"],
-            )
-        )
-    both = np.vstack(rows)
-    other, column = both[:, :-1], both[:, -1]
-    other = other / np.linalg.norm(other, axis=0)
-    left = column - other @ np.linalg.lstsq(other, column, rcond=None)[0]
-    change, elastic = lefts[1]
-    return float(np.std(change) / np.std(elastic)), float(np.linalg.norm(left))
+    motions = [motion_of(test, change.dof) for test in tests]
+    reach = [np.min([abs(m.v).max() for m in motions])]
+    reach.append(np.min([abs(m.s).max() for m in motions]))
+
+    rows = []
+    for number, (test, motion) in enumerate(zip(tests, motions)):
+        inside = (np.abs(motion.v) <= reach[0]) & (np.abs(motion.s) <= reach[1])
+        columns = columns_of(change, motion)
+        force = force_of(change, motion)
+        sigma = force_noise(change, test, noise[number])
+        rows.append(np.column_stack([columns, force * number])[inside] / sigma)
+
+    elastic = columns[inside, 1] * stiffness_of(change)
+    size = np.std(force[inside]) / np.std(elastic)
+    return float(size), unexplained(np.vstack(rows))
 
 
-def run(number: int) -> dict[str, Any]:
-    """What `compare_tests` says of a pair."""
+def motion_of(test: Record, dof: int) -> laws.Motion:
+    """Motion of the storey below a DOF."""
+    s, v = (
+        np.diff(y, axis=1, prepend=0.0)[:, dof - 1]
+        for y in (test.displacement, test.velocity)
+    )
+    return laws.Motion(s, v, test.acceleration[:, dof - 1], test.time)
+
+
+def stiffness_of(change: Change) -> float:
+    """Stiffness of the storey before the change, N/m."""
+    forces = change.healthy.restoring_forces[f"storey {change.dof}"]
+    return forces.linear_part()["k"]
+
+
+def columns_of(change: Change, motion: laws.Motion) -> np.ndarray:
+    """Features of the storey's laws before the change."""
+    storey = change.healthy.laws[f"storey {change.dof}"]
+    return np.hstack([law.features(motion) for law in storey])
+
+
+def force_of(change: Change, motion: laws.Motion) -> np.ndarray:
+    """Force of the change along a motion: of its law, or of the added mass."""
+    if change.place.startswith("dof"):
+        added = change.changed.masses - change.healthy.masses
+        return added[change.dof - 1] * motion.a
+    return change.changed.laws[change.place][-1].force(motion)
+
+
+def force_noise(change: Change, test: Record, noise: float) -> float:
+    """Noise of the storey's force, which is the balance of all floors above it, N."""
+    above = slice(change.dof - 1, None)
+    forces = test.force[:, above].std(axis=0)
+    inertias = change.healthy.masses[above] * test.acceleration[:, above].std(axis=0)
+    return max(noise, LEAST_NOISE) * np.sqrt((forces**2).sum() + (inertias**2).sum())
+
+
+def unexplained(rows: np.ndarray) -> float:
+    """Size of the last column in standard errors, beside the others."""
+    others = rows[:, :-1] / np.linalg.norm(rows[:, :-1], axis=0)
+    change = rows[:, -1]
+    fitted = others @ np.linalg.lstsq(others, change, rcond=None)[0]
+    return float(np.linalg.norm(change - fitted))
+
+
+# -- tables --------------------------------------------------------------------
+
+
+def compared(number: int) -> dict[str, Any]:
+    """What ``compare_tests`` says of a pair."""
     case = pair(number)
     start = perf_counter()
-    with warnings.catch_warnings(action="ignore", category=NRFWarning):
-        report = compare_tests(NRFRegressor(degree=1), case.before, case.after)
+    report = quietly(compare_tests, NRFRegressor(degree=1), case.before, case.after)
+    seconds = perf_counter() - start
+
     places = report.changed["place"].tolist()
+    wanted = [case.place] if case.place else []
+    explained = [f"{row.term} of {row.storey}" for row in report.explained.itertuples()]
     return {
         "pair": number,
         "kind": case.kind,
         "place": case.place,
         "size (%)": 100 * case.size,
-        "sure": case.sure,
+        "sure": case.errors,
         "detectable": case.detectable,
         "found": ", ".join(places),
         "terms": "; ".join(report.changed["term"]),
         "change (%)": report.changed["change"].iloc[0] if places else np.nan,
-        "first right": places[:1] == [case.place] * bool(case.place),
-        "right alone": places == [case.place] * bool(case.place),
-        "apart": ", ".join(
-            f"{r.term} of {r.storey}" for r in report.explained.itertuples()
-        ),
-        "seconds": perf_counter() - start,
+        "first right": places[:1] == wanted,
+        "right alone": places == wanted,
+        "apart": ", ".join(explained),
+        "seconds": seconds,
         "about": case.about,
     }
 
 
-def table(numbers: Any) -> pd.DataFrame:
+def table(numbers: Iterable[int]) -> pd.DataFrame:
     """One row for each pair."""
-    return pd.DataFrame([run(i) for i in numbers]).set_index("pair")
+    return pd.DataFrame([compared(number) for number in numbers]).set_index("pair")
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """By kind: pairs, those detectable (or with nothing to detect), right place (or
-    silence), and no other place.
+    """By kind: pairs, those that are asked, right place (or silence), no other place.
+
+    Of changes those are asked that are detectable.
     """
+    groups = {kind: (kind,) for kind in KINDS}
+    groups |= {"changes": CHANGES, "nothing": NOTHING}
     out = {}
-    for kind in [*KINDS, "changes", "nothing"]:
-        some = rows[
-            rows["kind"].isin(
-                {"changes": set(KINDS) - set(NOTHING), "nothing": NOTHING}.get(
-                    kind, [kind]
-                )
-            )
-        ]
-        asked = some if kind in (*NOTHING, "nothing") else some[some["detectable"]]
-        first = asked["right alone" if kind in (*NOTHING, "nothing") else "first right"]
-        out[kind] = {
-            "pairs": len(some),
+    for name, kinds in groups.items():
+        pairs = rows[rows["kind"].isin(kinds)]
+        asked = pairs
+        right = asked["right alone"]
+        if kinds[0] in CHANGES:
+            asked = pairs[pairs["detectable"]]
+            right = asked["first right"]
+        out[name] = {
+            "pairs": len(pairs),
             "asked": len(asked),
-            "right place (%)": 100 * first.mean(),
+            "right place (%)": 100 * right.mean(),
             "and no other (%)": 100 * asked["right alone"].mean(),
         }
     return pd.DataFrame.from_dict(out, orient="index")
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Print the summary and the pairs that went wrong."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="five pairs")
+    parser = options_of(__doc__, quick="five pairs")
     parser.add_argument("--out", type=Path, help="folder for a CSV file of all pairs")
-    args = parser.parse_args(argv)
-    rows = table(QUICK if args.quick else range(200))
+    options = parser.parse_args(arguments)
+
+    rows = table(QUICK if options.quick else range(200))
     wrong = rows[~rows["right alone"]]
     print(summary(rows).to_string(float_format="{:.1f}".format))
     print(
@@ -272,9 +338,7 @@ def main(argv: list[str] | None = None) -> int:
         " alone:"
     )
     print(wrong.to_string(float_format="{:.3g}".format))
-    if args.out:
-        args.out.mkdir(parents=True, exist_ok=True)
-        rows.to_csv(args.out / "damage.csv")
+    write_csv(rows, options.out, "damage")
     return 0
 
 

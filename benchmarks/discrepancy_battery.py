@@ -1,11 +1,9 @@
-"""Blind battery for ``close_loop``: is the right effect found, at the right site, and
-nothing where there is nothing?
+"""Blind battery for ``close_loop``: the right effect at the right site, or nothing?
 
     python benchmarks/discrepancy_battery.py --quick
-    python benchmarks/discrepancy_battery.py                         # everything: hours on two cores
+    python benchmarks/discrepancy_battery.py         # everything: hours on two cores
     python benchmarks/discrepancy_battery.py --group blind --noise 0.05 --cases 40
-    --seed 7 python benchmarks/discrepancy_battery.py --group three acceleration --cases
-    10
+    python benchmarks/discrepancy_battery.py --group three acceleration --seed 7
 
 Cases are drawn and simulated by formulas and an integrator of their own
 (battery/formulas.py); the loop is given the noisy channels (F of the forced DOFs, a, v,
@@ -17,24 +15,24 @@ per row.
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
 from pathlib import Path
+from typing import Any
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
-sys.path.insert(0, str(Path(__file__).parent))
-
-import numpy as np  # noqa: E402
-import pandas as pd  # noqa: E402
-from battery.generators import KINDS, Case, effect_cycle, make_case  # noqa: E402
-from battery.sensors import FAULTS  # noqa: E402
+import search_path
+import numpy as np
+import pandas as pd
+from battery.generators import KINDS, effect_cycle, make_case
+from battery.scorer import FAMILY, run_case
+from battery.sensors import FAULTS
+from harness import options_of
+from joblib import Parallel, delayed
+from tqdm import tqdm
 
 # Three in five at 5 %: there few effects stand out of the noise far enough to be
 # eligible.
 BLIND_NOISE = (0.0, 0.05, 0.01, 0.05, 0.05)
 NOTHING_NOISE = (0.0, 0.01, 0.02, 0.05, 0.10)
+# Cases of each group.
 SIZES = {
     "base": 66,
     "blind": 360,
@@ -46,6 +44,9 @@ SIZES = {
     "sensors": 200,
     "every": 40,
 }
+QUICK = {"base": 1, "blind": 3, "nothing": 1, "withheld": 1, "sensors": 1}
+# Short records of small chains.
+SMALL = {"n_samples": 4096, "most": 3}
 # Kinds that every storey may have.
 EVERY = (
     "coulomb",
@@ -59,121 +60,107 @@ EVERY = (
 )
 # Effects at once.
 NUMBER = {"two": 2, "three": 3}
-# Short records of small chains.
-SMALL = {"n_samples": 4096, "most": 3}
-QUICK = {
-    **dict.fromkeys(SIZES, 1),
-    "blind": 3,
-    "two": 0,
-    "three": 0,
-    "acceleration": 0,
-    "every": 0,
-}
+LEAST_MASSES = {**NUMBER, "every": 4}
+# Groups of one effect each.
+SINGLE = ("blind", "base", "acceleration")
+# Right answers in percent, by noise.
 TARGET = {0.0: 97.0, 0.01: 97.0, 0.05: 90.0}
+TARGET_ACCELERATION = 90.0
 SURE_RIGHT, RIGHT_SURE = 97.0, 60.0
 
 
+# -- what to draw --------------------------------------------------------------
+
+
 def specifications(
-    group: str, count: int, seed: int, noise: float | None = None, **size
+    group: str, count: int, seed: int, noise: float | None = None, **size: int
 ) -> list[dict]:
-    """What to draw for one group: kinds are dealt in turn, and each meets each noise
-    level in turn.
+    """Arguments of ``make_case`` for the cases of one group.
+
+    Kinds are dealt in turn, and each meets each noise level in turn; ``noise`` is one
+    level for all.
     """
     rng = np.random.default_rng([seed, len(group), ord(group[0])])
+    first = seed * 100_000 + 1000 * list(SIZES).index(group)
     out = []
     for i in range(count):
-        spec = {
-            "name": f"{group} {i}",
-            "group": group,
-            "seed": seed * 100_000 + 1000 * list(SIZES).index(group) + i,
-            **size,
-        }
-        if group in ("blind", "base"):
-            kinds = [
-                k
-                for k in effect_cycle(6, group == "base")
-                if group == "blind" or k not in ("harmonic", "constant")
-            ]
-            level = BLIND_NOISE[i % len(BLIND_NOISE)]
-            spec |= {
-                "kinds": (kinds[5 * i % len(kinds)],),
-                "noise": level if noise is None else noise,
-                "base": group == "base",
-            }
-        elif group == "nothing":
-            level = NOTHING_NOISE[i % len(NOTHING_NOISE)]
-            spec |= {
-                "noise": level if noise is None else noise,
-                "degree": (1, 3)[(i // len(NOTHING_NOISE)) % 2],
-            }
-        elif group == "withheld":
-            spec |= {
-                "kinds": (KINDS[i % len(KINDS)],),
-                "noise": 0.01 if noise is None else noise,
-            }
-        elif group == "acceleration":  # which tell no constant
-            kinds = [k for k in effect_cycle(6, False) if k != "constant"]
-            spec |= {
-                "kinds": (kinds[5 * i % len(kinds)],),
-                "noise": 0.005 if noise is None else noise,
-            }
-            spec |= {"accelerations_only": True}
-        elif group == "every":
-            spec |= {
-                "kinds": (EVERY[i % len(EVERY)],),
-                "noise": 0.01 if noise is None else noise,
-                "every": True,
-            }
-        elif group == "sensors":
-            spec |= {
-                "sensors": FAULTS[i % len(FAULTS)],
-                "noise": 0.002 if noise is None else noise,
-            }
-        else:
-            spec |= {
-                "kinds": _several(rng, NUMBER[group]),
-                "noise": 0.01 if noise is None else noise,
-            }
-            if "most" in size:
-                spec["most"] = max(size["most"], NUMBER[group])
+        spec = {"name": f"{group} {i}", "group": group, "seed": first + i, **size}
+        spec |= details(rng, group, i)
+        if noise is not None:
+            spec["noise"] = noise
+        if "most" in size:
+            spec["most"] = max(size["most"], LEAST_MASSES.get(group, 1))
         out.append(spec)
     return out
 
 
-def _several(rng, count: int) -> tuple[str, ...]:
-    """Kinds of different families."""
-    from battery.scorer import FAMILY
+def details(rng: np.random.Generator, group: str, i: int) -> dict[str, Any]:
+    """Effects, noise and peculiarities of the i-th case of a group."""
+    if group in ("blind", "base"):
+        return {
+            "kinds": single_kind(group, i),
+            "noise": BLIND_NOISE[i % len(BLIND_NOISE)],
+            "base": group == "base",
+        }
+    if group == "nothing":
+        return {
+            "noise": NOTHING_NOISE[i % len(NOTHING_NOISE)],
+            "degree": (1, 3)[(i // len(NOTHING_NOISE)) % 2],
+        }
+    if group == "withheld":
+        return {"kinds": (KINDS[i % len(KINDS)],), "noise": 0.01}
+    if group == "acceleration":
+        return {
+            "kinds": single_kind(group, i),
+            "noise": 0.005,
+            "accelerations_only": True,
+        }
+    if group == "every":
+        return {"kinds": (EVERY[i % len(EVERY)],), "noise": 0.01, "every": True}
+    if group == "sensors":
+        return {"sensors": FAULTS[i % len(FAULTS)], "noise": 0.002}
+    return {"kinds": several(rng, NUMBER[group]), "noise": 0.01}
 
+
+def single_kind(group: str, i: int) -> tuple[str]:
+    """The kind of the i-th case; neighbours in the list are far apart."""
+    impossible = {
+        "blind": (),
+        "base": ("harmonic", "constant"),
+        "acceleration": ("constant",),  # accelerations tell none
+    }
+    kinds = effect_cycle(6, group == "base")
+    kinds = [kind for kind in kinds if kind not in impossible[group]]
+    return (kinds[5 * i % len(kinds)],)
+
+
+def several(rng: np.random.Generator, count: int) -> tuple[str, ...]:
+    """Kinds of different families."""
     while True:
         kinds = tuple(map(str, rng.choice(KINDS, count, replace=False)))
         if len({FAMILY[kind] for kind in kinds}) == count:
             return kinds
 
 
+# -- running -------------------------------------------------------------------
+
+
 def run(spec: dict) -> dict:
     """Draw, simulate, search and score one case."""
-    from battery.scorer import run_case
-
-    case: Case = make_case(**spec)
-    return run_case(case)
+    return run_case(make_case(**spec))
 
 
 def run_all(specs: list[dict], jobs: int, out: Path | None = None) -> pd.DataFrame:
-    """All cases, in parallel, as a table with one row for each; written to ``out``
-    after every case.
-    """
-    from joblib import Parallel, delayed
-    from tqdm import tqdm
+    """All cases, in parallel; one row for each, written to ``out`` as they come."""
+    order = {spec["name"]: i for i, spec in enumerate(specs)}
+    calls = (delayed(run)(spec) for spec in specs)
+    results = Parallel(n_jobs=jobs, return_as="generator_unordered")(calls)
 
-    order = {s["name"]: i for i, s in enumerate(specs)}
     rows: list[dict] = []
     table = pd.DataFrame()
-    found = Parallel(n_jobs=jobs, return_as="generator_unordered")(
-        delayed(run)(s) for s in specs
-    )
-    for row in tqdm(found, total=len(specs), unit="case"):
+    for row in tqdm(results, total=len(specs), unit="case"):
         rows.append(row)
-        table = pd.DataFrame(sorted(rows, key=lambda r: order[r["case"]]))
+        table = pd.DataFrame(sorted(rows, key=lambda row: order[row["case"]]))
         if out is not None:
             table.to_csv(out, index=False)
     return table
@@ -182,184 +169,184 @@ def run_all(specs: list[dict], jobs: int, out: Path | None = None) -> pd.DataFra
 # -- what is printed -----------------------------------------------------------
 
 
-def percent(part, whole) -> str:
-    return f"{100 * part / whole:.1f}" if whole else "-"
+def percent(part: int, total: int) -> str:
+    return f"{100 * part / total:.1f}" if total else "-"
 
 
-def summary(table: pd.DataFrame) -> list[str]:
-    """Markdown lines, one small table for each group."""
-    out = []
-    found = table[table.group.isin(["blind", "base", "acceleration"])]
-    if len(found):
-        out += [
-            (
-                "| group | noise % | cases | eligible | right site and family % | site"
-                " % | family % | target % | parameters: median error % | held-out"
-                " error: median before % | after % | median CPU s |"
-            ),
-            "|---|" + "---:|" * 11,
-        ]
-        for (group, noise), part in found.groupby(["group", "noise %"]):
-            able = part[part.eligible]
-            errors = (
-                np.concatenate([np.ravel(e) for e in able["parameter errors"]])
-                if len(able)
-                else np.zeros(0)
-            )
-            cells = [
-                group,
-                f"{noise:g}",
-                len(part),
-                len(able),
-                percent(able.right.sum(), len(able)),
-                percent(able["right site"].sum(), len(able)),
-                percent(able["right family"].sum(), len(able)),
-                (
-                    90.0
-                    if group == "acceleration"
-                    else TARGET.get(round(noise / 100, 4), "-")
-                ),
-                f"{100 * np.median(errors):.1f}" if len(errors) else "-",
-                f"{able['error before'].median():.2g}" if len(able) else "-",
-                f"{able['error after'].median():.2g}" if len(able) else "-",
-                f"{part.cpu.median():.1f}",
-            ]
-            out.append("| " + " | ".join(map(str, cells)) + " |")
-        out.append("")
-    for group, what, target in (
-        ("nothing", "nothing to find: nothing added", "99"),
-        (
-            "sensors",
-            "imperfect sensors, nothing else: no effect of the structure",
-            "95",
-        ),
-        ("withheld", "not in the catalogue: no confident wrong name", "100"),
-        ("two", "two effects: both found (eligible cases)", "92"),
-        ("three", "three effects: all found (eligible cases)", "85"),
-        (
-            "every",
-            "an effect in every storey of four to six: all found (eligible cases)",
-            "85",
-        ),
-    ):
+def in_cells(values: list) -> str:
+    """A row of a table in Markdown."""
+    return f"| {' | '.join(map(str, values))} |"
+
+
+def single_effects(table: pd.DataFrame) -> list[str]:
+    """Right answers of the groups with one effect each, by noise."""
+    rows = table[table.group.isin(SINGLE)]
+    if rows.empty:
+        return []
+    columns = (
+        "group",
+        "noise %",
+        "cases",
+        "eligible",
+        "right site and family %",
+        "site %",
+        "family %",
+        "target %",
+        "parameters: median error %",
+        "held-out error: median before %",
+        "after %",
+        "median CPU s",
+    )
+    lines = [in_cells(columns), "|---|" + "---:|" * (len(columns) - 1)]
+    for (group, noise), part in rows.groupby(["group", "noise %"]):
+        lines.append(in_cells([group, f"{noise:g}", *answers(group, noise, part)]))
+    return [*lines, ""]
+
+
+def answers(group: str, noise: float, part: pd.DataFrame) -> list:
+    """Cells of one group at one noise."""
+    able = part[part.eligible]
+    count = len(able)
+    target = TARGET.get(round(noise / 100, 4), "-")
+    medians = ["-", "-", "-"]
+    if count:
+        errors = np.concatenate([np.ravel(e) for e in able["parameter errors"]])
+        if len(errors):
+            medians[0] = f"{100 * np.median(errors):.1f}"
+        medians[1] = f"{able['error before'].median():.2g}"
+        medians[2] = f"{able['error after'].median():.2g}"
+    return [
+        len(part),
+        count,
+        percent(able.right.sum(), count),
+        percent(able["right site"].sum(), count),
+        percent(able["right family"].sum(), count),
+        TARGET_ACCELERATION if group == "acceleration" else target,
+        *medians,
+        f"{part.cpu.median():.1f}",
+    ]
+
+
+# of the other groups what is counted, and the target in percent
+COUNTED = {
+    "nothing": ("nothing to find: nothing added", 99),
+    "sensors": ("imperfect sensors, nothing else: no effect of the structure", 95),
+    "withheld": ("not in the catalogue: no confident wrong name", 100),
+    "two": ("two effects: both found (eligible cases)", 92),
+    "three": ("three effects: all found (eligible cases)", 85),
+    "every": (
+        "an effect in every storey of four to six: all found (eligible cases)",
+        85,
+    ),
+}
+
+
+def other_groups(table: pd.DataFrame) -> list[str]:
+    """Right answers of the groups with several effects, or none."""
+    lines = []
+    for group, (what, target) in COUNTED.items():
         part = table[table.group == group]
-        if group in NUMBER or group == "every":
+        if group in (*NUMBER, "every"):
             part = part[part.eligible.astype(bool)]
-        if len(part):
-            out.append(
-                f"- {what}: {percent(part.right.sum(), len(part))} % of {len(part)}"
-                f" (target {target} %)"
-            )
-            if group == "nothing":
-                out += [
-                    f"  - noise {x:g} %: {p.right.sum()} of {len(p)}"
-                    for x, p in part.groupby("noise %")
-                ]
-            if group == "sensors":
-                out += [
-                    f"  - {x}: {p.right.sum()} of {len(p)}"
-                    for x, p in part.groupby("sensors", sort=False)
-                ]
-                wrong = part[~part.right & (part.sure > 0)]
-                out.append(
-                    f"  - wrong with a sure name: {percent(len(wrong), len(part))} %"
-                    " (target 1 %)"
-                )
-    return out + certainty(table)
+        if part.empty:
+            continue
+        share = percent(part.right.sum(), len(part))
+        lines.append(f"- {what}: {share} % of {len(part)} (target {target} %)")
+        if group == "nothing":
+            lines += right_by(part, "noise %", "noise {:g} %")
+        if group == "sensors":
+            lines += right_by(part, "sensors", "{}")
+            wrong = part[~part.right & (part.sure > 0)]
+            share = percent(len(wrong), len(part))
+            lines.append(f"  - wrong with a sure name: {share} % (target 1 %)")
+    return lines
+
+
+def right_by(part: pd.DataFrame, column: str, label: str) -> list[str]:
+    """Right answers by the values of a column."""
+    lines = []
+    for value, rows in part.groupby(column, sort=column != "sensors"):
+        name = label.format(value)
+        lines.append(f"  - {name}: {rows.right.sum()} of {len(rows)}")
+    return lines
 
 
 def certainty(table: pd.DataFrame) -> list[str]:
     """What "sure" and "confirmed" are worth, over all cases."""
     if "claims" not in table:
         return []
-    steps, claims, right, sure, both = (
-        int(table[name].fillna(0).sum())
-        for name in ("steps", "claims", "names right", "sure", "sure right")
-    )
+    columns = ["steps", "claims", "names right", "sure", "sure right"]
+    steps, claims, right, sure, both = table[columns].fillna(0).sum().astype(int)
     return [
-        (
-            f"- sure names that are right: {percent(both, sure)} % of {sure} (target"
-            f" {SURE_RIGHT:g} %)"
-        ),
-        (
-            f"- right names that are sure: {percent(both, right)} % of {right} (target"
-            f" {RIGHT_SURE:g} %)"
-        ),
+        f"- sure names that are right: {percent(both, sure)} % of {sure}"
+        f" (target {SURE_RIGHT:g} %)",
+        f"- right names that are sure: {percent(both, right)} % of {right}"
+        f" (target {RIGHT_SURE:g} %)",
         f"- effects that held-out data did not confirm: {steps - claims} of {steps}",
     ]
 
 
 def by_effect(table: pd.DataFrame) -> list[str]:
     """Right answers by kind of effect and noise."""
-    part = table[
-        table.group.isin(["blind", "base", "acceleration"])
-        & table.eligible.astype(bool)
-    ]
-    if not len(part):
+    part = table[table.group.isin(SINGLE) & table.eligible.astype(bool)]
+    if part.empty:
         return []
     levels = sorted(part["noise %"].unique())
-    out = [
-        "",
-        "| effect | " + " | ".join(f"{x:g} %" for x in levels) + " |",
-        "|---|" + "---:|" * len(levels),
-    ]
-    for effect, mine in part.groupby("effect", sort=False):
-        cells = [
-            f"{p.right.sum()}/{len(p)}" if len(p := mine[mine["noise %"] == x]) else "-"
-            for x in levels
-        ]
-        out.append(f"| {effect} | " + " | ".join(cells) + " |")
-    return out
+    heads = [f"{level:g} %" for level in levels]
+    lines = ["", in_cells(["effect", *heads]), "|---|" + "---:|" * len(levels)]
+    for effect, rows in part.groupby("effect", sort=False):
+        cells = [effect]
+        for level in levels:
+            cases = rows[rows["noise %"] == level]
+            score = f"{cases.right.sum()}/{len(cases)}"
+            cells.append(score if len(cases) else "-")
+        lines.append(in_cells(cells))
+    return lines
+
+
+FAILURE_COLUMNS = {
+    "case": "case",
+    "noise %": "noise %",
+    "n": "n",
+    "forced": "forced",
+    "excitation": "excitation",
+    "effect": "effect",
+    "site": "site",
+    "share %": "share %",
+    "heard": "heard",
+    "found": "found",
+    "stopped": "stopped",
+    "error before": "held-out error: before",
+    "error after": "after",
+}
 
 
 def failures(table: pd.DataFrame) -> list[str]:
     """One row for each failure, with what was found instead."""
-    table = table.assign(
-        found=table.get("found", pd.Series("", index=table.index)).fillna("")
-    )
-    wrong = table[~table.right.astype(bool)]
-    wrong = wrong[
-        (wrong.eligible.astype(bool))
-        | wrong.group.isin(["nothing", "withheld", "sensors"])
-    ]
-    if not len(wrong):
+    always = table.group.isin(["nothing", "withheld", "sensors"])
+    asked = always | table.eligible.astype(bool)
+    wrong = table[asked & ~table.right.astype(bool)]
+    if wrong.empty:
         return ["", "No failures."]
-    columns = [
-        "case",
-        "noise %",
-        "n",
-        "forced",
-        "excitation",
-        "effect",
-        "site",
-        "share %",
-        "heard",
-        "found",
-        "stopped",
-    ]
-    header = [*columns, "held-out error: before", "after"]
-    out = ["", "| " + " | ".join(header) + " |", "|---|" + "---|" * (len(header) - 1)]
-    for _, r in wrong.iterrows():
-        cells = [r[c] for c in columns] + [
-            r.get("error before", np.nan),
-            r.get("error after", np.nan),
-        ]
-        out.append(
-            "| "
-            + " | ".join(
-                f"{x:.3g}" if isinstance(x, float) else str(x) or "nothing"
-                for x in cells
-            )
-            + " |"
-        )
-    return out
+
+    shown = wrong.reindex(columns=list(FAILURE_COLUMNS))
+    shown["found"] = shown["found"].fillna("")
+    lines = ["", in_cells(FAILURE_COLUMNS.values()), "|---" * shown.shape[1] + "|"]
+    for row in shown.itertuples(index=False):
+        lines.append(in_cells([cell(value) for value in row]))
+    return lines
+
+
+def cell(value: Any) -> str:
+    """A value in three digits, or "nothing"."""
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return str(value) or "nothing"
 
 
 def main(arguments: list[str] | None = None) -> pd.DataFrame:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a dozen short cases")
+    """Run the battery and print how often its effects are found."""
+    parser = options_of(__doc__, quick="a dozen short cases")
     parser.add_argument(
         "--group",
         nargs="+",
@@ -379,17 +366,18 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
         default=Path("discrepancy_battery.csv"),
         help="CSV with one row for each case",
     )
-    o = parser.parse_args(arguments)
-    sizes = QUICK if o.quick else SIZES
-    specs = [
-        s
-        for g in o.group
-        for s in specifications(
-            g, o.cases or sizes[g], o.seed, o.noise, **(SMALL if o.quick else {})
-        )
-    ]
-    table = run_all(specs, o.jobs, o.out)
-    print("\n".join([*summary(table), *by_effect(table), *failures(table)]))
+    options = parser.parse_args(arguments)
+
+    size = SMALL if options.quick else {}
+    sizes = QUICK if options.quick else SIZES
+    specs = []
+    for group in options.group:
+        count = options.cases or sizes.get(group, 0)
+        specs += specifications(group, count, options.seed, options.noise, **size)
+    table = run_all(specs, options.jobs, options.out)
+
+    lines = [*single_effects(table), *other_groups(table), *certainty(table)]
+    print("\n".join([*lines, *by_effect(table), *failures(table)]))
     return table
 
 

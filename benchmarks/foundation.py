@@ -1,50 +1,45 @@
-"""What the foundation claims, measured: one table for each topic, PASS or FAIL in every
-row.
+"""What the foundation claims, measured: one table for each topic, PASS or FAIL.
 
     python benchmarks/foundation.py [--quick] [--only TOPIC]
 
-``--quick`` takes fewer seeds, samples and forced floors (under 20 s). Cases,
-independent integrators and least squares in extended precision are those of ``tests``:
-install ``pysindy-nrf[test]``. Measured data: the folder that PYSINDY_NRF_DATA names, or
-``../shared/data``; skipped, with the reason, if absent. Exit code 1 if a row fails.
+``--quick`` takes fewer seeds, samples and forced floors (under 20 s). Some cases are
+those of ``tests``: install ``pysindy-nrf[test]``. Measured data: the folder that
+PYSINDY_NRF_DATA names, or ``../shared/data``; skipped, with the reason, if absent. Exit
+code 1 if a row fails.
 """
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import io
 import json
-import os
+import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
-ROOT = Path(__file__).resolve().parents[1]
-os.environ.setdefault("PYSINDY_NRF_DATA", str(ROOT.parent / "shared" / "data"))
-sys.path[:0] = [str(ROOT / folder) for folder in ("tests", "benchmarks", "examples")]
-sys.path += [str(folder) for folder in (ROOT / "tests").iterdir() if folder.is_dir()]
-
-import chains  # noqa: E402
-import measured_sets  # noqa: E402
-import numpy as np  # noqa: E402
-import pandas as pd  # noqa: E402
-import pysindy as ps  # noqa: E402
-import test_comparison  # noqa: E402
-import test_signals as four_floors  # noqa: E402
-import test_simulation as two_storeys  # noqa: E402
-from bad_inputs_battery import every_kind, judge  # noqa: E402
-from paper_tables import independent_masses  # noqa: E402
+import search_path
+import chains
+import measured_sets
+import numpy as np
+import pandas as pd
+import pysindy as ps
+import smooth_motions
+from bad_inputs_battery import every_kind, judge
+from harness import FAIL, Claim, judged, markdown, options_of, quietly
+from independent import (
+    DT,
+    extended_least_squares,
+    force_on_top,
+    independent_masses,
+    motion_by_scipy,
+    two_storeys,
+)
 
 from pysindy_nrf import (
     Chain,
+    ChainModel,
     ChainOptimizer,
     InterstoryPolynomialLibrary,
     KinematicSmoother,
@@ -54,14 +49,14 @@ from pysindy_nrf import (
     compare_with_sindy,
     laws,
 )
-from pysindy_nrf.chain.identifiability import plan_solve_order  # noqa: E402
-from pysindy_nrf.chain.layout import Layout, blocks_of  # noqa: E402
-from pysindy_nrf.equations.chain_solve import solve_blocks  # noqa: E402
-from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.simulation import free_run  # noqa: E402
+from pysindy_nrf.chain.identifiability import plan_solve_order
+from pysindy_nrf.chain.layout import Layout, blocks_of
+from pysindy_nrf.equations.chain_solve import solve_blocks
+from pysindy_nrf.exceptions import NRFError
+from pysindy_nrf.simulation import free_run
 
-Row = tuple[str, str, str]  # claim, measured, verdict
 EXACT = 1e-8
+# a claim of the page, and the kind of bad input that stands for it
 REPRESENTATIVE = {
     "wrong number of columns": "one column short",
     "NaN samples": "NaN inside",
@@ -78,235 +73,216 @@ REPRESENTATIVE = {
 }
 
 
-def row(claim: str, measured: str, so: bool) -> Row:
-    return claim, measured, "PASS" if so else "FAIL"
+def below(claim: str, value: float, limit: float, unit: str = "") -> Claim:
+    """A number that must stay below a limit."""
+    asked = f"{claim}: below {limit:g}{unit}"
+    return judged(asked, f"{value:.2g}{unit}", bool(value < limit))
 
 
-def below(claim: str, value: float, limit: float, unit: str = "") -> Row:
-    return row(
-        f"{claim}: below {limit:g}{unit}", f"{value:.2g}{unit}", bool(value < limit)
-    )
-
-
-def show(title: str, rows: list[Row]) -> None:
-    cells = [tuple(cell.replace("|", "\\|") for cell in r) for r in rows]
-    print(f"## {title}\n\n| claim | measured | |\n|---|---|---|")
-    print(
-        "\n".join(
-            f"| {claim} | {measured} | {verdict} |"
-            for claim, measured, verdict in cells
-        ),
-        flush=True,
-    )
-
-
-def rms(y: np.ndarray, axis: int | None = 0):
-    return np.sqrt(np.mean(np.square(y), axis=axis))
-
-
-def parameter_error(model: NRFRegressor, case: chains.Case) -> float:
-    """Worst relative error of masses and true coefficients."""
-    found = [model.restoring_forces_[i].coefficients for i in range(1, case.n + 1)]
-    truth = {"v": case.c, "s": case.k, **({"s^3": case.k3} if case.k3.any() else {})}
-    return max(
-        chains.worst(model.masses_, case.m),
-        *(chains.worst([f[t] for f in found], y) for t, y in truth.items()),
-    )
-
-
-def absent(model: NRFRegressor, case: chains.Case) -> float:
-    return chains.absent_share(
-        model, case, ("v", "s", "s^3") if case.k3.any() else ("v", "s")
-    )
+def rms(y: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.mean(np.square(y), axis=0))
 
 
 # -- 1: noise-free chains ------------------------------------------------------
 
 
-def exact_rows(name: str, cases: list[chains.Case], **options) -> list[Row]:
+def true_terms(case: chains.Case) -> dict[str, np.ndarray]:
+    """Coefficients of the terms that a chain has."""
+    terms = {"v": case.c, "s": case.k}
+    if case.k3.any():
+        terms["s^3"] = case.k3
+    return terms
+
+
+def parameter_error(model: NRFRegressor, case: chains.Case) -> float:
+    """Worst relative error of masses and true coefficients."""
+    storeys = [model.restoring_forces_[i].coefficients for i in range(1, case.n + 1)]
+    errors = [chains.worst(model.masses_, case.m)]
+    for term, truth in true_terms(case).items():
+        errors.append(chains.worst([storey[term] for storey in storeys], truth))
+    return max(errors)
+
+
+def absent_terms(model: NRFRegressor, case: chains.Case) -> float:
+    """Largest term that the chain does not have, as a share of the storey's force."""
+    return chains.absent_share(model, case, tuple(true_terms(case)))
+
+
+def exact_rows(name: str, cases: list[chains.Case], **options) -> list[Claim]:
+    """Claims on a group of chains."""
     models = [NRFRegressor(degree=3, **options).fit(case.X, case.F) for case in cases]
-    done = {m.solve_order_.strategy for m in models}
-    name = f"{name} (chains: {len(cases)}; {' or '.join(sorted(done))})"
+    strategies = sorted({model.solve_order_.strategy for model in models})
+    name = f"{name} (chains: {len(cases)}; {' or '.join(strategies)})"
+    parameters = max(map(parameter_error, models, cases))
+    absent = max(map(absent_terms, models, cases))
     return [
-        below(
-            f"{name}, masses and true coefficients",
-            max(map(parameter_error, models, cases)),
-            EXACT,
-        ),
-        below(
-            f"{name}, absent terms, share of the storey's force",
-            max(map(absent, models, cases)),
-            EXACT,
-        ),
+        below(f"{name}, masses and true coefficients", parameters, EXACT),
+        below(f"{name}, absent terms, share of the storey's force", absent, EXACT),
     ]
 
 
-def noise_free(quick: bool) -> list[Row]:
+def noise_free(quick: bool) -> list[Claim]:
     rows = []
-    for kind, cubic in (("linear", False), ("Duffing", True)):
-        seeds, sizes, large = (
-            (range(1), (1, 2, 4), 10) if quick else (range(3), range(1, 11), 50)
-        )
-        single = [
-            c
-            for n in sizes
-            for q in seeds
-            for c in chains.each_single(n, n + 100 * q, 800, cubic=cubic)
-        ]
-        every = [
-            chains.duffing(n, range(1, n + 1), n + 100 * q, 800, cubic=cubic)
-            for n in sizes
-            for q in seeds
-        ]
-        some = (1, large) if quick else range(1, large + 1)
-        tall = [chains.duffing(large, [j], 3, 50 * large, cubic=cubic) for j in some]
-        name = f"{kind}, n = {sizes[0]}..{sizes[-1]}"
-        rows += exact_rows(f"{name}, any one DOF forced", single)
-        rows += exact_rows(f"{name}, all forced", every)
-        rows += exact_rows(f"{name}, all forced", every, strategy="sequential")
-        rows += exact_rows(
-            f"{kind}, n = {large}, DOF {'1 or ' + str(large) if quick else 'any'}"
-            " forced",
-            tall,
-        )
-        whole = [chains.duffing(large, range(1, large + 1), 3, 50 * large, cubic=cubic)]
-        rows += exact_rows(f"{kind}, n = {large}, all forced", whole)
-    plain = [c for c in single if c.n <= 4]
-    found = [independent_masses(pd.DataFrame(c.X), pd.DataFrame(c.F)) for c in plain]
-    worst = max(chains.worst(m, c.m) for m, c in zip(found, plain))
+    for kind in ("linear", "Duffing"):
+        rows += small_chains(kind, quick)
+        rows += tall_chains(kind, 10 if quick else 50, quick)
+    return [*rows, plain_least_squares(quick)]
+
+
+def small_chains(kind: str, quick: bool) -> list[Claim]:
+    """Chains of up to ten DOFs, one of them forced or all."""
+    cubic = kind == "Duffing"
+    single, every = [], []
+    sizes = (1, 2, 4) if quick else range(1, 11)
+    for n in sizes:
+        for draw in range(1 if quick else 3):
+            seed = n + 100 * draw
+            single += chains.each_single(n, seed, 800, cubic=cubic)
+            every.append(chains.duffing(n, range(1, n + 1), seed, 800, cubic=cubic))
+    name = f"{kind}, n = {sizes[0]}..{sizes[-1]}"
     return [
-        *rows,
-        below(
-            "for comparison: plain sequential least squares in NumPy, masses, n = 1..4",
-            worst,
-            EXACT,
-        ),
+        *exact_rows(f"{name}, any one DOF forced", single),
+        *exact_rows(f"{name}, all forced", every),
+        *exact_rows(f"{name}, all forced", every, strategy="sequential"),
     ]
+
+
+def tall_chains(kind: str, n: int, quick: bool) -> list[Claim]:
+    """Chains of many DOFs, one of them forced or all."""
+    dofs = (1, n) if quick else range(1, n + 1)
+    draw = partial(chains.duffing, seed=3, n_samples=50 * n, cubic=kind == "Duffing")
+    where = f"DOF {f'1 or {n}' if quick else 'any'} forced"
+    single = [draw(n, [dof]) for dof in dofs]
+    return [
+        *exact_rows(f"{kind}, n = {n}, {where}", single),
+        *exact_rows(f"{kind}, n = {n}, all forced", [draw(n, range(1, n + 1))]),
+    ]
+
+
+def plain_least_squares(quick: bool) -> Claim:
+    """Duffing chains of up to four DOFs, solved without the package."""
+    errors = []
+    for n in (1, 2, 4) if quick else (1, 2, 3, 4):
+        for draw in range(1 if quick else 3):
+            for case in chains.each_single(n, n + 100 * draw, 800, cubic=True):
+                masses = independent_masses(case.X, case.F)
+                errors.append(chains.worst(masses, case.m))
+    name = "for comparison: plain sequential least squares in NumPy, masses, n = 1..4"
+    return below(name, max(errors), EXACT)
 
 
 # -- 2: three entrances --------------------------------------------------------
 
 
-def entrances(quick: bool) -> list[Row]:
+def entrances(quick: bool) -> list[Claim]:
     rows = []
     for forced in ([3], [1, 2, 3, 4]):
-        for name, inner in {
-            "least squares": None,
-            "STLSQ": ps.STLSQ(threshold=0.01),
-        }.items():
-            case = chains.duffing(4, forced, seed=1)
-            X = four_floors.with_noise([case.X], 0.02, np.random.default_rng(0))[0]
-            own = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
-            library = InterstoryPolynomialLibrary(3)
-            inside = ps.SINDy(
-                optimizer=ChainOptimizer(inner, terms=library), feature_library=library
-            )
-            inside = inside.fit(X, t=case.dt, x_dot=case.F).optimizer
-            terms, chain = np.asarray(library.transform(X))[:, 4:], Chain(4)
-            solve_order = plan_solve_order(chain, forced, alone=inner is not None)
-            layout = Layout(chain, dict.fromkeys(chain.sites, 9))
-            rows_of = partial(blocks_of, terms, X[:, :4], case.F)
-            direct, _ = solve_blocks(layout, solve_order, rows_of, inner=inner)
-            gaps = [
-                chains.worst(m, own.masses_)
-                for m in (inside.masses_, [direct.masses[j] for j in range(1, 5)])
-            ]
-            for i in range(1, 5):
-                part = slice(9 * (i - 1), 9 * i)
-                size, c = (
-                    rms(terms[:, part]),
-                    own.restoring_forces_[i].coefficients.to_numpy(),
-                )
-                others = (
-                    inside.coef_[i - 1, 4:][part],
-                    direct.coefficients[chain.site(i)],
-                )
-                gaps += [
-                    np.abs((other - c) * size).max() / np.linalg.norm(c * size)
-                    for other in others
-                ]
-            rows.append(
-                below(
-                    f"{name}, DOF {forced} forced, 2 % noise: masses and terms agree",
-                    max(gaps),
-                    1e-10,
-                )
-            )
+        for name, inner in (
+            ("least squares", None),
+            ("STLSQ", ps.STLSQ(threshold=0.01)),
+        ):
+            claim = f"{name}, DOF {forced} forced, 2 % noise: masses and terms agree"
+            rows.append(below(claim, gap_of_entrances(forced, inner), 1e-10))
     return rows
+
+
+def gap_of_entrances(forced: list[int], inner: ps.STLSQ | None) -> float:
+    """Largest difference of the optimizer and of the direct solve from the regressor.
+
+    That of a coefficient counts as a share of its storey's terms.
+    """
+    case = chains.duffing(4, forced, seed=1)
+    X = smooth_motions.with_noise(case.X, 0.02, np.random.default_rng(0))
+    regressor = NRFRegressor(degree=3, optimizer=inner).fit(X, case.F)
+    library = InterstoryPolynomialLibrary(3)
+    optimizer = ChainOptimizer(inner, terms=library)
+    sindy = ps.SINDy(optimizer=optimizer, feature_library=library)
+    optimizer = sindy.fit(X, t=case.dt, x_dot=case.F).optimizer
+    terms = np.asarray(library.transform(X))[:, 4:]
+    masses, coefficients = solved_directly(terms, X[:, :4], case.F, forced, inner)
+
+    gaps = [
+        chains.worst(found, regressor.masses_) for found in (optimizer.masses_, masses)
+    ]
+    for i in range(1, 5):
+        part = slice(9 * (i - 1), 9 * i)
+        size = rms(terms[:, part])
+        own = regressor.restoring_forces_[i].coefficients.to_numpy()
+        for other in (optimizer.coef_[i - 1, 4:][part], coefficients[i]):
+            gap = np.abs((other - own) * size).max()
+            gaps.append(gap / np.linalg.norm(own * size))
+    return max(gaps)
+
+
+def solved_directly(terms, a, F, forced, inner):
+    """Masses and coefficients by storey from the solver of the balances itself."""
+    chain = Chain(4)
+    order = plan_solve_order(chain, forced, alone=inner is not None)
+    layout = Layout(chain, dict.fromkeys(chain.sites, 9))
+    rows_of = partial(blocks_of, terms, a, F)
+    solution, _ = solve_blocks(layout, order, rows_of, inner=inner)
+    storeys = range(1, 5)
+    masses = [solution.masses[j] for j in storeys]
+    return masses, {i: solution.coefficients[chain.site(i)] for i in storeys}
 
 
 # -- 3: simulation -------------------------------------------------------------
 
 
-def simulation(quick: bool) -> list[Row]:
+def simulation(quick: bool) -> list[Claim]:
+    levels = (("linear", 200.0), ("duffing", 800.0), ("dahl", 50.0), ("dahl", 800.0))
     rows = []
-    for kind, level in (
-        ("linear", 200.0),
-        ("duffing", 800.0),
-        ("dahl", 50.0),
-        ("dahl", 800.0),
-    ):
-        model, F = (
-            two_storeys.two_storeys(kind),
-            two_storeys.top_force(level, 150 if quick else 1000),
-        )
-        rest = np.zeros(5 if kind == "dahl" else 4)
-        truth = two_storeys.by_scipy(
-            two_storeys.two_storey_rate(kind), F, two_storeys.DT, rest
-        )[:, :4]
-        run = free_run(model, F, two_storeys.DT)
-        error = np.abs(
-            np.hstack([run.record.displacement, run.record.velocity]) - truth
-        ).max(0) / np.abs(truth).max(0)
-        gap = free_run(
-            model, two_storeys.top_force(level, 2000), two_storeys.DT
-        ).energy_gap
-        rows.append(
-            below(
-                f"{kind}, {level:g} N rms: x and v against SciPy's DOP853, relative",
-                error.max(),
-                1e-5,
-            )
-        )
-        rows.append(below(f"{kind}, {level:g} N rms: energy balance", gap, 1e-6))
-    return rows + speed(15 if quick else 300)
+    for kind, level in levels:
+        model = two_storeys(kind)
+        F = force_on_top(level, 150 if quick else 1000)
+        truth = motion_by_scipy(kind, F)
+        run = free_run(model, F, DT).record
+        motion = np.hstack([run.displacement, run.velocity])
+        error = np.abs(motion - truth).max(axis=0) / np.abs(truth).max(axis=0)
+        energy = free_run(model, force_on_top(level, 2000), DT).energy_gap
+
+        name = f"{kind}, {level:g} N rms"
+        claim = f"{name}: x and v against SciPy's DOP853, relative"
+        rows.append(below(claim, error.max(), 1e-5))
+        rows.append(below(f"{name}: energy balance", energy, 1e-6))
+    return rows + beside_sindy_simulate(15 if quick else 300)
 
 
-def speed(n: int) -> list[Row]:
+def beside_sindy_simulate(n: int) -> list[Claim]:
     """10 s at 1 kHz through both; PySINDy on the first n samples."""
     case = chains.duffing(4, [3], seed=1, n_samples=10000)
-    state, rate = np.split(case.absolute[:, 4:], 2, axis=1)[::-1], case.a
-    state, rate = np.hstack(state), np.hstack([state[1], rate])
+    a, v, x = np.hsplit(case.absolute, 3)
+    state = np.hstack([x, v])
     library = InterstoryPolynomialLibrary(3, inputs="state")
-    theirs = ps.SINDy(
-        optimizer=StateSpaceChainOptimizer(terms=library), feature_library=library
-    )
-    theirs.fit(state, t=case.dt, x_dot=rate, u=case.F)
+    optimizer = StateSpaceChainOptimizer(terms=library)
+    sindy = ps.SINDy(optimizer=optimizer, feature_library=library)
+    sindy.fit(state, t=case.dt, x_dot=np.hstack([v, a]), u=case.F)
     ours = NRFRegressor(degree=3, dt=case.dt).fit(case.X, case.F)
-    start = dict(
-        x0=state[0, :4], v0=state[0, 4:], hold="cubic"
-    )  # PySINDy joins the forces by a cubic
-    ours.simulate(case.F[:20], **start)  # compile
+    # PySINDy joins the forces by a cubic
+    start = {"x0": x[0], "v0": v[0], "hold": "cubic"}
+    ours.simulate(case.F[:20], **start)  # compiles
+
     began = time.perf_counter()
     run = ours.simulate(case.F, **start).displacement
-    own = time.perf_counter() - began
+    seconds = time.perf_counter() - began
     began = time.perf_counter()
-    slow = theirs.simulate(state[0], np.arange(n) * case.dt, u=case.F[:n])
+    slow = sindy.simulate(state[0], np.arange(n) * case.dt, u=case.F[:n])
     per_row = (time.perf_counter() - began) / n
-    gap = np.abs(slow[:, :4] - run[: len(slow)]).max() / np.abs(slow[:, :4]).max()
-    ratio = per_row * len(case.F) / own
+
+    x_slow = slow[:, :4]
+    gap = np.abs(x_slow - run[: len(slow)]).max() / np.abs(x_slow).max()
+    total = per_row * len(case.F)
+    ratio = total / seconds
     claim = (
         "4 DOFs, 10 s at 1 kHz, same model, one run: at least 500 times faster than"
         " SINDy.simulate"
     )
-    said = f"{ratio:.0f} times: {own:.3f} s against {per_row * len(case.F):.0f} s"
+    measured = (
+        f"{ratio:.0f} times: {seconds:.3f} s against {total:.0f} s (extrapolated per"
+        f" row from {n} samples, {1e3 * per_row:.1f} ms each)"
+    )
     return [
-        row(
-            claim,
-            f"{said} (extrapolated per row from {n} samples, {1e3 * per_row:.1f} ms"
-            " each)",
-            ratio >= 500,
-        ),
+        judged(claim, measured, ratio >= 500),
         below("the two runs agree over these samples, relative", gap, 1e-3),
     ]
 
@@ -314,57 +290,45 @@ def speed(n: int) -> list[Row]:
 # -- 4: the paper's damper -----------------------------------------------------
 
 
-def extended_least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Least squares by Gram-Schmidt, twice, in 80-bit arithmetic."""
-    A = np.asarray(A, dtype=np.longdouble)
-    size = np.sqrt((A**2).sum(axis=0))
-    A, y = A / size, np.asarray(y, dtype=np.longdouble)
-    p = A.shape[1]
-    Q, R = A.copy(), np.zeros((p, p), dtype=np.longdouble)
-    for j in range(p):
-        for _ in range(2):
-            share = Q[:, :j].T @ Q[:, j]
-            R[:j, j] += share
-            Q[:, j] -= Q[:, :j] @ share
-        R[j, j] = np.sqrt((Q[:, j] ** 2).sum())
-        Q[:, j] /= R[j, j]
-    x, z = np.zeros(p, dtype=np.longdouble), Q.T @ y
-    for j in range(p - 1, -1, -1):
-        x[j] = (z[j] - R[j, j + 1 :] @ x[j + 1 :]) / R[j, j]
-    return (x / size).astype(float)
-
-
-def powers(case: Any, i: int) -> np.ndarray:
+def cubic_columns(case: chains.Case, i: int) -> np.ndarray:
     """Columns v^h s^j of a cubic of storey i."""
-    v, s = case.v[:, i - 1], case.s[:, i - 1]
-    return np.column_stack(
-        [v**h * s ** (d - h) for d in range(1, 4) for h in range(d, -1, -1)]
-    )
+    v = case.v[:, i - 1]
+    s = case.s[:, i - 1]
+    columns = []
+    for degree in (1, 2, 3):
+        for h in range(degree, -1, -1):
+            columns.append(v**h * s ** (degree - h))
+    return np.column_stack(columns)
 
 
-def dahl(quick: bool) -> list[Row]:
+def dahl(quick: bool) -> list[Claim]:
     case, *_ = chains.paper_case(duration=2.0 if quick else 4.0)
-    cubic = NRFRegressor(degree=3, strategy="complete").fit(
-        case.X, case.F
-    )  # the paper's way
+    # the paper solves each balance alone
+    cubic = NRFRegressor(degree=3, strategy="complete").fit(case.X, case.F)
     R2 = case.storey_forces[:, 1]
-    gap2 = np.abs(cubic.restoring_force(case.X)[:, 1] - R2).max() / rms(R2)
-    A = np.column_stack([case.a[:, 0], powers(case, 1), -powers(case, 2)])
+    gap_2 = np.abs(cubic.restoring_force(case.X)[:, 1] - R2).max() / rms(R2)
+
+    columns = [case.a[:, 0], cubic_columns(case, 1), -cubic_columns(case, 2)]
+    A = np.column_stack(columns)
     exact = extended_least_squares(A, case.F[:, 0])[:10]
     own = np.array([cubic.masses_[0], *cubic.restoring_forces_[1].coefficients])
-    gap = np.abs((own - exact) * rms(A[:, :10])).max() / rms(case.F[:, 0])
-    held = {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=chains.DAMPER["sigma"])]}
-    true = NRFRegressor(degree=1, laws=held, dt=case.dt).fit(case.X, case.F)
-    m1 = f"m1 = {own[0]:.6f} kg (truth 10; extended {exact[0]:.6f}), "
+    gap_1 = np.abs((own - exact) * rms(A[:, :10])).max() / rms(case.F[:, 0])
+    equal = gap_1 < 1e-9 and abs(own[0] / exact[0] - 1) < 1e-9
+
+    law = [laws.PowerSeries(1), laws.Dahl(sigma=chains.DAMPER["sigma"])]
+    declared = NRFRegressor(degree=1, laws={"storey 1": law}, dt=case.dt)
+    masses = declared.fit(case.X, case.F).masses_
+    claim = (
+        "cubic: numbers of storey 1 equal least squares in 80-bit arithmetic, share"
+        " of the force: below 1e-9"
+    )
+    measured = (
+        f"m1 = {own[0]:.6f} kg (truth 10; extended {exact[0]:.6f}), gap {gap_1:.1e}"
+    )
     return [
-        below("cubic: storey 2, largest error, share of its rms force", gap2, 1e-6),
-        row(
-            "cubic: numbers of storey 1 equal least squares in 80-bit arithmetic, share"
-            " of the force: below 1e-9",
-            f"{m1}gap {gap:.1e}",
-            gap < 1e-9 and abs(own[0] / exact[0] - 1) < 1e-9,
-        ),
-        below("true law in storey 1: masses", chains.worst(true.masses_, case.m), 1e-6),
+        below("cubic: storey 2, largest error, share of its rms force", gap_2, 1e-6),
+        judged(claim, measured, bool(equal)),
+        below("true law in storey 1: masses", chains.worst(masses, case.m), 1e-6),
     ]
 
 
@@ -372,280 +336,253 @@ def dahl(quick: bool) -> list[Row]:
 
 
 def fused(kind: str, seed: int) -> tuple[float, float, float]:
-    """Worst mass error fused and filtered only, percent; worst ratio of edge to middle
-    error.
+    """Worst mass error fused and filtered only, percent; worst ratio of edge to middle.
+
+    The ratio is that of the errors of the fused motion.
     """
-    clean = four_floors.chain_test(kind, seed)
-    F, a, v, x = four_floors.with_noise(clean, 0.05, np.random.default_rng(100 + seed))
-    F[:, [0, 1, 3]] = 0.0
-    record = Record(F, a, v, x, fs=four_floors.FS)
+    clean = smooth_motions.chain_test(kind, seed)
+    rng = np.random.default_rng(100 + seed)
+    channels = (clean.force, clean.a, clean.v, clean.x)
+    noisy = [smooth_motions.with_noise(channel, 0.05, rng) for channel in channels]
+    noisy[0][:, [0, 1, 3]] = 0.0
+    record = Record(*noisy, fs=smooth_motions.FS)
     X, force = record.to_features(smooth=KinematicSmoother())
     raw, _ = record.to_features(smooth=False)
-    band = dict(degree=1, band=(0.5, 60.0), dt=record.dt)
-    found = [
-        NRFRegressor(degree=1).fit(X, force).masses_,
-        NRFRegressor(**band).fit(raw, force).masses_,
-    ]
-    errors = [100 * chains.worst(m, np.full(4, four_floors.MASS)) for m in found]
-    parts = X.to_numpy(copy=True).reshape(len(X), 3, 4)
-    parts[:, 1:] = parts[:, 1:].cumsum(axis=2)
-    gap, edge = parts - np.stack(clean[1:], axis=1), len(X) // 20
-    ratio = max(
-        (rms(gap[cut]) / rms(gap[edge:-edge])).max()
-        for cut in (slice(edge), slice(-edge, None))
+
+    truth = np.full(4, smooth_motions.MASS)
+    masses = NRFRegressor(degree=1).fit(X, force).masses_
+    filtered = NRFRegressor(degree=1, band=(0.5, 60.0), dt=record.dt)
+    filtered_masses = filtered.fit(raw, force).masses_
+
+    motion = X.to_numpy(copy=True).reshape(len(X), 3, 4)
+    motion[:, 1:] = motion[:, 1:].cumsum(axis=2)
+    gap = motion - np.stack([clean.a, clean.v, clean.x], axis=1)
+    edge = len(X) // 20
+    middle = rms(gap[edge:-edge])
+    ratio = max((rms(ends) / middle).max() for ends in (gap[:edge], gap[-edge:]))
+    return (
+        100 * chains.worst(masses, truth),
+        100 * chains.worst(filtered_masses, truth),
+        float(ratio),
     )
-    return *errors, float(ratio)
 
 
-def fusion(quick: bool) -> list[Row]:
-    rows, seeds = [], range(1 if quick else 10)
+def fusion(quick: bool) -> list[Claim]:
+    rows = []
+    seeds = range(1 if quick else 10)
     for kind in ("random", "hammer"):
         found = np.array([fused(kind, seed) for seed in seeds])
+        error, filtered, ratio = found.T
         name = f"{kind}, 5 % noise on all channels, DOF 3 forced, {len(seeds)} seeds"
-        low, high = found[:, 1].min(), found[:, 1].max()
         claim = (
             f"{name}: worst mass error, least squares on fused channels: at most 2 %"
         )
-        said = (
-            f"{found[:, 0].max():.2f} % (filtered to 0.5-60 Hz only: {low:.1f} to"
-            f" {high:.1f} %)"
+        measured = (
+            f"{error.max():.2f} % (filtered to 0.5-60 Hz only: {filtered.min():.1f} to"
+            f" {filtered.max():.1f} %)"
         )
-        rows.append(row(claim, said, found[:, 0].max() <= 2))
-        worst = found[:, 2].max()
-        rows.append(
-            row(
-                f"{name}: error at the edges at most twice the middle's",
-                f"{worst:.2f} times",
-                worst <= 2,
-            )
-        )
+        rows.append(judged(claim, measured, bool(error.max() <= 2)))
+        claim = f"{name}: error at the edges at most twice the middle's"
+        rows.append(judged(claim, f"{ratio.max():.2f} times", bool(ratio.max() <= 2)))
     return rows
 
 
 # -- 6: base excitation, roving hammer -----------------------------------------
 
 
-def scaled_otherwise(quick: bool) -> list[Row]:
-    ag = chains.band_limited(4000, 1e-3, np.random.default_rng(5), rms=2.0)
-    case, rows = chains.duffing(4, [], seed=7, n_samples=4000, ag=ag), []
+def scaled_otherwise(quick: bool) -> list[Claim]:
+    return [*shaken_base(), *roving_hammer()]
+
+
+def shaken_base() -> list[Claim]:
+    """One known mass scales a chain that is shaken at its base."""
+    ag = chains.band_limited(4000, DT, np.random.default_rng(5), rms=2.0)
+    case = chains.duffing(4, [], seed=7, n_samples=4000, ag=ag)
+    rows = []
     for j in range(1, 5):
-        model = NRFRegressor(degree=3, known_masses={j: case.m[j - 1]}).fit(
-            case.X, base_acceleration=ag
-        )
-        error = max(parameter_error(model, case), absent(model, case))
-        rows.append(
-            below(
-                f"base excitation, 4 DOFs, only m{j} known: masses and terms",
-                error,
-                EXACT,
-            )
-        )
-    same = chains.parameters(3, np.random.default_rng(9))
-    hits = [
-        chains.duffing(3, [j], seed=20 + j, n_samples=1200 + 300 * j, given=same)
-        for j in (1, 2, 3)
-    ]
-    ids = np.repeat([1, 2, 3], [len(c.X) for c in hits])
-    roving = NRFRegressor(degree=3).fit(
-        np.vstack([c.X for c in hits]), np.vstack([c.F for c in hits]), record=ids
+        model = NRFRegressor(degree=3, known_masses={j: case.m[j - 1]})
+        model.fit(case.X, base_acceleration=ag)
+        error = max(parameter_error(model, case), absent_terms(model, case))
+        claim = f"base excitation, 4 DOFs, only m{j} known: masses and terms"
+        rows.append(below(claim, error, EXACT))
+    return rows
+
+
+def roving_hammer() -> list[Claim]:
+    """Three records, each with another DOF forced, beside one with all."""
+    draw = partial(
+        chains.duffing, 3, given=chains.parameters(3, np.random.default_rng(9))
     )
-    once = chains.duffing(3, [1, 2, 3], seed=30, given=same)
-    together = NRFRegressor(degree=3).fit(once.X, once.F)
-    motion = once.X[::10]
-    gap = np.abs(roving.restoring_force(motion) - together.restoring_force(motion)).max(
-        0
-    ) / rms(once.storey_forces)
+    hits = [draw([j], seed=20 + j, n_samples=1200 + 300 * j) for j in (1, 2, 3)]
+    X = np.vstack([hit.X for hit in hits])
+    F = np.vstack([hit.F for hit in hits])
+    number = np.repeat([1, 2, 3], [len(hit.X) for hit in hits])
+    roving = NRFRegressor(degree=3).fit(X, F, record=number)
+    case = draw([1, 2, 3], seed=30)
+    together = NRFRegressor(degree=3).fit(case.X, case.F)
+
+    motion = case.X[::10]
+    gap = np.abs(roving.restoring_force(motion) - together.restoring_force(motion))
+    force = (gap.max(axis=0) / rms(case.storey_forces)).max()
+    parameters = parameter_error(roving, hits[0])
+    masses = chains.worst(roving.masses_, together.masses_)
     name = "roving hammer, three records of different length"
-    return rows + [
-        below(
-            f"{name}: masses and terms against the truth",
-            parameter_error(roving, hits[0]),
-            EXACT,
-        ),
-        below(
-            f"{name}: masses of one record with all forces",
-            chains.worst(roving.masses_, together.masses_),
-            EXACT,
-        ),
-        below(f"{name}: storey forces of one record with all forces", gap.max(), EXACT),
+    return [
+        below(f"{name}: masses and terms against the truth", parameters, EXACT),
+        below(f"{name}: masses of one record with all forces", masses, EXACT),
+        below(f"{name}: storey forces of one record with all forces", force, EXACT),
     ]
 
 
 # -- 7: measured records -------------------------------------------------------
 
 
-def identify(*arguments: str) -> dict:
-    """The command line's own answer."""
-    from pysindy_nrf.cli.group import run
-
-    out, errors = io.StringIO(), io.StringIO()
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-            code = run(["identify", *arguments, "--no-figures", "--json"])
-    if code:
-        raise RuntimeError(
-            f"identify {' '.join(arguments)} returned {code}: {errors.getvalue()}"
+def identify(path: Path, *options: str) -> dict:
+    """What the command prints as JSON."""
+    command = [sys.executable, "-m", "pysindy_nrf", "identify", str(path), *options]
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [*command, "--no-figures", "--json"],
+            capture_output=True,
+            text=True,
+            cwd=folder,
         )
-    return json.loads(out.getvalue())
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)}: {done.stderr}")
+    return json.loads(done.stdout)
 
 
-def emps(root: Path) -> list[Row]:
-    path = root / "emps" / "DATA_EMPS.mat"
-    found = identify(
-        str(path),
-        *"--map x1=qm --map F1=vir*35.1507 --map t=t --band 0,20 --degree 1".split(),
-    )
-    mass, share = found["masses_kg"][0], found["balance_error_percent"]["dof 1"]
+def emps() -> list[Claim]:
+    channels = ("--map", "x1=qm", "--map", "F1=vir*35.1507", "--map", "t=t")
+    path = measured_sets.data_file("emps")
+    found = identify(path, *channels, "--band", "0,20", "--degree", "1")
+    mass = found["masses_kg"][0]
+    share = found["balance_error_percent"]["dof 1"]
+    asked_mass = "emps, no friction in the model: 93 to 97 kg (published: 95.1)"
+    asked_share = "emps: unexplained share of the force, about 17 %"
     return [
-        row(
-            "emps, no friction in the model: 93 to 97 kg (published: 95.1)",
-            f"{mass:.2f} kg",
-            93 <= mass <= 97,
-        ),
-        row(
-            "emps: unexplained share of the force, about 17 %",
-            f"{share:.1f} %",
-            16 <= share <= 18,
-        ),
+        judged(asked_mass, f"{mass:.2f} kg", 93 <= mass <= 97),
+        judged(asked_share, f"{share:.1f} %", 16 <= share <= 18),
     ]
 
 
-def three_storey_frf(root: Path) -> list[Row]:
-    path = root / "three_storey_frf" / "cristallo_Experimental.csv"
-    m = np.array(
-        identify(str(path), "--frf", "--excited", "1", "--band", "4,32")["masses_kg"]
-    )
-    spread = 100 * (m.max() / m.min() - 1)
-    said = f"{', '.join(f'{x:.2f}' for x in m)} kg: {spread:.1f} %"
-    return [
-        row(
-            "three_storey_frf, force on floor 1 only: three masses within 10 %",
-            said,
-            spread < 10,
-        )
-    ]
+def three_storey_frf() -> list[Claim]:
+    path = measured_sets.data_file("three_storey_frf")
+    found = identify(path, "--frf", "--excited", "1", "--band", "4,32")
+    masses = np.array(found["masses_kg"])
+    spread = 100 * (masses.max() / masses.min() - 1)
+    claim = "three_storey_frf, force on floor 1 only: three masses within 10 %"
+    measured = f"{', '.join(f'{m:.2f}' for m in masses)} kg: {spread:.1f} %"
+    return [judged(claim, measured, bool(spread < 10))]
 
 
-def real_input(quick: bool) -> list[Row]:
+def measured_records(quick: bool) -> list[Claim]:
     rows = []
-    for load, table in (
-        (measured_sets.load_emps, emps),
-        (measured_sets.load_three_storey_frf, three_storey_frf),
-    ):
+    for table in (emps, three_storey_frf):
         try:
-            load()
+            rows += table()
         except NRFError as error:
-            rows.append((judge.__name__, str(error), "skipped"))
-        else:
-            rows += table(Path(os.environ["PYSINDY_NRF_DATA"]))
+            rows.append(Claim(table.__name__, str(error), "skipped"))
     return rows
 
 
 # -- 8: plain SINDy ------------------------------------------------------------
 
 
-def beside_sindy(quick: bool) -> list[Row]:
+def true_model(case: chains.Case) -> ChainModel:
+    storeys = {}
+    for i, (c, k, k3) in enumerate(zip(case.c, case.k, case.k3), 1):
+        storeys[i] = [laws.LinearViscous(c), laws.Duffing(k, k3)]
+    return ChainModel(case.m, storeys)
+
+
+def beside_sindy(quick: bool) -> list[Claim]:
     case = chains.duffing(2, [1, 2], seed=1, n_samples=3000)
-    truth = test_comparison.true_model(case)
-    table = compare_with_sindy(
-        case.X, case.F, case.dt, truth=truth, free_run=15 if quick else 300
-    )
-    rows = [
-        (
-            f"{name}: terms, restoring-force error, time",
-            f"{r.terms:.0f}, {r.restoring_force_error:.2g} %, {said}",
-            "-",
+    truth = true_model(case)
+    seconds = 15 if quick else 300
+    table = compare_with_sindy(case.X, case.F, case.dt, truth=truth, free_run=seconds)
+    rows = []
+    for name, row in table.iterrows():
+        measured = (
+            f"{row.terms:.0f}, {row.restoring_force_error:.2g} %,"
+            f" {1e3 * row.seconds:.0f} ms"
         )
-        for name, r in table.iterrows()
-        for said in (f"{1e3 * r.seconds:.0f} ms",)
-    ]
-    exact, sparse = (
-        table.loc["pysindy_nrf, least squares"],
-        table.loc["pysindy_nrf, STLSQ, threshold 0.01"],
+        claim = f"{name}: terms, restoring-force error, time"
+        rows.append(Claim(claim, measured, "-"))
+
+    errors = table["restoring_force_error"]
+    exact = errors["pysindy_nrf, least squares"]
+    rows.append(below("ours, least squares: restoring-force error", exact, 1e-6, " %"))
+    sparse = table.loc["pysindy_nrf, STLSQ, threshold 0.01"]
+    measured = (
+        f"{sparse.terms:.0f} terms, precision {sparse.precision:g}, recall"
+        f" {sparse.recall:g}"
     )
-    plain, ours = (
-        table.loc[name, "restoring_force_error"]
-        for name in ("SINDy, defaults", "pysindy_nrf, STLSQ")
-    )
-    return rows + [
-        below(
-            "ours, least squares: restoring-force error",
-            exact.restoring_force_error,
-            1e-6,
-            " %",
-        ),
-        row(
-            "ours, STLSQ at 0.01: the 8 true terms and no other",
-            f"{sparse.terms:.0f} terms, precision {sparse.precision:g}, recall"
-            f" {sparse.recall:g}",
-            (sparse.terms, sparse.precision, sparse.recall) == (8, 1, 1),
-        ),
-        row(
-            "plain SINDy, default STLSQ: error above ours with default STLSQ",
-            f"{plain:.3g} % against {ours:.3g} %",
-            plain > ours,
-        ),
-    ]
+    right = (sparse.terms, sparse.precision, sparse.recall) == (8, 1, 1)
+    claim = "ours, STLSQ at 0.01: the 8 true terms and no other"
+    rows.append(judged(claim, measured, right))
+    plain = errors["SINDy, defaults"]
+    ours = errors["pysindy_nrf, STLSQ"]
+    claim = "plain SINDy, default STLSQ: error above ours with default STLSQ"
+    measured = f"{plain:.3g} % against {ours:.3g} %"
+    rows.append(judged(claim, measured, bool(plain > ours)))
+    return rows
 
 
 # -- 9: bad input --------------------------------------------------------------
 
 
-def bad_input(quick: bool) -> list[Row]:
-    rooms = {
-        kind.name: kind for kind in every_kind() if kind.room in ("estimator", "record")
-    }
-    kinds = {
-        k: v for k, v in rooms.items() if not quick or k in REPRESENTATIVE.values()
-    }
-    found = {name: judge(kind) for name, kind in kinds.items()}
-    good = sum(outcome.kept for outcome in found.values())
-    claim = (
-        f"{len(kinds)} kinds: each an error or a warning that names the channel and the"
-        " cure"
-    )
-    return [
-        row(claim, f"{good} of {len(kinds)}", good == len(kinds)),
-        *(
-            row(claim, found[name].message, found[name].kept)
-            for claim, name in REPRESENTATIVE.items()
-            if name in found
-        ),
-    ]
+def bad_input(quick: bool) -> list[Claim]:
+    outcomes = {}
+    for kind in every_kind():
+        wanted = not quick or kind.name in REPRESENTATIVE.values()
+        if wanted and kind.room in ("estimator", "record"):
+            outcomes[kind.name] = judge(kind)
+    n = len(outcomes)
+    good = sum(outcome.kept for outcome in outcomes.values())
+    claim = f"{n} kinds: each an error or a warning that names the channel and the cure"
+    rows = [judged(claim, f"{good} of {n}", good == n)]
+    for asked, name in REPRESENTATIVE.items():
+        if name in outcomes:
+            outcome = outcomes[name]
+            rows.append(judged(asked, outcome.message, outcome.kept))
+    return rows
 
 
-TOPICS: dict[str, tuple[str, Callable[[bool], list[Row]]]] = {
+# -- all topics ----------------------------------------------------------------
+
+TOPICS: dict[str, tuple[str, Callable[[bool], list[Claim]]]] = {
     "chains": ("1 Noise-free chains, degree 3, random SI parameters", noise_free),
     "entrances": ("2 Regressor, optimizer inside ps.SINDy, direct solve", entrances),
     "simulation": ("3 Simulation", simulation),
     "dahl": ("4 The paper's 2-DOF chain with a Dahl damper in storey 1", dahl),
     "fusion": ("5 Fusion of noisy channels", fusion),
     "scale": ("6 Base excitation, roving hammer", scaled_otherwise),
-    "measured": ("7 Measured records, by the command `identify`", real_input),
+    "measured": ("7 Measured records, by the command `identify`", measured_records),
     "sindy": ("8 Plain SINDy on the same 2-DOF data", beside_sindy),
     "input": ("9 Bad input", bad_input),
 }
 
 
+def in_table(claims: list[Claim]) -> str:
+    rows = [(claim.asked, claim.measured, claim.verdict) for claim in claims]
+    table = pd.DataFrame(rows, columns=["claim", "measured", ""])
+    return markdown(table.replace(r"\|", r"\\|", regex=True))
+
+
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="fewer seeds, samples and forced floors"
-    )
+    """Print all tables; the exit code says whether a row fails."""
+    parser = options_of(__doc__, quick="fewer seeds, samples and forced floors")
     parser.add_argument("--only", choices=TOPICS, help="one topic")
     options = parser.parse_args(arguments)
     failed = 0
     for name in [options.only] if options.only else TOPICS:
         title, measure = TOPICS[name]
         began = time.perf_counter()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            rows = measure(options.quick)
-        show(title, rows)
+        claims = quietly(measure, options.quick)
+        print(f"## {title}\n\n{in_table(claims)}", flush=True)
         print(f"\n{time.perf_counter() - began:.1f} s\n")
-        failed += sum(verdict == "FAIL" for *_, verdict in rows)
+        failed += sum(claim.verdict == FAIL for claim in claims)
     print(f"{failed} rows FAIL" if failed else "no row fails")
     return int(failed > 0)
 

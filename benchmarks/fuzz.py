@@ -1,8 +1,9 @@
 """Fuzzing of every file reader and of the model's JSON reader.
 
-    python benchmarks/fuzz.py --seconds 1200        # the benchmark setting: 20 minutes over all readers
+    python benchmarks/fuzz.py --seconds 1200   # over all readers
     python benchmarks/fuzz.py --target HDF5 --seconds 60 --seed 3
-    python benchmarks/fuzzing/worker.py HDF5 --seed 3 --only 1741        # one file again, its error let through
+    # one file again, its error let through
+    python benchmarks/fuzzing/worker.py HDF5 --seed 3 --only 1741
 
 Small good files of every kind are damaged at random (bytes, sizes in headers, words,
 JSON values) and read in a process of its own with 1.5 GB of memory above its start and
@@ -13,146 +14,172 @@ too long or too much memory.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
+import math
 import subprocess
 import sys
 import time
+from dataclasses import dataclass, field
 from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
+import search_path
+import pandas as pd
+from fuzzing.targets import TARGETS
+from harness import markdown, options_of
+from tqdm import tqdm
 
-from fuzzing.targets import TARGETS  # noqa: E402
-from tqdm import tqdm  # noqa: E402
-
+WORKER = Path(__file__).resolve().parent / "fuzzing" / "worker.py"
 # seconds beyond the time given, for the start and for one file that takes long
 GRACE = 60.0
+LEAST_TIME = 0.5  # s, below which no process is started
+MAX_TIME = 3600.0  # s for a number of files
+SHOWN = 10  # failures of a reader
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What failed, at which number of a file, and how."""
+
+    kind: str
+    case: int
+    error: str
+
+
+@dataclass
+class Fuzzed:
+    """Files read and refused, peak memory (MB), and failures of one reader."""
+
+    target: str
+    read: int = 0
+    refused: int = 0
+    peak: float = 0.0
+    failures: list[Failure] = field(default_factory=list)
+
+    @property
+    def files(self) -> int:
+        return self.read + self.refused + len(self.failures)
+
+    def add(self, lines: list[str]) -> bool:
+        """What a process printed; whether it came to its end."""
+        finished = False
+        for line in lines:
+            message = json.loads(line)
+            if "counts" in message:
+                finished = True
+                self.read += message["counts"]["read"]
+                self.refused += message["counts"]["refused"]
+                self.peak = max(self.peak, message["peak"] / 1e3)
+            else:
+                self.failures.append(Failure(**message))
+        return finished
 
 
 def fuzz(
-    name: str, seed: int, seconds: float = 3600.0, n_files: int | None = None
-) -> dict:
-    """Read damaged files of one kind for some seconds, or a number of them.
-
-    Parameters
-    ----------
-    name : str
-    seed : int
-    seconds : float
-    n_files : int, optional
-
-    Returns
-    -------
-    dict
-        ``read``, ``refused``, ``peak`` (MB) and ``failures`` (list of kind, case,
-        error).
-    """
-    out = {"target": name, "read": 0, "refused": 0, "peak": 0.0, "failures": []}
-    first, spent = 0, 0.0
-    while spent < seconds - 0.5 and (n_files is None or first < n_files):
-        worker = str(HERE / "fuzzing" / "worker.py")
-        command = [
-            sys.executable,
-            worker,
-            name,
-            "--seed",
-            str(seed),
-            "--first",
-            str(first),
-        ]
+    name: str, seed: int, seconds: float = MAX_TIME, n_files: float = math.inf
+) -> Fuzzed:
+    """Read damaged files of one kind for some seconds, or a number of them."""
+    result = Fuzzed(name)
+    first = 0
+    spent = 0.0
+    while spent < seconds - LEAST_TIME and first < n_files:
         began = time.monotonic()
-        command += ["--seconds", str(seconds - spent)]
-        if n_files is not None:
-            command += ["--stop", str(n_files)]
-        try:
-            run = subprocess.run(
-                command, capture_output=True, text=True, timeout=seconds - spent + GRACE
-            )
-        except (
-            subprocess.TimeoutExpired
-        ) as error:  # in a library that no alarm of Python's wakes
-            told = (error.stderr or b"").decode(errors="replace").split()
-            stuck = int(told[-1]) if told and told[-1].isdigit() else first
-            out["failures"].append(
-                (f"{name}: hang", stuck, "the process had to be killed")
-            )
-            out["refused"] += stuck - first
-            first, spent = stuck + 1, spent + time.monotonic() - began
-            continue
+        process = run_worker(name, seed, (first, n_files), seconds - spent)
         spent += time.monotonic() - began
-        last = {}
-        for line in run.stdout.splitlines():
-            said = json.loads(line)
-            if "counts" in said:
-                last = said
-            else:
-                out["failures"].append((said["kind"], said["case"], said["error"]))
-        if last:
-            out["read"] += last["counts"]["read"]
-            out["refused"] += last["counts"]["refused"]
-            out["peak"] = max(out["peak"], last["peak"] / 1e3)
+        if result.add(process.stdout.splitlines()):
             break
-        cases = [line for line in run.stderr.splitlines() if line.isdigit()]
-        if not cases:
-            raise RuntimeError(
-                f"the worker for {name} does not start:\n{run.stderr[-3000:]}"
-            )
-        died = int(cases[-1])
-        out["failures"].append(
-            (f"{name}: died", died, f"the process ended with {run.returncode}")
-        )
-        out["refused"] += died - first
-        first = died + 1
-    return out
+        stopped_at = last_case(process.stderr)
+        if process.returncode is None:
+            # in a library that no alarm of Python's wakes
+            stopped_at = first if stopped_at is None else stopped_at
+            kind, error = "hang", "the process had to be killed"
+        elif stopped_at is None:
+            reason = process.stderr[-3000:]
+            raise RuntimeError(f"the worker for {name} does not start:\n{reason}")
+        else:
+            kind, error = "died", f"the process ended with {process.returncode}"
+        result.failures.append(Failure(f"{name}: {kind}", stopped_at, error))
+        result.refused += stopped_at - first
+        first = stopped_at + 1
+    return result
 
 
-def main() -> int:
-    """Fuzz; the exit code says whether anything failed."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+@dataclass(frozen=True)
+class Ended:
+    """A worker's output; no return code if it had to be killed."""
+
+    stdout: str
+    stderr: str
+    returncode: int | None
+
+
+def run_worker(
+    name: str, seed: int, numbers: tuple[float, float], seconds: float
+) -> Ended:
+    """A process that reads damaged files from one number to another."""
+    first, stop = numbers
+    command = [sys.executable, str(WORKER), name, "--seed", str(seed)]
+    command += ["--first", str(first), "--stop", str(stop), "--seconds", str(seconds)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
+    try:
+        stdout, stderr = process.communicate(timeout=seconds + GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        # its failures before the hang are lost with its output
+        _, stderr = process.communicate()
+        return Ended("", stderr, None)
+    return Ended(stdout, stderr, process.returncode)
+
+
+def last_case(stderr: str) -> int | None:
+    """The file that a worker read last."""
+    numbers = [line for line in stderr.splitlines() if line.isdigit()]
+    return int(numbers[-1]) if numbers else None
+
+
+def summary(results: list[Fuzzed]) -> pd.DataFrame:
+    rows = []
+    for result in results:
+        row = {
+            "reader": result.target,
+            "files": result.files,
+            "read": result.read,
+            "refused by name": result.refused,
+            "failed": len(result.failures),
+            "peak, MB": round(result.peak),
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Fuzz; the exit code says whether anything failed."""
+    parser = options_of(__doc__)
     parser.add_argument(
         "--seconds", type=float, default=1200.0, help="over all targets"
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--target", action="append", choices=sorted(TARGETS))
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     names = options.target or list(TARGETS)
-    rows = [
-        fuzz(name, options.seed, options.seconds / len(names))
-        for name in tqdm(names, unit="reader", disable=None)
-    ]
+    seconds = options.seconds / len(names)
+    results = []
+    for name in tqdm(names, unit="reader", disable=None):
+        results.append(fuzz(name, options.seed, seconds))
+
+    table = summary(results)
+    n_failed = table["failed"].sum()
+    print(markdown(table))
     print(
-        "| reader | files | read | refused by name | failed | peak, MB"
-        " |\n|---|---|---|---|---|---|"
+        f"\n{table['files'].sum()} files, {n_failed} failures (crash, hang, memory,"
+        " death of the process)."
     )
-    for r in rows:
-        failed = len(r["failures"])
-        cells = (
-            r["target"],
-            r["read"] + r["refused"] + failed,
-            r["read"],
-            r["refused"],
-            failed,
-            round(r["peak"]),
-        )
-        print(f"| {' | '.join(map(str, cells))} |")
-    total, failed = (
-        sum(r["read"] + r["refused"] for r in rows),
-        sum(len(r["failures"]) for r in rows),
-    )
-    print(
-        f"\n{total + failed} files, {failed} failures (crash, hang, memory, death of"
-        " the process)."
-    )
-    for r in rows:
-        for kind, case, error in r["failures"][:10]:
-            print(f"{kind} at case {case} of seed {options.seed}: {error}")
-    return 1 if failed else 0
+    for result in results:
+        for failure in result.failures[:SHOWN]:
+            place = f"case {failure.case} of seed {options.seed}"
+            print(f"{failure.kind} at {place}: {failure.error}")
+    return int(n_failed > 0)
 
 
 if __name__ == "__main__":

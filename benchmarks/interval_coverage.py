@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -70,7 +69,6 @@ def linear(k: float, c: float) -> list:
     return [laws.LinearElastic(k), laws.LinearViscous(c)]
 
 
-@cache
 def tests() -> dict[str, Test]:
     """Tests by name."""
     both_alike = {i: linear(1e5, 60.0) for i in (1, 2)}

@@ -1,5 +1,4 @@
-"""Which degree is chosen: cubic and linear chains, many seeds, clean and noisy; and
-what the choice costs.
+"""Which degree is chosen for cubic and linear chains, and what the choice costs.
 
     python benchmarks/order_selection.py [--quick] [--seeds N] [--all]
 
@@ -12,192 +11,176 @@ refit=one_standard_error)``. Exit code 1 if a seed is missed.
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-import time
-import warnings
+from collections.abc import Iterator
 from functools import partial
-from pathlib import Path
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+import search_path
+import chains
+import numpy as np
+import pandas as pd
+from harness import markdown, options_of, quietly, times_in_turns
+from sklearn.model_selection import GridSearchCV
+from tqdm import tqdm
 
-import chains  # noqa: E402
-import numpy as np  # noqa: E402
-from sklearn.model_selection import GridSearchCV  # noqa: E402
-from tqdm import tqdm  # noqa: E402
-
-from pysindy_nrf import (  # noqa: E402
+from pysindy_nrf import (
     BlockedTimeSplit,
     NRFRegressor,
     Record,
     one_standard_error,
+    scorers,
     select_order,
 )
-from pysindy_nrf.selection import scorers  # noqa: E402
 
 DEGREES = range(1, 8)
-DT = 1e-3
+DT = 1e-3  # s
+NOISES = (0.0, 0.02)
+# DOFs, those forced, samples
 SETUPS = {
     "4 storeys, DOF 3 forced": (4, [3], 4000),
     "3 storeys, all forced": (3, [1, 2, 3], 3000),
 }
+# judged against the true degree
+JUDGED = ("one standard error, R2", "the same, balance", "select_order")
 
 
-def motions(n: int, forced: list[int], n_samples: int, cubic: bool, seeds: range):
+def motions(
+    n: int, forced: list[int], n_samples: int, cubic: bool, seeds: range
+) -> Iterator[dict[str, np.ndarray]]:
     """Forces and motions of one chain for each seed, integrated as one batch."""
-    every = [np.random.default_rng(1000 + seed) for seed in seeds]
-    m, c, k, k3 = (
-        np.stack(p) for p in zip(*(chains.parameters(n, rng, cubic) for rng in every))
-    )
-    F = np.zeros((n_samples, len(every), n))
-    for i, rng in enumerate(every):
-        for j in forced:
-            F[:, i, j - 1] = chains.band_limited(n_samples, DT, rng)
-    a, v, s = chains.integrate(m, c, k, k3, F, DT, substeps=4)
-    for i in range(len(every)):
-        x, xdot = s[:, i].cumsum(axis=1), v[:, i].cumsum(axis=1)
+    rngs = [np.random.default_rng(1000 + seed) for seed in seeds]
+    drawn = [chains.parameters(n, rng, cubic) for rng in rngs]
+    parameters = [np.stack(values) for values in zip(*drawn)]
+    F = np.zeros((n_samples, len(rngs), n))
+    for i, rng in enumerate(rngs):
+        for dof in forced:
+            F[:, i, dof - 1] = chains.band_limited(n_samples, DT, rng)
+
+    a, v, s = chains.integrate(*parameters, F, DT, substeps=4)
+    for i in range(len(rngs)):
         yield {
             "force": F[:, i],
             "acceleration": a[:, i],
-            "velocity": xdot,
-            "displacement": x,
+            "velocity": v[:, i].cumsum(axis=1),
+            "displacement": s[:, i].cumsum(axis=1),
         }
 
 
-def measured(channels: dict, noise: float, seed: int):
+def measured(channels: dict[str, np.ndarray], noise: float, seed: int):
     """Fused features and forces of one noisy record."""
     rng = np.random.default_rng(seed)
-    noisy = {
-        k: y + noise * np.sqrt((y**2).mean(axis=0)) * rng.standard_normal(y.shape)
-        for k, y in channels.items()
-    }
+    noisy = {}
+    for kind, y in channels.items():
+        sigma = noise * np.sqrt((y**2).mean(axis=0))
+        noisy[kind] = y + sigma * rng.standard_normal(y.shape)
     return Record(fs=1.0 / DT, **noisy).to_features(smooth=True)
 
 
-def choices(records: list, noise: float, seeds: range, label: str) -> dict[str, list]:
-    """Degrees chosen by each way of asking."""
-    out: dict[str, list] = {"R2": [], "balance": [], "select_order": [], "best R2": []}
-    for seed, record in zip(tqdm(seeds, desc=label, leave=False), records):
-        X, F = measured(record, noise, seed)
-        search = GridSearchCV(
-            NRFRegressor(),
-            {"degree": DEGREES},
-            cv=BlockedTimeSplit(5),
-            scoring={"R2": scorers.acceleration, "balance": scorers.balance},
-            refit=partial(one_standard_error, metric="R2"),
-        ).fit(X, F)
-        out["R2"].append(search.best_params_["degree"])
-        out["balance"].append(
-            DEGREES[one_standard_error(search.cv_results_, metric="balance")]
-        )
-        out["best R2"].append(
-            DEGREES[int(np.argmin(search.cv_results_["rank_test_R2"]))]
-        )
-        out["select_order"].append(select_order(X, F, degrees=DEGREES).best_order)
-    return out
+def choices(X: pd.DataFrame, F: pd.DataFrame) -> dict[str, int]:
+    """Degree chosen by each way of asking."""
+    search = GridSearchCV(
+        NRFRegressor(),
+        {"degree": DEGREES},
+        cv=BlockedTimeSplit(5),
+        scoring={"R2": scorers.acceleration, "balance": scorers.balance},
+        refit=partial(one_standard_error, metric="R2"),
+    )
+    results = search.fit(X, F).cv_results_
+    balance = one_standard_error(results, metric="balance")
+    best = int(np.argmin(results["rank_test_R2"]))
+    return {
+        "one standard error, R2": search.best_params_["degree"],
+        "the same, balance": DEGREES[balance],
+        "select_order": select_order(X, F, degrees=DEGREES).best_order,
+        "best R2 alone": DEGREES[best],
+    }
 
 
-def cost(n_samples: int) -> None:
+def chosen(setup: tuple, cubic: bool, noise: float, seeds: range) -> pd.DataFrame:
+    """The choices, one row a seed."""
+    records = motions(*setup, cubic, seeds)
+    rows = []
+    for seed, channels in zip(tqdm(seeds, leave=False, disable=None), records):
+        rows.append(choices(*measured(channels, noise, seed)))
+    return pd.DataFrame(rows, index=list(seeds))
+
+
+def counted(setups: dict[str, tuple], seeds: range) -> tuple[pd.DataFrame, int]:
+    """Seeds with the right choice, and how many were missed in all."""
+    rows = []
+    missed = 0
+    for name, setup in setups.items():
+        for truth in (3, 1):
+            for noise in NOISES:
+                degrees = quietly(chosen, setup, truth == 3, noise, seeds)
+                wrong = degrees.ne(truth)
+                missed += int(wrong[list(JUDGED)].sum(axis=None))
+                row = {"chain": name, "noise": f"{noise:.0%}", "true degree": truth}
+                for way, n_wrong in wrong.sum().items():
+                    row[way] = f"{len(seeds) - n_wrong} of {len(seeds)}"
+                rows.append(row)
+                print_missed(degrees, truth)
+    return pd.DataFrame(rows), missed
+
+
+def print_missed(degrees: pd.DataFrame, truth: int) -> None:
+    """The seeds that were missed, to standard error."""
+    for way in JUDGED:
+        wrong = degrees[way][degrees[way] != truth]
+        if len(wrong):
+            cases = ", ".join(
+                f"seed {seed}: {degree}" for seed, degree in wrong.items()
+            )
+            print(f"  missed by {way}: {cases}", file=sys.stderr)
+
+
+def cost(n_samples: int) -> pd.DataFrame:
     """One pass against the search over the estimator: time and agreement."""
     case = chains.duffing(4, [3], seed=1, n_samples=n_samples)
-    X = case.X + 0.02 * case.X.std(axis=0) * np.random.default_rng(0).standard_normal(
-        case.X.shape
-    )
-    quick, slow = [], []
-    for _ in range(
-        3
-        # in turn, as other programs may slow the machine for a while; the first ones
-        # compile
-    ):
-        for times, run, repeats in (
-            (
-                quick,
-                lambda: select_order(
-                    X, case.F, degrees=DEGREES, scoring="acceleration"
-                ),
-                5,
-            ),
-            (
-                slow,
-                lambda: GridSearchCV(NRFRegressor(), {"degree": DEGREES}, cv=5).fit(
-                    X, case.F
-                ),
-                1,
-            ),
-        ):
-            for _ in range(repeats):
-                start = time.process_time()
-                found = run()
-                times.append((time.process_time() - start, found))
-    (one_pass, fast), (search, full) = (
-        (np.median([t for t, _ in held[1:]]), held[-1][1]) for held in (quick, slow)
-    )
-    scores = np.column_stack(
-        [full.cv_results_[f"split{i}_test_score"] for i in range(5)]
-    )
-    gap = np.abs(scores - fast.fold_scores.to_numpy()).max()
-    print(f"\n## Degrees 1-7, 5 folds, n = 4, {n_samples:.0e} samples\n")
-    print(
-        "| select_order, CPU s | GridSearchCV, CPU s | times faster | largest"
-        " difference of scores |"
-    )
-    print("|---|---|---|---|")
-    print(f"| {one_pass:.3f} | {search:.2f} | {search / one_pass:.1f} | {gap:.1e} |")
+    X = case.noisy(0.02)
+    search = GridSearchCV(NRFRegressor(), {"degree": DEGREES}, cv=5)
+    ask = partial(select_order, degrees=DEGREES, scoring="acceleration")
+    one_pass = ask(X, case.F)
+    results = search.fit(X, case.F).cv_results_
+    contenders = {
+        "one pass": lambda: ask(X, case.F),
+        "search": lambda: search.fit(X, case.F),
+    }
+    times = times_in_turns(contenders, 3)
+
+    scores = [results[f"split{fold}_test_score"] for fold in range(5)]
+    gap = np.abs(np.column_stack(scores) - one_pass.fold_scores.to_numpy()).max()
+    quick = np.median(times["one pass"])
+    slow = np.median(times["search"])
+    row = {
+        "select_order, CPU s": f"{quick:.3f}",
+        "GridSearchCV, CPU s": f"{slow:.2f}",
+        "times faster": f"{slow / quick:.1f}",
+        "largest difference of scores": f"{gap:.1e}",
+    }
+    return pd.DataFrame([row])
 
 
-def main() -> int:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--quick", action="store_true", help="two seeds, fewer samples for the cost"
-    )
+def main(arguments: list[str] | None = None) -> int:
+    """Print the tables; the exit code says whether a seed was missed."""
+    parser = options_of(__doc__, quick="two seeds, fewer samples for the cost")
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument(
         "--all", action="store_true", help="every kind of chain, not the first alone"
     )
-    options = parser.parse_args()
-    warnings.simplefilter("ignore")
+    options = parser.parse_args(arguments)
     seeds = range(min(options.seeds, 2) if options.quick else options.seeds)
-    setups = dict(list(SETUPS.items())[: None if options.all else 1])
-    missed = 0
-    print("## Degree chosen, seeds right of seeds tried\n")
-    print(
-        "| chain | noise | true degree | one standard error, R2 | the same, balance |"
-        " select_order | best R2 alone |"
-    )
-    print("|---|---|---|---|---|---|---|")
-    for name, setup in setups.items():
-        for cubic in (True, False):
-            truth = 3 if cubic else 1
-            records = list(motions(*setup, cubic, seeds))
-            for noise in (0.0, 0.02):
-                found = choices(
-                    records,
-                    noise,
-                    seeds,
-                    f"{'cubic' if cubic else 'linear'}, {noise:.0%}",
-                )
-                right = {k: sum(d == truth for d in v) for k, v in found.items()}
-                missed += sum(
-                    len(seeds) - right[k] for k in ("R2", "balance", "select_order")
-                )
-                cells = " | ".join(
-                    f"{right[k]} of {len(seeds)}"
-                    for k in ("R2", "balance", "select_order", "best R2")
-                )
-                print(f"| {name} | {noise:.0%} | {truth} | {cells} |", flush=True)
-                for key in ("R2", "balance", "select_order"):
-                    cases = [(s, d) for s, d in zip(seeds, found[key]) if d != truth]
-                    if cases:
-                        print(
-                            f"  missed by {key}: "
-                            + ", ".join(f"seed {s}: {d}" for s, d in cases),
-                            file=sys.stderr,
-                        )
-    cost(20_000 if options.quick else 100_000)
+    setups = SETUPS
+    if not options.all:
+        first = next(iter(SETUPS))
+        setups = {first: SETUPS[first]}
+
+    table, missed = counted(setups, seeds)
+    print(f"## Degree chosen, seeds right of seeds tried\n\n{markdown(table)}")
+    n_samples = 20_000 if options.quick else 100_000
+    costs = quietly(cost, n_samples)
+    print(f"\n## Degrees 1-7, 5 folds, n = 4, {n_samples:.0e} samples\n")
+    print(markdown(costs))
     return int(missed > 0)
 
 

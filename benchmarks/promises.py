@@ -1,7 +1,7 @@
 """Statistical promises against what a Monte-Carlo study measures.
 
-    python benchmarks/promises.py --quick                     # a few runs of each: a minute
-    python benchmarks/promises.py                             # 1 500 runs: hours on two cores, most of it the loop
+    python benchmarks/promises.py --quick                      # a few runs: a minute
+    python benchmarks/promises.py                              # 1 500 runs: hours
     python benchmarks/promises.py --part intervals --runs 400
 
 Chains of 1 to 4 masses are drawn and simulated by the battery's own formulas
@@ -25,272 +25,271 @@ wrong side of it.
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
 import time
-import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
-sys.path.insert(0, str(Path(__file__).parent))
+import search_path
+import numpy as np
+import pandas as pd
+from battery.generators import Case, make_case
+from battery.scorer import audibility, baseline, prepare, records, run_case
+from harness import markdown, options_of, quietly
+from joblib import Parallel, delayed
+from scipy import stats
+from sklearn.base import clone
+from tqdm import tqdm
 
-import numpy as np  # noqa: E402
-import pandas as pd  # noqa: E402
-from battery.generators import Case, make_case  # noqa: E402
-from battery.scorer import (
-    audibility,
-    baseline,
-    prepare,
-    records,
-    run_case,
-)  # noqa: E402
-from joblib import Parallel, delayed  # noqa: E402
-from scipy import stats  # noqa: E402
-from sklearn.base import clone  # noqa: E402
-from tqdm import tqdm  # noqa: E402
-
-from pysindy_nrf import NRFRegressor, Record  # noqa: E402
-from pysindy_nrf.discrepancy.residual import (  # noqa: E402
-    NoiseFloor,
-    ResidualKind,
-    detect,
-    residual_of,
-)
-from pysindy_nrf.exceptions import NRFError  # noqa: E402
-from pysindy_nrf.records.fusion.kinematic_smoother import KinematicSmoother  # noqa: E402
-from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive  # noqa: E402
-from pysindy_nrf.records.input_arrays import from_arrays  # noqa: E402
+from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
+from pysindy_nrf.diagnosis.residual import Residual, residual_of
+from pysindy_nrf.discrepancy.residual import NoiseFloor, ResidualKind, detect
+from pysindy_nrf.exceptions import NRFError
+from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
+from pysindy_nrf.records.input_arrays import from_arrays
 
 SHORT = {"n_samples": 4096, "most": 4}
 EFFECTS = ("coulomb", "cubic", "dahl", "quadratic_damping", "two_sided_gap", "bouc_wen")
+NOISES = (0.01, 0.02, 0.05)
+# edges of the bins of effect over noise
 HEARD = (0.0, 1.0, 2.0, 4.0, np.inf)
+CHANNELS = {"force": "F", "acceleration": "a", "velocity": "v", "displacement": "x"}
+KINDS = {"m": "mass", "s": "stiffness", "v": "damping"}
+CLEAN_MOTION = "clean motion, noisy force"
+
+INTERVALS = "intervals"
+FALSE_ALARMS = "detection: false alarms"
+POWER = "detection: power"
+LOOP_FALSE_ALARMS = "loop: false alarms"
+LOOP_POWER = "loop: power"
+REFUSED = "refused"
+
+Row = dict[str, Any]
 
 
-def draw(group: str, seed: int, noise: float, **options) -> Case:
-    """A case of the battery, small."""
-    return make_case(f"{group} {seed}", group, seed, noise, **(SHORT | options))
+@dataclass(frozen=True)
+class Task:
+    """A case to draw: its seed, noise, effect (None: nothing is missing), and load."""
+
+    part: str
+    seed: int
+    noise: float
+    effect: str | None = None
+    base: bool = False
+    clean_motion: bool = False
+
+    @property
+    def noise_in_words(self) -> str:
+        return f"{100 * self.noise:g} % noise"
+
+    def draw(self, **options: Any) -> Case:
+        """A small case of the battery."""
+        group = "nothing"
+        if self.effect is None:
+            options["base"] = self.base
+        else:
+            group = "blind"
+            options["kinds"] = (self.effect,)
+        name = f"{group} {self.seed}"
+        return make_case(name, group, self.seed, self.noise, **(SHORT | options))
+
+    def row(self, part: str, cell: str, hit: bool) -> Row:
+        """One judged figure."""
+        return {"part": part, "cell": cell, "hit": bool(hit), "run": self.seed}
+
+
+def excited(case: Case) -> str:
+    """Where the chain is excited."""
+    if case.base:
+        return "base"
+    return "all DOFs" if len(case.forced) == case.structure.n else "one DOF"
+
+
+def heard_in_words(heard: float) -> str:
+    """Effect over noise, in steps."""
+    number = int(np.searchsorted(HEARD, heard, side="right")) - 1
+    number = min(number, len(HEARD) - 2)
+    low, high = HEARD[number : number + 2]
+    return f"heard {low:g} and more" if np.isinf(high) else f"heard {low:g} to {high:g}"
 
 
 # -- intervals -----------------------------------------------------------------
 
 
-def truth_of(case: Case) -> dict[str, float]:
+def true_parameters(case: Case) -> dict[str, float]:
     """True parameters by the names of the intervals."""
-    s = case.structure
-    return {
-        **{f"m{j + 1}": m for j, m in enumerate(s.m)},
-        **{f"storey {i + 1}: s": k for i, k in enumerate(s.k)},
-        **{f"storey {i + 1}: v": c for i, c in enumerate(s.c)},
-    }
+    structure = case.structure
+    true = {}
+    for j, m in enumerate(structure.m, 1):
+        true[f"m{j}"] = m
+    for i, (k, c) in enumerate(zip(structure.k, structure.c), 1):
+        true[f"storey {i}: s"] = k
+        true[f"storey {i}: v"] = c
+    return true
 
 
-def covered(seed: int, cell: str, noise: float, base: bool) -> list[dict]:
+def kind_of(parameter: str) -> str:
+    """Mass, stiffness or damping."""
+    return KINDS["m" if parameter.startswith("m") else parameter[-1]]
+
+
+def covered(task: Task) -> list[Row]:
     """Which intervals of one case hold the truth."""
-    case = draw("nothing", seed, noise, base=base, most=3)
-    known = {j + 1: float(m) for j, m in enumerate(case.structure.m)} if base else None
-    options = {"degree": 1, "known_masses": known}
+    case = task.draw(most=3)
+    known = dict(enumerate(case.structure.m.tolist(), 1)) if task.base else None
+    model = NRFRegressor(degree=1, known_masses=known)
     channels = dict(case.seen[0])
-    if cell == "clean motion, noisy force":
+    if task.clean_motion:
         run = case.runs[0]
         channels |= {"acceleration": run.a, "velocity": run.v, "displacement": run.x}
-        X, F = Record(**channels).to_features(smooth=False)
-        model = NRFRegressor(**options).fit(X, F)
+        model.fit(*Record(**channels).to_features(smooth=False))
+        how = CLEAN_MOTION
     else:
-        model = NRFRegressor(**options, estimation="iv").fit(Record(**channels))
-    found = model.confidence_intervals(0.95).set_index("parameter")
-    true = truth_of(case)
-    return [
-        {
-            "part": "intervals",
-            "cell": f"{cell}, {excited(case)}",
-            "hit": bool(
-                found.loc[name, "lower"] <= true[name] <= found.loc[name, "upper"]
-            ),
-            "of": {"m": "mass", "s": "stiffness", "v": "damping"}[
-                name[0] if name[0] == "m" else name[-1]
-            ],
-            "run": seed,
-        }
-        for name in found.index
-        if name in true
-    ]
+        model.set_params(estimation="iv").fit(Record(**channels))
+        how = f"{task.noise_in_words}, instrumental variables"
 
-
-def excited(case: Case) -> str:
-    """Where the chain is excited."""
-    return (
-        "base"
-        if case.base
-        else "all DOFs"
-        if len(case.forced) == case.structure.n
-        else "one DOF"
-    )
+    true = true_parameters(case)
+    intervals = model.confidence_intervals(0.95).set_index("parameter")
+    rows = []
+    for name, found in intervals.iterrows():
+        if name in true:
+            inside = found["lower"] <= true[name] <= found["upper"]
+            row = task.row(INTERVALS, f"{how}, {excited(case)}", inside)
+            rows.append(row | {"of": kind_of(name)})
+    return rows
 
 
 # -- detection -----------------------------------------------------------------
 
 
-def detected(seed: int, noise: float, kind: str | None, base: bool) -> list[dict]:
+def detected(task: Task) -> list[Row]:
     """Verdicts on the balances of one case."""
-    group = "blind" if kind else "nothing"
-    case = draw(group, seed, noise, **({"kinds": (kind,)} if kind else {"base": base}))
+    case = task.draw()
     record = records(case)[0][0]
-    X, F = record.to_features()
-    ag = record.base_acceleration
-    regressor = baseline(case).fit(X, F, base_acceleration=ag)
-    residual = residual_of(regressor.model_, from_arrays(X, F, base_acceleration=ag))
-    verdicts = detect(residual, floor_of(regressor, record)).verdicts
-    told = [
-        v != ResidualKind.NOISE
-        for where, v in verdicts["verdict"].items()
-        if where.startswith("dof")
-    ]
-    if kind is None:
-        cell = f"{100 * noise:g} % noise, {excited(case)}"
-        return [
-            {"part": "detection: false alarms", "cell": cell, "hit": not t, "run": seed}
-            for t in told
-        ]
+    regressor, residual = fitted(baseline(case), record)
+    verdicts = detect(residual, noise_floor(regressor, record)).verdicts["verdict"]
+    of_balances = verdicts[verdicts.index.str.startswith("dof")]
+    noticed = of_balances != ResidualKind.NOISE
+    if task.effect is None:
+        cell = f"{task.noise_in_words}, {excited(case)}"
+        return [task.row(FALSE_ALARMS, cell, not alarm) for alarm in noticed]
     heard = audibility(case, prepare(*records(case)))[0]
-    return [
-        {
-            "part": "detection: power",
-            "cell": bin_of(heard),
-            "hit": any(told),
-            "run": seed,
-        }
-    ]
+    return [task.row(POWER, heard_in_words(heard), noticed.any())]
 
 
-def floor_of(regressor: NRFRegressor, record: Record, draws: int = 4) -> NoiseFloor:
-    """What noise alone leaves: free runs of the fitted model with the noise of the
-    channels, fused and fitted anew.
+def fitted(regressor: NRFRegressor, record: Record) -> tuple[NRFRegressor, Residual]:
+    """A regressor fitted to fused channels, and what it leaves."""
+    X, F = record.to_features()
+    base = {"base_acceleration": record.base_acceleration}
+    regressor = clone(regressor).fit(X, F, **base)
+    return regressor, residual_of(regressor.model_, from_arrays(X, F, **base))
+
+
+def noise_floor(regressor: NRFRegressor, record: Record, draws: int = 4) -> NoiseFloor:
+    """What noise alone leaves.
+
+    Free runs of the fitted model get the noise of the channels, are fused and fitted
+    anew.
     """
     smoother = KinematicSmoother(noise="estimate", band="auto")
     smoother.transform_record(record)
     levels = levels_of(record, smoother.noise_)
-    quiet, rng, found = quiet_drive(record, levels), np.random.default_rng(0), []
-    ag = quiet.base_acceleration
-    run = regressor.simulate(quiet.force, dt=record.dt, base_acceleration=ag)
-    for _ in range(draws):
-        channels = {
-            key: (
-                getattr(run, key)
-                + rng.standard_normal(run.force.shape)
-                * [levels.get(f"{prefix}{j}", 0.0) for j in range(1, run.n_dof + 1)]
-            )
-            for key, prefix in zip(
-                ("force", "acceleration", "velocity", "displacement"), "Favx"
-            )
-            if getattr(record, key) is not None
-        }
-        noisy = quiet.replace(
-            coordinates="relative", **channels, **noisy_base(quiet, levels, rng)
-        )
-        X, F = noisy.to_features()
-        fitted = (
-            clone(regressor).fit(X, F, base_acceleration=noisy.base_acceleration).model_
-        )
-        found.append(
-            residual_of(
-                fitted, from_arrays(X, F, base_acceleration=noisy.base_acceleration)
-            )
-        )
-    return NoiseFloor.from_draws(found)
-
-
-def bin_of(heard: float) -> str:
-    """Effect over noise, in steps."""
-    at = min(int(np.searchsorted(HEARD, heard, side="right")), len(HEARD) - 1) - 1
-    return (
-        f"heard {HEARD[at]:g} to {HEARD[at + 1]:g}"
-        if np.isfinite(HEARD[at + 1])
-        else f"heard {HEARD[at]:g} and more"
+    quiet = quiet_drive(record, levels)
+    rng = np.random.default_rng(0)
+    run = regressor.simulate(
+        quiet.force, dt=record.dt, base_acceleration=quiet.base_acceleration
     )
+    residuals = []
+    for _ in range(draws):
+        channels = {}
+        for kind, symbol in CHANNELS.items():
+            if getattr(record, kind) is not None:
+                dofs = range(1, run.n_dof + 1)
+                sigma = [levels.get(f"{symbol}{j}", 0.0) for j in dofs]
+                noise = sigma * rng.standard_normal(run.force.shape)
+                channels[kind] = getattr(run, kind) + noise
+        channels |= noisy_base(quiet, levels, rng)
+        noisy = quiet.replace(coordinates="relative", **channels)
+        residuals.append(fitted(regressor, noisy)[1])
+    return NoiseFloor.from_draws(residuals)
 
 
 # -- loop ----------------------------------------------------------------------
 
 
-def looped(seed: int, noise: float, kind: str | None, base: bool) -> list[dict]:
+def looped(task: Task) -> list[Row]:
     """What the loop adds to one case."""
-    group = "blind" if kind else "nothing"
-    case = draw(group, seed, noise, **({"kinds": (kind,)} if kind else {"base": base}))
-    row = run_case(case)
-    if kind is None:
-        cell = f"{100 * noise:g} % noise, {excited(case)}"
-        return [
-            {
-                "part": "loop: false alarms",
-                "cell": cell,
-                "hit": bool(row["right"]),
-                "run": seed,
-            }
-        ]
-    cell = f"{100 * noise:g} % noise, {bin_of(row['heard'])}"
-    return [
-        {"part": "loop: power", "cell": cell, "hit": bool(row["right"]), "run": seed}
-    ]
+    case = task.draw()
+    score = run_case(case)
+    if task.effect is None:
+        cell = f"{task.noise_in_words}, {excited(case)}"
+        return [task.row(LOOP_FALSE_ALARMS, cell, score["right"])]
+    cell = f"{task.noise_in_words}, {heard_in_words(score['heard'])}"
+    return [task.row(LOOP_POWER, cell, score["right"])]
 
 
-# -- running and printing ------------------------------------------------------
+# -- running -------------------------------------------------------------------
+
+PARTS: dict[str, Callable[[Task], list[Row]]] = {
+    "intervals": covered,
+    "detection": detected,
+    "loop": looped,
+}
+RUNS = {"intervals": 600, "detection": 600, "loop": 300}
+QUICK = {"intervals": 6, "detection": 4, "loop": 2}
 
 
-def jobs_of(part: str, runs: int, seed: int) -> list[tuple[Callable, tuple]]:
+def tasks_of(part: str, runs: int, seed: int) -> list[Task]:
     """What to run for one part."""
-    first = 10_000 * seed
-    out: list[tuple[Callable, tuple]] = []
+    tasks = []
     for i in range(runs):
-        noise, base, kind = (
-            (0.01, 0.02, 0.05)[i % 3],
-            i % 5 == 4,
-            EFFECTS[i % len(EFFECTS)],
-        )
+        noise = NOISES[i % len(NOISES)]
+        base = i % 5 == 4
+        number = 10_000 * seed + i
+        even = i % 2 == 0
         if part == "intervals":
-            clean = i % 2 == 0
-            cell = (
-                "clean motion, noisy force"
-                if clean
-                else f"{100 * noise:g} % noise, instrumental variables"
-            )
-            out.append((covered, (first + i, cell, noise, base and not clean)))
-        elif part == "detection":
-            out.append((detected, (first + i, noise, None if i % 2 else kind, base)))
+            shaken = base and not even
+            tasks.append(Task(part, number, noise, base=shaken, clean_motion=even))
         else:
-            out.append((looped, (first + i, noise, None if i % 2 else kind, base)))
-    return out
+            effect = EFFECTS[i % len(EFFECTS)] if even else None
+            tasks.append(Task(part, number, noise, effect, base))
+    return tasks
 
 
-def quietly(function: Callable, arguments: tuple) -> list[dict]:
-    """Run one case; one that the package refuses by name is counted, and one the
-    generator cannot draw is not.
+def judged(task: Task) -> list[Row]:
+    """Run one case.
+
+    One that the package refuses by name is counted, and one that the generator cannot
+    draw is not.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            return function(*arguments)
-        except NRFError as error:
-            return [
-                {
-                    "part": "refused",
-                    "cell": type(error).__name__,
-                    "hit": True,
-                    "run": arguments[0],
-                    "why": str(error),
-                }
-            ]
-        except RuntimeError as error:
-            if "no chain was found" not in str(error):
-                raise
-            return []
+    try:
+        return quietly(PARTS[task.part], task)
+    except NRFError as error:
+        row = task.row(REFUSED, type(error).__name__, True)
+        return [row | {"why": str(error)}]
+    except RuntimeError as error:
+        if "no chain was found" not in str(error):
+            raise
+        return []
+
+
+# -- promises beside figures ---------------------------------------------------
+
+# what is promised, and the range of its figure, percent
+PROMISES = {
+    INTERVALS: ("95 % intervals that hold the truth", 92.0, 98.0),
+    FALSE_ALARMS: ("balances called noise where nothing is missing", 95.0, 100.0),
+    POWER: ("effects noticed", 90.0, 100.0),
+    LOOP_FALSE_ALARMS: ("nothing added where nothing is missing", 99.0, 100.0),
+    LOOP_POWER: ("effects found by site and family", 90.0, 100.0),
+}
 
 
 def rate(part: pd.DataFrame) -> tuple[float, float, float]:
-    """Share of hits in percent and its 99 % interval; runs are independent, what is in
-    one run is not.
+    """Share of hits in percent and its 99 % interval.
+
+    Runs are independent, what is in one run is not.
     """
     by_run = part.groupby("run")["hit"].agg(["mean", "size"])
     share = float(part["hit"].mean())
@@ -299,91 +298,69 @@ def rate(part: pd.DataFrame) -> tuple[float, float, float]:
         exact = stats.binomtest(round(share * n), n).proportion_ci(0.99, "exact")
         return 100 * share, 100 * exact.low, 100 * exact.high
     gap = by_run["size"] * (by_run["mean"] - share)
-    se = float(np.sqrt((gap**2).sum() * n / (n - 1)) / by_run["size"].sum())
-    reach = stats.t.ppf(0.995, n - 1) * se
+    error = float(np.sqrt((gap**2).sum() * n / (n - 1)) / by_run["size"].sum())
+    reach = stats.t.ppf(0.995, n - 1) * error
     return 100 * share, 100 * max(0.0, share - reach), 100 * min(1.0, share + reach)
-
-
-PROMISES = {
-    "intervals": ("95 % intervals that hold the truth", 92.0, 98.0),
-    "detection: false alarms": (
-        "balances called noise where nothing is missing",
-        95.0,
-        100.0,
-    ),
-    "detection: power": ("effects noticed", 90.0, 100.0),
-    "loop: false alarms": ("nothing added where nothing is missing", 99.0, 100.0),
-    "loop: power": ("effects found by site and family", 90.0, 100.0),
-}
 
 
 def promise_of(part: str, cell: str) -> tuple[float, float] | None:
     """The range in which the figure has to be; None where nothing is promised."""
     _, low, high = PROMISES[part]
-    if part.endswith("power"):
+    if part in (POWER, LOOP_POWER):
         if "heard 2" not in cell and "heard 4" not in cell:
             return None
-        if part.startswith("loop") and not cell.startswith("5 %"):
+        if part == LOOP_POWER and not cell.startswith("5 %"):
             low = 97.0
     return low, high
 
 
-def report(table: pd.DataFrame) -> list[str]:
-    """Markdown: promise beside figure, cell by cell."""
-    out = [
-        "| promise | where | runs | promised % | measured % | 99 % interval | kept |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for part, (what, *_) in PROMISES.items():
-        mine = table[table["part"] == part]
-        groups = list(mine.groupby("cell"))
-        if part == "intervals" and len(mine):
-            groups += [(f"all, {of}", rows) for of, rows in mine.groupby("of")]
-        if len(mine) and not part.endswith("power"):
-            groups.append(("all", mine))
-        for cell, rows in groups:
-            found, low, high = rate(rows)
-            promised = promise_of(part, cell)
-            kept = (
-                "-"
-                if promised is None
-                else "yes"
-                if high >= promised[0] and low <= promised[1]
-                else "NO"
-            )
-            text = "-" if promised is None else f"{promised[0]:g} to {promised[1]:g}"
-            cells = (
-                what,
-                cell,
-                rows["run"].nunique(),
-                text,
-                f"{found:.1f}",
-                f"{low:.1f} to {high:.1f}",
-                kept,
-            )
-            out.append("| " + " | ".join(map(str, cells)) + " |")
-    refused = table[table["part"] == "refused"]
+def figure(part: str, cell: str, rows: pd.DataFrame) -> Row:
+    """A promise beside what was measured."""
+    share, low, high = rate(rows)
+    promise = promise_of(part, cell)
+    promised, kept = "-", "-"
+    if promise is not None:
+        promised = f"{promise[0]:g} to {promise[1]:g}"
+        kept = "yes" if high >= promise[0] and low <= promise[1] else "NO"
+    return {
+        "promise": PROMISES[part][0],
+        "where": cell,
+        "runs": rows["run"].nunique(),
+        "promised %": promised,
+        "measured %": f"{share:.1f}",
+        "99 % interval": f"{low:.1f} to {high:.1f}",
+        "kept": kept,
+    }
+
+
+def figures(table: pd.DataFrame) -> pd.DataFrame:
+    """Promises beside figures, cell by cell."""
+    found = []
+    for part in PROMISES:
+        rows = table[table["part"] == part]
+        if rows.empty:
+            continue
+        for cell, of_cell in rows.groupby("cell"):
+            found.append(figure(part, cell, of_cell))
+        if part == INTERVALS:
+            for kind, of_kind in rows.groupby("of"):
+                found.append(figure(part, f"all, {kind}", of_kind))
+        if part not in (POWER, LOOP_POWER):
+            found.append(figure(part, "all", rows))
+    return pd.DataFrame(found)
+
+
+def print_figures(table: pd.DataFrame) -> None:
+    print(markdown(figures(table)))
+    refused = table[table["part"] == REFUSED]
     if len(refused):
-        out += [
-            "",
-            (
-                f"{len(refused)} cases were refused by name:"
-                f" {', '.join(sorted(set(refused['why'].str[:80])))}"
-            ),
-        ]
-    return out
-
-
-RUNS = {"intervals": 600, "detection": 600, "loop": 300}
-QUICK = {"intervals": 6, "detection": 4, "loop": 2}
+        reasons = ", ".join(sorted(set(refused["why"].str[:80])))
+        print(f"\n{len(refused)} cases were refused by name: {reasons}")
 
 
 def main(arguments: list[str] | None = None) -> pd.DataFrame:
     """Run the study and print promise beside figure."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a few runs of each part")
+    parser = options_of(__doc__, quick="a few runs of each part")
     parser.add_argument("--part", nargs="+", choices=list(RUNS), default=list(RUNS))
     parser.add_argument("--runs", type=int, help="runs of each part")
     parser.add_argument("--seed", type=int, default=1)
@@ -391,22 +368,25 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     parser.add_argument(
         "--out", type=Path, help="CSV with one row for each judged figure"
     )
-    o = parser.parse_args(arguments)
-    began, sizes = time.time(), QUICK if o.quick else RUNS
-    todo = [
-        job for part in o.part for job in jobs_of(part, o.runs or sizes[part], o.seed)
-    ]
-    runs = Parallel(n_jobs=o.jobs, return_as="generator_unordered")(
-        delayed(quietly)(*job) for job in todo
+    options = parser.parse_args(arguments)
+    began = time.time()
+    sizes = QUICK if options.quick else RUNS
+    tasks: list[Task] = []
+    for part in options.part:
+        tasks += tasks_of(part, options.runs or sizes[part], options.seed)
+
+    runs = Parallel(n_jobs=options.jobs, return_as="generator_unordered")(
+        delayed(judged)(task) for task in tasks
     )
-    rows: list[dict] = []
-    for found in tqdm(runs, total=len(todo), unit="run", disable=None):
+    rows: list[Row] = []
+    for found in tqdm(runs, total=len(tasks), unit="run", disable=None):
         rows += found
-        if o.out is not None:  # after every run: what was done is kept
-            pd.DataFrame(rows).to_csv(o.out, index=False)
+        # after every run, so that an interrupted study keeps what it has
+        if options.out is not None:
+            pd.DataFrame(rows).to_csv(options.out, index=False)
     table = pd.DataFrame(rows)
-    print("\n".join(report(table)))
-    print(f"\n{len(todo)} runs in {time.time() - began:.0f} s")
+    print_figures(table)
+    print(f"\n{len(tasks)} runs in {time.time() - began:.0f} s")
     return table
 
 

@@ -1,8 +1,7 @@
-"""Masses and terms: each optimizer through this package, beside the same optimizer of
-PySINDy on all samples.
+"""Masses and terms: each optimizer through this package, and in PySINDy by itself.
 
     python benchmarks/pysindy_table.py --quick
-    python benchmarks/pysindy_table.py --write      # the table of docs/coming_from_pysindy.md
+    python benchmarks/pysindy_table.py --write   # into docs/coming_from_pysindy.md
 
 Duffing chains of three masses, all DOFs or the roof alone excited, clean and with 2 %
 white noise on every channel; the noisy records are fused, unless ``--raw``, and both
@@ -19,48 +18,67 @@ over the chains; "none" where a DOF is not excited, so that no force has the coe
 
 from __future__ import annotations
 
-import argparse
-import os
-import sys
-import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
+from typing import Any
 
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+import search_path
+import chains
+import numpy as np
+import pandas as pd
+import pysindy as ps
+from harness import markdown, options_of, quietly, replace_section
+from sklearn.base import clone
 
-import chains  # noqa: E402
-import numpy as np  # noqa: E402
-import pandas as pd  # noqa: E402
-import pysindy as ps  # noqa: E402
-from sklearn.base import clone  # noqa: E402
+from pysindy_nrf import InterstoryPolynomialLibrary, NRFRegressor
+from pysindy_nrf.simulation.noise import add_noise
 
-from pysindy_nrf import InterstoryPolynomialLibrary, NRFRegressor  # noqa: E402
-from pysindy_nrf.simulation.noise import add_noise  # noqa: E402
-
-N, TRUE, DT = 3, ("v", "s", "s^3"), 1e-3
+N = 3
+STOREYS = range(1, N + 1)
+DT = 1e-3  # s
+TRUE_TERMS = set(product(STOREYS, ("v", "s", "s^3")))
+LEAST_DAMPING = 0.0155  # share of every storey's force
 SHARES = (0.003, 0.01, 0.03, 0.1)
-OPTIMIZERS = {
+ENSEMBLE = "`EnsembleOptimizer(STLSQ(threshold=...), library_ensemble=True)`"
+# by name the settings that are tried; "iv" are the instruments of this package
+OPTIMIZERS: dict[str, list[Any]] = {
     "least squares": [None],
     "instrumental variables": ["iv"],
-    "`STLSQ(threshold=...)`": [ps.STLSQ(threshold=t) for t in SHARES],
-    "`SR3(reg_weight_lam=...)`": [ps.SR3(reg_weight_lam=t**2 / 2) for t in SHARES],
-    "`SSR(kappa=...)`": [ps.SSR(kappa=t**2) for t in SHARES],
-    "`FROLS(max_iter=9, kappa=...)`": [
-        ps.FROLS(max_iter=9, kappa=t**2) for t in SHARES
+    "`STLSQ(threshold=...)`": [ps.STLSQ(threshold=share) for share in SHARES],
+    "`SR3(reg_weight_lam=...)`": [
+        ps.SR3(reg_weight_lam=share**2 / 2) for share in SHARES
     ],
-    "`EnsembleOptimizer(STLSQ(threshold=...), library_ensemble=True)`": [
-        ps.EnsembleOptimizer(ps.STLSQ(threshold=t), library_ensemble=True, n_models=10)
-        for t in SHARES
+    "`SSR(kappa=...)`": [ps.SSR(kappa=share**2) for share in SHARES],
+    "`FROLS(max_iter=9, kappa=...)`": [
+        ps.FROLS(max_iter=9, kappa=share**2) for share in SHARES
+    ],
+    ENSEMBLE: [
+        ps.EnsembleOptimizer(
+            ps.STLSQ(threshold=share), library_ensemble=True, n_models=10
+        )
+        for share in SHARES
     ],
 }
 EXCITED = {"all DOFs": [1, 2, 3], "roof": [3]}
-START, END = "<!-- benchmarks/pysindy_table.py -->\n", "<!-- end -->"
+BEGIN = "<!-- benchmarks/pysindy_table.py -->"
+END = "<!-- end -->"
+PAGE = search_path.ROOT / "docs" / "coming_from_pysindy.md"
+
+Terms = set[tuple[int, str]]  # storey and term
 
 
-def chain(seed: int, excited: list[int], n_samples: int):
+@dataclass(frozen=True)
+class Test:
+    """Masses of a chain (kg), its motions and forces as both sides see them."""
+
+    masses: np.ndarray
+    X: np.ndarray
+    F: np.ndarray
+    seed: int
+
+
+def chain(seed: int, excited: list[int], n_samples: int) -> chains.Case:
     """A chain whose damping is at least 1.5 % of every storey's force."""
     m, c, k, k3 = chains.parameters(N, np.random.default_rng(seed))
     for _ in range(5):
@@ -68,156 +86,139 @@ def chain(seed: int, excited: list[int], n_samples: int):
             N, excited, seed=seed, n_samples=n_samples, given=(m, c, k, k3)
         )
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
-        c = c * np.maximum(1.0, 0.0155 / share)
+        c = c * np.maximum(1.0, LEAST_DAMPING / share)
     return case
 
 
-def ours(X: np.ndarray, F: np.ndarray, optimizer) -> tuple[np.ndarray, set]:
-    """Masses, and the terms kept by storey."""
-    way = (
-        {"estimation": "iv", "dt": DT}
-        if optimizer == "iv"
-        else {"optimizer": optimizer}
-    )
-    model = NRFRegressor(degree=3, **way).fit(X, F)
-    kept = {
-        (i, t)
-        for i in range(1, N + 1)
-        for t, c in model.restoring_forces_[i].coefficients.items()
-        if c
-    }
-    return model.masses_, kept
+def tested(case: chains.Case, noise: float, seed: int, raw: bool) -> Test:
+    """A record of a chain, fused where it is noisy."""
+    record = case.record()
+    if noise:
+        record = add_noise(record, noise, random_state=seed)
+    X, F = record.to_features(smooth=noise > 0 and not raw)
+    return Test(case.m, np.asarray(X), np.asarray(F), seed)
 
 
-def theirs(X: np.ndarray, F: np.ndarray, optimizer) -> tuple[np.ndarray, set]:
-    """The same from accelerations; a term counts for its storey if it stands in one of
-    its balances or in another.
-    """
-    library = InterstoryPolynomialLibrary(3).fit(X)
-    terms = np.asarray(library.transform(X))[:, N:]
-    acting = np.flatnonzero(F.any(axis=0))
-    columns, a = np.hstack([terms, F[:, acting]]), X[:, :N]
-    size, target = (np.sqrt(np.mean(y**2, axis=0)) for y in (columns, a))
-    masses, kept, labels = np.full(N, np.nan), set(), library.get_feature_names()[N:]
+# -- both sides: masses and the terms they keep --------------------------------
+
+
+def ours(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
+    model = NRFRegressor(degree=3, optimizer=optimizer)
+    if optimizer == "iv":
+        model = NRFRegressor(degree=3, estimation="iv", dt=DT)
+    model.fit(test.X, test.F)
+    terms = set()
+    for i in STOREYS:
+        coefficients = model.restoring_forces_[i].coefficients
+        terms |= {(i, term) for term in coefficients.index[coefficients != 0]}
+    return model.masses_, terms
+
+
+def theirs(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
+    """A term counts for its storey if it is in one of its balances or in another."""
+    library = InterstoryPolynomialLibrary(3).fit(test.X)
+    laws = np.asarray(library.transform(test.X))[:, N:]
+    labels = library.get_feature_names()[N:]
+    acting = np.flatnonzero(test.F.any(axis=0))
+    columns = np.hstack([laws, test.F[:, acting]])
+    a = test.X[:, :N]
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    target = np.sqrt(np.mean(a**2, axis=0))
+
+    masses = np.full(N, np.nan)
+    terms = set()
     for j in range(N):
-        unit, y = columns / size, a[:, j] / target[j]
-        fitted = (
-            np.linalg.lstsq(unit, y)[0]
-            if optimizer is None
-            else clone(optimizer).fit(unit, y[:, None]).coef_[0]
-        )
-        for k, i in enumerate(acting):
-            if i == j and fitted[terms.shape[1] + k]:
-                masses[j] = size[terms.shape[1] + k] / (
-                    fitted[terms.shape[1] + k] * target[j]
-                )
-        for label, value in zip(labels, fitted):
-            if value:
-                storey = int(label.split(" ")[0].partition("^")[0][1:])
-                name = label.replace(f"v{storey}", "v").replace(f"s{storey}", "s")
-                kept.add(
-                    (
-                        storey,
-                        (
-                            name
-                            if j + 1 in (storey - 1, storey)
-                            else f"{name} in balance {j + 1}"
-                        ),
-                    )
-                )
-    return masses, kept
+        y = a[:, j] / target[j]
+        found = coefficients(optimizer, columns / size, y)
+        if j in acting:
+            k = len(labels) + list(acting).index(j)
+            if found[k]:
+                masses[j] = size[k] / (found[k] * target[j])
+        for label in np.array(labels)[found[: len(labels)] != 0]:
+            terms.add(place(label, j + 1))
+    return masses, terms
 
 
-def channels(case, noise: float, seed: int, raw: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Motion and forces as both sides see them."""
-    record = (
-        add_noise(case.record(), noise, random_state=seed) if noise else case.record()
-    )
-    return tuple(
-        np.asarray(table) for table in record.to_features(smooth=noise > 0 and not raw)
-    )
+def coefficients(optimizer: Any, A: np.ndarray, y: np.ndarray) -> np.ndarray:
+    if optimizer is None:
+        return np.linalg.lstsq(A, y)[0]
+    return clone(optimizer).fit(A, y[:, None]).coef_[0]
 
 
-def rows(
-    seeds: int, n_samples: int, noises: tuple[float, ...], raw: bool
+def place(label: str, balance: int) -> tuple[int, str]:
+    """Storey and term of a column such as ``"v2 s2^2"``."""
+    storey = int(label.split(" ")[0].partition("^")[0][1:])
+    term = label.replace(f"v{storey}", "v").replace(f"s{storey}", "s")
+    if balance in (storey - 1, storey):
+        return storey, term
+    return storey, f"{term} in balance {balance}"
+
+
+# -- the table -----------------------------------------------------------------
+
+
+def best_setting(side: Callable, settings: list, tests: list[Test]) -> tuple[str, ...]:
+    """Worst mass, chains with right terms, wrong terms, at the best setting."""
+    scores = []
+    for optimizer in settings:
+        errors, wrong = [], []
+        for test in tests:
+            # ensembles draw from NumPy's global state
+            np.random.seed(test.seed)
+            masses, terms = side(test, optimizer)
+            errors.append(100 * np.abs(masses / test.masses - 1).max())
+            wrong.append(len(terms ^ TRUE_TERMS))
+        scores.append((-wrong.count(0), np.median(wrong), np.median(errors)))
+    if not scores:
+        return "", "", ""
+    negative_right, wrong, error = min(scores)
+    return in_words(error), f"{-negative_right} of {len(tests)}", f"{wrong:g}"
+
+
+def in_words(error: float) -> str:
+    """A mass error in percent."""
+    if np.isnan(error):
+        return "none"
+    return "exact" if error < 1e-6 else f"{error:.2g} %"
+
+
+def comparison(
+    n_chains: int, n_samples: int, noises: tuple[float, ...], raw: bool
 ) -> pd.DataFrame:
     """One line for each optimizer, excitation and noise."""
-    true, lines = {(i, t) for i in range(1, N + 1) for t in TRUE}, []
-    held = {}
-    for seed in range(seeds):
-        for word, dofs in EXCITED.items():
-            case = chain(seed, dofs, n_samples)
-            held |= {
-                (word, noise, seed): (case.m, *channels(case, noise, seed, raw))
-                for noise in noises
-            }
-    for (name, path), word, noise in product(OPTIMIZERS.items(), EXCITED, noises):
+    tests: dict[tuple[str, float], list[Test]] = {}
+    for word, noise in product(EXCITED, noises):
+        tests[word, noise] = []
+        for seed in range(n_chains):
+            case = chain(seed, EXCITED[word], n_samples)
+            tests[word, noise].append(tested(case, noise, seed, raw))
+
+    lines = []
+    for (name, settings), word, noise in product(OPTIMIZERS.items(), EXCITED, noises):
         line = {"optimizer": name, "excited": word, "noise": f"{100 * noise:g} %"}
-        for side, fit in (("here", ours), ("PySINDy", theirs)):
-            found = []
-            for optimizer in path if side == "here" or path != ["iv"] else []:
-                errors, wrong = [], []
-                for seed in range(seeds):
-                    m, X, F = held[word, noise, seed]
-                    # noqa: NPY002  ensembles draw from NumPy's global state
-                    np.random.seed(seed)
-                    masses, kept = fit(X, F, optimizer)
-                    errors.append(100 * np.abs(masses / m - 1).max())
-                    wrong.append(len(kept ^ true))
-                found.append((-wrong.count(0), np.median(wrong), np.median(errors)))
-            exact, wrong, error = min(found, default=(0, 0, 0))
-            shown = (
-                "none"
-                if np.isnan(error)
-                else "exact"
-                if error < 1e-6
-                else f"{error:.2g} %"
-            )
-            values = (
-                (shown, f"{-exact} of {seeds}", f"{wrong:g}") if found else ("", "", "")
-            )
-            line |= dict(
-                zip(
-                    (
-                        f"{side}: {what}"
-                        for what in ("worst mass", "terms right", "terms wrong")
-                    ),
-                    values,
-                )
-            )
+        here = best_setting(ours, settings, tests[word, noise])
+        known_to_pysindy = [] if settings == ["iv"] else settings
+        there = best_setting(theirs, known_to_pysindy, tests[word, noise])
+        for side, values in (("here", here), ("PySINDy", there)):
+            mass, right, wrong = values
+            line[f"{side}: worst mass"] = mass
+            line[f"{side}: terms right"] = right
+            line[f"{side}: terms wrong"] = wrong
         lines.append(line)
     return pd.DataFrame(lines)
 
 
-def markdown(table: pd.DataFrame) -> str:
-    """The table for the page."""
-    lines = [list(table.columns), ["---"] * table.shape[1], *table.to_numpy().tolist()]
-    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
-
-
 def main(arguments: list[str] | None = None) -> pd.DataFrame:
     """Print the table; put it into the page."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="one short chain")
+    parser = options_of(__doc__, quick="one short chain")
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--raw", action="store_true", help="noisy channels as they are")
-    given = parser.parse_args(arguments)
-    warnings.simplefilter("ignore")
-    table = (
-        rows(1, 1000, (0.02,), given.raw)
-        if given.quick
-        else rows(6, 6000, (0.0, 0.02), given.raw)
-    )
+    options = parser.parse_args(arguments)
+    size = (1, 1000, (0.02,)) if options.quick else (6, 6000, (0.0, 0.02))
+    table = quietly(comparison, *size, options.raw)
     print(markdown(table))
-    if given.write:
-        page = ROOT / "docs" / "coming_from_pysindy.md"
-        before, _, rest = page.read_text(encoding="utf-8").partition(START)
-        page.write_text(
-            f"{before}{START}{markdown(table)}{END}{rest.partition(END)[2]}",
-            encoding="utf-8",
-        )
+    if options.write:
+        replace_section(PAGE, BEGIN, END, markdown(table))
     return table
 
 

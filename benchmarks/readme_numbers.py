@@ -1,34 +1,31 @@
-"""The verdicts that the README prints, one line a record: ``python
-benchmarks/readme_numbers.py [NAME...]``.
+"""The verdicts that the README prints, one row a record.
 
-A test compares them with the README. Measured records are read from the folder that
-PYSINDY_NRF_DATA names.
+    python benchmarks/readme_numbers.py
+    python benchmarks/readme_numbers.py "bundled frame"
+
+Linear storeys are declared, nothing else. A test compares the rows with the README.
+Measured records are read from the folder that PYSINDY_NRF_DATA names.
 """
 
-import sys
-import warnings
-from pathlib import Path
+from __future__ import annotations
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
+import search_path
+import measured_sets
+from harness import options_of, quietly
 
-import measured_sets  # noqa: E402
-
-from pysindy_nrf import NRFRegressor, close_loop, datasets  # noqa: E402
+from pysindy_nrf import NRFRegressor, close_loop, datasets
 
 RECORDS = {
-    "bundled frame": (datasets.load_demo, None),
-    "EMPS positioning stage": (measured_sets.load_emps, None),
+    "bundled frame": datasets.load_demo,
+    "EMPS positioning stage": measured_sets.load_emps,
 }
 
 
 def line(name: str) -> str:
-    """The row of the README's table: record, verdict, held-out balance error before and
-    after.
-    """
-    load, masses = RECORDS[name]
-    with warnings.catch_warnings(action="ignore"):
-        report = close_loop(load(), NRFRegressor(degree=1, known_masses=masses))
-    before, after = report.table["held-out"].iloc[0], report.final["held-out"]
+    """Record, verdict, held-out balance error before and after."""
+    report = quietly(close_loop, RECORDS[name](), NRFRegressor(degree=1))
+    before = report.table["held-out"].iloc[0]
+    after = report.final["held-out"]
     verdict = report.verdict
     return (
         f"| {name} | {verdict.state}: {verdict.sentence} | {before:.3g} to"
@@ -36,6 +33,14 @@ def line(name: str) -> str:
     )
 
 
+def main(arguments: list[str] | None = None) -> None:
+    """Print the rows."""
+    parser = options_of(__doc__)
+    parser.add_argument("names", nargs="*", help=f"of {', '.join(RECORDS)}")
+    options = parser.parse_args(arguments)
+    for name in options.names or RECORDS:
+        print(line(name), flush=True)
+
+
 if __name__ == "__main__":
-    for chosen in sys.argv[1:] or RECORDS:
-        print(line(chosen), flush=True)
+    main()

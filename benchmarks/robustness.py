@@ -1,8 +1,8 @@
 """Each measured record again, a little different: does the same effect come out?
 
-    python benchmarks/robustness.py                          # all records and variants: hours
-    python benchmarks/robustness.py emps silverbox --jobs 2  # some
-    python benchmarks/robustness.py --quick                  # one record, one variant, one effect at most
+    python benchmarks/robustness.py                          # all of it: hours
+    python benchmarks/robustness.py emps silverbox --jobs 2  # some records
+    python benchmarks/robustness.py --quick                  # one record, one variant
 
 Variants: the first half of the record, every other sample (after a zero-phase low-pass
 at 0.4 of the new rate), another ``random_state``, and 1 % noise (of each channel's rms)
@@ -13,16 +13,19 @@ ties. A record without a claim is kept if the variant has none.
 
 from __future__ import annotations
 
-import argparse
 import time
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-import measured_records as whole
+import search_path
+import measured_records
 import numpy as np
-from joblib import Parallel, delayed
+import pandas as pd
+from harness import in_parallel, markdown, options_of
 
+from pysindy_nrf import Record, ZeroPhaseFilter
 from pysindy_nrf.exceptions import NRFError
-from pysindy_nrf.records.zero_phase_filter import ZeroPhaseFilter
 
 CHANNELS = (
     "force",
@@ -32,140 +35,158 @@ CHANNELS = (
     "base_acceleration",
     "base_displacement",
 )
+WHOLE = "whole"
 
 
-def half_length(record: Any) -> Any:
+# -- variants of a record ------------------------------------------------------
+
+
+def half_length(record: Record) -> Record:
     return record.rows(slice(0, record.n_samples // 2))
 
 
-def half_rate(record: Any) -> Any:
+def half_rate(record: Record) -> Record:
     """Every other sample, low-passed before where there is a clock."""
-    keep = slice(0, None, 2)
-    low = (
-        ZeroPhaseFilter((None, 0.2 * record.fs), record.fs).apply
-        if record.has_clock
-        else np.asarray
-    )
-    changes = {name: low(getattr(record, name))[keep] for name in present(record)}
-    covariates = {
-        name: np.asarray(values)[keep]
-        for name, values in (record.covariates or {}).items()
-    }
-    clock = {"fs": record.fs / 2} if record.has_clock else {}
-    return record.replace(**changes, **clock, covariates=covariates or None)
+    changes = {}
+    for name, values in channels_of(record).items():
+        if record.has_clock:
+            low_pass = ZeroPhaseFilter((None, 0.2 * record.fs), record.fs)
+            values = low_pass.apply(values)
+        changes[name] = values[::2]
+    covariates = {}
+    for name, values in (record.covariates or {}).items():
+        covariates[name] = np.asarray(values)[::2]
+    if record.has_clock:
+        changes["fs"] = record.fs / 2
+    return record.replace(**changes, covariates=covariates or None)
 
 
-def noisy(record: Any) -> Any:
+def noisy(record: Record) -> Record:
     """White noise of 1 % of each channel's rms."""
     rng = np.random.default_rng(0)
-    values = {name: np.asarray(getattr(record, name)) for name in present(record)}
-    sigma = {name: 0.01 * x.std(axis=0, keepdims=True) for name, x in values.items()}
-    return record.replace(
-        **{
-            name: x + sigma[name] * rng.standard_normal(x.shape)
-            for name, x in values.items()
-        }
-    )
+    changes = {}
+    for name, values in channels_of(record).items():
+        sigma = 0.01 * values.std(axis=0, keepdims=True)
+        changes[name] = values + sigma * rng.standard_normal(values.shape)
+    return record.replace(**changes)
 
 
-def present(record: Any) -> list[str]:
-    """Channels that the record holds."""
-    return [name for name in CHANNELS if getattr(record, name, None) is not None]
+def unchanged(record: Record) -> Record:
+    return record
+
+
+def channels_of(record: Record) -> dict[str, np.ndarray]:
+    """Channels that a record has."""
+    channels = {name: getattr(record, name, None) for name in CHANNELS}
+    return {name: np.asarray(y) for name, y in channels.items() if y is not None}
 
 
 VARIANTS = {
+    WHOLE: unchanged,
     "half length": half_length,
     "half rate": half_rate,
-    "another seed": lambda r: r,
+    "another seed": unchanged,
     "1 % noise": noisy,
 }
 
 
-def found(
-    name: str, variant: str | None, **options: Any
-) -> list[tuple[str, str, frozenset[str]]] | str:
-    """Claims of a record or of its variant as (site, law, families); or why it was
-    refused.
-    """
-    one = whole.SETS[name]
-    records = one.load()
-    pieces = records if isinstance(records, list) else [records]
-    changed = [VARIANTS[variant](piece) if variant else piece for piece in pieces]
-    seed = {"random_state": 1} if variant == "another seed" else {}
+# -- claims --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Found:
+    """Claims as (site, law, names that stand for it); or why the record was refused."""
+
+    claims: tuple[tuple[str, str, frozenset[str]], ...] = ()
+    refusal: str = ""
+
+    def __str__(self) -> str:
+        words = [f"{law} at {site}" for site, law, _ in self.claims]
+        return self.refusal or "; ".join(words) or "none"
+
+    def has(self, site: str, names: frozenset[str]) -> bool:
+        """Whether there is a claim at a site under one of the names."""
+        return any(site == other and names & same for other, _, same in self.claims)
+
+
+def searched(name: str, variant: str, **options: Any) -> Found:
+    """The claims of a variant of a record."""
+    test = measured_records.SETS[name]
+    records = test.load()
+    change = VARIANTS[variant]
+    if isinstance(records, list):
+        records = [change(record) for record in records]
+    else:
+        records = change(records)
+    if variant == "another seed":
+        options["random_state"] = 1
     try:
-        report = one.run(
-            changed if isinstance(records, list) else changed[0], **seed, **options
-        )
+        report = test.search(records, **options)
     except NRFError as error:
-        return str(error)
-    return [
-        (step.site, step.law, frozenset({*whole.families(step), step.law}))
-        for step in whole.claims(report)
-    ]
+        return Found(refusal=str(error))
+
+    claims = []
+    for step in measured_records.claims(report):
+        names = frozenset(measured_records.names_of(step))
+        claims.append((step.site, step.law, names))
+    return Found(tuple(claims))
 
 
-def kept(before: list[tuple[str, str, frozenset[str]]], after: Any) -> tuple[int, int]:
-    """Claims of the whole record that the variant has too, and how many there are
-    (nothing: one).
+def kept(whole: Found, variant: Found) -> tuple[int, int]:
+    """Claims of the whole record that the variant has too, and how many there are.
+
+    That there is none counts as one.
     """
-    if not before:
-        return int(after == []), 1
-    if isinstance(after, str):
-        return 0, len(before)
-    return sum(
-        any(site == s and names & n for s, _, n in after) for site, _, names in before
-    ), len(before)
+    if not whole.claims:
+        return int(not variant.claims and not variant.refusal), 1
+    n_kept = sum(variant.has(site, names) for site, _, names in whole.claims)
+    return n_kept, len(whole.claims)
 
 
-def main(arguments: list[str] | None = None) -> dict[str, tuple[int, int]]:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def scored(results: dict[tuple[str, str], Found]) -> pd.DataFrame:
+    """One row for each record and variant."""
+    rows = []
+    for (name, variant), found in results.items():
+        row = {"record": name, "variant": variant, "claims": str(found), "kept": ""}
+        if variant != WHOLE:
+            right, of = kept(results[name, WHOLE], found)
+            row |= {"kept": f"{right} of {of}", "right": right, "of": of}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def main(arguments: list[str] | None = None) -> pd.DataFrame:
+    """Print what every variant claims, and how many claims are kept."""
+    parser = options_of(__doc__, quick="one record, half its length, one effect")
     parser.add_argument(
-        "sets", nargs="*", choices=[*whole.SETS, []], help="records; all by default"
-    )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="one record, half its length, one effect at most",
+        "sets",
+        nargs="*",
+        choices=[*measured_records.SETS, []],
+        help="records; all by default",
     )
     parser.add_argument("--jobs", type=int, default=1, help="runs at a time")
-    o = parser.parse_args(arguments)
-    names = o.sets or (["friction_damper_2hz"] if o.quick else list(whole.SETS))
-    variants = ["half length"] if o.quick else list(VARIANTS)
-    options = {"max_steps": 1} if o.quick else {}
+    options = parser.parse_args(arguments)
+    names = options.sets or list(measured_records.SETS)
+    variants = list(VARIANTS)
+    search = searched
+    if options.quick:
+        names = options.sets or ["friction_damper_2hz"]
+        variants = [WHOLE, "half length"]
+        search = partial(searched, max_steps=1)
+
     start = time.perf_counter()
-    runs = [(name, variant) for name in names for variant in (None, *variants)]
-    results = dict(
-        zip(
-            runs,
-            Parallel(n_jobs=o.jobs)(delayed(found)(*run, **options) for run in runs),
-            strict=True,
-        )
-    )
-    print("| record | variant | claims | kept |\n|---|---|---|---|")
-    totals: dict[str, tuple[int, int]] = {variant: (0, 0) for variant in variants}
-    for name, variant in runs:
-        claims = results[name, variant]
-        told = (
-            claims
-            if isinstance(claims, str)
-            else "; ".join(f"{law} at {site}" for site, law, _ in claims)
-        )
-        score = ""
-        if variant is not None:
-            right, of = kept(results[name, None], claims)
-            totals[variant] = totals[variant][0] + right, totals[variant][1] + of
-            score = f"{right} of {of}"
-        print(f"| {name} | {variant or 'whole'} | {told or 'none'} | {score} |")
-    right, of = (sum(column) for column in zip(*totals.values(), strict=True))
-    print(
-        f"\nKept: {right} of {of} ({100 * right / of:.0f} %; at least 90 % are"
-        " required)."
-    )
-    print("; ".join(f"{variant} {a} of {b}" for variant, (a, b) in totals.items()))
+    tasks = [(name, variant) for name in names for variant in variants]
+    table = scored(dict(zip(tasks, in_parallel(search, tasks, options.jobs))))
+    print(markdown(table[["record", "variant", "claims", "kept"]]))
+
+    totals = table.dropna().groupby("variant", sort=False)[["right", "of"]].sum()
+    right, of = totals.sum().astype(int)
+    share = 100 * right / of
+    print(f"\nKept: {right} of {of} ({share:.0f} %; at least 90 % are required).")
+    counts = [f"{name} {a:.0f} of {b:.0f}" for name, a, b in totals.itertuples()]
+    print("; ".join(counts))
     print(f"{time.perf_counter() - start:.0f} s")
-    return totals
+    return table
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import os
 import sys
 import warnings
+from importlib import import_module
 from pathlib import Path
 
 from docutils import nodes
@@ -12,7 +13,7 @@ from sphinx_gallery.sorting import FileNameSortKey
 import pysindy_nrf
 
 sys.path.insert(0, str(Path(__file__).parent))
-import law_catalogue  # noqa: E402
+law_catalogue = import_module("law_catalogue")
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(name, "1")

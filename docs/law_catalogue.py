@@ -12,9 +12,10 @@ from pysindy_nrf.laws import Motion, registry
 
 HEAD = """# Catalogue of force laws
 
-{count} laws, by family. The pictures show force against drift under a slow cycle that grows to a fixed size, with shape
-parameters in the middle of their range and terms of comparable size; covariates are switched on half way. Errors of
-sensors have no such picture. `pysindy-nrf laws WORDS` lists the same on the command line;
+{count} laws, by family. The pictures show force against drift under a slow cycle that
+grows to a fixed size, with shape parameters in the middle of their range and terms of
+comparable size; covariates are switched on half way. Errors of sensors have no such
+picture. `pysindy-nrf laws WORDS` lists the same on the command line;
 [add your own](../add_your_own_law.md).
 """
 

@@ -1,5 +1,6 @@
-"""Figures of the examples: channels, forces, surfaces, loops, energy, modes, free runs,
-coefficients, tracks.
+"""Figures of the examples.
+
+Channels, forces, surfaces, loops, energy, modes, free runs, coefficients, tracks.
 """
 
 import re
@@ -87,12 +88,11 @@ class DamperForceDisplay(Display):
         site: str = "storey 1",
         over: str = "drift",
     ) -> None:
-        self.abscissa, self.identified = (
-            np.asarray(abscissa, dtype=float),
-            np.asarray(identified, dtype=float),
-        )
-        self.measured = None if measured is None else np.asarray(measured, dtype=float)
-        self.site, self.over = site, over
+        self.abscissa = np.asarray(abscissa, dtype=float)
+        self.identified = np.asarray(identified, dtype=float)
+        self.measured = _array_if_any(measured)
+        self.site = site
+        self.over = over
 
     @classmethod
     def from_estimator(
@@ -105,13 +105,14 @@ class DamperForceDisplay(Display):
         over: str = "drift",
         **options: Any,
     ) -> Self:
-        """Device force by subtraction; see :func:`pysindy_nrf.identification.damper_force`
-        for ``X`` and the options.
+        """Device force by subtraction.
 
         Parameters
         ----------
         estimator, linear : fitted NRFRegressor or ChainModel
             Of the structure with and without its devices.
+        X, **options
+            As of :func:`pysindy_nrf.identification.damper_force`.
         site : str or int
             A storey.
         measured : ndarray of shape (n_samples,), optional
@@ -133,22 +134,18 @@ class DamperForceDisplay(Display):
         abscissa = force.index.to_numpy()
         if over != "time":
             key = "s" if over == "drift" else "v"
-            abscissa = data.scatter(
-                [getattr(seg, key)[seg.valid] for seg in data.segments]
-            )[:, place.p - 1]
+            motion = [getattr(seg, key)[seg.valid] for seg in data.segments]
+            abscissa = data.scatter(motion)[:, place.p - 1]
         return cls(abscissa, force[str(place)].to_numpy(), measured, str(place), over)
 
     def figures(self) -> list[Figure]:
-        marks: list[Mark] = [
-            Line(self.abscissa, self.identified, "identified", "blue", 0.6)
-        ]
+        marks: list[Mark] = []
         if self.measured is not None:
-            marks.insert(0, Line(self.abscissa, self.measured, "true", "orange", 1.4))
+            marks.append(Line(self.abscissa, self.measured, "true", "orange", 1.4))
+        marks.append(Line(self.abscissa, self.identified, "identified", "blue", 0.6))
         label, unit = _OVER[self.over]
-        x, y = (
-            Axis(label.format(i=index_of(self.site)), unit),
-            Axis("damper force", "N"),
-        )
+        x = Axis(label.format(i=index_of(self.site)), unit)
+        y = Axis("damper force", "N")
         return [Figure(f"Device force of {self.site}", marks, x, y, heading=self.site)]
 
 
@@ -188,7 +185,9 @@ class TrackDisplay(Display):
         onset: float | None = None,
         window: float | None = None,
     ) -> None:
-        self.table, self.onset, self.window = table, onset, window
+        self.table = table
+        self.onset = onset
+        self.window = window
 
     @classmethod
     def from_estimator(
@@ -210,36 +209,21 @@ class TrackDisplay(Display):
         return cls(track(estimator, X, F, **options), onset, options.get("window", 2.0))
 
     def figures(self) -> list[Figure]:
-        stiffness = self.table[[c for c in self.table if str(c).startswith("k")]]
+        stiffness = self.table.filter(regex="^k")
         change = 100 * (stiffness / stiffness.iloc[0] - 1)
-        marks: list[Mark] = [
-            Line(
-                self.table["t"],
-                change[k],
-                f"storey {k[1:]}",
-                CYCLE[i % 6],
-                1.5,
-                DASHES[i % 6],
-            )
-            for i, k in enumerate(change)
-        ]
+        t = self.table["t"]
+        marks: list[Mark] = []
+        for i, k in enumerate(change):
+            name = f"storey {k[1:]}"
+            marks.append(Line(t, change[k], name, CYCLE[i % 6], 1.5, DASHES[i % 6]))
         if self.onset is not None and np.isfinite(self.onset):
             ends = [float(change.min(axis=None)), float(change.max(axis=None))]
-            marks.append(
-                Line(
-                    [self.onset, self.onset],
-                    ends,
-                    f"onset {self.onset:.2f} s",
-                    "muted",
-                    0.8,
-                    "dot",
-                )
-            )
+            times = [self.onset, self.onset]
+            name = f"onset {self.onset:.2f} s"
+            marks.append(Line(times, ends, name, "muted", 0.8, "dot"))
         window = "window" if self.window is None else f"{self.window:g} s window"
-        x, y = (
-            Axis(f"time at the middle of the {window}", "s"),
-            Axis("change of stiffness", "%"),
-        )
+        x = Axis(f"time at the middle of the {window}", "s")
+        y = Axis("change of stiffness", "%")
         return [Figure("Stiffness over time", marks, x, y, size=(6.0, 3.2))]
 
 
@@ -252,8 +236,7 @@ _KINDS = {
 
 
 class RecordDisplay(Display):
-    """Measured channels of one kind over time, one line of axes for each DOF (paper
-    Figs. 2, 10).
+    """Measured channels of one kind over time, axes for each DOF (Figs. 2, 10).
 
     Parameters
     ----------
@@ -262,10 +245,9 @@ class RecordDisplay(Display):
 
     Examples
     --------
-    >>> from pysindy_nrf import datasets, displays
-    >>> display = displays.RecordDisplay(
-    ...     datasets.load_demo(), "displacement"
-    ... ).plot()
+    >>> from paper_displays import RecordDisplay
+    >>> from pysindy_nrf import datasets
+    >>> display = RecordDisplay(datasets.load_demo(), "displacement").plot()
     >>> (
     ...     display.ax_[-1].get_xlabel(),
     ...     [axis.get_ylabel() for axis in display.ax_],
@@ -279,30 +261,24 @@ class RecordDisplay(Display):
         self.record, self.kind = record, kind
 
     def figures(self) -> list[Figure]:
-        values, (symbol, unit) = getattr(self.record, self.kind), _KINDS[self.kind]
-        out = []
+        symbol, unit = _KINDS[self.kind]
+        color = "red" if self.kind == "force" else "blue"
+        values = getattr(self.record, self.kind)
+        if values is None:
+            values = np.full((self.record.n_samples, self.record.n_dof), np.nan)
+        figures = []
         for j in range(self.record.n_dof, 0, -1):
-            known = values is not None and not np.isnan(values[:, j - 1]).all()
-            color = "red" if symbol == "F" else "blue"
-            marks: list[Mark] = (
-                [Line(self.record.time, values[:, j - 1], color=color, width=0.7)]
-                if known
-                else []
-            )
-            y = Axis(
-                f"{symbol}_{{{j}}}" if known else f"{symbol}_{{{j}}}, not measured",
-                unit,
-            )
-            out.append(
-                Figure(
-                    f"{self.kind} of DOF {j}",
-                    marks,
-                    below(j, "time", "s"),
-                    y,
-                    size=(6.5, 1.2),
-                )
-            )
-        return out
+            channel = values[:, j - 1]
+            label = f"{symbol}_{{{j}}}"
+            marks: list[Mark] = []
+            if np.isnan(channel).all():
+                label += ", not measured"
+            else:
+                marks.append(Line(self.record.time, channel, color=color, width=0.7))
+            x, y = below(j, "time", "s"), Axis(label, unit)
+            title = f"{self.kind} of DOF {j}"
+            figures.append(Figure(title, marks, x, y, size=(6.5, 1.2)))
+        return figures
 
 
 class ModesDisplay(Display):
@@ -330,7 +306,9 @@ class ModesDisplay(Display):
     def __init__(
         self, modes: pd.DataFrame, frequency: Any = None, spectrum: Any = None
     ) -> None:
-        self.modes, self.frequency, self.spectrum = modes, frequency, spectrum
+        self.modes = modes
+        self.frequency = frequency
+        self.spectrum = spectrum
 
     @classmethod
     def from_estimator(cls, estimator: Any, record: Any = None) -> Self:
@@ -345,40 +323,26 @@ class ModesDisplay(Display):
         modes = getattr(estimator, "model_", estimator).modes()
         if record is None or record.acceleration is None:
             return cls(modes)
-        f, power = welch(
-            record.acceleration,
-            record.fs,
-            nperseg=min(record.n_samples, int(8 * record.fs)),
-            axis=0,
-        )
+        length = min(record.n_samples, int(8 * record.fs))
+        f, power = welch(record.acceleration, record.fs, nperseg=length, axis=0)
         return cls(modes, f, np.sqrt(power))
 
     def figures(self) -> list[Figure]:
         shapes = modes_figure(self.modes)
         if self.spectrum is None:
             return [shapes]
-        shown = (self.frequency > 0) & (
-            self.frequency < 2.5 * self.modes["frequency"].max()
-        )
+        highest = 2.5 * self.modes["frequency"].max()
+        shown = (self.frequency > 0) & (self.frequency < highest)
         f, spectrum = self.frequency[shown], self.spectrum[shown]
         ends = [0.5 * spectrum.min(), 2 * spectrum.max()]
-        marks: list[Mark] = [
-            Line([f, f], ends, "", "muted", 0.8, "dot") for f in self.modes["frequency"]
-        ]
-        marks += [
-            Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9)
-            for j, line in enumerate(spectrum.T, 1)
-        ]
+        marks: list[Mark] = []
+        for mode in self.modes["frequency"]:
+            marks.append(Line([mode, mode], ends, "", "muted", 0.8, "dot"))
+        for j, line in enumerate(spectrum.T, 1):
+            marks.append(Line(f, line, f"a_{{{j}}}", CYCLE[j % 6 - 1], 0.9))
+        x = Axis("frequency", "Hz", (0, f[-1]))
         y = Axis("acceleration", "(m/s²)/√Hz", tuple(ends), log=True)
-        return [
-            shapes,
-            Figure(
-                "Spectrum of the accelerations",
-                marks,
-                Axis("frequency", "Hz", (0, f[-1])),
-                y,
-            ),
-        ]
+        return [shapes, Figure("Spectrum of the accelerations", marks, x, y)]
 
 
 class RestoringForceSurfaceDisplay(Display):
@@ -412,12 +376,10 @@ class RestoringForceSurfaceDisplay(Display):
         reference: Any = None,
         reference_label: str = "paper",
     ) -> None:
-        self.surface, self.site, self.reference, self.reference_label = (
-            surface,
-            site,
-            reference,
-            reference_label,
-        )
+        self.surface = surface
+        self.site = site
+        self.reference = reference
+        self.reference_label = reference_label
 
     @classmethod
     def from_estimator(
@@ -436,11 +398,9 @@ class RestoringForceSurfaceDisplay(Display):
         """
         model = getattr(estimator, "model_", estimator)
         surface = model.surface(site, size)
-        other = (
-            None
-            if reference is None
-            else reference(surface["v"].to_numpy(), surface["s"].to_numpy())
-        )
+        other = None
+        if reference is not None:
+            other = reference(surface["v"].to_numpy(), surface["s"].to_numpy())
         return cls(surface, str(model.chain.site(site)), other)
 
     def figures(self) -> list[Figure]:
@@ -454,36 +414,10 @@ class RestoringForceSurfaceDisplay(Display):
         """Draw in space; drifts in mm."""
         figure = self.figures()[0]
         if ax is None:
-            ax = plt.figure(figsize=figure.size, layout="constrained").add_subplot(
-                projection="3d"
-            )
+            sheet = plt.figure(figsize=figure.size, layout="constrained")
+            ax = sheet.add_subplot(projection="3d")
         for mark in figure.marks:
-            x, y, z = 1e3 * np.asarray(mark.x), np.asarray(mark.y), np.asarray(mark.z)
-            if mark.style == "full":
-                ax.plot_surface(
-                    x,
-                    y,
-                    z,
-                    cmap="cividis",
-                    rstride=1,
-                    cstride=1,
-                    linewidth=0,
-                    alpha=0.95,
-                )
-                color = "#7b7b78"
-            else:
-                color, width, stride = (
-                    ("0.75", 0.3, 4) if mark.style == "faint" else ("black", 0.6, 3)
-                )
-                ax.plot_wireframe(
-                    x,
-                    y,
-                    z,
-                    color=color,
-                    linewidth=width,
-                    rstride=stride,
-                    cstride=stride,
-                )
+            color = _draw_in_space(ax, mark)
             ax.plot([], [], [], color=color, linewidth=3, label=mark.name)
         for side, axis in zip("xyz", (figure.x, figure.y, figure.z)):
             dress(ax, side, axis)
@@ -497,6 +431,24 @@ class RestoringForceSurfaceDisplay(Display):
         ax.legend(loc="upper left", fontsize="x-small", frameon=False)
         self.ax_, self.figure_ = ax, ax.figure
         return self
+
+
+# color, width and stride of the lines of a net
+_NETS = {"faint": ("0.75", 0.3, 4), "net": ("black", 0.6, 3)}
+
+
+def _draw_in_space(ax: Any, mark: Any) -> str:
+    """Draw a surface, and give the color of its legend."""
+    grid = (1e3 * np.asarray(mark.x), np.asarray(mark.y), np.asarray(mark.z))
+    if mark.style == "full":
+        look = {"cmap": "cividis", "linewidth": 0, "alpha": 0.95}
+        ax.plot_surface(*grid, rstride=1, cstride=1, **look)
+        return "#7b7b78"
+    color, width, stride = _NETS[mark.style]
+    ax.plot_wireframe(
+        *grid, color=color, linewidth=width, rstride=stride, cstride=stride
+    )
+    return color
 
 
 class HysteresisLoopDisplay(Display):
@@ -525,19 +477,19 @@ class HysteresisLoopDisplay(Display):
     def __init__(
         self, drift: Any, identified: Any, measured: Any = None, site: str = "storey 1"
     ) -> None:
-        self.drift, self.identified = (
-            np.asarray(drift, dtype=float),
-            np.asarray(identified, dtype=float),
-        )
-        self.measured = None if measured is None else np.asarray(measured, dtype=float)
+        self.drift = np.asarray(drift, dtype=float)
+        self.identified = np.asarray(identified, dtype=float)
+        self.measured = _array_if_any(measured)
         self.site = site
 
     @classmethod
     def from_estimator(
         cls, estimator: Any, X: Any, F: Any, site: Any, **options: Any
     ) -> Self:
-        """Loops of a storey; "measured" is the force that balances the inertia above it
-        with the identified masses.
+        """Loops of a storey.
+
+        "Measured" is the force that balances the inertia above it with the identified
+        masses.
 
         Parameters
         ----------
@@ -564,35 +516,20 @@ class HysteresisLoopDisplay(Display):
             )
         i = place.p - 1
         data = as_segments(estimator, X, F, **options)
-        drift = data.scatter([seg.s[seg.valid] for seg in data.segments])[:, i]
-        above = data.scatter(
-            [
-                seg.F[seg.valid] - model.masses * seg.a[seg.valid]
-                for seg in data.segments
-            ]
-        )
-        return cls(
-            drift,
-            model.restoring_force(data)[:, i],
-            above[:, i:].sum(axis=1),
-            str(place),
-        )
+        drifts, loads = [], []
+        for seg in data.segments:
+            drifts.append(seg.s[seg.valid])
+            loads.append(seg.F[seg.valid] - model.masses * seg.a[seg.valid])
+        drift = data.scatter(drifts)[:, i]
+        measured = data.scatter(loads)[:, i:].sum(axis=1)
+        identified = model.restoring_force(data)[:, i]
+        return cls(drift, identified, measured, str(place))
 
     def figures(self) -> list[Figure]:
         none = np.empty(0)
-        return [
-            loop_figure(
-                SiteLoop(
-                    self.site,
-                    "",
-                    none,
-                    self.drift,
-                    none,
-                    self.identified,
-                    self.measured,
-                )
-            )
-        ]
+        forces = (self.identified, self.measured)
+        loop = SiteLoop(self.site, "", none, self.drift, none, *forces)
+        return [loop_figure(loop)]
 
 
 class EnergyDisplay(Display):
@@ -618,9 +555,9 @@ class EnergyDisplay(Display):
 
     def __init__(self, time: Any, energy: Mapping[str, Any]) -> None:
         self.time = np.asarray(time, dtype=float)
-        self.energy = {
-            name: np.asarray(line, dtype=float) for name, line in energy.items()
-        }
+        self.energy = {}
+        for name, line in energy.items():
+            self.energy[name] = np.asarray(line, dtype=float)
 
     @classmethod
     def from_estimator(
@@ -634,18 +571,14 @@ class EnergyDisplay(Display):
         estimator : fitted NRFRegressor or ChainModel
         """
         table = dissipated_energy(estimator, X, without, **options)
-        return cls(
-            table.index.to_numpy(dtype=float),
-            {name: table[name].to_numpy() for name in table},
-        )
+        return cls(table.index.to_numpy(dtype=float), dict(table.items()))
 
     def figures(self) -> list[Figure]:
         return [energy_figure(pd.DataFrame(self.energy, index=self.time))]
 
 
 class CoefficientsDisplay(Display):
-    """Coefficients of plain SINDy and of this package: one panel a storey, one group of
-    bars a term.
+    """Coefficients of plain SINDy and of this package: a panel for each storey.
 
     Parameters
     ----------
@@ -675,8 +608,7 @@ class CoefficientsDisplay(Display):
     def from_comparison(
         cls, table: pd.DataFrame, record: Record, degree: int = 3
     ) -> Self:
-        """The storey forces of each model of a comparison, taken apart into the terms
-        of their own storey.
+        """Storey forces of a comparison, taken apart into the terms of their storey.
 
         Parameters
         ----------
@@ -688,64 +620,64 @@ class CoefficientsDisplay(Display):
         """
         forces = table.attrs["storey_forces"]
         (seg,) = from_arrays(record).segments
-        rest = slice(seg.valid.stop - len(forces["truth"]), seg.valid.stop)
-        law, rows = PowerSeries(degree), {}
+        end = seg.valid.stop
+        rest = slice(end - len(forces["truth"]), end)
+        law = PowerSeries(degree)
+        labels = [*(term.label for term in law.terms()), "other"]
+        storeys = {}
         for i in range(seg.n_dof):
-            columns = law.features(
-                Motion(seg.s[rest, i].astype(float), seg.v[rest, i].astype(float))
-            )
-            scale = np.sqrt(np.mean(columns**2, axis=0))
+            motion = Motion(seg.s[rest, i].astype(float), seg.v[rest, i].astype(float))
             wanted = np.column_stack([R[:, i] for R in forces.values()])
-            found = np.linalg.lstsq(columns / scale, wanted, rcond=None)[0]
-            left = np.sqrt(np.mean((wanted - columns / scale @ found) ** 2, axis=0))
+            shares = _shares_of_terms(law.features(motion), wanted)
             size = np.sqrt(np.mean(forces["truth"][:, i] ** 2))
-            for label, row in zip(
-                [*(term.label for term in law.terms()), "other"],
-                np.vstack([found, left]) / size,
-            ):
-                rows[f"storey {i + 1}", label] = row
-        index = pd.MultiIndex.from_tuples(rows, names=["site", "term"])
-        return cls(
-            pd.DataFrame(
-                np.array(list(rows.values())), index=index, columns=list(forces)
-            )
-        )
+            storey = pd.DataFrame(shares / size, index=labels, columns=list(forces))
+            storeys[f"storey {i + 1}"] = storey
+        return cls(pd.concat(storeys, names=["site", "term"]))
 
     def figures(self) -> list[Figure]:
-        sites = list(dict.fromkeys(self.shares.index.get_level_values(0)))
-        said = (
+        sites = list(self.shares.index.unique(0))
+        legend = (
             "term: coefficient times its rms; other: what the terms of this storey"
             " cannot hold"
         )
-        out = []
+        figures = []
         for site in sites:
-            part = self.shares.loc[site]
-            others = [m for m in part if m != "truth"]
-            colors = {m: CYCLE[k % 5] for k, m in enumerate(others)} | {"truth": "ink"}
-            marks: list[Mark] = [
-                Bars(part[m], str(m), colors[m], hatched=m in others[5:]) for m in part
-            ]
-            # bars beyond twice the storey's force (columns that nearly cancel) are cut,
-            # and say so by reaching the edge
-            low, high = np.clip(
-                [1.1 * part.min(axis=None), 1.1 * part.max(axis=None)], -2.0, 2.0
-            )
-            x = Axis(
-                said if site == sites[-1] else "",
-                ticks=[_typeset(str(term)) for term in part.index],
-            )
-            y = Axis(f"{site}\nshare of its force", limits=(low, high), zero=True)
-            out.append(Figure(str(site), marks, x, y, legend="sheet", size=(8.5, 2.3)))
-        return out
+            label = legend if site == sites[-1] else ""
+            figures.append(self._panel(site, label))
+        return figures
+
+    def _panel(self, site: str, label: str) -> Figure:
+        """Bars of one storey."""
+        storey = self.shares.loc[site]
+        others = [model for model in storey if model != "truth"]
+        marks: list[Mark] = []
+        for model in storey:
+            color, hatched = "ink", False
+            if model != "truth":
+                number = others.index(model)
+                color, hatched = CYCLE[number % 5], number >= 5
+            marks.append(Bars(storey[model], str(model), color, hatched=hatched))
+        # bars beyond twice the storey's force (columns that nearly cancel) are cut
+        ends = [1.1 * storey.min(axis=None), 1.1 * storey.max(axis=None)]
+        limits = tuple(np.clip(ends, -2.0, 2.0))
+        x = Axis(label, ticks=[_typeset(str(term)) for term in storey.index])
+        y = Axis(f"{site}\nshare of its force", limits=limits, zero=True)
+        return Figure(str(site), marks, x, y, legend="sheet", size=(8.5, 2.3))
+
+
+def _shares_of_terms(columns: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Coefficients times the rms of their terms, and the rms of the rest, N."""
+    scaled = columns / np.sqrt(np.mean(columns**2, axis=0))
+    found = np.linalg.lstsq(scaled, forces, rcond=None)[0]
+    rest = np.sqrt(np.mean((forces - scaled @ found) ** 2, axis=0))
+    return np.vstack([found, rest])
 
 
 def _typeset(term: str) -> str:
     """Powers of v and s as a formula; other words as they are."""
-    return (
-        f"${term.replace(' ', chr(92) + ',')}$"
-        if re.fullmatch(r"[vs](\^\d+)?( [vs](\^\d+)?)*", term)
-        else term
-    )
+    if not re.fullmatch(r"[vs](\^\d+)?( [vs](\^\d+)?)*", term):
+        return term
+    return "$" + term.replace(" ", r"\,") + "$"
 
 
 class FreeRunDisplay(Display):
@@ -777,11 +709,10 @@ class FreeRunDisplay(Display):
     def __init__(
         self, time: Any, measured: Any, predicted: Any, begin: float | None = None
     ) -> None:
-        self.time, self.begin = np.asarray(time, dtype=float), begin
-        self.measured, self.predicted = (
-            np.asarray(measured, dtype=float),
-            np.asarray(predicted, dtype=float),
-        )
+        self.time = np.asarray(time, dtype=float)
+        self.measured = np.asarray(measured, dtype=float)
+        self.predicted = np.asarray(predicted, dtype=float)
+        self.begin = begin
 
     @classmethod
     def from_estimator(cls, estimator: Any, record: Any, **options: Any) -> Self:
@@ -806,63 +737,57 @@ class FreeRunDisplay(Display):
             raise ChannelError(
                 f"Record {record.name!r} has no displacement to compare with", cure
             )
-        measured, rate = record.displacement, record.velocity
-        if (
-            record.coordinates == "absolute" and record.base_moves
-        ):  # all relative to the base
-            vg, xg = base_motion(
-                record, record, not {"vg", "xg"} <= set(record.measured)
-            )
-            measured, rate = (
-                measured - xg[:, None],
-                (None if rate is None else rate - vg[:, None]),
-            )
-        given = {
+        measured, rate = _relative_motion(record)
+        start = {
             "x0": measured[0],
             "v0": None if rate is None else rate[0],
             "covariates": record.covariates,
+            "base_acceleration": base_acceleration_if_any(record),
         }
-        given |= {"base_acceleration": base_acceleration_if_any(record)} | options
-        run = simulate(
-            getattr(estimator, "model_", estimator), record.force, record.dt, **given
-        )
+        model = getattr(estimator, "model_", estimator)
+        run = simulate(model, record.force, record.dt, **(start | options))
         return cls(record.time, measured, run.displacement)
 
     @property
     def error(self) -> np.ndarray:
         """Free-run error of every DOF, percent NRMSE."""
-        return np.array(
-            [nrmse(x, own) for x, own in zip(self.measured.T, self.predicted.T)]
-        )
+        pairs = zip(self.measured.T, self.predicted.T)
+        return np.array([nrmse(measured, run) for measured, run in pairs])
 
     def figures(self) -> list[Figure]:
-        out = []
-        for j, error in reversed(list(enumerate(self.error, 1))):
+        figures = []
+        for j in range(len(self.error), 0, -1):
+            measured, run = self.measured[:, j - 1], self.predicted[:, j - 1]
+            label = f"free run ({self.error[j - 1]:.2g} % NRMSE)"
             marks: list[Mark] = [
-                Line(self.time, self.measured[:, j - 1], "measured", "orange", 1.6),
-                Line(
-                    self.time,
-                    self.predicted[:, j - 1],
-                    f"free run ({error:.2g} % NRMSE)",
-                    "blue",
-                    0.8,
-                    "dash",
-                ),
+                Line(self.time, measured, "measured", "orange", 1.6),
+                Line(self.time, run, label, "blue", 0.8, "dash"),
             ]
-            x, y = below(j, "time", "s"), Axis(f"x_{{{j}}}", "m")
+            x = below(j, "time", "s")
             if self.begin is not None:
                 x = replace(x, limits=(self.begin, self.time[-1]))
-            out.append(
-                Figure(
-                    f"Free run of DOF {j}", marks, x, y, legend="above", size=(6.5, 1.4)
-                )
-            )
-        return out
+            y = Axis(f"x_{{{j}}}", "m")
+            title = f"Free run of DOF {j}"
+            figures.append(Figure(title, marks, x, y, legend="above", size=(6.5, 1.4)))
+        return figures
+
+
+def _relative_motion(record: Record) -> tuple[np.ndarray, np.ndarray | None]:
+    """Displacement and velocity relative to the base."""
+    x, v = record.displacement, record.velocity
+    if record.coordinates != "absolute" or not record.base_moves:
+        return x, v
+    from_acceleration = not {"vg", "xg"} <= set(record.measured)
+    vg, xg = base_motion(record, record, from_acceleration)
+    return x - xg[:, None], None if v is None else v - vg[:, None]
+
+
+def _array_if_any(values: Any) -> np.ndarray | None:
+    return None if values is None else np.asarray(values, dtype=float)
 
 
 class ChangeMapDisplay(Display):
-    """Where in the (v, s) plane a storey's force changed, and where the change is
-    significant.
+    """Where in the (v, s) plane a storey's force changed significantly.
 
     Parameters
     ----------
@@ -902,12 +827,10 @@ class ChangeMapDisplay(Display):
         largest: float | None = None,
         colorbar: bool = True,
     ) -> None:
-        self.table, self.site, self.largest, self.colorbar = (
-            table,
-            site,
-            largest,
-            colorbar,
-        )
+        self.table = table
+        self.site = site
+        self.largest = largest
+        self.colorbar = colorbar
 
     @classmethod
     def from_report(
@@ -929,9 +852,7 @@ class ChangeMapDisplay(Display):
 
 
 class BeforeAfterDisplay(Display):
-    """Held-out errors of the baseline and after each effect that the closed loop
-    added.
-    """
+    """Held-out errors of the baseline and after each effect that the loop added."""
 
     def __init__(self, report: Any) -> None:
         self.report = report

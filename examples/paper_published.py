@@ -28,48 +28,54 @@ _EXPONENTS = ((0, 1), (1, 0), (0, 2), (1, 1), (2, 0), (0, 3), (1, 2), (2, 1), (3
 
 @dataclass(frozen=True)
 class Result:
-    """One identification of the paper."""
+    """One identification of the paper.
+
+    Attributes
+    ----------
+    equations, title : str
+    storeys : dict
+        Coefficients by storey, in the order of PRINTED_ORDER (the first two if linear).
+    masses : dict
+        kg, by DOF; empty where the paper prints none.
+    twins : dict
+        Coefficients from the balance below a storey (eq. 10b).
+    figures : dict
+        Contents by the number of the figure.
+    """
 
     equations: str
     title: str
-    storeys: dict[
-        int, tuple[float, ...]
-    ]  # by storey, in the order of PRINTED_ORDER (the first two if linear)
-    masses: dict[int, float] = field(
-        default_factory=dict
-    )  # kg, by DOF; empty where the paper prints none
-    twins: dict[int, tuple[float, ...]] = field(
-        default_factory=dict
-    )  # from the balance below a storey (eq. 10b)
-    figures: dict[str, str] = field(default_factory=dict)  # number and content
+    storeys: dict[int, tuple[float, ...]]
+    masses: dict[int, float] = field(default_factory=dict)
+    twins: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    figures: dict[str, str] = field(default_factory=dict)
 
     def law(self, storey: int) -> PowerSeries:
         """Power series of a storey."""
         return law(self.storeys[storey])
 
     def table(self) -> pd.DataFrame:
-        """Coefficients: one row for each term as printed, one column for each storey
-        and one with the units.
+        """Coefficients: a row for each term as printed, a column for each storey.
+
+        The last column has the units.
         """
-        size = len(next(iter(self.storeys.values())))
-        units = {t.label: t.unit for t in PowerSeries(3).terms()}
-        table = pd.DataFrame(
-            {f"storey {i}": values for i, values in sorted(self.storeys.items())},
-            index=pd.Index(PRINTED_ORDER[:size], name="term"),
-        )
-        return table.assign(unit=[units[label] for label in table.index])
+        n_terms = len(next(iter(self.storeys.values())))
+        terms = pd.Index(PRINTED_ORDER[:n_terms], name="term")
+        table = pd.DataFrame(index=terms)
+        for storey in sorted(self.storeys):
+            table[f"storey {storey}"] = self.storeys[storey]
+        units = {term.label: term.unit for term in PowerSeries(3).terms()}
+        return table.assign(unit=terms.map(units))
 
     def model(self) -> ChainModel:
         """The result as a model; ChainError if the paper does not print its masses."""
-        if any(j not in self.masses for j in self.storeys):
+        if self.masses.keys() != self.storeys.keys():
             raise ChainError(
                 f"The paper prints no masses with eqs. {self.equations}",
                 "Use .law(storey) for its restoring forces.",
             )
-        return ChainModel(
-            [self.masses[j] for j in sorted(self.masses)],
-            {f"storey {i}": self.law(i) for i in self.storeys},
-        )
+        masses = [self.masses[j] for j in sorted(self.masses)]
+        return ChainModel(masses, {i: self.law(i) for i in self.storeys})
 
 
 def law(printed: Any) -> PowerSeries:

@@ -1,5 +1,4 @@
-"""Where is the damper? How far every storey's surface R(s, v) is from a plane, beside
-what noise alone would bend it.
+"""Where is the damper? How far every storey's surface R(s, v) is from a plane.
 
 The share of a storey's force that no plane explains; the reference is the same share in
 simulated tests of the linear twin with the noise of the test. The loop (``close_loop``)
@@ -14,15 +13,14 @@ import pandas as pd
 from sklearn.base import clone
 
 from pysindy_nrf.chain.model import as_model, as_segments, storey_names
-from pysindy_nrf.common import generator
 from pysindy_nrf.exceptions import ChainError
-from pysindy_nrf.laws import Dahl, PowerSeries
+from pysindy_nrf.laws import Dahl, ForceLaw, PowerSeries
 from pysindy_nrf.records.dataset import Dataset
 from pysindy_nrf.report.figures.figure import Axis, Bars, Figure, Line, Mark
 from pysindy_nrf.report.figures.matplotlib_renderer import Drawing
 
 LEAST = 1.0  # percent of the force; a surface below this is planar at any noise
-_BLOCKS = 40
+N_BLOCKS = 40  # of consecutive samples, whose residuals get one sign
 
 
 def planarity(
@@ -60,30 +58,110 @@ def planarity(
     """
     model = as_model(estimator)
     data = as_segments(estimator, X, F, **options)
-    forces = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
-    index, scale = _off_plane(data, forces)
+    surfaces = off_plane(data, storey_forces(model, data))
     reference = np.full(model.n_dof, np.nan)
     if draws and hasattr(estimator, "solve_order_"):
-        reference = _reference(estimator, data, scale, draws, random_state)
+        reference = noise_reference(estimator, data, surfaces.rms, draws, random_state)
+    index = 100.0 * surfaces.share
     planar = index < np.fmax(reference, LEAST)
-    return pd.DataFrame(
-        {"index": index, "reference": reference, "planar": planar},
-        index=storey_names(model),
-    )
+    columns = {"index": index, "reference": reference, "planar": planar}
+    return pd.DataFrame(columns, index=storey_names(model))
 
 
-@dataclass
+# -- planes --------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class OffPlane:
+    """Rms of what the best plane leaves of each force, and rms of the force, N."""
+
+    rest: np.ndarray
+    rms: np.ndarray
+
+    @property
+    def share(self) -> np.ndarray:
+        return self.rest / np.where(self.rms > 0, self.rms, 1.0)
+
+
+def storey_forces(model: Any, data: Dataset) -> list[np.ndarray]:
+    """Storey forces along the valid rows of each segment."""
+    forces = model.restoring_force(data)
+    return [forces[segment.rows][segment.valid] for segment in data.segments]
+
+
+def off_plane(data: Dataset, forces: list[np.ndarray]) -> OffPlane:
+    """Distance of forces from the best planes over rate and drift."""
+    R = np.concatenate(forces)
+    v = np.concatenate([segment.v[segment.valid] for segment in data.segments])
+    s = np.concatenate([segment.s[segment.valid] for segment in data.segments])
+    rest = np.empty_like(R)
+    for i in range(R.shape[1]):
+        plane = np.column_stack([v[:, i], s[:, i]])
+        plane = plane / (np.sqrt((plane**2).mean(axis=0)) + np.finfo(float).tiny)
+        found = np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
+        rest[:, i] = R[:, i] - plane @ found
+    return OffPlane(np.sqrt(np.mean(rest**2, axis=0)), np.sqrt(np.mean(R**2, axis=0)))
+
+
+def noise_reference(
+    estimator: Any, data: Dataset, rms: np.ndarray, draws: int, random_state: Any
+) -> np.ndarray:
+    """The 95 % quantile of the index that noise makes, percent of the forces."""
+    rng = np.random.default_rng(random_state)
+    balances = estimator.model_.balance_forces(data)
+    forces = storey_forces(estimator.model_, data)
+    # residuals with other signs act on floors without a force, too; those stay unforced
+    problem = replace(estimator.problem_, excited=data.forced)
+    shares = []
+    for _ in range(draws):
+        again = with_other_signs(data, balances, rng)
+        model = problem.solve(again).model
+        changes = []
+        for drawn, identified in zip(storey_forces(model, data), forces):
+            changes.append(drawn - identified)
+        shares.append(100.0 * off_plane(data, changes).rest / rms)
+    return np.quantile(shares, 0.95, axis=0)
+
+
+def with_other_signs(
+    data: Dataset, balances: list[np.ndarray], rng: np.random.Generator
+) -> Dataset:
+    """The data with forces whose residuals got random signs in blocks."""
+    segments = []
+    for segment, identified in zip(data.segments, balances):
+        n = len(identified)
+        block = np.minimum(np.arange(n) * N_BLOCKS // n, N_BLOCKS - 1)
+        signs = rng.choice([-1.0, 1.0], size=N_BLOCKS)[block]
+        force = segment.F.copy()
+        residual = force[segment.valid] - identified
+        force[segment.valid] = identified + signs[:, None] * residual
+        segments.append(replace(segment, F=force))
+    return Dataset(segments, data.n_samples)
+
+
+# -- location ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
 class Location:
-    """Location of the nonlinearity."""
+    """Location of the nonlinearity.
 
-    storeys: list[
-        str
-    ]  # storeys that are not planar, in the order in which they were found
-    first: pd.DataFrame  # ``planarity`` of the regressor as given
-    last: (
-        pd.DataFrame
-    )  # the same with a hysteretic law in these storeys: the others are planar
-    estimator: Any  # fitted, with these laws
+    Attributes
+    ----------
+    storeys : list of str
+        Those that are not planar, in the order in which they were found.
+    first : DataFrame
+        ``planarity`` of the regressor as given.
+    last : DataFrame
+        The same with a hysteretic law in these storeys: the others are planar.
+    estimator : NRFRegressor
+        Fitted, with these laws.
+    """
+
+    storeys: list[str]
+    first: pd.DataFrame
+    last: pd.DataFrame
+    estimator: Any
 
     def __str__(self) -> str:
         if not self.storeys:
@@ -103,8 +181,7 @@ def locate_nonlinearity(
     random_state: Any = None,
     **options: Any,
 ) -> Location:
-    """Find the storeys whose restoring force is not planar; parameters as of
-    ``planarity``.
+    """Find the storeys whose restoring force is not planar; parameters as there.
 
     A hysteretic storey biases its neighbours, whose surfaces bend too. The least planar
     storey gets a Dahl law beside its power series and the chain is solved again, while
@@ -122,93 +199,45 @@ def locate_nonlinearity(
         If the estimator is not a fitted NRFRegressor.
     """
     if not hasattr(estimator, "solve_order_"):
-        cure = "Give a fitted NRFRegressor."
         raise ChainError(
-            "locate_nonlinearity needs the regressor that was fitted to the data", cure
+            "locate_nonlinearity needs the regressor that was fitted to the data",
+            "Give a fitted NRFRegressor.",
         )
-    first = last = planarity(
-        estimator, X, F, draws=draws, random_state=random_state, **options
-    )
-    found: list[str] = []
-    laws = dict(estimator.laws or {})
+    options_of_index = {"draws": draws, "random_state": random_state} | options
+    first = planarity(estimator, X, F, **options_of_index)
+    last = first
     model = estimator.model_
+    found: list[str] = []
     while not last.drop(index=found)["planar"].all():
-        open_ = last.drop(index=found)
-        worst = str(open_.loc[~open_["planar"], "index"].idxmax())
+        others = last.drop(index=found)
+        worst = str(others.loc[~others["planar"], "index"].idxmax())
         found.append(worst)
-        own = model.laws[model.chain.site(worst)] or (PowerSeries(1),)
-        laws[worst] = (
-            *(law for law in own if not (law.has_memory or law.family == "friction")),
-            Dahl(),
-        )
-        named = {model.chain.site(s) for s in laws}
-        orders = {
-            s: o
-            for s, o in dict(estimator.orders or {}).items()
-            if model.chain.site(s) not in named
-        }
-        estimator = (
-            clone(estimator)
-            .set_params(laws=laws, orders=orders or None)
-            .fit(X, F, **options)
-        )
-        last = planarity(
-            estimator, X, F, draws=draws, random_state=random_state, **options
-        )
+        estimator = with_dahl_law(estimator, model, worst).fit(X, F, **options)
+        last = planarity(estimator, X, F, **options_of_index)
     return Location(found, first, last, estimator)
 
 
-def _off_plane(
-    data: Dataset, forces: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Share of forces that the best plane does not explain (percent), and their rms."""
-    R = np.concatenate(forces)
-    off, size = np.empty(R.shape[1]), np.empty(R.shape[1])
-    for i in range(R.shape[1]):
-        sides = (
-            [getattr(seg, key)[seg.valid, i] for seg in data.segments] for key in "vs"
-        )
-        plane = np.column_stack([np.concatenate(side) for side in sides])
-        plane = plane / (np.sqrt((plane**2).mean(axis=0)) + np.finfo(float).tiny)
-        rest = R[:, i] - plane @ np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
-        off[i], size[i] = np.sqrt(np.mean(rest**2)), np.sqrt(np.mean(R[:, i] ** 2))
-    return 100.0 * off / np.where(size > 0, size, 1.0), size
+def with_dahl_law(estimator: Any, model: Any, storey: str) -> Any:
+    """The estimator with a Dahl law beside the laws of a storey that have no memory."""
+    laws = dict(estimator.laws or {})
+    present = model.laws[model.chain.site(storey)] or (PowerSeries(1),)
+    laws[storey] = (*filter(is_smooth, present), Dahl())
+
+    declared = {model.chain.site(site) for site in laws}
+    orders = dict(estimator.orders or {})
+    for site in list(orders):
+        if model.chain.site(site) in declared:
+            del orders[site]
+    return clone(estimator).set_params(laws=laws, orders=orders or None)
 
 
-def _reference(
-    estimator: Any, data: Dataset, scale: np.ndarray, draws: int, random_state: Any
-) -> np.ndarray:
-    rng = generator(random_state)
-    model = estimator.model_
-    implied = model.balance_forces(data)
-    found = [model.restoring_force(data)[seg.rows][seg.valid] for seg in data.segments]
-    # what is left over flips its sign on unforced floors, too; they stay unforced
-    problem = replace(estimator.problem_, excited=data.forced)
-    values = []
-    for _ in range(draws):
-        segments = []
-        for seg, left in zip(data.segments, implied):
-            n = len(left)
-            signs = rng.choice([-1.0, 1.0], size=_BLOCKS)[
-                np.minimum(np.arange(n) * _BLOCKS // n, _BLOCKS - 1)
-            ]
-            force = seg.F.copy()
-            force[seg.valid] = left + signs[:, None] * (seg.F[seg.valid] - left)
-            segments.append(replace(seg, F=force))
-        again = Dataset(segments, data.n_samples)
-        other = problem.solve(again).model
-        change = [
-            other.restoring_force(data)[seg.rows][seg.valid] - R
-            for seg, R in zip(data.segments, found)
-        ]
-        share, size = _off_plane(data, change)
-        values.append(share * size / scale)
-    return np.quantile(values, 0.95, axis=0)
+def is_smooth(law: ForceLaw) -> bool:
+    """Whether a law depends on the present motion alone, without jumps."""
+    return not (law.has_memory or law.family == "friction")
 
 
 class PlanarityDisplay(Drawing):
-    """How far every storey's surface is from a plane, and how far noise alone would
-    bend it.
+    """How far every storey's surface is from a plane, and how far noise would bend it.
 
     Parameters
     ----------
@@ -229,27 +258,18 @@ class PlanarityDisplay(Drawing):
         return cls(planarity(estimator, X, F, **options))
 
     def figures(self) -> list[Figure]:
-        index, reference = (
-            self.table["index"],
-            np.fmax(self.table["reference"].to_numpy(), LEAST),
-        )
+        index = self.table["index"]
         planar = self.table["planar"].to_numpy()
-        texts = ["planar" if p else "not planar" for p in planar]
+        reference = np.fmax(self.table["reference"].to_numpy(), LEAST)
+        texts = np.where(planar, "planar", "not planar").tolist()
+        colors = np.where(planar, "sky", "blue").tolist()
+        label = "reference (noise, at least 1 %)"
+        rows = np.arange(len(index))
         marks: list[Mark] = [
-            Bars(index, color=["sky" if p else "blue" for p in planar], texts=texts),
-            Line(
-                reference,
-                np.arange(len(index)),
-                "reference (noise, at least 1 %)",
-                "ink",
-                dash="",
-                marker="|",
-            ),
+            Bars(index, color=colors, texts=texts),
+            Line(reference, rows, label, "ink", dash="", marker="|"),
         ]
-        x = Axis(
-            "off the plane",
-            "% of the storey's force",
-            (0, 1.35 * max(index.max(), reference.max())),
-        )
-        y = Axis(ticks=[str(n) for n in self.table.index])
+        end = 1.35 * max(index.max(), reference.max())
+        x = Axis("off the plane", "% of the storey's force", (0, end))
+        y = Axis(ticks=[str(name) for name in self.table.index])
         return [Figure("Planarity", marks, x, y, lying=True, legend="above")]

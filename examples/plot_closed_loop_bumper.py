@@ -39,20 +39,19 @@ frames = {
 F = excitation.band_limited_random(
     4, 16.0, 1000.0, excited=3, rms=150.0, band=(1, 40), random_state=1
 )
+plain = {f"storey {i}": storey() for i in range(1, 5)}
+s = np.linspace(-0.004, 0.004, 400)
 figure, axes = plt.subplots(2, 2, figsize=(11, 7.5), layout="constrained")
 for row, (name, special) in zip(axes, frames.items()):
-    plain = {f"storey {i}": storey() for i in range(1, 5)}
     frame = ChainModel([12.4, 12.4, 12.4, 12.0], plain | special)
     record = add_noise(simulate(frame, F, 1e-3), 0.02, random_state=2)
     report = close_loop(record)
     print(f"{name}\n{report}\n{report.table.round(2).to_string()}\n")
     BeforeAfterDisplay.from_report(report).plot(row[0])
     row[0].set_title(name)
-    s = np.linspace(-0.004, 0.004, 400)
     for model, label, style in ((frame, "true", "k-"), (report.model, "found", "--")):
-        row[1].plot(
-            1e3 * s, model.restoring_forces["storey 3"](0.0, s), style, label=label
-        )
+        force = model.restoring_forces["storey 3"](0.0, s)
+        row[1].plot(1e3 * s, force, style, label=label)
     row[1].set(
         xlabel="drift of storey 3 (mm)",
         ylabel="restoring force at rest (N)",

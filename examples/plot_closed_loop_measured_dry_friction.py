@@ -44,10 +44,10 @@ X = X[inside]
 vg = np.gradient(xg, 1 / 500.0)[inside]
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 storey = report.model.restoring_forces["storey 1"]
-missing = -X["a1"].to_numpy() - storey(X["v1"].to_numpy(), X["s1"].to_numpy())
-for ax, rate, name in zip(
-    axes, (X["v1"].to_numpy(), X["v1"].to_numpy() + vg), ("storey", "absolute")
-):
+a, v, s = X[["a1", "v1", "s1"]].to_numpy().T
+missing = -a - storey(v, s)
+rates = {"storey": v, "absolute": v + vg}
+for ax, (name, rate) in zip(axes, rates.items()):
     ax.plot(1e3 * rate[::3], missing[::3], ".", markersize=1.5)
     ax.set(
         xlabel=f"{name} velocity (mm/s)",

@@ -28,9 +28,8 @@ records = [
     measured_sets.load_six_storey_hotel(event) for event in (1, 4, 7, 10, 13, 16)
 ]
 report = close_loop(records, NRFRegressor(degree=1, known_masses={1: 1.0, 2: 1.0}))
-print(
-    f"{report}\n{report.table.round(2).to_string()}\n{report.candidates.head(6).to_string()}"
-)
+print(f"{report}\n{report.table.round(2).to_string()}")
+print(report.candidates.head(6).to_string())
 
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 X, F = records[0].to_features()

@@ -39,13 +39,8 @@ for run in runs:
     record = measured_sets.load_mr_damper_cyclic(run)
     report = close_loop(record, declared(1), max_steps=2)
     cubic = close_loop(record, declared(3), max_steps=0)
-    rows.append(
-        [
-            report.table["held-out"].iloc[0],
-            cubic.table["held-out"].iloc[0],
-            report.table["held-out"].iloc[-1],
-        ]
-    )
+    errors = report.table["held-out"]
+    rows.append([errors.iloc[0], cubic.table["held-out"].iloc[0], errors.iloc[-1]])
     reports.append(report)
     print(f"{run}\n{report}\n")
 

@@ -29,57 +29,42 @@ print(Chain(3).sensing(sensors=[1, 3], excited=1))
 
 # a period of the steady motion under a random-phase multisine from 4 to 32 Hz
 frf = measured_sets.load_three_storey_frf()
-inside, n = (frf.f >= 4) & (frf.f <= 32), 2 * len(frf.f)
+n = 2 * len(frf.f)
+inside = (frf.f >= 4) & (frf.f <= 32)
+count = inside.sum()
+phases = np.exp(2j * np.pi * np.random.default_rng(0).random((count, 1)))
 lines = np.zeros((n // 2 + 1, 4), dtype=complex)
-phases = np.exp(2j * np.pi * np.random.default_rng(0).random((inside.sum(), 1)))
-lines[1:][inside] = phases * np.column_stack([np.ones(inside.sum()), frf.H[inside]])
-force, *floors = np.fft.irfft(lines, n, axis=0).T
-a = np.column_stack(floors)
+lines[1:][inside] = phases * np.column_stack([np.ones(count), frf.H[inside]])
+signals = np.fft.irfft(lines, n, axis=0)
+force = np.zeros((n, 3))
+force[:, 0] = signals[:, 0]
+a = signals[:, 1:]
 hidden = a[:, 1].copy()
 a[:, 1] = np.nan
-record = Record(
-    force=np.column_stack([force, 0 * force, 0 * force]),
-    acceleration=a,
-    fs=n * frf.f[0],
-)
+record = Record(force=force, acceleration=a, fs=n * frf.f[0])
 
 model = NRFRegressor(degree=1).fit(record)
 motion = model.motions_[0]
-print(
-    f"masses {model.masses_.round(2)}, floor 2:"
-    f" {nrmse(hidden, motion['a2'].to_numpy()):.0f} % NRMSE"
-)
+error = nrmse(hidden, motion["a2"].to_numpy())
+print(f"masses {model.masses_.round(2)}, floor 2: {error:.0f} % NRMSE")
 figure, axes = plt.subplots(
     1, 2, figsize=(12, 4), layout="constrained", width_ratios=(1, 3)
 )
 frame, ax = axes
-for j in range(4):
-    frame.plot([0, 1], [j, j], color="0.2", linewidth=6 if j else 2)
-    frame.plot(
-        [0, 0, 1, 1], [j - 1, j, j, j - 1] if j else [0] * 4, color="0.5", linewidth=1
-    )
+frame.plot([0, 1], [0, 0], color="0.2", linewidth=2)
+for j in (1, 2, 3):
+    frame.plot([0, 1], [j, j], color="0.2", linewidth=6)
+    frame.plot([0, 0, 1, 1], [j - 1, j, j, j - 1], color="0.5", linewidth=1)
 for j, text in ((1, "force, sensor"), (2, "no sensor"), (3, "sensor")):
     frame.annotate(text, (1.05, j), va="center")
 frame.set(xlim=(-0.1, 2.2), ylim=(-0.2, 3.4))
 frame.axis("off")
-show = slice(0, 300)
-ax.plot(
-    motion.index[show],
-    hidden[show],
-    color="0.6",
-    linewidth=1.5,
-    label="measured, hidden from the fit",
-)
-ax.plot(
-    motion.index[show], motion["a2"].to_numpy()[show], linewidth=0.8, label="estimated"
-)
-ax.fill_between(
-    motion.index[show],
-    motion["a2_lower"][show],
-    motion["a2_upper"][show],
-    alpha=0.3,
-    label="95 %",
-)
+shown = motion.iloc[:300]
+label = "measured, hidden from the fit"
+ax.plot(shown.index, hidden[:300], color="0.6", linewidth=1.5, label=label)
+ax.plot(shown.index, shown["a2"], linewidth=0.8, label="estimated")
+band = (shown["a2_lower"], shown["a2_upper"])
+ax.fill_between(shown.index, *band, alpha=0.3, label="95 %")
 ax.set(xlabel="time (s)", ylabel="acceleration of floor 2 (file's unit)")
 ax.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 figure.savefig(folder / "fewer_sensors.png", dpi=110)

@@ -51,37 +51,37 @@ for (excitation, noise), (number, paper), ax in zip(
     figure, axes = plt.subplots(
         1, 2, figsize=(8.5, 3.4), sharey=True, layout="constrained"
     )
-    for ax2, over in zip(axes, ("drift", "rate")):
-        truth = case.damper[last, 0]
-        DamperForceDisplay.from_estimator(
+    truth = case.damper[last, 0]
+    for panel, over in zip(axes, ("drift", "rate")):
+        display = DamperForceDisplay.from_estimator(
             model, case.bare, X.iloc[last], 1, truth, over
-        ).plot(ax2)
-    none = found["storey 2"].iloc[last].abs().max()
+        )
+        display.plot(panel)
+    largest = found["storey 2"].iloc[last].abs().max()
     figure.suptitle(
         f"{case.name}: damper force in storey 1 (found in storey 2: at most"
-        f" {none:.2g} N)"
+        f" {largest:.2g} N)"
     )
     figure.savefig(folder / f"paper_fig{number}_damper_force.png", dpi=150)
 
     # The energy it dissipates.
-    drift = X["s1"].to_numpy()
-    bare = case.bare.restoring_forces[1](X["v1"], X["s1"])
+    v, s = X["v1"], X["s1"]
+    bare = case.bare.restoring_forces[1](v, s)
+    printed = published.force(paper.storeys[1], v, s) - bare
     energy = {
         "true": cases.path_energy(case.damper[:, 0], case.exact.displacement[:, 0]),
-        "identified": cases.path_energy(found["storey 1"], drift),
-        f"paper's polynomial {paper.equations}": cases.path_energy(
-            published.force(paper.storeys[1], X["v1"], X["s1"]) - bare, drift
-        ),
+        "identified": cases.path_energy(found["storey 1"], s),
+        f"paper's polynomial {paper.equations}": cases.path_energy(printed, s),
     }
     EnergyDisplay(X.index, energy).plot(ax)
     ax.set_title(case.name, fontsize="medium")
     gap = 100 * (energy["identified"][-1] / energy["true"][-1] - 1)
-    force_errors = [
-        nrmse(case.force[:, i], model.restoring_force(X)[:, i]) for i in (0, 1)
-    ]
+    force = model.restoring_force(X)
+    first = nrmse(case.force[:, 0], force[:, 0])
+    second = nrmse(case.force[:, 1], force[:, 1])
     print(
         f"{case.name}: m = {model.masses_.round(3)} kg, storey force errors"
-        f" {force_errors[0]:.2f} and {force_errors[1]:.2f} %, dissipated energy"
-        f" {gap:+.2f} % from the truth"
+        f" {first:.2f} and {second:.2f} %, dissipated energy {gap:+.2f} % from the"
+        " truth"
     )
 energies.savefig(folder / "paper_2dof_energy.png", dpi=150)

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import paper_cases as cases
 
 from pysindy_nrf.exceptions import BiasWarning
@@ -26,13 +27,11 @@ folder.mkdir(parents=True, exist_ok=True)
 warnings.simplefilter("ignore", BiasWarning)  # the bias is what is shown here
 
 levels = np.array([50, 100, 200, cases.FORCE_LEVEL, 500, 800, 1600])
-masses = {
-    e: [cases.first_mass(level, e) for level in levels]
-    for e in ("complete", "incomplete")
-}
-print("rms force (N)  m1 complete  m1 incomplete (kg)")
-for row in zip(levels, masses["complete"], masses["incomplete"]):
-    print("{:12.0f} {:12.3f} {:14.3f}".format(*row))
+masses = {}
+for excitation in ("complete", "incomplete"):
+    masses[excitation] = [cases.first_mass(level, excitation) for level in levels]
+table = pd.DataFrame(masses, index=pd.Index(levels, name="rms force (N)"))
+print(f"m1 (kg)\n{table.round(3).to_string()}")
 print(f"calibrated again: {cases.calibrate_level():.1f} N")
 
 figure, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")

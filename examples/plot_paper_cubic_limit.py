@@ -26,48 +26,40 @@ from pysindy_nrf.exceptions import BiasWarning
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
+HYSTERETIC = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]}
+LOOKS = dict(zip(cases.FRICTIONS, (("o", "#0072B2"), ("s", "#D55E00"))))
+
+
+def mass_errors(floors, friction, level):
+    """Largest mass error of the cubic, and of the model with the Dahl law, percent."""
+    case = cases.four_storey(floors, friction, level=level)
+    X, F = case.exact.to_features(smooth=False)
+    cubic = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F))
+    with warnings.catch_warnings(record=True) as raised:
+        warnings.simplefilter("always", BiasWarning)
+        cubic.fit(X, F)
+    closed = NRFRegressor(degree=1, laws=HYSTERETIC).fit(X, F)
+    of_cubic = 100 * (cubic.masses_ / case.truth.masses - 1)
+    of_law = 100 * (closed.masses_ / case.truth.masses - 1)
+    print(
+        f"{case.name}: cubic {of_cubic.round(1)} % (warned: {bool(raised)}), with Dahl"
+        f" {of_law.round(2)} %"
+    )
+    return np.abs(of_cubic).max(), np.abs(of_law).max()
+
+
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout="constrained")
 for ax, floors in zip(axes, (cases.COMPLETE_FRAME, cases.INCOMPLETE_FRAME)):
-    for friction, marker, color in zip(cases.FRICTIONS, "os", ("#0072B2", "#D55E00")):
-        worst = []
-        for level in cases.LEVELS:
-            case = cases.four_storey(floors, friction, level=level)
-            X, F = case.exact.to_features(smooth=False)
-            with warnings.catch_warnings(record=True) as raised:
-                warnings.simplefilter("always", BiasWarning)
-                cubic = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(
-                    X, F
-                )
-            hysteretic = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]}
-            closed = NRFRegressor(degree=1, laws=hysteretic).fit(X, F)
-            bias = [100 * (m.masses_ / case.truth.masses - 1) for m in (cubic, closed)]
-            worst.append([np.abs(b).max() for b in bias])
-            print(
-                f"{case.name}: cubic {bias[0].round(1)} % (warned: {bool(raised)}),"
-                f" with Dahl {bias[1].round(2)} %"
-            )
-        worst = np.array(worst)
-        ax.plot(
-            cases.LEVELS,
-            worst[:, 0],
-            marker=marker,
-            color=color,
-            label=f"cubic, {friction:.0f} N damper",
-        )
-        ax.plot(
-            cases.LEVELS,
-            worst[:, 1],
-            marker=marker,
-            color=color,
-            linestyle=":",
-            fillstyle="none",
-            label=f"with Dahl law, {friction:.0f} N",
-        )
-    ax.set(
-        xlabel="peak of the blows (N)",
-        title="all floors hit" if len(floors) == 4 else "floor 3 hit",
-        yscale="symlog",
-    )
+    for friction, (marker, color) in LOOKS.items():
+        errors = [mass_errors(floors, friction, level) for level in cases.LEVELS]
+        cubic, law = np.transpose(errors)
+        look = {"marker": marker, "color": color}
+        name = f"{friction:.0f} N"
+        ax.plot(cases.LEVELS, cubic, label=f"cubic, {name} damper", **look)
+        look |= {"linestyle": ":", "fillstyle": "none"}
+        ax.plot(cases.LEVELS, law, label=f"with Dahl law, {name}", **look)
+    title = "all floors hit" if len(floors) == 4 else "floor 3 hit"
+    ax.set(xlabel="peak of the blows (N)", title=title, yscale="symlog")
     ax.set_xticks(cases.LEVELS)
     ax.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
 axes[0].set_ylabel("largest mass error (%)")
@@ -83,12 +75,12 @@ X, F = case.exact.to_features(smooth=False)
 part = slice(4096)
 candidates = {
     "cubic": NRFRegressor(degree=3),
-    "with Dahl law": NRFRegressor(degree=1, laws=hysteretic),
+    "with Dahl law": NRFRegressor(degree=1, laws=HYSTERETIC),
 }
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout="constrained")
 for ax, (title, model) in zip(axes, candidates.items()):
     found = model.fit(X, F).restoring_force(X)[part, 3]
-    HysteresisLoopDisplay(
-        X["s4"].iloc[part], found, case.force[part, 3], "storey 4"
-    ).plot(ax).ax_.set_title(title)
+    drift = X["s4"].iloc[part]
+    HysteresisLoopDisplay(drift, found, case.force[part, 3], "storey 4").plot(ax)
+    ax.set_title(title)
 figure.savefig(folder / "paper_cubic_limit_loops.png", dpi=150)

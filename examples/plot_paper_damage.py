@@ -39,7 +39,8 @@ def hammer(model, seed, friction=0.0):
     )
 
 
-# %% Two tests: storey 2 has lost 5 % of its stiffness between them. Records are given,
+# %%
+# Two tests: storey 2 has lost 5 % of its stiffness between them. Records are given,
 # not features: motions that were fused together err alike in the whole record, and
 # standard errors would be up to four times too small.
 before = hammer(frame, 1)
@@ -53,7 +54,8 @@ for ax, storey in zip(axes.ravel(), (1, 2, 3, 4)):
     ChangeMapDisplay.from_report(report, storey, largest).plot(ax)
 figure.savefig(folder / "paper_damage_change_map.png", dpi=150)
 
-# %% The same loss at 20.7 s within one record: an effect like others, which the closed
+# %%
+# The same loss at 20.7 s within one record: an effect like others, which the closed
 # loop finds, dates and confirms.
 case = hammer(with_law(2, laws.StiffnessStep(t0=20.7, dk=-0.05 * k2)), 3)
 X, F = case.measured.to_features()
@@ -65,74 +67,51 @@ display = TrackDisplay.from_estimator(
 )
 display.plot().figure_.savefig(folder / "paper_damage_onset.png", dpi=150)
 
-# %% Damage that grows: storey 2 loses 10 % over the record, steadily. Parameters
+# %%
+# Damage that grows: storey 2 loses 10 % over the record, steadily. Parameters
 # varying with time, which the paper leaves to the future.
 case = hammer(with_law(2, laws.StiffnessDrift(-0.1 * k2 / cases.DURATION_FRAME)), 4)
 X, F = case.measured.to_features()
-windows = track(
-    NRFRegressor(degree=1).fit(X, F),
-    X,
-    F,
-    window=3.0,
-    masses=dict(enumerate(before.truth.masses, 1)),
-)
+model = NRFRegressor(degree=1).fit(X, F)
+masses = dict(enumerate(before.truth.masses, 1))
+windows = track(model, X, F, window=3.0, masses=masses)
 truth = k2 * (1 - 0.1 * windows["t"] / cases.DURATION_FRAME)
-print(
-    "growth: largest error of k2 along the record"
-    f" {100 * np.abs(windows['k2'] / truth - 1).max():.2f} %"
-)
+error = 100 * np.abs(windows["k2"] / truth - 1).max()
+print(f"growth: largest error of k2 along the record {error:.2f} %")
 display = TrackDisplay(windows, window=3.0).plot()
-display.ax_.plot(
-    windows["t"],
-    100 * (truth / truth.iloc[0] - 1),
-    color="0.6",
-    linewidth=4,
-    zorder=0,
-    label="true",
-)
+change = 100 * (truth / truth.iloc[0] - 1)
+look = {"color": "0.6", "linewidth": 4, "zorder": 0}
+display.ax_.plot(windows["t"], change, label="true", **look)
 display.ax_.legend(frameon=False, fontsize="small", ncols=2)
 display.figure_.savefig(folder / "paper_damage_growth.png", dpi=150)
 
-# %% Energy as a damage index: friction has appeared in storey 4, its stiffness is what
+# %%
+# Energy as a damage index: friction has appeared in storey 4, its stiffness is what
 # it was.
 rubbing = hammer(cases.frame_model(10.0), 2)
+dahl = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]}
+linear = NRFRegressor(degree=1)
+hysteretic = NRFRegressor(degree=1, laws=dahl)
 shares = {}
-for name, test in {"before": before, "after": rubbing}.items():
+for name, test, regressor in (
+    ("before", before, linear),
+    ("after", rubbing, hysteretic),
+):
     X, F = test.measured.to_features()
-    own = {"storey 4": [laws.PowerSeries(1), laws.Dahl()]} if name == "after" else None
-    shares[name] = cases.energy_shares(NRFRegressor(degree=1, laws=own).fit(X, F), X)[
-        "share"
-    ]
-print({name: share.round(1).to_dict() for name, share in shares.items()})
+    shares[name] = cases.energy_shares(regressor.fit(X, F), X)["share"]
+    print(f"{name}: {shares[name].round(1).to_dict()}")
 figure, ax = plt.subplots(figsize=(4.8, 3.2), layout="constrained")
 y = np.arange(4)
-ax.barh(
-    y + 0.2,
-    shares["before"],
-    height=0.38,
-    color="#56B4E9",
-    edgecolor="k",
-    linewidth=0.5,
-    label="before",
-)
-ax.barh(
-    y - 0.2,
-    shares["after"],
-    height=0.38,
-    color="#0072B2",
-    edgecolor="k",
-    linewidth=0.5,
-    label="after",
-)
-ax.set(
-    yticks=y,
-    yticklabels=shares["before"].index,
-    xlabel="share of the dissipated energy (%)",
-)
+look = {"height": 0.38, "edgecolor": "k", "linewidth": 0.5}
+ax.barh(y + 0.2, shares["before"], color="#56B4E9", label="before", **look)
+ax.barh(y - 0.2, shares["after"], color="#0072B2", label="after", **look)
+ax.set_yticks(y, shares["before"].index)
+ax.set_xlabel("share of the dissipated energy (%)")
 ax.legend(frameon=False)
 figure.savefig(folder / "paper_damage_energy_index.png", dpi=150)
 
-# %% The free run of the model found before the damage, against the test after it: it no
+# %%
+# The free run of the model found before the damage, against the test after it: it no
 # longer fits.
 found = NRFRegressor(degree=1).fit(*before.measured.to_features())
 for name, test in {"before": before, "after": after}.items():

@@ -1,5 +1,4 @@
-r"""Floors without a sensor: the chain of those that have one, and what its storeys
-mean.
+r"""Floors without a sensor: the chain of the others, and what its storeys mean.
 
 Below the first resonance of the part left out the missing floors follow their
 neighbours q < p statically (Guyan, 1965): one storey in series, :math:`1 / k =
@@ -17,16 +16,20 @@ import numpy as np
 from pysindy_nrf import Record
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning
 
+CHANNELS = ("force", "acceleration", "velocity", "displacement")
 
-@dataclass
+
+@dataclass(frozen=True)
 class Condensed:
-    """A record of the instrumented floors only."""
+    """A record of the instrumented floors only.
+
+    ``floors`` are those of the structure behind each DOF of the record, ``meaning`` is
+    that of each mass and storey of the condensed chain.
+    """
 
     record: Record
-    floors: tuple[int, ...]  # of the structure, behind each DOF of the record
-    meaning: dict[str, str] = field(
-        default_factory=dict
-    )  # of each mass and storey of the condensed chain
+    floors: tuple[int, ...]
+    meaning: dict[str, str] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return "\n".join(f"{name}: {text}." for name, text in self.meaning.items())
@@ -72,84 +75,103 @@ def condense(record: Record) -> Condensed:
     floor 2. storey 2: storeys 2 to 3 in series, right only well below the resonance of
     floor 2 between floors 1 and 3 held fixed.
     """
-    have = set(record.measured)
-    every = range(1, record.n_dof + 1)
-    kept = [j for j in every if have & {f"a{j}", f"v{j}", f"x{j}"}]
-    gone = [j for j in every if j not in kept]
-    forced = [
-        j for j in gone if record.force[:, j - 1].any()
-    ]  # NaN counts: an unknown force is one
-    if forced:
-        what = (
-            f"A force acts on floor {forced[0]} of record {record.name!r}, which has no"
-            " motion channel"
-        )
-        raise ChannelError(
-            what, f"Put a sensor on floor {forced[0]}, or hit another floor."
-        )
-    if not gone:
-        return Condensed(record, tuple(kept), _meaning(kept, record.n_dof)[0])
-    columns = [j - 1 for j in kept]
-    changes = {
-        key: getattr(record, key)
-        for key in ("force", "acceleration", "velocity", "displacement")
-    }
-    chosen = {
-        key: None if y is None else np.ascontiguousarray(y[:, columns])
-        for key, y in changes.items()
-    }
-    meaning, single = _meaning(kept, record.n_dof)
-    unlike = "; ".join(
-        f"{name} = {text}" for name, text in meaning.items() if name not in single
-    )
+    n = record.n_dof
+    sensed = [j for j in range(1, n + 1) if has_sensor(record, j)]
+    missing = [j for j in range(1, n + 1) if j not in sensed]
+    refuse_forces(record, missing)
+    meaning = meanings(sensed, n)
+    if not missing:
+        return Condensed(record, tuple(sensed), meaning)
+
+    columns = [j - 1 for j in sensed]
+    changes = {}
+    for kind in CHANNELS:
+        values = getattr(record, kind)
+        if values is not None:
+            changes[kind] = np.ascontiguousarray(values[:, columns])
+    condensed = Condensed(record.replace(**changes), tuple(sensed), meaning)
+    warn_of_meaning(condensed, record.name, missing)
+    return condensed
+
+
+def has_sensor(record: Record, floor: int) -> bool:
+    """Whether a floor has a motion channel."""
+    names = {f"a{floor}", f"v{floor}", f"x{floor}"}
+    return not names.isdisjoint(record.measured)
+
+
+def refuse_forces(record: Record, missing: list[int]) -> None:
+    """Refuse forces on floors without a sensor; an unknown one (NaN) is a force."""
+    for floor in missing:
+        if record.force[:, floor - 1].any():
+            raise ChannelError(
+                f"A force acts on floor {floor} of record {record.name!r}, which has"
+                " no motion channel",
+                f"Put a sensor on floor {floor}, or hit another floor.",
+            )
+
+
+def warn_of_meaning(condensed: Condensed, name: str, missing: list[int]) -> None:
+    """Warn of the masses and storeys that are not those of the structure."""
+    changed = []
+    for part, text in condensed.meaning.items():
+        is_a_storey = text.startswith("storey ")
+        if not is_a_storey:
+            changed.append(f"{part} = {text}")
+    floors = ", ".join(map(str, missing))
     warnings.warn(
-        f"Record {record.name!r}: floor {', '.join(map(str, gone))} has no sensor and"
-        f" is left out. In the condensed chain {unlike}. Fit below that resonance"
-        " (band=).",
+        f"Record {name!r}: floor {floors} has no sensor and is left out. In the"
+        f" condensed chain {'; '.join(changed)}. Fit below that resonance (band=).",
         DataQualityWarning,
-        stacklevel=2,
+        stacklevel=3,
     )
-    return Condensed(record.replace(**chosen), tuple(kept), meaning)
 
 
-def _meaning(kept: list[int], n_dof: int) -> tuple[dict[str, str], set[str]]:
-    """Meaning of each mass and storey of the condensed chain, and the storeys that are
-    one storey of the structure.
-    """
-    said, single = {}, set()
-    below = [0, *kept[:-1]]
-    above = [*kept[1:], None]
-    for i, (j, low, high) in enumerate(zip(kept, below, above), 1):
-        near = list(range(low + 1, j)) + (list(range(j + 1, high)) if high else [])
-        parts = [f"floor {j}"]
-        if near:
-            parts.append(f"a part of {_floors(near)}")
-        if high is None and j < n_dof:
-            top = list(range(j + 1, n_dof + 1))
-            parts.append(
-                f"all of {_floors(top)} above it (right only well below their resonance"
-                f" on floor {j} held fixed)"
-            )
-        said[f"m{i}"] = " and ".join(parts)
-        between = list(range(low + 1, j))
-        if not between:
-            single.add(f"storey {i}")
-        said[f"storey {i}"] = (
-            f"storey {j}"
-            if not between
-            else (
-                f"storeys {low + 1} to {j} in series, right only well below the"
-                f" resonance of {_floors(between)} between"
-                f" {'the base' if low == 0 else f'floors {low}'} and"
-                f" {'floor ' if low == 0 else ''}{j} held fixed"
-            )
+# -- what masses and storeys mean ----------------------------------------------
+
+
+def meanings(sensed: list[int], n_dof: int) -> dict[str, str]:
+    """Meaning of each mass and storey of the condensed chain."""
+    texts = {}
+    neighbours = [0, *sensed, n_dof + 1]
+    for number, floor in enumerate(sensed, 1):
+        below, above = neighbours[number - 1], neighbours[number + 1]
+        last = number == len(sensed)
+        texts[f"m{number}"] = meaning_of_mass(floor, below, above, last)
+        texts[f"storey {number}"] = meaning_of_storey(floor, below)
+    return texts
+
+
+def meaning_of_mass(floor: int, below: int, above: int, last: bool) -> str:
+    """Floors that a mass stands for; the last one carries all floors above it."""
+    shared = list(range(below + 1, floor))
+    carried = list(range(floor + 1, above))
+    if not last:
+        shared += carried
+    text = f"floor {floor}"
+    if shared:
+        text += f" and a part of {in_words(shared)}"
+    if last and carried:
+        text += (
+            f" and all of {in_words(carried)} above it (right only well below their"
+            f" resonance on floor {floor} held fixed)"
         )
-    return said, single
+    return text
 
 
-def _floors(floors: list[int]) -> str:
+def meaning_of_storey(floor: int, below: int) -> str:
+    """Storeys that one stands for."""
+    between = list(range(below + 1, floor))
+    if not between:
+        return f"storey {floor}"
+    fixed = f"floors {below} and {floor}" if below else f"the base and floor {floor}"
     return (
-        f"floor {floors[0]}"
-        if len(floors) == 1
-        else f"floors {floors[0]} to {floors[-1]}"
+        f"storeys {below + 1} to {floor} in series, right only well below the"
+        f" resonance of {in_words(between)} between {fixed} held fixed"
     )
+
+
+def in_words(floors: list[int]) -> str:
+    if len(floors) == 1:
+        return f"floor {floors[0]}"
+    return f"floors {floors[0]} to {floors[-1]}"

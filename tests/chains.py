@@ -103,14 +103,14 @@ def drifts_of(y: np.ndarray) -> np.ndarray:
     return s
 
 
-def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
+def integrate(m, c, k, k3, F, dt, ag=None, extra=None):
     """Absolute a, and v, s of batches of chains, shape (3, n_samples, ..., n).
 
     Parameters have the shape (..., n) and F (n_samples, ..., n); ``extra(x, v)`` is a
     further force on every floor.
     """
     shape = F.shape[1:]
-    x = np.zeros(shape) if x0 is None else np.broadcast_to(x0, shape).copy()
+    x = np.zeros(shape)
     v = np.zeros(shape)
     ag = np.zeros(len(F)) if ag is None else ag
     load = F - m * ag.reshape(-1, *[1] * (F.ndim - 1))
@@ -125,19 +125,13 @@ def integrate(m, c, k, k3, F, dt, ag=None, extra=None, substeps=1, x0=None):
             total += extra(x, v)
         return total / m
 
-    h = dt / substeps
     out = np.empty((3, len(F), *shape))
     for i in range(len(F)):
         out[0, i] = acceleration(x, v, load[i]) + ag[i]
         out[1, i] = drifts_of(v)
         out[2, i] = drifts_of(x)
-        if i == len(F) - 1:
-            break
-        rise = (load[i + 1] - load[i]) / substeps
-        for part in range(substeps):
-            f0 = load[i] + part * rise
-            f1 = load[i] + (part + 1) * rise
-            x, v = _runge_kutta_step(acceleration, x, v, h, f0, f1)
+        if i < len(F) - 1:
+            x, v = _runge_kutta_step(acceleration, x, v, dt, load[i], load[i + 1])
     return out
 
 
@@ -153,6 +147,16 @@ def _runge_kutta_step(acceleration, x, v, h, f0, f1):
     return x, v
 
 
+def _integrate_in_substeps(chain, F, dt, substeps, ag=None, extra=None):
+    """Motion at the samples; forces are straight between them."""
+    samples = np.arange(len(F))
+    fine = np.arange((len(F) - 1) * substeps + 1) / substeps
+    forces = [np.interp(fine, samples, force) for force in F.T]
+    base = None if ag is None else np.interp(fine, samples, ag)
+    motion = integrate(*chain, np.array(forces).T, dt / substeps, base, extra)
+    return motion[:, ::substeps]
+
+
 def duffing(
     n: int,
     forced,
@@ -160,23 +164,23 @@ def duffing(
     n_samples: int = 3000,
     dt: float = 1e-3,
     cubic: bool = True,
-    ag=None,
-    rms: float = 300.0,
     given=None,
-    extra=None,
     substeps: int = 1,
+    **drive,
 ) -> Case:
     """One chain, forced by band-limited noise on some DOFs, or shaken at its base.
 
-    ``given`` are its m, c, k and k3; random ones if None.
+    ``given`` are its m, c, k and k3; random ones if None. ``drive`` are ag and extra of
+    :func:`integrate`.
     """
     rng = np.random.default_rng(seed)
     m, c, k, k3 = parameters(n, rng, cubic) if given is None else given
     F = np.zeros((n_samples, n))
     for j in forced:
-        F[:, j - 1] = band_limited(n_samples, dt, rng, rms)
-    a, v, s = integrate(m, c, k, k3, F, dt, ag, extra, substeps)
-    return Case(np.hstack([a, v, s]), F, m, c, k, k3, dt, ag)
+        F[:, j - 1] = band_limited(n_samples, dt, rng)
+
+    motion = _integrate_in_substeps((m, c, k, k3), F, dt, substeps, **drive)
+    return Case(np.hstack([*motion]), F, m, c, k, k3, dt, drive.get("ag"))
 
 
 def each_single(

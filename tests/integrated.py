@@ -45,13 +45,12 @@ def run(
     duration,
     force: Callable | None = None,
     base: Callable | None = None,
-    extra=None,
     break_at=(),
 ):
     """Absolute a, v and x relative to the base, and t.
 
-    The chain is driven by force(t) and extra(v, x) in N and by base(t) in m/s^2. The
-    integration starts anew at the times of ``break_at``.
+    The chain is driven by force(t) in N and by base(t) in m/s^2. The integration starts
+    anew at the times of ``break_at``.
     """
     m = np.asarray(m, dtype=float)
     n = len(m)
@@ -61,8 +60,6 @@ def run(
         load = -(K @ x) - C @ v
         if force is not None:
             load = load + force(t)
-        if extra is not None:
-            load = load + extra(v, x)
         return load / m
 
     def rates(t, z):

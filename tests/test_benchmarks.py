@@ -156,9 +156,12 @@ def test_instruments_recover_masses_that_raw_channels_lose(capsys):
 
 def test_estimates_stay_above_the_cramer_rao_bound_and_near_it():
     """Weighted instruments: within three of the smallest standard deviations."""
-    errors = [noise.quietly(noise.one, "5 %, hammer", "iv", seed) for seed in range(2)]
+    errors = [
+        noise.quietly(noise.errors_of_test, "5 %, hammer", "iv", seed)
+        for seed in range(2)
+    ]
     of_masses = np.array(errors)[:, : noise.N]
-    bound = noise.bound("5 %, hammer", 0)[: noise.N].mean()
+    bound = noise.cramer_rao("5 %, hammer", 0)[: noise.N].mean()
     assert 0.3 < np.sqrt(np.mean(of_masses**2)) / bound < 3.0
 
 

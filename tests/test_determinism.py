@@ -23,7 +23,7 @@ def cores(monkeypatch):
     """Pretend that there are so many cores, and no limit."""
 
     def set_cores(count: int) -> None:
-        for name in threads.LIMITS:
+        for name in threads.THREAD_LIMIT_VARIABLES:
             monkeypatch.delenv(name, raising=False)
         monkeypatch.setattr(joblib, "cpu_count", lambda: count)
 

@@ -1,16 +1,38 @@
-"""Kinds of bad input, room by room; each says what must come of it."""
+"""Kinds of bad input, room by room; each states what must come of it."""
 
 from __future__ import annotations
 
-from . import command_line, estimators, files, laws, loop, records, representations
+from dataclasses import replace
+
+from . import (
+    command_line,
+    estimators,
+    files,
+    laws,
+    loop,
+    models,
+    records,
+    representations,
+)
 from .kind import Kind, Outcome, judge
 
-ROOMS = (records, estimators, representations, laws, loop, files, command_line)
+__all__ = ["Kind", "Outcome", "every_kind", "judge"]
+
+ROOMS = {
+    "record": records,
+    "estimator": estimators,
+    "representation": representations,
+    "law": laws,
+    "model": models,
+    "loop": loop,
+    "file": files,
+    "command line": command_line,
+}
 
 
 def every_kind() -> list[Kind]:
     """All kinds of all rooms."""
-    return [kind for room in ROOMS for kind in room.kinds()]
-
-
-__all__ = ["Kind", "Outcome", "every_kind", "judge"]
+    kinds = []
+    for room, module in ROOMS.items():
+        kinds += [replace(kind, room=room) for kind in module.kinds()]
+    return kinds

@@ -1,212 +1,286 @@
 """Bad input to the command line: a sentence and an exit code, never a traceback."""
 
-# ruff: noqa: E501
-
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from .files import csv, cut, flipped, frame, mat, of_readers, parquet
+from .files import unreadable
 from .kind import Kind
+from .sample_files import csv, cut, flipped, frame, mat, parquet
 
-USAGE, DATA, OTHER = 2, 3, 1
-
-
-def call(command: str, path: Any, *options: str) -> tuple:
-    return lambda path: [command, path, *options], (path,)
+USAGE, DATA = 2, 3  # exit codes
 
 
-def usage() -> dict[str, tuple]:
+def typed(*words: Any) -> list[Any]:
+    """What is typed after the name of the program."""
+    return list(words)
+
+
+def misused(name: str, words: str, *command: Any) -> Kind:
+    """A command that cannot be understood."""
+    return Kind(name, partial(typed, *command), USAGE, (words,))
+
+
+def unusable(name: str, words: tuple[str, ...], *command: Any) -> Kind:
+    """A command whose data or parameters cannot be used."""
+    return Kind(name, partial(typed, *command), DATA, words)
+
+
+def kinds() -> Iterator[Kind]:
+    """All kinds of this room."""
+    yield from usage()
+    yield from numbers_in_words()
+    yield from parameters()
+    yield from channels()
+    yield from mappings()
+    yield from short_or_static_records()
+    yield from other_structures()
+    yield from damaged_files()
+    for kind in unreadable():
+        (path,) = kind.call.args
+        name = f"{kind.name} (identify)"
+        yield unusable(name, kind.words[:1], "identify", path)
+
+
+# -- commands that cannot be understood ----------------------------------------
+
+
+def usage() -> Iterator[Kind]:
+    """Commands, options and files that are not there."""
     path = csv()
-    return {
-        "no command": ((lambda: ["nonsense"], ()), "No such command"),
-        "no file": ((lambda: ["identify"], ()), "Missing argument"),
-        "an unknown option": (call("identify", path, "--magic"), "No such option"),
-        "a degree in words": (
-            call("identify", path, "--degree", "high"),
-            "'high' is not a degree",
-        ),
-        "a negative degree": (call("identify", path, "--degree", "-3"), "-3"),
-        "a band of one number": (
-            call("identify", path, "--band", "40"),
-            "is not a band",
-        ),
-        "a band in words": (
-            call("identify", path, "--band", "low,high"),
-            "is not a band",
-        ),
-        "a mass in words": (
-            call("identify", path, "--known-mass", "2=heavy"),
-            "is not a floor and its mass",
-        ),
-        "a mass twice": (
-            call("identify", path, "--known-mass", "2=1", "--known-mass", "2=3"),
-            "given twice",
-        ),
-        "a mapping without =": (
-            call("identify", path, "--map", "x1"),
-            "CHANNEL=COLUMN",
-        ),
-        "a law of no name": (
-            call("identify", path, "--law", "storey 1=magic"),
-            "there is no law 'magic'",
-        ),
-        "a rate in words": (call("identify", path, "--fs", "fast"), "fast"),
-        "frequency options without --frf": (
-            call("identify", path, "--excited", "2"),
-            "--excited goes with --frf",
-        ),
-        "steps below zero": (call("close-loop", path, "--steps", "-1"), "-1"),
-        "a seed in words": (call("close-loop", path, "--seed", "lucky"), "lucky"),
-        "an output that is a file": (
-            call("identify", path, "-o", str(path)),
-            "is a file|file",
-        ),
-    }
+    identify = ("identify", path)
+
+    yield misused("no command", "No such command", "nonsense")
+    yield misused("no file", "Missing argument", "identify")
+    yield misused("an unknown option", "No such option", *identify, "--magic")
+    yield misused(
+        "a mass twice",
+        "given twice",
+        *identify,
+        "--known-mass",
+        "2=1",
+        "--known-mass",
+        "2=3",
+    )
+    yield misused("a mapping without =", "CHANNEL=COLUMN", *identify, "--map", "x1")
+    yield misused(
+        "a law of no name",
+        "there is no law 'magic'",
+        *identify,
+        "--law",
+        "storey 1=magic",
+    )
+    yield misused(
+        "frequency options without --frf",
+        "--excited goes with --frf",
+        *identify,
+        "--excited",
+        "2",
+    )
+    yield misused(
+        "an output that is a file", "is a file|file", *identify, "-o", str(path)
+    )
 
 
-def data() -> dict[str, tuple]:
-    path, f = csv(), frame()
-    holes = f.copy()
+def numbers_in_words() -> Iterator[Kind]:
+    """Options that are no numbers, or not the ones that are needed."""
+    path = csv()
+
+    def option(
+        name: str, words: str, flag: str, value: str, command: str = "identify"
+    ) -> Kind:
+        return misused(name, words, command, path, flag, value)
+
+    yield option("a degree in words", "'high' is not a degree", "--degree", "high")
+    yield option("a negative degree", "-3", "--degree", "-3")
+    yield option("a band of one number", "is not a band", "--band", "40")
+    yield option("a band in words", "is not a band", "--band", "low,high")
+    yield option(
+        "a mass in words", "is not a floor and its mass", "--known-mass", "2=heavy"
+    )
+    yield option("a rate in words", "fast", "--fs", "fast")
+    yield option("steps below zero", "-1", "--steps", "-1", "close-loop")
+    yield option("a seed in words", "lucky", "--seed", "lucky", "close-loop")
+
+
+# -- data and parameters that cannot be used -----------------------------------
+
+
+def parameters() -> Iterator[Kind]:
+    """Options that do not fit the record."""
+    path = csv()
+
+    def option(name: str, words: str, flag: str, value: str) -> Kind:
+        return unusable(name, (words,), "identify", path, flag, value)
+
+    yield option("a band above Nyquist", "Nyquist", "--band", "1,900")
+    yield option("a band upside down", "is empty", "--band", "50,1")
+    yield option("a storey that is not there", "storey 9", "--order", "storey 9=2")
+    yield option("a mass of no floor", "DOF 9", "--known-mass", "9=3")
+    yield option("a negative mass", "is not a mass", "--known-mass", "2=-3")
+    yield option("a NaN mass", "is not a mass", "--known-mass", "2=nan")
+    yield option("a link to nowhere", "link 9-1", "--link", "link 9-1")
+    yield option("a degree of a thousand", "highest power", "--degree", "1000")
+    yield option("a degree too high for the record", "too few", "--degree", "45")
+
+
+def channels() -> Iterator[Kind]:
+    """Channels that are missing or have gaps."""
+    whole = frame()
+    holes = whole.copy()
     holes.loc[500, "a2"] = np.nan
-    two = f[["t", "F1", "F2", "a1", "a2", "x1", "x2"]]
-    rows = {
-        "a band above Nyquist": (call("identify", path, "--band", "1,900"), "Nyquist"),
-        "a band upside down": (call("identify", path, "--band", "50,1"), "is empty"),
-        "a storey that is not there": (
-            call("identify", path, "--order", "storey 9=2"),
-            "storey 9",
-        ),
-        "a mass of no floor": (call("identify", path, "--known-mass", "9=3"), "DOF 9"),
-        "a negative mass": (
-            call("identify", path, "--known-mass", "2=-3"),
-            "is not a mass",
-        ),
-        "a NaN mass": (
-            call("identify", path, "--known-mass", "2=nan"),
-            "is not a mass",
-        ),
-        "a link to nowhere": (call("identify", path, "--link", "link 9-1"), "link 9-1"),
-        "a degree of a thousand": (
-            call("identify", path, "--degree", "1000"),
-            "highest power",
-        ),
-        "a degree too high for the record": (
-            call("identify", path, "--degree", "45"),
-            "too few",
-        ),
-        "NaN in the middle": (
-            call("identify", csv(holes)),
-            "a2 .* is NaN in row 500",
-            "Split",
-        ),
-        "the same in close-loop": (
-            call("close-loop", csv(holes)),
-            "a2 .* is NaN in row 500",
-            "Split",
-        ),
-        "no force": (
-            call("identify", csv(f.drop(columns=["F1", "F2", "F3"]))),
-            "No force is measured|mass",
-            "known",
-        ),
-        "no clock": (
-            call("identify", csv(f.drop(columns="t"))),
-            "no time column",
-            "--fs",
-        ),
-        "a rate of zero": (
-            call("identify", csv(f.drop(columns="t")), "--fs", "0"),
-            "is not a sampling rate",
-            "Hz",
-        ),
-        "a mapping to nothing": (
-            call("identify", path, "--map", "x1=laser"),
-            "has no variable 'laser'",
-            "It holds",
-        ),
-        "a mapping with markup": (
-            call("identify", path, "--map", "x1=<script>"),
-            "has no variable|not understood",
-        ),
-        "an unknown unit": (
-            call("identify", path, "--unit", "x=blorb"),
-            "'blorb' of channel x1 is unknown",
-            "Write",
-        ),
-        "one sample": (
-            call("identify", csv(f.iloc[:1])),
+    gap = ("a2 .* is NaN in row 500", "Split")
+    without_force = csv(whole.drop(columns=["F1", "F2", "F3"]))
+    without_clock = csv(whole.drop(columns="t"))
+
+    yield unusable("NaN in the middle", gap, "identify", csv(holes))
+    yield unusable("the same in close-loop", gap, "close-loop", csv(holes))
+    yield unusable(
+        "no force",
+        ("No force is measured|mass", "known"),
+        "identify",
+        without_force,
+    )
+    yield unusable("no clock", ("no time column", "--fs"), "identify", without_clock)
+    yield unusable(
+        "a rate of zero",
+        ("is not a sampling rate", "Hz"),
+        "identify",
+        without_clock,
+        "--fs",
+        "0",
+    )
+
+
+def mappings() -> Iterator[Kind]:
+    """Channels and units that are mapped to nothing."""
+    path = csv()
+
+    yield unusable(
+        "a mapping to nothing",
+        ("has no variable 'laser'", "It holds"),
+        "identify",
+        path,
+        "--map",
+        "x1=laser",
+    )
+    yield unusable(
+        "a mapping with markup",
+        ("has no variable|not understood",),
+        "identify",
+        path,
+        "--map",
+        "x1=<script>",
+    )
+    yield unusable(
+        "an unknown unit",
+        ("'blorb' of channel x1 is unknown", "Write"),
+        "identify",
+        path,
+        "--unit",
+        "x=blorb",
+    )
+
+
+def scaled(table: pd.DataFrame, kinds: str, factor: float) -> pd.DataFrame:
+    """A table with some kinds of channels multiplied."""
+    out = table.copy()
+    for column in table:
+        if column[0] in kinds:
+            out[column] = factor * table[column]
+    return out
+
+
+def short_or_static_records() -> Iterator[Kind]:
+    """Records of next to nothing."""
+    whole = frame()
+    at_rest = scaled(whole, "avx", 0.0)
+    moved = [column for column in whole if column[0] in "avx"]
+    at_rest[moved] += 0.1
+
+    yield unusable(
+        "one sample",
+        (
             "samples|rows of numbers|no channel|clock",
             "needed|Give|Export",
         ),
-        "three samples": (
-            call("identify", csv(f.iloc[:3])),
-            "samples|short",
-            "longer|needed|more",
-        ),
-        "a static record": (
-            call(
-                "identify",
-                csv(f.assign(**{c: 0.0 * f[c] + 0.1 for c in f if c[0] in "avx"})),
-            ),
-            "constant|not excited|never",
-            "sensor|excite",
-        ),
-        "every cell NaN": (
-            call("identify", csv(f.assign(**{c: np.nan for c in f if c != "t"}))),
-            "NaN|no motion|nothing",
-            "measured|Leave|Give",
-        ),
-        "a record of two floors beside one of three": (
-            (lambda a, b: ["identify", a, b], (path, csv(two, "two.csv"))),
-            "has 2 DOFs",
-            "tests of one chain|one chain",
-        ),
-        "a response that is a record": (
-            call("identify", path, "--frf"),
-            "holds no complex responses",
-            "export real and imaginary",
-        ),
-        "a held-out file of another chain": (
-            (
-                lambda a, b: ["close-loop", a, "--heldout", b],
-                (path, csv(two, "two.csv")),
-            ),
-            "has 2 DOFs",
-            "one chain",
-        ),
-        "a file too short to search": (
-            call("close-loop", csv(f.iloc[:50])),
-            "too short|samples",
-            "longer",
-        ),
-        "a damaged MAT": (
-            call("identify", cut(mat(), 0.6)),
-            "cannot be read as MATLAB",
-            "export",
-        ),
-        "a damaged Parquet": (
-            call("identify", flipped(parquet(), 0.99)),
-            "cannot be read as Parquet",
-            "export",
-        ),
-        "huge numbers": (
-            call("identify", csv(f.assign(**{c: 1e200 * f[c] for c in f if c != "t"}))),
-            "leaves the range of a double",
-            "unit",
-        ),
-    }
-    for name, (where, *words) in of_readers().items():
-        rows[f"{name} (identify)"] = (call("identify", where), words[0])
-    return rows
+        "identify",
+        csv(whole.iloc[:1]),
+    )
+    yield unusable(
+        "three samples",
+        ("samples|short", "longer|needed|more"),
+        "identify",
+        csv(whole.iloc[:3]),
+    )
+    yield unusable(
+        "a static record",
+        ("constant|not excited|never", "sensor|excite"),
+        "identify",
+        csv(at_rest),
+    )
+    yield unusable(
+        "every cell NaN",
+        ("NaN|no motion|nothing", "measured|Leave|Give"),
+        "identify",
+        csv(scaled(whole, "Favx", np.nan)),
+    )
+    yield unusable(
+        "a file too short to search",
+        ("too short|samples", "longer"),
+        "close-loop",
+        csv(whole.iloc[:50]),
+    )
+    yield unusable(
+        "huge numbers",
+        ("leaves the range of a double", "unit"),
+        "identify",
+        csv(scaled(whole, "Favx", 1e200)),
+    )
 
 
-def kinds() -> list[Kind]:
-    """All kinds of this room."""
-    return [
-        Kind("command line", name, act, given, code, tuple(words))
-        for code, rows in ((USAGE, usage()), (DATA, data()))
-        for name, ((act, given), *words) in rows.items()
-    ]
+def other_structures() -> Iterator[Kind]:
+    """Files of another chain, or no responses."""
+    path = csv()
+    columns = ["t", "F1", "F2", "a1", "a2", "x1", "x2"]
+    of_two_floors = csv(frame()[columns], "two.csv")
+
+    yield unusable(
+        "a record of two floors beside one of three",
+        ("has 2 DOFs", "tests of one chain|one chain"),
+        "identify",
+        path,
+        of_two_floors,
+    )
+    yield unusable(
+        "a held-out file of another chain",
+        ("has 2 DOFs", "one chain"),
+        "close-loop",
+        path,
+        "--heldout",
+        of_two_floors,
+    )
+    yield unusable(
+        "a response that is a record",
+        ("holds no complex responses", "export real and imaginary"),
+        "identify",
+        path,
+        "--frf",
+    )
+
+
+def damaged_files() -> Iterator[Kind]:
+    """Files that are cut off or overwritten."""
+
+    def damaged(name: str, path: Path, kind: str) -> Kind:
+        words = (f"cannot be read as {kind}", "export")
+        return unusable(name, words, "identify", path)
+
+    yield damaged("a damaged MAT", cut(mat(), 0.6), "MATLAB")
+    yield damaged("a damaged Parquet", flipped(parquet(), 0.99), "Parquet")

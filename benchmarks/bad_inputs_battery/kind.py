@@ -1,24 +1,27 @@
-"""One kind of bad input, what it must give, and the judge."""
+"""One kind of bad input, what must come of it, and the judge."""
 
 from __future__ import annotations
 
-import hashlib
 import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 import pandas as pd
 from click.testing import CliRunner
 from sklearn.exceptions import NotFittedError
 
-from pysindy_nrf import Record
+from pysindy_nrf.cli import group
 from pysindy_nrf.exceptions import MissingExtraError, NRFError, NRFWarning
 
-TYPED = (NRFError, MissingExtraError, NotFittedError)
+TYPED_ERRORS = (NRFError, MissingExtraError, NotFittedError)
+KEPT = ("caught", "warned", "right")
+BROKEN = ("silent", "bare", "changed", "wrong type", "wrong words", "wrong code")
 
 
 @dataclass(frozen=True)
@@ -27,28 +30,25 @@ class Kind:
 
     Attributes
     ----------
-    room : str
-        What it is given to: ``"estimator"``, ``"record"``, ``"law"``, ``"loop"``,
-        ``"file"``, ...
     name : str
-    act : callable
-        What a user would do with ``given``.
-    given : tuple
-        The user's own arrays, tables and files; they must be the same to the last bit
-        afterwards.
+    call : partial
+        What a user would do. Its arguments are the user's own arrays, tables and files,
+        which must be the same to the last bit afterwards. On the command line it
+        returns the words that are typed.
     expected : type, int or callable
         A class of errors or warnings; the exit code of the command line; or a callable
         that says of the result whether it is the one that clean input gives.
     words : tuple of str
-        Patterns that the message must hold: what is wrong and where, then the cure.
+        Patterns that the message must match: what is wrong and where, then the cure.
+    room : str
+        The part of the package that is given the input.
     """
 
-    room: str
     name: str
-    act: Callable[..., Any]
-    given: tuple
+    call: partial
     expected: Any
     words: tuple[str, ...] = ()
+    room: str = ""
 
     def __str__(self) -> str:
         return f"{self.room}: {self.name}"
@@ -58,19 +58,14 @@ class Kind:
         """What is expected, in words."""
         if isinstance(self.expected, type):
             return self.expected.__name__
-        return (
-            f"exit code {self.expected}"
-            if isinstance(self.expected, int)
-            else "the right number"
-        )
+        if isinstance(self.expected, int):
+            return f"exit code {self.expected}"
+        return "the right number"
 
 
-@dataclass
+@dataclass(frozen=True)
 class Outcome:
-    """What a kind gave: ``caught``, ``warned``, ``right``, or one of the failures
-    ``silent`` (a number without a word), ``bare`` (an error of no type of ours),
-    ``wrong words``, ``changed`` (the input).
-    """
+    """What came of a kind: one of ``KEPT`` or ``BROKEN``, and the message."""
 
     kind: Kind
     got: str
@@ -79,52 +74,88 @@ class Outcome:
     @property
     def kept(self) -> bool:
         """Whether the promise was kept."""
-        return self.got in ("caught", "warned", "right")
+        return self.got in KEPT
+
+
+def refused(name: str, call: partial, *words: str) -> Kind:
+    """A kind that an error of the package must refuse."""
+    return Kind(name, call, NRFError, words)
 
 
 def judge(kind: Kind) -> Outcome:
     """Do what the user would do and say what came of it."""
-    before = fingerprint(kind.given)
-    got, message = _attempt(kind)
-    if fingerprint(kind.given) != before:
+    given = (kind.call.args, kind.call.keywords)
+    before = fingerprint(given)
+    if isinstance(kind.expected, int):
+        got, message = judge_command(kind)
+    else:
+        got, message = judge_call(kind)
+
+    if fingerprint(given) != before:
         got = "changed"
     return Outcome(kind, got, message)
 
 
-def _attempt(kind: Kind) -> tuple[str, str]:
-    if isinstance(kind.expected, int):
-        return _command(kind)
-    with warnings.catch_warnings(record=True) as said:
+def judge_call(kind: Kind) -> tuple[str, str]:
+    """Outcome and message of a call of the package."""
+    with warnings.catch_warnings(record=True) as raised:
         warnings.simplefilter("always")
         try:
-            value = kind.act(*kind.given)
-        except TYPED as error:
-            fits = isinstance(kind.expected, type) and isinstance(error, kind.expected)
-            return (
-                _words(kind, [str(error)], "caught")
-                if fits
-                else ("wrong type", f"{type(error).__name__}: {error}")
-            )
+            value = kind.call()
+        except TYPED_ERRORS as error:
+            return judge_error(kind, error)
         except Exception as error:
-            return "bare", f"{type(error).__name__}: {error}"
-    ours = [str(w.message) for w in said if issubclass(w.category, NRFWarning)]
-    if not isinstance(kind.expected, type):
-        return (
-            ("right", "")
-            if kind.expected(value)
-            else ("silent", f"returned {value!r:.80}")
-        )
-    chosen = [str(w.message) for w in said if issubclass(w.category, kind.expected)]
-    if not chosen:
-        return "silent", (
-            f"other warnings: {'; '.join(ours)[:200]}"
-            if ours
-            else f"returned {value!r:.80}"
-        )
-    return _words(kind, chosen, "warned")
+            return "bare", described(error)
+
+    if isinstance(kind.expected, type):
+        return judge_warnings(kind, raised, value)
+    if kind.expected(value):
+        return "right", ""
+    return "silent", f"returned {value!r:.80}"
 
 
-def _words(kind: Kind, messages: list[str], good: str) -> tuple[str, str]:
+def judge_error(kind: Kind, error: Exception) -> tuple[str, str]:
+    """Whether an error of the package is the promised one."""
+    if isinstance(kind.expected, type) and isinstance(error, kind.expected):
+        return judge_words(kind, [str(error)], "caught")
+    return "wrong type", described(error)
+
+
+def judge_warnings(
+    kind: Kind, raised: list[warnings.WarningMessage], value: Any
+) -> tuple[str, str]:
+    """Whether the promised warning is among those raised."""
+    promised = messages_of(raised, kind.expected)
+    if promised:
+        return judge_words(kind, promised, "warned")
+
+    others = messages_of(raised, NRFWarning)
+    if others:
+        return "silent", f"other warnings: {'; '.join(others)[:200]}"
+    return "silent", f"returned {value!r:.80}"
+
+
+def judge_command(kind: Kind) -> tuple[str, str]:
+    """Outcome and message of a command, run in a folder of its own."""
+    runner = CliRunner()
+    with runner.isolation() as streams, runner.isolated_filesystem():
+        try:
+            code = group.run([str(word) for word in kind.call()])
+        except SystemExit as leave:
+            code = leave.code
+        except BaseException as error:
+            return "bare", described(error)
+        text = "".join(stream.getvalue().decode() for stream in streams[:2])
+
+    if "Traceback" in text or "Unexpected" in text:
+        return "bare", text[-300:]
+    if code == kind.expected:
+        return judge_words(kind, [text], "caught")
+    got = "wrong code" if code else "silent"
+    return got, f"exit code {code}: {text[-300:]}"
+
+
+def judge_words(kind: Kind, messages: list[str], good: str) -> tuple[str, str]:
     """Whether one message says what is wrong, where, and the cure."""
     for text in messages:
         if all(re.search(word, text, re.DOTALL) for word in kind.words):
@@ -132,65 +163,41 @@ def _words(kind: Kind, messages: list[str], good: str) -> tuple[str, str]:
     return "wrong words", " | ".join(messages)
 
 
-def _command(kind: Kind) -> tuple[str, str]:
-    """Run the command line in a folder of its own; ``act`` returns its arguments."""
-    from pysindy_nrf.cli import group
-
-    runner = CliRunner()
-    with runner.isolation() as streams, runner.isolated_filesystem():
-        try:
-            code = group.run([str(a) for a in kind.act(*kind.given)])
-        except SystemExit as leave:
-            code = leave.code
-        except BaseException as error:
-            return "bare", f"{type(error).__name__}: {error}"
-        text = "".join(stream.getvalue().decode() for stream in streams[:2])
-    if "Traceback" in text or "Unexpected" in text:
-        return "bare", text[-300:]
-    if code != kind.expected:
-        return (
-            "silent" if code == 0 else "wrong code"
-        ), f"exit code {code}: {text[-300:]}"
-    return _words(kind, [text], "caught" if code else "warned")
+def messages_of(
+    raised: list[warnings.WarningMessage], category: type[Warning]
+) -> list[str]:
+    """Texts of the warnings of one category."""
+    return [str(w.message) for w in raised if issubclass(w.category, category)]
 
 
-def fingerprint(value: Any) -> str:
+def described(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def fingerprint(given: Any) -> str:
     """A digest of everything a user would miss if it changed."""
-    digest = hashlib.sha256()
-    _feed(value, digest.update)
-    return digest.hexdigest()
+    return joblib.hash(list(parts_of(given)))
 
 
-def _feed(value: Any, update: Callable[[bytes], None]) -> None:
-    update(type(value).__name__.encode())
-    if isinstance(value, np.ma.MaskedArray):
-        _feed([value.data, np.ma.getmaskarray(value)], update)
-    elif isinstance(value, np.ndarray):
-        update(
-            f"{value.dtype}{value.shape}{value.strides}{value.flags.writeable}".encode()
-        )
-        update(
-            repr(value.tolist()).encode()
-            if value.dtype.hasobject
-            else np.ascontiguousarray(value).tobytes()
-        )
-    elif isinstance(value, (pd.DataFrame, pd.Series)):
-        frame = value.to_frame() if isinstance(value, pd.Series) else value
-        _feed([list(map(repr, frame.columns)), repr(frame.index), frame.attrs], update)
-        for i in range(frame.shape[1]):
-            _feed(frame.iloc[:, i].to_numpy(), update)
-    elif isinstance(value, Record):
-        _feed(vars(value), update)
-    elif isinstance(value, Mapping):
-        for key, item in value.items():
-            _feed([repr(key), item], update)
-    elif isinstance(value, (list, tuple)):
-        for item in value:
-            _feed(item, update)
-    elif isinstance(value, Path):
-        if value.is_dir():
-            _feed(sorted(str(p) for p in value.rglob("*")), update)
-        elif value.is_file():
-            update(value.read_bytes())
-    elif isinstance(value, (str, int, float, complex, bytes, type(None))):
-        update(repr(value).encode())
+def parts_of(given: Any) -> Iterator[Any]:
+    """Values one by one, with what files contain, and masks and locks of arrays."""
+    if isinstance(given, dict):
+        yield list(given)
+        given = list(given.values())
+
+    if isinstance(given, (list, tuple)):
+        for item in given:
+            yield from parts_of(item)
+    elif isinstance(given, Path) and given.is_file():
+        yield given.read_bytes()
+    elif isinstance(given, np.ma.MaskedArray):
+        yield given.data
+        yield np.ma.getmaskarray(given)
+    elif isinstance(given, pd.DataFrame):
+        yield from (given.attrs, list(given), given.index)
+        for column in range(given.shape[1]):
+            yield given.iloc[:, column].to_numpy()
+    else:
+        yield given
+        if isinstance(given, np.ndarray):
+            yield given.flags.writeable

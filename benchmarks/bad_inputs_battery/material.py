@@ -11,44 +11,43 @@ import pandas as pd
 from pysindy_nrf import ChainModel, Record, excitation, laws, simulate
 from pysindy_nrf.simulation.noise import add_noise
 
-N, STEP = 1500, 1e-3
-TIME = np.arange(N) * STEP
-NAMES = [f"{kind}{j}" for kind in "avs" for j in (1, 2, 3)]
+N_SAMPLES = 1500
+STEP = 1e-3
+TIME = np.arange(N_SAMPLES) * STEP
+NAMES = ["a1", "a2", "a3", "v1", "v2", "v3", "s1", "s2", "s3"]
 MASSES = (12.0, 9.0, 15.0)
 STIFFNESS = (1.1e5, 0.9e5, 1.3e5)
 
 
 def chain_model() -> ChainModel:
     """The truth."""
-    held = {
-        f"storey {i}": laws.PowerSeries((0, 3), [k, 0.0, 40 * k / 1e-3**2 * 1e-3])
-        for i, k in enumerate(STIFFNESS, 1)
-    }
-    return ChainModel(
-        MASSES, {s: [law, laws.LinearViscous(60.0)] for s, law in held.items()}
-    )
+    storeys = {}
+    for i, k in enumerate(STIFFNESS, 1):
+        spring = laws.PowerSeries((0, 3), [k, 0.0, 40 * k / 1e-3**2 * 1e-3])
+        storeys[f"storey {i}"] = [spring, laws.LinearViscous(60.0)]
+    return ChainModel(MASSES, storeys)
 
 
 @cache
-def good(noise: float = 0.0, n_samples: int = N) -> Record:
+def good(noise: float = 0.0, n_samples: int = N_SAMPLES) -> Record:
     """A clean record, or one with noise."""
-    options = dict(excited=2, rms=300.0, band=(1, 60), random_state=1)
-    F = excitation.band_limited_random(3, n_samples * STEP, 1 / STEP, **options)[
-        :n_samples
-    ]
-    record = simulate(chain_model(), F, STEP, name="test 7")
+    F = excitation.band_limited_random(
+        3,
+        n_samples * STEP,
+        1 / STEP,
+        excited=2,
+        rms=300.0,
+        band=(1, 60),
+        random_state=1,
+    )
+    record = simulate(chain_model(), F[:n_samples], STEP, name="test 7")
     return add_noise(record, noise, random_state=2) if noise else record
-
-
-@cache
-def _features() -> tuple[pd.DataFrame, pd.DataFrame]:
-    return good().to_features(smooth=False)
 
 
 def features() -> tuple[np.ndarray, np.ndarray]:
     """X and F as fresh arrays."""
-    X, F = _features()
-    return X.to_numpy().copy(), F.to_numpy().copy()
+    X, F = good().to_features(smooth=False)
+    return X.to_numpy(copy=True), F.to_numpy(copy=True)
 
 
 def table() -> pd.DataFrame:
@@ -56,20 +55,26 @@ def table() -> pd.DataFrame:
     return pd.DataFrame(features()[0], columns=NAMES)
 
 
+def absolute(X: np.ndarray) -> np.ndarray:
+    """Velocities and displacements of the floors in place of rates and drifts."""
+    a, v, s = np.hsplit(X, 3)
+    return np.hstack([a, v.cumsum(axis=1), s.cumsum(axis=1)])
+
+
 def changed(array: Any, rows: Any, column: int, value: Any) -> np.ndarray:
     """A copy with other values in some rows of a column."""
-    out = np.array(array, dtype=float)
-    out[rows, column] = value
-    return out
+    copy = np.array(array, dtype=float)
+    copy[rows, column] = value
+    return copy
 
 
-def channels(**changes: Any) -> dict[str, Any]:
-    """Arguments of a record with some of them replaced."""
-    rec = good()
+def channels(noise: float = 0.0, n_samples: int = N_SAMPLES, **changes: Any) -> dict:
+    """Arguments of a record as fresh arrays, some of them replaced."""
+    record = good(noise, n_samples)
     return {
-        "force": rec.force.copy(),
-        "acceleration": rec.acceleration.copy(),
-        "displacement": rec.displacement.copy(),
+        "force": record.force.copy(),
+        "acceleration": record.acceleration.copy(),
+        "displacement": record.displacement.copy(),
         "fs": 1 / STEP,
         "name": "test 7",
     } | changes

@@ -1,3 +1,1 @@
-"""Blind battery for close_loop: simulated chains with an effect that the search is not
-told of.
-"""
+"""Blind battery for close_loop: simulated chains with effects that it is not told."""

@@ -2,7 +2,8 @@
 
 Nothing here comes from the package under test: friction is a steep tanh, gaps may be
 smooth, hysteresis is integrated as an ordinary differential equation with fixed
-Runge-Kutta sub-steps.
+Runge-Kutta sub-steps. Everything is compiled, which is why functions take long lists of
+arrays and numbers.
 """
 
 from __future__ import annotations
@@ -40,6 +41,68 @@ KINDS = (
 )
 CODE = {name: i for i, name in enumerate(KINDS)}
 N_PAR = 6
+SHIFTS = (0.0, 0.5, 0.5, 1.0)  # of the stages of the Runge-Kutta rule, in steps
+
+# compiled code knows no dictionary
+STRIBECK = CODE["stribeck"]
+ASYMMETRIC_FRICTION = CODE["asymmetric_friction"]
+GROUND_FRICTION = CODE["ground_friction"]
+QUADRATIC_DAMPING = CODE["quadratic_damping"]
+POWER_DAMPING = CODE["power_damping"]
+CUBIC = CODE["cubic"]
+QUINTIC = CODE["quintic"]
+QUADRATIC = CODE["quadratic"]
+ODD_QUADRATIC = CODE["odd_quadratic"]
+ONE_SIDED_GAP = CODE["one_sided_gap"]
+TWO_SIDED_GAP = CODE["two_sided_gap"]
+BILINEAR = CODE["bilinear"]
+DAHL = CODE["dahl"]
+BOUC_WEN = CODE["bouc_wen"]
+JENKINS = CODE["jenkins"]
+MAXWELL = CODE["maxwell"]
+STIFFNESS_STEP = CODE["stiffness_step"]
+STIFFNESS_DRIFT = CODE["stiffness_drift"]
+DAMPING_DRIFT = CODE["damping_drift"]
+HARMONIC = CODE["harmonic"]
+CONSTANT = CODE["constant"]
+
+
+# -- forces of the effects -----------------------------------------------------
+# p holds the parameters, p[0] the amplitude; s, v are drift and rate, z the state
+
+
+@njit(cache=True)
+def friction_force(kind, p, v, vg):
+    """Fc, eps; Stribeck: static/sliding - 1, vs; asymmetric: share of the level."""
+    if kind == STRIBECK:
+        fall = math.exp(-((v / p[3]) ** 2))
+        return p[0] * (1.0 + p[2] * fall) * math.tanh(v / p[1])
+    if kind == ASYMMETRIC_FRICTION:
+        direction = math.tanh(v / p[1])
+        return p[0] * (direction + p[2] * direction**2)
+    if kind == GROUND_FRICTION:  # on a frame that stands still while the base moves
+        return p[0] * math.tanh((v + vg) / p[1])
+    return p[0] * math.tanh(v / p[1])
+
+
+@njit(cache=True)
+def damping_force(kind, p, v):
+    """c, eps; power law: n of |v|^n sgn v."""
+    if kind == QUADRATIC_DAMPING:
+        return p[0] * v * math.sqrt(v * v + p[1] * p[1])
+    return p[0] * v * (v * v + p[1] * p[1]) ** (0.5 * (p[2] - 1.0))
+
+
+@njit(cache=True)
+def spring_force(kind, p, s):
+    """k of a power of the drift."""
+    if kind == CUBIC:
+        return p[0] * s**3
+    if kind == QUINTIC:
+        return p[0] * s**5
+    if kind == QUADRATIC:
+        return p[0] * s**2
+    return p[0] * s * abs(s)
 
 
 @njit(cache=True)
@@ -56,77 +119,74 @@ def smooth_ramp(x, w):
 
 
 @njit(cache=True)
-def effect_force(kind, p, s, v, t, z, vg):
-    """Force of one effect, N; p holds its parameters, p[0] the amplitude, z its
-    state.
-    """
-    if kind == 0:  # tanh friction: p = Fc, eps
-        return p[0] * math.tanh(v / p[1])
-    if kind == 1:  # Stribeck with a Gaussian fall: Fc, eps, static/sliding - 1, vs
-        return p[0] * (1.0 + p[2] * math.exp(-((v / p[3]) ** 2))) * math.tanh(v / p[1])
-    if kind == 2:  # level (1 + p2) forward, (1 - p2) backward
-        return p[0] * (math.tanh(v / p[1]) + p[2] * math.tanh(v / p[1]) ** 2)
-    if kind == 3:  # rubbing on a frame that stands still while the base moves
-        return p[0] * math.tanh((v + vg) / p[1])
-    if kind == 4:
-        return p[0] * v * math.sqrt(v * v + p[1] * p[1])
-    if kind == 5:  # |v|^n sgn v, rounded: p = c, eps, n
-        return p[0] * v * (v * v + p[1] * p[1]) ** (0.5 * (p[2] - 1.0))
-    if kind == 6:
-        return p[0] * s**3
-    if kind == 7:
-        return p[0] * s**5
-    if kind == 8:
-        return p[0] * s**2
-    if kind == 9:
-        return p[0] * s * abs(s)
-    if kind == 10:  # k, gap, width, side
+def contact_force(kind, p, s):
+    """k, gap, width, side; bilinear: k, width."""
+    if kind == ONE_SIDED_GAP:
         return p[0] * p[3] * smooth_ramp(p[3] * s - p[1], p[2])
-    if kind == 11:
+    if kind == TWO_SIDED_GAP:
         return p[0] * (smooth_ramp(s - p[1], p[2]) - smooth_ramp(-s - p[1], p[2]))
-    if kind == 12:  # k, width
-        return p[0] * smooth_ramp(s, p[1])
-    if (
-        kind == 15
-    ):  # inside a sub-step the elastic trial may stand beyond the yield surface
-        return p[0] * min(max(z, -1.0), 1.0)
-    if kind == 13 or kind == 14 or kind == 16:
-        return p[0] * z
-    if kind == 17:  # k, t0, width
+    return p[0] * smooth_ramp(s, p[1])
+
+
+@njit(cache=True)
+def changing_force(kind, p, s, v, t):
+    """k, t0, width of a step; rate of a drift over p[1] seconds."""
+    if kind == STIFFNESS_STEP:
         return p[0] * s * 0.5 * (1.0 + math.tanh((t - p[1]) / p[2]))
-    if kind == 18:
+    if kind == STIFFNESS_DRIFT:
         return p[0] * s * t / p[1]
-    if kind == 19:
-        return p[0] * v * t / p[1]
-    if (
-        kind == 20
-    ):  # amplitude, frequency, phase: an applied force stands on the other side
+    return p[0] * v * t / p[1]
+
+
+@njit(cache=True)
+def effect_force(kind, p, s, v, t, z, vg):
+    """Force of one effect, N."""
+    if kind <= GROUND_FRICTION:
+        return friction_force(kind, p, v, vg)
+    if kind <= POWER_DAMPING:
+        return damping_force(kind, p, v)
+    if kind <= ODD_QUADRATIC:
+        return spring_force(kind, p, s)
+    if kind <= BILINEAR:
+        return contact_force(kind, p, s)
+    if kind == JENKINS:  # a trial step may leave the yield surface
+        return p[0] * min(max(z, -1.0), 1.0)
+    if kind <= MAXWELL:
+        return p[0] * z
+    if kind <= DAMPING_DRIFT:
+        return changing_force(kind, p, s, v, t)
+    if kind == HARMONIC:  # an applied force stands on the other side
         return -p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2])
-    if kind == 21:
+    if kind == CONSTANT:
         return -p[0]
     return p[0] * (s + p[1] * v)  # brace, ground link: k, c/k
+
+
+# -- states of the effects -----------------------------------------------------
+
+
+@njit(cache=True)
+def bouc_wen_rate(p, v, z):
+    """Normalised to the yield drift: uy, share beta, n; beta + gamma = 1."""
+    beta = p[2]
+    gamma = 1.0 - p[2]
+    size = abs(z)
+    if size < 1e-300:
+        return v / p[1]
+    closing = beta * abs(v) * size ** (p[3] - 1.0) * z
+    return (v - closing - gamma * v * size ** p[3]) / p[1]
 
 
 @njit(cache=True)
 def effect_rate(kind, p, s, v, t, z):
     """Rate of the effect's state."""
-    if kind == 13:  # Dahl: sigma
+    if kind == DAHL:  # sigma
         return p[1] * (v - abs(v) * z)
-    if (
-        kind == 14
-    ):  # Bouc-Wen normalised to yield drift: uy, share beta, n; beta + gamma = 1
-        beta, gamma = p[2], 1.0 - p[2]
-        size = abs(z)
-        if size < 1e-300:
-            return v / p[1]
-        return (
-            v - beta * abs(v) * size ** (p[3] - 1.0) * z - gamma * v * size ** p[3]
-        ) / p[1]
-    if (
-        kind == 15
-    ):  # elastoplastic: yield drift; returned to the yield surface after each sub-step
+    if kind == BOUC_WEN:
+        return bouc_wen_rate(p, v, z)
+    if kind == JENKINS:  # yield drift; the sub-step ends on the yield surface
         return v / p[1]
-    if kind == 16:  # Maxwell: tau
+    if kind == MAXWELL:  # tau
         return v - z / p[1]
     return 0.0
 
@@ -134,51 +194,66 @@ def effect_rate(kind, p, s, v, t, z):
 @njit(cache=True)
 def returned(kind, z):
     """Elastoplastic return mapping."""
-    if kind == 15:
+    if kind == JENKINS:
         return min(max(z, -1.0), 1.0)
     return z
 
 
 @njit(cache=True)
-def along(kind, p, s, v, t, vg, sub):
-    """Force of an effect along a sampled motion; the state follows cubic Hermite pieces
-    of it.
-    """
-    n = len(s)
-    out = np.empty(n)
+def hermite(u, step, s0, v0, s1, v1):
+    """Drift and rate between two samples, at a share u of the step."""
+    u2 = u * u
+    u3 = u * u * u
+    s = (
+        (2 * u3 - 3 * u2 + 1) * s0
+        + (u3 - 2 * u2 + u) * step * v0
+        + (-2 * u3 + 3 * u2) * s1
+        + (u3 - u2) * step * v1
+    )
+    v = (
+        (6 * u2 - 6 * u) / step * s0
+        + (3 * u2 - 4 * u + 1) * v0
+        + (-6 * u2 + 6 * u) / step * s1
+        + (3 * u2 - 2 * u) * v1
+    )
+    return s, v
+
+
+@njit(cache=True)
+def state_after(kind, p, z, step, n_substeps, t, s0, v0, s1, v1):
+    """State one sample later, by Runge-Kutta sub-steps along cubic Hermite pieces."""
+    h = step / n_substeps
+    for m in range(n_substeps):
+        rate = np.zeros(4)
+        for stage in range(4):
+            shift = SHIFTS[stage]
+            s, v = hermite((m + shift) / n_substeps, step, s0, v0, s1, v1)
+            trial = z
+            if stage > 0:
+                trial = z + shift * h * rate[stage - 1]
+            rate[stage] = effect_rate(kind, p, s, v, t, trial)
+        slope = rate[0] + 2 * rate[1] + 2 * rate[2] + rate[3]
+        z = returned(kind, z + h * slope / 6.0)
+    return z
+
+
+@njit(cache=True)
+def along(kind, p, s, v, t, vg, n_substeps):
+    """Force of an effect along a sampled motion."""
+    out = np.empty(len(s))
     z = 0.0
     out[0] = effect_force(kind, p, s[0], v[0], t[0], z, vg[0])
-    for i in range(n - 1):
-        if 13 <= kind <= 16:
+    for i in range(len(s) - 1):
+        if DAHL <= kind <= MAXWELL:
             step = t[i + 1] - t[i]
-            h = step / sub
-            for m in range(sub):
-                ks = np.zeros(4)
-                for stage in range(4):
-                    shift = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
-                    u = (m + shift) / sub
-                    u2, u3 = u * u, u * u * u
-                    ss = (
-                        (2 * u3 - 3 * u2 + 1) * s[i]
-                        + (u3 - 2 * u2 + u) * step * v[i]
-                        + (-2 * u3 + 3 * u2) * s[i + 1]
-                        + (u3 - u2) * step * v[i + 1]
-                    )
-                    vv = (
-                        (6 * u2 - 6 * u) / step * s[i]
-                        + (3 * u2 - 4 * u + 1) * v[i]
-                        + (-6 * u2 + 6 * u) / step * s[i + 1]
-                        + (3 * u2 - 2 * u) * v[i + 1]
-                    )
-                    zz = z
-                    if stage > 0:
-                        zz = z + shift * h * ks[stage - 1]
-                    ks[stage] = effect_rate(kind, p, ss, vv, t[i], zz)
-                z = returned(
-                    kind, z + h * (ks[0] + 2 * ks[1] + 2 * ks[2] + ks[3]) / 6.0
-                )
+            z = state_after(
+                kind, p, z, step, n_substeps, t[i], s[i], v[i], s[i + 1], v[i + 1]
+            )
         out[i + 1] = effect_force(kind, p, s[i + 1], v[i + 1], t[i + 1], z, vg[i + 1])
     return out
+
+
+# -- the chain -----------------------------------------------------------------
 
 
 @njit(cache=True)
@@ -188,10 +263,11 @@ def storey_force(k, c, k3, s, v):
 
 @njit(cache=True)
 def rates(y, t, F, ag, vg, m, k, c, k3, kinds, ends, pars, out, forces):
-    """State rates of the chain; y = x, v (relative to the base), z. Forces of the
-    effects go to ``forces``.
+    """State rates of the chain; y = x, v (relative to the base), z.
+
+    Forces of the effects go to ``forces``.
     """
-    n, ne = len(m), len(kinds)
+    n = len(m)
     for j in range(n):
         out[j] = y[n + j]
         out[n + j] = F[j]
@@ -202,8 +278,9 @@ def rates(y, t, F, ag, vg, m, k, c, k3, kinds, ends, pars, out, forces):
         out[n + i] -= r
         if i:
             out[n + i - 1] += r
-    for e in range(ne):
-        p, q = ends[e, 0], ends[e, 1]
+    for e in range(len(kinds)):
+        p = ends[e, 0]
+        q = ends[e, 1]
         s = y[p - 1] - (y[q - 1] if q else 0.0)
         v = y[n + p - 1] - (y[n + q - 1] if q else 0.0)
         z = y[2 * n + e]
@@ -223,100 +300,59 @@ def poly(coef, i, h):
     n = coef.shape[2]
     out = np.empty(n)
     for j in range(n):
-        out[j] = ((coef[0, i, j] * h + coef[1, i, j]) * h + coef[2, i, j]) * h + coef[
-            3, i, j
-        ]
+        value = (coef[0, i, j] * h + coef[1, i, j]) * h + coef[2, i, j]
+        out[j] = value * h + coef[3, i, j]
     return out
 
 
 @njit(cache=True)
-def integrate(load, n_samples, dt, sub, m, k, c, k3, kinds, ends, pars):
+def integrate(load, n_samples, dt, n_substeps, m, k, c, k3, kinds, ends, pars):
     """Fixed-step classical Runge-Kutta; load = cubic pieces of [F_1..F_n, ag, vg].
 
     Returns x, v, absolute acceleration (n_samples, n) and the effects' forces
-    (n_samples, n_effects).
+    (n_samples, n_effects); NaN from where the motion leaves the range of numbers.
     """
-    n, ne = len(m), len(kinds)
-    size = 2 * n + ne
-    y = np.zeros(size)
-    x, vel, acc = (
-        np.empty((n_samples, n)),
-        np.empty((n_samples, n)),
-        np.empty((n_samples, n)),
-    )
-    eff = np.empty((n_samples, ne))
-    k1, k2, k3_, k4 = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    f = np.empty(ne)
-    h = dt / sub
+    n = len(m)
+    y = np.zeros(2 * n + len(kinds))
+    x, v, a = np.empty((3, n_samples, n))
+    effects = np.empty((n_samples, len(kinds)))
+    forces = np.empty(len(kinds))
+    slopes = np.empty((4, len(y)))
+    h = dt / n_substeps
+
     for i in range(n_samples):
-        at = min(i, n_samples - 2)
-        u = poly(load, at, dt * (i - at))
-        rates(y, i * dt, u[:n], u[n], u[n + 1], m, k, c, k3, kinds, ends, pars, k1, f)
+        piece = min(i, n_samples - 2)
+        u = poly(load, piece, dt * (i - piece))
+        F = u[:n]
+        ag = u[n]
+        rate = slopes[0]
+        rates(y, i * dt, F, ag, u[n + 1], m, k, c, k3, kinds, ends, pars, rate, forces)
         for j in range(n):
-            x[i, j], vel[i, j], acc[i, j] = y[j], y[n + j], k1[n + j] + u[n]
-        eff[i] = f
+            x[i, j] = y[j]
+            v[i, j] = y[n + j]
+            a[i, j] = rate[n + j] + ag
+        effects[i] = forces
         if i == n_samples - 1:
             break
         if not np.isfinite(y).all():
             x[i:] = np.nan
             break
-        for q in range(sub):
-            t = i * dt + q * h
-            u0, u1, u2 = (
-                poly(load, i, q * h),
-                poly(load, i, (q + 0.5) * h),
-                poly(load, i, (q + 1) * h),
-            )
-            rates(y, t, u0[:n], u0[n], u0[n + 1], m, k, c, k3, kinds, ends, pars, k1, f)
-            rates(
-                y + 0.5 * h * k1,
-                t + 0.5 * h,
-                u1[:n],
-                u1[n],
-                u1[n + 1],
-                m,
-                k,
-                c,
-                k3,
-                kinds,
-                ends,
-                pars,
-                k2,
-                f,
-            )
-            rates(
-                y + 0.5 * h * k2,
-                t + 0.5 * h,
-                u1[:n],
-                u1[n],
-                u1[n + 1],
-                m,
-                k,
-                c,
-                k3,
-                kinds,
-                ends,
-                pars,
-                k3_,
-                f,
-            )
-            rates(
-                y + h * k3_,
-                t + h,
-                u2[:n],
-                u2[n],
-                u2[n + 1],
-                m,
-                k,
-                c,
-                k3,
-                kinds,
-                ends,
-                pars,
-                k4,
-                f,
-            )
-            y = y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3_ + k4)
-            for e in range(ne):
+
+        for q in range(n_substeps):
+            for stage in range(4):
+                shift = SHIFTS[stage]
+                t = i * dt + q * h + shift * h
+                trial = y
+                if stage > 0:
+                    trial = y + shift * h * slopes[stage - 1]
+                u = poly(load, i, (q + shift) * h)
+                F = u[:n]
+                ag = u[n]
+                vg = u[n + 1]
+                out = slopes[stage]
+                rates(trial, t, F, ag, vg, m, k, c, k3, kinds, ends, pars, out, forces)
+            slope = slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3]
+            y = y + h / 6.0 * slope
+            for e in range(len(kinds)):
                 y[2 * n + e] = returned(kinds[e], y[2 * n + e])
-    return x, vel, acc, eff
+    return x, v, a, effects

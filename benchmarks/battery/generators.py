@@ -1,27 +1,37 @@
-"""Random chains, excitations and effects, simulated; the truth stays in the case, the
-loop sees records.
+"""Random chains with hidden effects, simulated.
+
+The truth stays in the case; the loop sees the records.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .formulas import CODE, KINDS, N_PAR, along, integrate
+from .loads import EXCITATIONS, base_motion, draw_loads
 from .sensors import imperfect
 
-EXCITATIONS = ("random", "hammer", "sweep", "earthquake")
 N_SAMPLES = 8192
 # Effect over its storey's force (rms), smallest and largest.
 SHARE = (0.03, 0.30)
+TRIALS = 200  # chains that are drawn for a case at most
+FRICTIONS = ("coulomb", "stribeck", "asymmetric_friction", "ground_friction")
 
 
-@dataclass
+# -- what a case is made of ----------------------------------------------------
+
+
+@dataclass(frozen=True)
 class Effect:
-    """An undeclared effect: kind, link (p, q) (q = 0 is the ground) or DOF p,
-    parameters in SI units.
+    """An undeclared effect.
+
+    It acts on a link (p, q), where q = 0 is the ground, or on DOF p from outside.
+    Parameters are in SI units, the amplitude first.
     """
 
     kind: str
@@ -40,25 +50,23 @@ class Effect:
         """Where, in the grammar of the package."""
         if self.on_dof:
             return f"dof {self.p}"
-        return (
-            f"storey {self.p}"
-            if self.p == self.q + 1
-            else f"ground {self.p}"
-            if self.q == 0
-            else f"link {self.p}-{self.q}"
-        )
+        if self.p == self.q + 1:
+            return f"storey {self.p}"
+        if self.q == 0:
+            return f"ground {self.p}"
+        return f"link {self.p}-{self.q}"
 
-    def force(self, t, s, v, vg, sub: int = 16) -> np.ndarray:
+    def between_ends(self, y: np.ndarray) -> np.ndarray:
+        """Difference of a motion of the DOFs between the two ends."""
+        return y[:, self.p - 1] - (y[:, self.q - 1] if self.q else 0.0)
+
+    def force(self, t, s, v, vg, n_substeps: int = 16) -> np.ndarray:
         """Force along a motion of its two ends, N."""
-        return along(
-            CODE[self.kind],
-            self.par,
-            *(np.ascontiguousarray(y, dtype=float) for y in (s, v, t, vg)),
-            sub,
-        )
+        motion = [np.ascontiguousarray(y, dtype=float) for y in (s, v, t, vg)]
+        return along(CODE[self.kind], self.par, *motion, n_substeps)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Structure:
     """Masses (kg) and storey laws k s + c v + k3 s^3 (N/m, N s/m, N/m^3)."""
 
@@ -72,12 +80,25 @@ class Structure:
         """Number of masses."""
         return len(self.m)
 
+    def force_of(self, storey: int, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Force of a storey along a motion of the DOFs, N."""
+        i = storey - 1
+        s = drift(x, storey)
+        return self.k[i] * s + self.c[i] * drift(v, storey) + self.k3[i] * s**3
 
-@dataclass
+
+class Loads(NamedTuple):
+    """Forces, and the base's acceleration, velocity and displacement."""
+
+    F: np.ndarray
+    ag: np.ndarray
+    vg: np.ndarray
+    xg: np.ndarray
+
+
+@dataclass(frozen=True)
 class Run:
-    """A simulated test without noise: time, forces, base motion, motion, forces of the
-    effects.
-    """
+    """A simulated test without noise: loads, motion, forces of the effects."""
 
     fs: float
     F: np.ndarray
@@ -94,406 +115,19 @@ class Run:
         """Seconds."""
         return np.arange(len(self.x)) / self.fs
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether the motion stayed within the range of numbers."""
+        return bool(np.isfinite(self.x).all())
+
     def ends(self, effect: Effect) -> tuple[np.ndarray, np.ndarray]:
         """Drift and rate between the ends of an effect."""
-        p, q = effect.p - 1, effect.q - 1
-        return (
-            self.x[:, p] - (self.x[:, q] if q >= 0 else 0.0),
-            self.v[:, p] - (self.v[:, q] if q >= 0 else 0.0),
-        )
+        return effect.between_ends(self.x), effect.between_ends(self.v)
 
 
-@dataclass
-class Case:
-    """One case of the battery. ``seen`` and ``unseen`` are what the loop gets (channels
-    as dictionaries).
-    """
-
-    name: str
-    group: str
-    seed: int
-    noise: float
-    degree: int
-    excitation: str
-    forced: tuple[int, ...]
-    structure: Structure
-    effects: list[Effect]
-    runs: list[Run] = field(default_factory=list)
-    seen: list[dict] = field(default_factory=list)
-    unseen: list[dict] = field(default_factory=list)
-    sensors: str = ""
-
-    @property
-    def base(self) -> bool:
-        """Whether the base moves and no force acts."""
-        return not self.forced
-
-
-# -- structures ----------------------------------------------------------------
-
-
-def frequencies(m, k) -> np.ndarray:
-    """Natural frequencies of the undamped chain, Hz."""
-    n = len(m)
-    K = (
-        np.diag(k) + np.diag(np.r_[k[1:], 0.0]) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
-        if n > 1
-        else np.array([[k[0]]])
-    )
-    return np.sqrt(np.linalg.eigvalsh(K / np.sqrt(np.outer(m, m)))) / (2 * np.pi)
-
-
-def draw_structure(rng, n: int) -> tuple[Structure, np.ndarray]:
-    """Masses of 5 to 5e4 kg, natural frequencies of 1 to 30 Hz, damping of 1 to 3 % in
-    each storey.
-    """
-    m = np.clip(
-        10 ** rng.uniform(np.log10(5), np.log10(5e4)) * rng.uniform(0.7, 1.4, n),
-        5.0,
-        5e4,
-    )
-    k = m.mean() * rng.uniform(0.6, 1.6, n)
-    f = frequencies(m, k)
-    top = np.exp(rng.uniform(np.log(min(1.05 * f[-1] / f[0], 29.0)), np.log(30.0)))
-    k = k * (top / f[-1]) ** 2
-    c = 2 * rng.uniform(0.01, 0.03, n) * np.sqrt(k * m)
-    return Structure(m, k, c, np.zeros(n)), frequencies(m, k)
-
-
-# -- excitations ---------------------------------------------------------------
-
-
-def band_noise(rng, n: int, fs: float, lo: float, hi: float) -> np.ndarray:
-    """Gaussian noise between two frequencies (Hz), rms 1."""
-    spectrum = np.fft.rfft(rng.standard_normal(n))
-    f = np.fft.rfftfreq(n, 1 / fs)
-    spectrum[(f < lo) | (f > hi)] = 0.0
-    y = np.fft.irfft(spectrum, n)
-    return y / np.sqrt(np.mean(y**2))
-
-
-def draw_loads(
-    rng, kind: str, n_columns: int, n: int, fs: float, f: np.ndarray
-) -> np.ndarray:
-    """Columns of one kind of excitation over the chain's natural frequencies f (Hz);
-    arbitrary scale.
-    """
-    t = np.arange(n) / fs
-    lo, hi = 0.4 * f[0], min(1.4 * f[-1], 0.2 * fs)
-    out = np.zeros((n, n_columns))
-    if kind == "random":
-        for j in range(n_columns):
-            out[:, j] = band_noise(rng, n, fs, lo, hi)
-    elif kind == "hammer":
-        width = 0.7 / hi  # a half-sine whose spectrum reaches to the highest mode
-        hits = max(6, 3 * n_columns) + int(rng.integers(0, 4))
-        for h in range(hits):
-            start = t[-1] * (h + rng.uniform(0.02, 0.4)) / hits
-            inside = (t >= start) & (t <= start + width)
-            out[inside, h % n_columns] += (
-                rng.uniform(0.6, 1.4)
-                * rng.choice([-1, 1])
-                * np.sin(np.pi * (t[inside] - start) / width)
-            )
-    elif kind == "sweep":
-        for j in range(n_columns):
-            a, b = lo * rng.uniform(0.8, 1.2), hi * rng.uniform(0.8, 1.0)
-            rate = np.log(b / a) / t[-1]
-            phase = 2 * np.pi * a * (np.exp(rate * t) - 1) / rate
-            y = np.sin(phase + rng.uniform(0, 2 * np.pi))
-            out[:, j] = y if rng.random() < 0.5 or n_columns == 1 else y[::-1]
-        ramp = np.clip(t / (0.03 * t[-1]), 0, 1)
-        out *= (np.sin(0.5 * np.pi * ramp) ** 2)[:, None]
-    else:  # earthquake-like: Kanai-Tajimi noise under an envelope
-        for j in range(n_columns):
-            white = np.fft.rfft(rng.standard_normal(n))
-            w, wg, z = (
-                np.fft.rfftfreq(n, 1 / fs),
-                np.exp(rng.uniform(np.log(0.7 * f[0]), np.log(1.2 * f[-1]))),
-                0.5,
-            )
-            with np.errstate(divide="ignore", invalid="ignore"):
-                r = w / wg
-                gain = (
-                    np.sqrt(
-                        (1 + (2 * z * r) ** 2) / ((1 - r**2) ** 2 + (2 * z * r) ** 2)
-                    )
-                    * r**2
-                    / np.sqrt(1 + r**4)
-                )
-            gain[(w < 0.3 * lo) | (w > hi)] = 0.0
-            y = np.fft.irfft(white * gain, n)
-            u = t / t[-1]
-            out[:, j] = (
-                y
-                * np.clip(u / 0.15, 0, 1) ** 2
-                * np.exp(-2.5 * np.clip(u - 0.4, 0, None))
-            )
-    return out
-
-
-def base_motion(
-    ag: np.ndarray, fs: float, lo: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Acceleration, velocity and displacement of a base that has no content below lo/3
-    (Hz).
-    """
-    spectrum = np.fft.rfft(ag)
-    f = np.fft.rfftfreq(len(ag), 1 / fs)
-    keep = f > lo / 3
-    w = 2 * np.pi * np.where(keep, f, 1.0)
-    spectrum = np.where(keep, spectrum, 0.0)
-    return tuple(
-        np.fft.irfft(y, len(ag))
-        for y in (spectrum, spectrum / (1j * w), -spectrum / w**2)
-    )
-
-
-# -- simulation ----------------------------------------------------------------
-
-
-def simulate(
-    structure: Structure, effects: list[Effect], F, ag, vg, xg, fs: float, sub: int = 12
-) -> Run:
-    """One test from rest; loads are cubic splines between the samples."""
-    n = structure.n
-    load = np.ascontiguousarray(
-        CubicSpline(np.arange(len(F)) / fs, np.column_stack([F, ag, vg])).c
-    )
-    kinds = np.array([CODE[e.kind] for e in effects], dtype=np.int64)
-    ends = np.array([[e.p, e.q] for e in effects], dtype=np.int64).reshape(-1, 2)
-    pars = np.array([e.par for e in effects], dtype=float).reshape(-1, N_PAR)
-    x, v, a, eff = integrate(
-        load,
-        len(F),
-        1 / fs,
-        _substeps(structure, effects, fs, sub),
-        structure.m,
-        structure.k,
-        structure.c,
-        structure.k3,
-        kinds,
-        ends,
-        pars,
-    )
-    return Run(fs, F, ag, vg, xg, x[:, :n], v, a, eff)
-
-
-def _substeps(
-    structure: Structure, effects: list[Effect], fs: float, least: int
-) -> int:
-    """Enough sub-steps for the steepest part of the effects."""
-    lightest = structure.m.min()
-    rate = 0.0
-    for e in effects:
-        if e.kind in ("coulomb", "stribeck", "asymmetric_friction", "ground_friction"):
-            rate = max(rate, 2.0 * e.par[0] * (1 + abs(e.par[2])) / e.par[1] / lightest)
-        elif e.kind == "power_damping":
-            rate = max(rate, 2.0 * e.par[0] * e.par[1] ** (e.par[2] - 1) / lightest)
-        elif e.kind in ("one_sided_gap", "two_sided_gap", "brace", "ground_link"):
-            rate = max(rate, 4 * np.sqrt(2 * e.par[0] / lightest))
-        elif e.kind == "dahl":
-            rate = max(rate, 4 * np.sqrt(2 * e.par[0] * e.par[1] / lightest))
-        elif e.kind in ("jenkins", "bouc_wen"):
-            rate = max(rate, 4 * np.sqrt(2 * e.par[0] / e.par[1] / lightest))
-    return int(
-        np.clip(np.ceil(1.5 * rate / fs), least if rate == 0.0 else 4 * least, 400)
-    )
-
-
-# -- effects -------------------------------------------------------------------
-
-
-def draw_shape(
-    rng, kind: str, s: float, v: float, duration: float, f: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters without amplitude for rms drift s and rate v, and their powers of (s,
-    v) to rescale by.
-    """
-    p, power = np.zeros(N_PAR), np.zeros((N_PAR, 2))
-    if kind in ("coulomb", "stribeck", "asymmetric_friction", "ground_friction"):
-        p[1], power[1] = v * 10 ** rng.uniform(-3, -2), (0, 1)
-        if kind == "stribeck":
-            p[2], p[3], power[3] = (
-                rng.uniform(0.5, 1.5),
-                v * rng.uniform(0.2, 0.8),
-                (0, 1),
-            )
-        if kind == "asymmetric_friction":
-            p[2] = rng.choice([-1, 1]) * rng.uniform(0.25, 0.6)
-    elif kind == "quadratic_damping":
-        p[1], power[1] = 1e-3 * v, (0, 1)
-    elif kind == "power_damping":
-        p[1], power[1], p[2] = 1e-3 * v, (0, 1), rng.uniform(0.25, 0.55)
-    elif kind in ("one_sided_gap", "two_sided_gap"):
-        p[1], power[1] = s * rng.uniform(0.4, 1.4), (1, 0)
-        p[2], power[2] = (
-            (0.0 if rng.random() < 0.5 else s * rng.uniform(0.01, 0.05)),
-            (
-                1,
-                0,
-            ),
-        )
-        p[3] = rng.choice([-1.0, 1.0])
-    elif kind == "bilinear":
-        p[1], power[1] = (
-            (0.0 if rng.random() < 0.5 else s * rng.uniform(0.01, 0.05)),
-            (
-                1,
-                0,
-            ),
-        )
-    elif kind == "dahl":
-        p[1], power[1] = 10 ** rng.uniform(0.0, 1.5) / s, (-1, 0)
-    elif kind == "bouc_wen":
-        p[1], power[1] = s * rng.uniform(0.3, 1.0), (1, 0)
-        p[2], p[3] = rng.uniform(0.35, 0.9), rng.choice([1.0, 1.5, 2.0])
-    elif kind == "jenkins":
-        p[1], power[1] = s * rng.uniform(0.2, 0.9), (1, 0)
-    elif kind == "maxwell":
-        p[1] = s / v * 10 ** rng.uniform(-0.4, 0.5)
-    elif kind == "stiffness_step":
-        p[1], p[2] = (
-            duration * rng.uniform(0.3, 0.65),
-            0.02 / f[-1] * rng.uniform(0.1, 1.0),
-        )
-    elif kind in ("stiffness_drift", "damping_drift"):
-        p[1] = duration
-    elif kind == "harmonic":
-        p[1], p[2] = (
-            f[0] * rng.uniform(0.6, 1.0) * (f[-1] / f[0]) ** rng.random(),
-            rng.uniform(0, 2 * np.pi),
-        )
-    elif kind in ("brace", "ground_link"):
-        p[1] = rng.uniform(0.0, 2.0) * 0.02 * s / v
-    return p, power
-
-
-def draw_place(rng, kind: str, n: int, base: bool) -> tuple[int, int]:
-    """Ends (p, q) of an effect on a chain of n masses; q = 0 is the ground."""
-    if kind in ("harmonic", "constant"):
-        return int(rng.integers(1, n + 1)), 0
-    if kind == "brace":
-        p = int(rng.integers(3, n + 1))
-        return p, int(rng.integers(1, p - 1))
-    if kind in ("ground_link", "ground_friction"):
-        return (
-            int(rng.integers(1 if base and kind == "ground_friction" else 2, n + 1)),
-            0,
-        )
-    p = int(rng.integers(1, n + 1))
-    return p, p - 1
-
-
-def possible(kind: str, n: int, base: bool) -> bool:
-    """Whether a kind of effect exists on such a chain (and is not a storey law under
-    another name).
-    """
-    if kind == "brace":
-        return n >= 3
-    if kind == "ground_link":
-        return n >= 2
-    if kind == "ground_friction":
-        return n >= 2 or base
-    return True
-
-
-def sign_of(rng, kind: str) -> float:
-    """Sign of the amplitude: some effects soften or weaken as often as they stiffen."""
-    if kind in ("stiffness_step", "stiffness_drift", "bilinear"):
-        return float(rng.choice([-1.0, -1.0, 1.0]))
-    if kind in ("cubic", "quadratic", "constant", "odd_quadratic"):
-        return float(rng.choice([-1.0, 1.0, 1.0]))
-    return 1.0
-
-
-def shares(structure: Structure, effects: list[Effect], run: Run) -> np.ndarray:
-    """Rms of each effect over the rms of the force of the storey below its upper
-    end.
-    """
-    out = []
-    for i, e in enumerate(effects):
-        s = run.x[:, e.p - 1] - (run.x[:, e.p - 2] if e.p > 1 else 0.0)
-        v = run.v[:, e.p - 1] - (run.v[:, e.p - 2] if e.p > 1 else 0.0)
-        j = e.p - 1
-        storey = structure.k[j] * s + structure.c[j] * v + structure.k3[j] * s**3
-        out.append(np.sqrt(np.mean(run.effects[:, i] ** 2) / np.mean(storey**2)))
-    return np.array(out)
-
-
-def calibrate(
-    rng, structure, kinds, places, loads, fs, f, targets
-) -> tuple[list[Effect], Run] | None:
-    """Effects of the wanted size on this chain, and the run with them; None if there is
-    no such size.
-    """
-    n_samples = len(loads[0])
-    plain = simulate(structure, [], *loads, fs)
-    effects, powers, base_sizes = [], [], []
-    for kind, (p, q), target in zip(kinds, places, targets):
-        e = Effect(kind, p, q, np.zeros(N_PAR), target)
-        s, v = plain.ends(e)
-        size = np.sqrt([np.mean(s**2), np.mean(v**2)])
-        e.par, power = draw_shape(rng, kind, *size, n_samples / fs, f)
-        e.par[0] = sign_of(rng, kind)
-        one = e.force(plain.t, s, v, plain.vg)
-        js, jv = (
-            y[:, p - 1] - (y[:, p - 2] if p > 1 else 0.0) for y in (plain.x, plain.v)
-        )
-        storey = (
-            structure.k[p - 1] * js
-            + structure.c[p - 1] * jv
-            + structure.k3[p - 1] * js**3
-        )
-        if not one.any():
-            return None
-        e.par[0] *= target * np.sqrt(np.mean(storey**2) / np.mean(one**2))
-        effects.append(e)
-        powers.append(power)
-        base_sizes.append(size)
-    for _ in range(12):
-        run = simulate(structure, effects, *loads, fs)
-        if (
-            not np.isfinite(run.x).all()
-            or np.abs(run.x).max() > 50 * np.abs(plain.x).max()
-        ):
-            return None
-        found = shares(structure, effects, run)
-        if all(0.85 * t <= r <= 1.15 * t for r, t in zip(found, targets)) and all(
-            SHARE[0] <= r <= SHARE[1] for r in found
-        ):
-            for e, r in zip(effects, found):
-                e.share = float(r)
-            return effects, run
-        for i, (e, r) in enumerate(zip(effects, found)):
-            s, v = run.ends(e)
-            size = np.sqrt([np.mean(s**2), np.mean(v**2)])
-            e.par[1:] *= np.prod((size / base_sizes[i]) ** powers[i][1:], axis=1)
-            base_sizes[i] = size
-            e.par[0] *= np.clip(targets[i] / max(r, 1e-12), 0.4, 2.5) ** 0.9
-    return None
-
-
-# -- cases ---------------------------------------------------------------------
-
-
-def make_case(
-    name: str,
-    group: str,
-    seed: int,
-    noise: float,
-    kinds: tuple[str, ...] = (),
-    *,
-    base: bool | None = None,
-    degree: int = 1,
-    n_samples: int = N_SAMPLES,
-    most: int = 6,
-    excitation: str | None = None,
-    accelerations_only: bool = False,
-    sensors: str = "",
-    every: bool = False,
-) -> Case:
-    """Draw one case; the same arguments always give the same case.
+@dataclass(frozen=True)
+class Plan:
+    """What to draw.
 
     Parameters
     ----------
@@ -504,7 +138,7 @@ def make_case(
         all DOFs, and ag, vg, xg of a moving base), as a share of its rms.
     kinds : tuple of str
         Effects; on different sites if several.
-    base : bool, optional
+    base : bool
         Base excitation with known masses, instead of forces.
     degree : int
         Of the storeys: 1 linear, 3 with a cubic spring that is part of the declared
@@ -519,134 +153,569 @@ def make_case(
         One of ``sensors.FAULTS``: an imperfection that all sensors share.
     every : bool
         The effect is in every storey, of four at least.
-
-    Returns
-    -------
-    Case
     """
-    rng = np.random.default_rng([seed, 20240])
-    base = bool(base)
-    least = (
-        3
-        if "brace" in kinds
-        else (
-            2
-            if not all(possible(kind, 1, base) for kind in kinds)
-            else len(kinds)
-            if len(kinds) > 1
-            else 1
-        )
+
+    name: str
+    group: str
+    seed: int
+    noise: float
+    kinds: tuple[str, ...] = ()
+    base: bool = False
+    degree: int = 1
+    n_samples: int = N_SAMPLES
+    most: int = 6
+    excitation: str | None = None
+    accelerations_only: bool = False
+    sensors: str = ""
+    every: bool = False
+
+    @property
+    def least(self) -> int:
+        """Masses at least."""
+        if self.every:
+            return 4
+        if "brace" in self.kinds:
+            return 3
+        if not all(possible(kind, 1, self.base) for kind in self.kinds):
+            return 2
+        return max(len(self.kinds), 1)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One case of the battery.
+
+    ``seen`` and ``unseen`` are what the loop gets: channels as dictionaries.
+    """
+
+    name: str
+    group: str
+    seed: int
+    noise: float
+    degree: int
+    excitation: str
+    forced: tuple[int, ...]
+    structure: Structure
+    effects: list[Effect]
+    runs: list[Run]
+    seen: list[dict]
+    unseen: list[dict]
+    sensors: str = ""
+
+    @property
+    def base(self) -> bool:
+        """Whether the base moves and no force acts."""
+        return not self.forced
+
+
+# -- structures ----------------------------------------------------------------
+
+
+def drift(y: np.ndarray, storey: int) -> np.ndarray:
+    """Motion of a storey: that of its upper DOF less that of its lower one."""
+    return y[:, storey - 1] - (y[:, storey - 2] if storey > 1 else 0.0)
+
+
+def rms(y: np.ndarray) -> float:
+    return np.sqrt(np.mean(y**2))
+
+
+def frequencies(m, k) -> np.ndarray:
+    """Natural frequencies of the undamped chain, Hz."""
+    stiffness = np.diag(k + np.append(k[1:], 0.0))
+    stiffness -= np.diag(k[1:], 1) + np.diag(k[1:], -1)
+    squares = np.linalg.eigvalsh(stiffness / np.sqrt(np.outer(m, m)))
+    return np.sqrt(squares) / (2 * np.pi)
+
+
+def draw_structure(rng, n: int) -> tuple[Structure, np.ndarray]:
+    """A linear chain and its natural frequencies, which lie between 1 and 30 Hz.
+
+    Masses are 5 to 5e4 kg, damping is 1 to 3 % in each storey.
+    """
+    size = 10 ** rng.uniform(np.log10(5), np.log10(5e4))
+    m = np.clip(size * rng.uniform(0.7, 1.4, n), 5.0, 5e4)
+    k = m.mean() * rng.uniform(0.6, 1.6, n)
+    f = frequencies(m, k)
+
+    lowest = min(1.05 * f[-1] / f[0], 29.0)
+    highest = np.exp(rng.uniform(np.log(lowest), np.log(30.0)))
+    k = k * (highest / f[-1]) ** 2
+    c = 2 * rng.uniform(0.01, 0.03, n) * np.sqrt(k * m)
+    return Structure(m, k, c, np.zeros(n)), frequencies(m, k)
+
+
+def scaled_loads(rng, structure, f, fs, how, forced, n, drift) -> Loads:
+    """Forces or a base motion that make an rms drift (m) of the linear chain."""
+    loads = unscaled_loads(rng, structure, f, fs, how, forced, n)
+    run = simulated(structure, [], loads, fs, n_substeps=4)
+    return scaled(loads, drift / rms(np.diff(run.x, axis=1, prepend=0.0)))
+
+
+def unscaled_loads(rng, structure, f, fs, how, forced, n) -> Loads:
+    """Forces, as large as the masses they act on, or a base motion."""
+    F = np.zeros((n, structure.n))
+    still = np.zeros(n)
+    if not forced:
+        ag = draw_loads(rng, how, 1, n, fs, f)[:, 0]
+        return Loads(F, *base_motion(ag, fs, 0.4 * f[0]))
+    columns = [j - 1 for j in forced]
+    F[:, columns] = draw_loads(rng, how, len(columns), n, fs, f) * structure.m[columns]
+    return Loads(F, still, still, still)
+
+
+def scaled(loads: Loads, scale: float) -> Loads:
+    """Loads times a factor."""
+    return Loads(*(y * scale for y in loads))
+
+
+# -- simulation ----------------------------------------------------------------
+
+
+def simulate(structure: Structure, effects: list[Effect], F, ag, vg, xg, fs) -> Run:
+    """One test from rest; loads are cubic splines between the samples."""
+    return simulated(structure, effects, Loads(F, ag, vg, xg), fs)
+
+
+def simulated(
+    structure: Structure,
+    effects: list[Effect],
+    loads: Loads,
+    fs: float,
+    n_substeps: int = 12,
+) -> Run:
+    """One test from rest, with sub-steps as small as the effects ask for."""
+    t = np.arange(len(loads.F)) / fs
+    spline = CubicSpline(t, np.column_stack([loads.F, loads.ag, loads.vg]))
+    kinds = [CODE[effect.kind] for effect in effects]
+    ends = [(effect.p, effect.q) for effect in effects]
+    pars = [effect.par for effect in effects]
+    motion = integrate(
+        np.ascontiguousarray(spline.c),
+        len(t),
+        1 / fs,
+        substeps_for(structure, effects, fs, n_substeps),
+        structure.m,
+        structure.k,
+        structure.c,
+        structure.k3,
+        np.array(kinds, dtype=np.int64),
+        np.array(ends, dtype=np.int64).reshape(-1, 2),
+        np.array(pars, dtype=float).reshape(-1, N_PAR),
     )
-    one = kinds
-    for _ in range(200):
-        n = int(rng.integers(4 if every else least, most + 1))
-        kinds = one * n if every else one
-        structure, f = draw_structure(rng, n)
-        fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
-        how = excitation or str(
-            rng.choice(
-                EXCITATIONS if not base else ("random", "earthquake", "earthquake")
-            )
-        )
-        whole = not accelerations_only and not base and rng.random() < 0.5
-        forced = (
-            ()
-            if base
-            else tuple(range(1, n + 1))
-            if whole
-            else (int(rng.integers(1, n + 1)),)
-        )
-        drift = 10 ** rng.uniform(-4.5, -2)
-        loads = scaled_loads(rng, structure, f, fs, how, forced, n_samples, drift)
-        if degree == 3:
-            plain = simulate(structure, [], *loads, fs)
-            s = np.diff(plain.x, axis=1, prepend=0.0)
-            structure.k3 = (
-                rng.uniform(0.03, 0.12, n) * structure.k / np.mean(s**2, axis=0)
-            )
-        places = [
-            (i, i - 1) if every else draw_place(rng, kind, n, base)
-            for i, kind in enumerate(kinds, 1)
-        ]
-        if len({(p, q) for p, q in places}) < len(places):
-            continue
-        targets = np.exp(
-            rng.uniform(np.log(1.05 * SHARE[0]), np.log(0.9 * SHARE[1]), len(kinds))
-        )
-        done = calibrate(rng, structure, kinds, places, loads, fs, f, targets)
-        if done is None:
-            continue
-        effects, run = done
-        further = [
-            scaled_loads(
-                rng, structure, f, fs, how, forced, n_samples, None, like=loads
-            )
-            for _ in range(1)
-        ]
-        others = [simulate(structure, effects, *more, fs) for more in further]
-        if not all(np.isfinite(r.x).all() for r in others):
-            continue
-        case = Case(
-            name,
-            group,
-            seed,
-            noise,
-            degree,
-            how,
-            forced,
-            structure,
-            effects,
-            [run, *others],
-        )
-        every = [channels(rng, r, noise, forced) for r in (run, *others)]
-        if accelerations_only:
-            every = [
-                {k: y for k, y in one.items() if k in ("fs", "acceleration", "force")}
-                for one in every
-            ]
-        case.sensors = sensors
-        if sensors:  # one installation for all tests
-            every = [
-                imperfect(np.random.default_rng([seed, 7]), one, sensors)
-                for one in every
-            ]
-        case.seen, case.unseen = every[:1], every[1:]
-        return case
+    return Run(fs, *loads, *motion)
+
+
+def substeps_for(structure, effects: list[Effect], fs: float, least: int) -> int:
+    """Enough sub-steps for the steepest part of the effects."""
+    lightest = structure.m.min()
+    rate = max([steepness(effect, lightest) for effect in effects], default=0.0)
+    if rate > 0.0:
+        least = 4 * least
+    return int(np.clip(np.ceil(1.5 * rate / fs), least, 400))
+
+
+def steepness(effect: Effect, mass: float) -> float:
+    """Rate (1/s) at which an effect can turn a mass round; 0 for the smooth ones."""
+    amplitude, first, second = effect.par[:3]
+    if effect.kind in FRICTIONS:
+        return 2.0 * amplitude * (1 + abs(second)) / first / mass
+    if effect.kind == "power_damping":
+        return 2.0 * amplitude * first ** (second - 1) / mass
+    if effect.kind in ("one_sided_gap", "two_sided_gap", "brace", "ground_link"):
+        return 4 * np.sqrt(2 * amplitude / mass)
+    if effect.kind == "dahl":
+        return 4 * np.sqrt(2 * amplitude * first / mass)
+    if effect.kind in ("jenkins", "bouc_wen"):
+        return 4 * np.sqrt(2 * amplitude / first / mass)
+    return 0.0
+
+
+# -- shapes of the effects -----------------------------------------------------
+
+
+class Size(NamedTuple):
+    """Rms drift (m) and rate (m/s), duration (s), natural frequencies (Hz)."""
+
+    s: float
+    v: float
+    duration: float
+    f: np.ndarray
+
+
+# powers of drift and rate by which a parameter grows with the motion
+FIXED = (0, 0)
+BY_DRIFT = (1, 0)
+BY_RATE = (0, 1)
+PER_DRIFT = (-1, 0)
+Parameters = list[tuple[float, tuple[int, int]]]
+
+
+def friction_shape(rng, size: Size) -> Parameters:
+    """Rate within which the friction turns round."""
+    return [(size.v * 10 ** rng.uniform(-3, -2), BY_RATE)]
+
+
+def stribeck_shape(rng, size: Size) -> Parameters:
+    turn = friction_shape(rng, size)
+    static = rng.uniform(0.5, 1.5)
+    return [*turn, (static, FIXED), (size.v * rng.uniform(0.2, 0.8), BY_RATE)]
+
+
+def asymmetric_shape(rng, size: Size) -> Parameters:
+    turn = friction_shape(rng, size)
+    return [*turn, (rng.choice([-1, 1]) * rng.uniform(0.25, 0.6), FIXED)]
+
+
+def quadratic_damping_shape(rng, size: Size) -> Parameters:
+    return [(1e-3 * size.v, BY_RATE)]
+
+
+def power_damping_shape(rng, size: Size) -> Parameters:
+    return [(1e-3 * size.v, BY_RATE), (rng.uniform(0.25, 0.55), FIXED)]
+
+
+def corner_width(rng, size: Size) -> float:
+    """Width of a corner: none, or rounded."""
+    return 0.0 if rng.random() < 0.5 else size.s * rng.uniform(0.01, 0.05)
+
+
+def gap_shape(rng, size: Size) -> Parameters:
+    gap = size.s * rng.uniform(0.4, 1.4)
+    width = corner_width(rng, size)
+    return [(gap, BY_DRIFT), (width, BY_DRIFT), (rng.choice([-1.0, 1.0]), FIXED)]
+
+
+def bilinear_shape(rng, size: Size) -> Parameters:
+    return [(corner_width(rng, size), BY_DRIFT)]
+
+
+def dahl_shape(rng, size: Size) -> Parameters:
+    return [(10 ** rng.uniform(0.0, 1.5) / size.s, PER_DRIFT)]
+
+
+def bouc_wen_shape(rng, size: Size) -> Parameters:
+    yield_drift = size.s * rng.uniform(0.3, 1.0)
+    beta = rng.uniform(0.35, 0.9)
+    n = rng.choice([1.0, 1.5, 2.0])
+    return [(yield_drift, BY_DRIFT), (beta, FIXED), (n, FIXED)]
+
+
+def jenkins_shape(rng, size: Size) -> Parameters:
+    return [(size.s * rng.uniform(0.2, 0.9), BY_DRIFT)]
+
+
+def maxwell_shape(rng, size: Size) -> Parameters:
+    return [(size.s / size.v * 10 ** rng.uniform(-0.4, 0.5), FIXED)]
+
+
+def step_shape(rng, size: Size) -> Parameters:
+    onset = size.duration * rng.uniform(0.3, 0.65)
+    return [(onset, FIXED), (0.02 / size.f[-1] * rng.uniform(0.1, 1.0), FIXED)]
+
+
+def drifting_shape(rng, size: Size) -> Parameters:
+    return [(size.duration, FIXED)]
+
+
+def harmonic_shape(rng, size: Size) -> Parameters:
+    lowest = size.f[0] * rng.uniform(0.6, 1.0)
+    frequency = lowest * (size.f[-1] / size.f[0]) ** rng.random()
+    return [(frequency, FIXED), (rng.uniform(0, 2 * np.pi), FIXED)]
+
+
+def link_shape(rng, size: Size) -> Parameters:
+    return [(rng.uniform(0.0, 2.0) * 0.02 * size.s / size.v, FIXED)]
+
+
+SHAPES: dict[str, Callable[..., Parameters]] = {
+    "coulomb": friction_shape,
+    "stribeck": stribeck_shape,
+    "asymmetric_friction": asymmetric_shape,
+    "ground_friction": friction_shape,
+    "quadratic_damping": quadratic_damping_shape,
+    "power_damping": power_damping_shape,
+    "one_sided_gap": gap_shape,
+    "two_sided_gap": gap_shape,
+    "bilinear": bilinear_shape,
+    "dahl": dahl_shape,
+    "bouc_wen": bouc_wen_shape,
+    "jenkins": jenkins_shape,
+    "maxwell": maxwell_shape,
+    "stiffness_step": step_shape,
+    "stiffness_drift": drifting_shape,
+    "damping_drift": drifting_shape,
+    "harmonic": harmonic_shape,
+    "brace": link_shape,
+    "ground_link": link_shape,
+}
+
+
+def draw_shape(rng, kind: str, size: Size) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters without amplitude, and their powers of (s, v) to rescale by."""
+    par = np.zeros(N_PAR)
+    powers = np.zeros((N_PAR, 2))
+    if kind in SHAPES:
+        for i, (value, power) in enumerate(SHAPES[kind](rng, size), 1):
+            par[i] = value
+            powers[i] = power
+    return par, powers
+
+
+def draw_place(rng, kind: str, n: int, base: bool) -> tuple[int, int]:
+    """Ends (p, q) of an effect on a chain of n masses; q = 0 is the ground."""
+    if kind in ("harmonic", "constant"):
+        return int(rng.integers(1, n + 1)), 0
+    if kind == "brace":
+        p = int(rng.integers(3, n + 1))
+        return p, int(rng.integers(1, p - 1))
+    if kind == "ground_friction" and base:
+        return int(rng.integers(1, n + 1)), 0
+    if kind in ("ground_link", "ground_friction"):
+        return int(rng.integers(2, n + 1)), 0
+    p = int(rng.integers(1, n + 1))
+    return p, p - 1
+
+
+def possible(kind: str, n: int, base: bool) -> bool:
+    """Whether a kind of effect exists on such a chain, and is no storey law."""
+    if kind == "brace":
+        return n >= 3
+    if kind == "ground_link":
+        return n >= 2
+    if kind == "ground_friction":
+        return n >= 2 or base
+    return True
+
+
+def effect_cycle(n: int, base: bool) -> list[str]:
+    """Kinds that exist on a chain of n masses."""
+    return [kind for kind in KINDS if possible(kind, n, base)]
+
+
+def sign_of(rng, kind: str) -> float:
+    """Sign of the amplitude: some effects soften or weaken as often as they stiffen."""
+    if kind in ("stiffness_step", "stiffness_drift", "bilinear"):
+        return float(rng.choice([-1.0, -1.0, 1.0]))
+    if kind in ("cubic", "quadratic", "constant", "odd_quadratic"):
+        return float(rng.choice([-1.0, 1.0, 1.0]))
+    return 1.0
+
+
+# -- sizes of the effects ------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sized:
+    """An effect, the rms drift and rate it was shaped for, and its parameters' powers.
+
+    Its share is the wanted one.
+    """
+
+    effect: Effect
+    size: np.ndarray
+    powers: np.ndarray
+
+    def resized(self, size: np.ndarray, factor: float) -> Sized:
+        """The same for another motion, its amplitude times a factor."""
+        par = self.effect.par.copy()
+        par[1:] *= np.prod((size / self.size) ** self.powers[1:], axis=1)
+        par[0] *= factor
+        return replace(self, effect=replace(self.effect, par=par), size=size)
+
+
+def size_of(effect: Effect, run: Run) -> np.ndarray:
+    """Rms drift and rate between the ends of an effect."""
+    s, v = run.ends(effect)
+    return np.sqrt([np.mean(s**2), np.mean(v**2)])
+
+
+def shares(structure: Structure, effects: list[Effect], run: Run) -> np.ndarray:
+    """Rms of each effect over that of the storey below its upper end."""
+    out = []
+    for effect, force in zip(effects, run.effects.T):
+        storey = structure.force_of(effect.p, run.x, run.v)
+        out.append(np.sqrt(np.mean(force**2) / np.mean(storey**2)))
+    return np.array(out)
+
+
+def first_guess(
+    rng, structure: Structure, effect: Effect, run: Run, f: np.ndarray
+) -> Sized | None:
+    """An effect of the wanted share along the motion without it, None if it is zero."""
+    size = size_of(effect, run)
+    par, powers = draw_shape(rng, effect.kind, Size(*size, len(run.F) / run.fs, f))
+    par[0] = sign_of(rng, effect.kind)
+    force = replace(effect, par=par).force(run.t, *run.ends(effect), run.vg)
+    if not force.any():
+        return None
+    storey = structure.force_of(effect.p, run.x, run.v)
+    par[0] *= effect.share * np.sqrt(np.mean(storey**2) / np.mean(force**2))
+    return Sized(replace(effect, par=par), size, powers)
+
+
+def calibrate(
+    rng, structure, kinds, places, loads, fs, f, targets
+) -> tuple[list[Effect], Run] | None:
+    """Effects of the wanted size on this chain, and the run with them.
+
+    None if there is no such size.
+    """
+    loads = Loads(*loads)
+    plain = simulated(structure, [], loads, fs)
+    guesses = []
+    for kind, (p, q), target in zip(kinds, places, targets):
+        effect = Effect(kind, p, q, np.zeros(N_PAR), target)
+        guess = first_guess(rng, structure, effect, plain, f)
+        if guess is None:
+            return None
+        guesses.append(guess)
+
+    for _ in range(12):
+        effects = [guess.effect for guess in guesses]
+        run = simulated(structure, effects, loads, fs)
+        if not run.is_finite or np.abs(run.x).max() > 50 * np.abs(plain.x).max():
+            return None
+        found = shares(structure, effects, run)
+        if close_enough(found, np.asarray(targets)):
+            sized = zip(effects, found.tolist())
+            return [replace(effect, share=share) for effect, share in sized], run
+        guesses = [corrected(*pair, run) for pair in zip(guesses, found)]
+    return None
+
+
+def close_enough(found: np.ndarray, targets: np.ndarray) -> bool:
+    """Whether all shares are about the wanted ones, and within the bounds."""
+    near = (0.85 * targets <= found) & (found <= 1.15 * targets)
+    inside = (SHARE[0] <= found) & (found <= SHARE[1])
+    return bool(np.all(near & inside))
+
+
+def corrected(guess: Sized, share: float, run: Run) -> Sized:
+    """A guess resized for the motion that it made, nearer to its share."""
+    ratio = np.clip(guess.effect.share / max(share, 1e-12), 0.4, 2.5)
+    return guess.resized(size_of(guess.effect, run), ratio**0.9)
+
+
+# -- cases ---------------------------------------------------------------------
+
+
+def make_case(
+    name: str, group: str, seed: int, noise: float, kinds: tuple = (), **wishes
+) -> Case:
+    """Draw one case; the same arguments always give the same case.
+
+    Arguments are those of :class:`Plan`.
+    """
+    plan = Plan(name, group, seed, noise, kinds, **wishes)
+    rng = np.random.default_rng([seed, 20240])
+    for _ in range(TRIALS):
+        case = draw_case(rng, plan)
+        if case is not None:
+            return case
     raise RuntimeError(f"no chain was found for {name} (seed {seed}, {kinds})")
 
 
-def scaled_loads(rng, structure, f, fs, how, forced, n, drift, like=None):
-    """Forces, base acceleration, velocity, displacement; scaled to an rms drift (m), or
-    like other loads.
-    """
-    F, ag, vg, xg = np.zeros((n, structure.n)), np.zeros(n), np.zeros(n), np.zeros(n)
-    if forced:
-        columns = [j - 1 for j in forced]
-        F[:, columns] = (
-            draw_loads(rng, how, len(columns), n, fs, f) * structure.m[columns]
-        )
-    else:
-        ag, vg, xg = base_motion(
-            draw_loads(rng, how, 1, n, fs, f)[:, 0], fs, 0.4 * f[0]
-        )
-    if like is None:
-        run = simulate(structure, [], F, ag, vg, xg, fs, 4)
-        scale = drift / np.sqrt(np.mean(np.diff(run.x, axis=1, prepend=0.0) ** 2))
-    else:
-        size = [
-            np.sqrt(np.mean(y**2)) for y in ((F, like[0]) if forced else (ag, like[1]))
-        ]
-        scale = size[1] / size[0]
-    return F * scale, ag * scale, vg * scale, xg * scale
+def draw_case(rng, plan: Plan) -> Case | None:
+    """A chain with its effects and two tests; None if they do not go together."""
+    n = int(rng.integers(plan.least, plan.most + 1))
+    structure, f = draw_structure(rng, n)
+    fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
+    how = plan.excitation or draw_excitation(rng, plan.base)
+    forced = draw_forced(rng, plan, n)
+    drift_rms = 10 ** rng.uniform(-4.5, -2)
+    loads = scaled_loads(rng, structure, f, fs, how, forced, plan.n_samples, drift_rms)
+    if plan.degree == 3:
+        structure = hardened(rng, structure, loads, fs)
+
+    kinds = plan.kinds * n if plan.every else plan.kinds
+    places = draw_places(rng, plan, kinds, n)
+    if len(set(places)) < len(places):
+        return None
+    bounds = np.log([1.05 * SHARE[0], 0.9 * SHARE[1]])
+    targets = np.exp(rng.uniform(*bounds, len(kinds)))
+    found = calibrate(rng, structure, kinds, places, loads, fs, f, targets)
+    if found is None:
+        return None
+
+    effects, run = found
+    again = unscaled_loads(rng, structure, f, fs, how, forced, plan.n_samples)
+    other = simulated(structure, effects, like(again, loads), fs)
+    if not other.is_finite:
+        return None
+    seen, unseen = measured(rng, plan, [run, other], forced)
+    return Case(
+        plan.name,
+        plan.group,
+        plan.seed,
+        plan.noise,
+        plan.degree,
+        how,
+        forced,
+        structure,
+        effects,
+        [run, other],
+        [seen],
+        [unseen],
+        plan.sensors,
+    )
+
+
+def draw_excitation(rng, base: bool) -> str:
+    """A kind of excitation; bases shake rather than are hit."""
+    kinds = ("random", "earthquake", "earthquake") if base else EXCITATIONS
+    return str(rng.choice(kinds))
+
+
+def draw_forced(rng, plan: Plan, n: int) -> tuple[int, ...]:
+    """No DOF over a moving base, all DOFs, or one."""
+    if plan.base:
+        return ()
+    if not plan.accelerations_only and rng.random() < 0.5:
+        return tuple(range(1, n + 1))
+    return (int(rng.integers(1, n + 1)),)
+
+
+def draw_places(rng, plan: Plan, kinds: tuple, n: int) -> list[tuple[int, int]]:
+    """Where the effects act."""
+    if plan.every:
+        return [(storey, storey - 1) for storey in range(1, n + 1)]
+    return [draw_place(rng, kind, n, plan.base) for kind in kinds]
+
+
+def hardened(rng, structure: Structure, loads: Loads, fs: float) -> Structure:
+    """The chain with cubic springs of some percent of the linear force."""
+    run = simulated(structure, [], loads, fs)
+    s = np.diff(run.x, axis=1, prepend=0.0)
+    share = rng.uniform(0.03, 0.12, structure.n)
+    return replace(structure, k3=share * structure.k / np.mean(s**2, axis=0))
+
+
+def like(loads: Loads, others: Loads) -> Loads:
+    """Loads of the same rms as others."""
+    if loads.F.any():
+        return scaled(loads, rms(others.F) / rms(loads.F))
+    return scaled(loads, rms(others.ag) / rms(loads.ag))
+
+
+def measured(rng, plan: Plan, runs: list[Run], forced: tuple[int, ...]) -> list[dict]:
+    """Channels of all tests, by one installation of sensors."""
+    tests = [channels(rng, run, plan.noise, forced) for run in runs]
+    if plan.accelerations_only:
+        kept = ("fs", "acceleration", "force")
+        tests = [{key: test[key] for key in kept} for test in tests]
+    if plan.sensors:
+        seed = [plan.seed, 7]
+        tests = [imperfect(np.random.default_rng(seed), y, plan.sensors) for y in tests]
+    return tests
 
 
 def channels(rng, run: Run, noise: float, forced: tuple[int, ...]) -> dict:
-    """Measured channels of a run: white noise of ``noise`` times its rms on each that
-    moves.
-    """
+    """Channels of a run, with white noise of a share of the rms on each that moves."""
 
-    def noisy(y):
-        return y + noise * np.sqrt(np.mean(y**2, axis=0)) * rng.standard_normal(y.shape)
+    def noisy(y: np.ndarray) -> np.ndarray:
+        size = noise * np.sqrt(np.mean(y**2, axis=0))
+        return y + size * rng.standard_normal(y.shape)
 
     out = {
         "fs": run.fs,
@@ -657,14 +726,7 @@ def channels(rng, run: Run, noise: float, forced: tuple[int, ...]) -> dict:
     if forced:
         out["force"] = np.where(run.F.any(axis=0), noisy(run.F), 0.0)
     else:
-        out |= {
-            "base_acceleration": noisy(run.ag),
-            "base_velocity": noisy(run.vg),
-            "base_displacement": noisy(run.xg),
-        }
+        out["base_acceleration"] = noisy(run.ag)
+        out["base_velocity"] = noisy(run.vg)
+        out["base_displacement"] = noisy(run.xg)
     return out
-
-
-def effect_cycle(n: int, base: bool) -> list[str]:
-    """Kinds that exist on a chain of n masses."""
-    return [kind for kind in KINDS if possible(kind, n, base)]

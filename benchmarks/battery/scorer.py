@@ -1,14 +1,18 @@
-"""Hands the channels to close_loop, then compares its report with the truth."""
+"""Gives the channels to close_loop, then compares its report with the truth."""
 
 from __future__ import annotations
 
 import time
 import traceback
-import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
+import search_path
 import numpy as np
+from harness import quietly
 
-from pysindy_nrf import Chain, NRFRegressor, Record, Site
+from pysindy_nrf import Chain, NRFRegressor, Record, Site, close_loop
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
 from pysindy_nrf.discrepancy.prepare import prepare
 
@@ -42,372 +46,336 @@ FAMILY = {
     "ground_link": "link",
 }
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
-ONE_CLASS = ({"friction", "hysteresis"},)
+ONE_CLASS = {"friction", "hysteresis"}
 # A second test would not show these from the same start: the loop holds out the end of
 # the one record.
 IN_TIME = ("stiffness_step", "stiffness_drift", "damping_drift", "harmonic")
+# Effect over noise in the balances from which on an effect must be found.
+ELIGIBLE = 2.0
 
 
-def truth_parameters(effect: Effect) -> dict[str, dict[str, float]]:
-    """The effect's parameters in the words of each law of the package that is the same
-    formula.
-    """
-    A, p = effect.par[0], effect.par
-    return {
-        "coulomb": lambda: {"coulomb_friction": {"Fc": A}},
-        "stribeck": lambda: {"stribeck_friction": {"Fc": A}},
-        "asymmetric_friction": lambda: {
-            "asymmetric_coulomb_friction": {
-                "Fcp": A * (1 + p[2]),
-                "Fcm": A * (1 - p[2]),
-            }
-        },
-        "ground_friction": lambda: {
-            "coulomb_friction": {"Fc": A},
-            "ground_friction": {"Fc": A},
-        },
-        "quadratic_damping": lambda: {
-            "quadratic_damping": {"c2": A},
-            "power_law_damping": {"n": 2.0, "cn": A},
-        },
-        "power_damping": lambda: {"power_law_damping": {"n": p[2], "cn": A}},
-        "cubic": lambda: {"cubic_stiffness": {"k3": A}},
-        "quintic": lambda: {"quintic_stiffness": {"k5": A}},
-        "quadratic": lambda: {"quadratic_stiffness": {"k2": A}},
-        "odd_quadratic": lambda: {"absolute_quadratic_stiffness": {"k2": A}},
-        "one_sided_gap": lambda: {"one_sided_gap": {"gap": p[1], "k": A}},
-        "two_sided_gap": lambda: {
-            "two_sided_gap": {"gap": p[1], "k": A},
-            "dead_zone": {"gap": p[1], "k": A},
-        },
-        "bilinear": lambda: {"bilinear": {"dk": A}},
-        "dahl": lambda: {"dahl": {"sigma": p[1], "Fd": A}},
-        "bouc_wen": lambda: {
-            "bouc_wen": {"alpha": A / p[1], "beta": p[2] ** (1 / p[3]) / p[1]}
-        },
-        "jenkins": lambda: {"jenkins": {"uy": p[1], "Fy": A}},
-        "maxwell": lambda: {"maxwell_branch": {"tau": p[1], "k": A}},
-        "stiffness_step": lambda: {"stiffness_step": {"dk": A, "t0": p[1]}},
-        "stiffness_drift": lambda: {"stiffness_drift": {"kt": A / p[1]}},
-        "damping_drift": lambda: {"damping_drift": {"ct": A / p[1]}},
-        "harmonic": lambda: {"harmonic_force": {"frequency": p[1], "amplitude": A}},
-        "constant": lambda: {"constant_force": {"f0": -A}},
-        "brace": lambda: {"link_spring_dashpot": {"k": A}},
-        "ground_link": lambda: {"link_spring_dashpot": {"k": A}},
-    }[effect.kind]()
+# -- what the loop is given ----------------------------------------------------
 
 
-def place(text: str) -> Site:
-    """A site with its equivalents made one: on a DOF or between it and the ground is
-    the same balance.
-    """
-    site = Site(text)
-    return Site(f"ground {site.p}") if site.kind == "dof" else site
+def records(case: Case) -> tuple[list[Record], list[Record] | None]:
+    """Records to search, and records to hold out."""
+    seen = named_records("test", case.seen)
+    if any(effect.kind in IN_TIME for effect in case.effects):
+        return seen, None
+    return seen, named_records("held-out test", case.unseen)
+
+
+def named_records(name: str, tests: list[dict]) -> list[Record]:
+    """Records of the channels of some tests."""
+    return [Record(name=f"{name} {i}", **test) for i, test in enumerate(tests, 1)]
+
+
+def known_masses(case: Case) -> dict[int, float] | None:
+    """Under base excitation all masses are known."""
+    if not case.base:
+        return None
+    return dict(enumerate(case.structure.m.tolist(), 1))
+
+
+def baseline(case: Case) -> NRFRegressor:
+    """The declared model."""
+    return NRFRegressor(degree=case.degree, known_masses=known_masses(case))
+
+
+def catalogue(case: Case) -> list | None:
+    """Laws to search: all, or those without the families of the case's effects."""
+    if case.group != "withheld":
+        return None
+    gone = {FAMILY[effect.kind] for effect in case.effects}
+    if gone & ONE_CLASS:
+        gone |= ONE_CLASS
+    covariates = ("ag", "vg") if case.base else ()
+    return [law for law in default_catalogue(covariates) if law.family not in gone]
+
+
+# -- parameters in the words of the package ------------------------------------
+# of p, the parameters of an effect, the amplitude first
+
+
+def amplitude(p: np.ndarray) -> float:
+    return p[0]
+
+
+def applied(p: np.ndarray) -> float:
+    return -p[0]
+
+
+def shape(p: np.ndarray) -> float:
+    return p[1]
+
+
+def per_shape(p: np.ndarray) -> float:
+    return p[0] / p[1]
+
+
+def forward(p: np.ndarray) -> float:
+    return p[0] * (1 + p[2])
+
+
+def backward(p: np.ndarray) -> float:
+    return p[0] * (1 - p[2])
+
+
+def exponent(p: np.ndarray) -> float:
+    return p[2]
+
+
+def square(p: np.ndarray) -> float:
+    return 2.0
+
+
+def bouc_wen_beta(p: np.ndarray) -> float:
+    return p[2] ** (1 / p[3]) / p[1]
+
+
+# for each kind the laws of the package that are the same formula
+SAME_LAWS: dict[str, dict[str, dict[str, Callable[[np.ndarray], float]]]] = {
+    "coulomb": {"coulomb_friction": {"Fc": amplitude}},
+    "stribeck": {"stribeck_friction": {"Fc": amplitude}},
+    "asymmetric_friction": {
+        "asymmetric_coulomb_friction": {"Fcp": forward, "Fcm": backward}
+    },
+    "ground_friction": {
+        "coulomb_friction": {"Fc": amplitude},
+        "ground_friction": {"Fc": amplitude},
+    },
+    "quadratic_damping": {
+        "quadratic_damping": {"c2": amplitude},
+        "power_law_damping": {"n": square, "cn": amplitude},
+    },
+    "power_damping": {"power_law_damping": {"n": exponent, "cn": amplitude}},
+    "cubic": {"cubic_stiffness": {"k3": amplitude}},
+    "quintic": {"quintic_stiffness": {"k5": amplitude}},
+    "quadratic": {"quadratic_stiffness": {"k2": amplitude}},
+    "odd_quadratic": {"absolute_quadratic_stiffness": {"k2": amplitude}},
+    "one_sided_gap": {"one_sided_gap": {"gap": shape, "k": amplitude}},
+    "two_sided_gap": {
+        "two_sided_gap": {"gap": shape, "k": amplitude},
+        "dead_zone": {"gap": shape, "k": amplitude},
+    },
+    "bilinear": {"bilinear": {"dk": amplitude}},
+    "dahl": {"dahl": {"sigma": shape, "Fd": amplitude}},
+    "bouc_wen": {"bouc_wen": {"alpha": per_shape, "beta": bouc_wen_beta}},
+    "jenkins": {"jenkins": {"uy": shape, "Fy": amplitude}},
+    "maxwell": {"maxwell_branch": {"tau": shape, "k": amplitude}},
+    "stiffness_step": {"stiffness_step": {"dk": amplitude, "t0": shape}},
+    "stiffness_drift": {"stiffness_drift": {"kt": per_shape}},
+    "damping_drift": {"damping_drift": {"ct": per_shape}},
+    "harmonic": {"harmonic_force": {"frequency": shape, "amplitude": amplitude}},
+    "constant": {"constant_force": {"f0": applied}},
+    "brace": {"link_spring_dashpot": {"k": amplitude}},
+    "ground_link": {"link_spring_dashpot": {"k": amplitude}},
+}
+
+
+def parameter_errors(effect: Effect, step: Any) -> list[float]:
+    """Relative errors of the parameters that the two formulas share."""
+    found = dict(step.parameters)
+    if "A" in found and "B" in found:
+        found["amplitude"] = float(np.hypot(found["A"], found["B"]))
+
+    errors = []
+    for name, value_of in SAME_LAWS[effect.kind].get(step.law, {}).items():
+        true = value_of(effect.par)
+        if name not in found:
+            continue
+        if name == "gap":  # of either side
+            errors.append(abs(abs(found[name]) - abs(true)) / abs(true))
+        else:
+            errors.append(abs(found[name] - true) / abs(true))
+    return errors
 
 
 # -- the truth on the channels the loop used -----------------------------------
 
 
-def balances(structure: Structure, effects: list[Effect], t, a, v, s, F, vg):
-    """Residual of the true model in each balance, and each effect's part of it.
+@dataclass(frozen=True)
+class Motion:
+    """Time, absolute accelerations, rates, drifts, forces, and the base's velocity."""
 
-    Parameters
-    ----------
-    a, v, s, F : ndarray of shape (n_samples, n)
-        Absolute accelerations, inter-storey velocities and drifts, forces.
+    t: np.ndarray
+    a: np.ndarray
+    v: np.ndarray
+    s: np.ndarray
+    F: np.ndarray
+    vg: np.ndarray
 
-    Returns
-    -------
-    residual : ndarray of shape (n_samples, n)
-    parts : list of ndarray of shape (n_samples, n)
-    """
-    n = structure.n
-    storey = structure.k * s + structure.c * v + structure.k3 * s**3
-    residual = structure.m * a + storey - np.c_[storey[:, 1:], np.zeros(len(t))] - F
+
+def drifts(y: np.ndarray) -> np.ndarray:
+    """Motions of the storeys from those of the DOFs."""
+    return np.diff(y, axis=1, prepend=0.0)
+
+
+def parts_of(effects: list[Effect], motion: Motion) -> list[np.ndarray]:
+    """What each effect adds to each balance."""
+    x = np.cumsum(motion.s, axis=1)
+    rate = np.cumsum(motion.v, axis=1)
     parts = []
-    x, rate = np.cumsum(s, axis=1), np.cumsum(v, axis=1)
-    for e in effects:
-        p, q = e.p - 1, e.q - 1
-        force = e.force(
-            t,
-            x[:, p] - (x[:, q] if q >= 0 else 0.0),
-            rate[:, p] - (rate[:, q] if q >= 0 else 0.0),
-            vg,
-        )
-        part = np.zeros((len(t), n))
-        part[:, p] += force
-        if q >= 0:
-            part[:, q] -= force
+    for effect in effects:
+        s, v = effect.between_ends(x), effect.between_ends(rate)
+        force = effect.force(motion.t, s, v, motion.vg)
+        part = np.zeros_like(x)
+        part[:, effect.p - 1] += force
+        if effect.q:
+            part[:, effect.q - 1] -= force
         parts.append(part)
-        residual = residual + part
-    return residual, parts
+    return parts
 
 
-def audibility(case: Case, ready) -> list[float]:
-    """For each effect: rms of what the baseline cannot hold, over the rms balance
-    residual of the true model.
+def true_residual(structure: Structure, effects: list[Effect], motion: Motion):
+    """Residual of the true model in each balance."""
+    storey = (
+        structure.k * motion.s + structure.c * motion.v + structure.k3 * motion.s**3
+    )
+    above = np.column_stack([storey[:, 1:], np.zeros(len(storey))])
+    residual = structure.m * motion.a + storey - above - motion.F
+    return residual + sum(parts_of(effects, motion))
 
-    The baseline's own columns in a balance are those that its solve determines there:
-    the mass and the storeys that are still unknown when the solve order arrives (in an
+
+def simulated_motion(case: Case) -> Motion:
+    """The motion without noise."""
+    run = case.runs[0]
+    return Motion(run.t, run.a, drifts(run.v), drifts(run.x), run.F, run.vg)
+
+
+def fused_motion(ready: Any) -> Motion:
+    """The motion that the loop made of the channels."""
+    segment = ready.data.segments[0]
+    rows = segment.valid
+    still = np.zeros(len(segment.t))
+    channels = (segment.a, segment.v, segment.s, segment.F)
+    values = [np.asarray(y[rows], dtype=float) for y in channels]
+    vg = segment.covariates.get("vg", still)
+    return Motion(segment.t[rows], *values, vg[rows])
+
+
+def audibility(case: Case, ready: Any) -> list[float]:
+    """For each effect: rms of what the baseline cannot hold, over the noise.
+
+    The noise is the rms balance residual of the true model on fused channels. The
+    baseline's own columns in a balance are those that its solve determines there: the
+    mass and the storeys that are still unknown when the solve order arrives (in an
     unforced balance the storey found before is given; with it free, any effect would be
     "reproduced" by the homogeneous equation itself). Where the solve sums balances
     (base excitation), so does this.
     """
-    run, seg = case.runs[0], ready.data.segments[0]
-    known = range(1, case.structure.n + 1) if case.base else ()
-    solve_order = Chain(case.structure.n).identifiability(
-        case.forced, known_masses=known
-    )
-    s, v = (np.diff(y, axis=1, prepend=0.0) for y in (run.x, run.v))
-    _, clean = balances(case.structure, case.effects, run.t, run.a, v, s, run.F, run.vg)
-    residual = true_residual(case, seg)
-    powers = [
-        (h, j)
-        for h in range(case.degree + 1)
-        for j in range(case.degree + 1)
-        if 0 < h + j <= case.degree
-    ]
-    out = []
-    for part in clean:
+    chain = Chain(case.structure.n)
+    order = chain.identifiability(case.forced, known_masses=known_masses(case) or ())
+    clean = simulated_motion(case)
+    residual = true_residual(case.structure, case.effects, fused_motion(ready))
+
+    found = []
+    for part in parts_of(case.effects, clean):
         lost = noise = 0.0
-        for step in solve_order.steps:
-            rows = [j - 1 for j in step.dofs]
+        for step in order.steps:
+            rows = [dof - 1 for dof in step.dofs]
             effect = part[:, rows].sum(axis=1)
-            if not effect.any():
-                continue
-            table = [run.a[:, j - 1] for j in step.masses]
-            table += [
-                v[:, site.p - 1] ** h * s[:, site.p - 1] ** j
-                for site in step.sites
-                for h, j in powers
-            ]
-            if table:
-                columns = np.column_stack(table)
-                columns /= np.sqrt(np.mean(columns**2, axis=0))
-                effect = (
-                    effect - columns @ np.linalg.lstsq(columns, effect, rcond=None)[0]
-                )
-            lost += np.mean(effect**2)
-            noise += np.mean(residual[:, rows].sum(axis=1) ** 2)
-        out.append(float(np.sqrt(lost / noise)))
-    return out
+            if effect.any():
+                columns = columns_of(step, clean, case.degree)
+                lost += np.mean(unexplained(effect, columns) ** 2)
+                noise += np.mean(residual[:, rows].sum(axis=1) ** 2)
+        found.append(float(np.sqrt(lost / noise)))
+    return found
 
 
-def true_residual(case: Case, seg):
-    """Residual of the true model on fused channels."""
-    rows = seg.valid
-    vg = (
-        seg.covariates["vg"][rows]
-        if "vg" in seg.covariates
-        else np.zeros(rows.stop - rows.start)
-    )
-    channels = (np.asarray(y[rows], dtype=float) for y in (seg.a, seg.v, seg.s, seg.F))
-    return balances(case.structure, case.effects, seg.t[rows], *channels, vg)[0]
+def columns_of(step: Any, motion: Motion, degree: int) -> np.ndarray:
+    """Columns that a step of the baseline's solve determines."""
+    columns = [motion.a[:, dof - 1] for dof in step.masses]
+    for site in step.sites:
+        v, s = motion.v[:, site.p - 1], motion.s[:, site.p - 1]
+        for h in range(degree + 1):
+            for j in range(degree + 1 - h):
+                if h + j > 0:
+                    columns.append(v**h * s**j)
+    if not columns:
+        return np.empty((len(motion.t), 0))
+    return np.column_stack(columns)
 
 
-# -- one case ------------------------------------------------------------------
+def unexplained(force: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """What the columns leave of a force."""
+    if not columns.size:
+        return force
+    scaled = columns / np.sqrt(np.mean(columns**2, axis=0))
+    return force - scaled @ np.linalg.lstsq(scaled, force, rcond=None)[0]
 
 
-def records(case: Case) -> tuple[list[Record], list[Record] | None]:
-    """What the loop is given."""
-    seen = [
-        Record(name=f"test {i + 1}", **channels) for i, channels in enumerate(case.seen)
-    ]
-    if any(e.kind in IN_TIME for e in case.effects):
-        return seen, None
-    return seen, [
-        Record(name=f"held-out test {i + 1}", **channels)
-        for i, channels in enumerate(case.unseen)
-    ]
+# -- the verdict ---------------------------------------------------------------
 
 
-def baseline(case: Case) -> NRFRegressor:
-    """The declared model."""
-    known = (
-        {j + 1: float(m) for j, m in enumerate(case.structure.m)} if case.base else None
-    )
-    return NRFRegressor(degree=case.degree, known_masses=known)
+def place(text: str) -> Site:
+    """A site; on a DOF or between it and the ground is the same balance."""
+    site = Site(text)
+    return Site(f"ground {site.p}") if site.kind == "dof" else site
 
 
-def withheld(case: Case) -> list:
-    """The catalogue without the families of the case's effects."""
-    gone = {FAMILY[e.kind] for e in case.effects}
-    gone |= set().union(*(c for c in ONE_CLASS if c & gone))
-    covariates = ("ag", "vg") if case.base else ()
-    return [law for law in default_catalogue(covariates) if law.family not in gone]
+def at_site(effect: Effect, step: Any) -> bool:
+    """Whether a step is where the effect is."""
+    return place(step.site) == place(effect.site)
 
 
-def matches(effect: Effect, step) -> tuple[bool, bool]:
-    """Whether a step is at the effect's site, and holds its family (itself or as a
-    declared tie).
-    """
-    families = {step.family, *step.alternatives}
-    return place(step.site) == place(effect.site), FAMILY[effect.kind] in families
+def of_family(effect: Effect, step: Any) -> bool:
+    """Whether a step holds the effect's family, itself or as a declared tie."""
+    return FAMILY[effect.kind] in {step.family, *step.alternatives}
 
 
-def parameter_errors(effect: Effect, step) -> list[float]:
-    """Relative errors of the parameters the two formulas share."""
-    wanted = truth_parameters(effect).get(step.law)
-    if wanted is None:
-        return []
-    found = dict(step.parameters)
-    if "A" in found and "B" in found:
-        found["amplitude"] = float(np.hypot(found["A"], found["B"]))
-    return [
-        (
-            abs(abs(found[k]) - abs(x)) / abs(x)
-            if k in ("gap",)
-            else abs(found[k] - x) / abs(x)
-        )
-        for k, x in wanted.items()
-        if k in found
-    ]
+def names(effect: Effect, step: Any) -> bool:
+    """Whether a step is the effect, by site and family."""
+    return at_site(effect, step) and of_family(effect, step)
 
 
-def run_case(case: Case) -> dict:
-    """Run the loop on one case and score it.
-
-    Returns
-    -------
-    dict
-        One row of the battery's table.
-    """
-    from pysindy_nrf import close_loop
-
-    row = {
-        "case": case.name,
-        "group": case.group,
-        "seed": case.seed,
-        "noise %": 100 * case.noise,
-        "sensors": case.sensors,
-        "n": case.structure.n,
-        "degree": case.degree,
-        "excitation": ("base " if case.base else "") + case.excitation,
-        "forced": (
-            "base"
-            if case.base
-            else (
-                "all"
-                if len(case.forced) == case.structure.n
-                else f"dof {case.forced[0]}"
-            )
-        ),
-        "effect": " + ".join(e.kind for e in case.effects) or "none",
-        "site": " + ".join(e.site for e in case.effects),
-        "share %": " + ".join(f"{100 * e.share:.0f}" for e in case.effects),
-    }
-    seen, unseen = records(case)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        ready = prepare(seen, unseen)
-        heard = audibility(case, ready)
-        row |= {
-            "heard": min(heard, default=np.nan),
-            "eligible": bool(heard) and min(heard) >= 2.0,
-        }
-        start, cpu = time.perf_counter(), time.process_time()
-        try:
-            report = close_loop(
-                seen,
-                baseline(case),
-                withheld(case) if case.group == "withheld" else None,
-                heldout=unseen,
-            )
-        except Exception as error:  # a crash is a failure of the case, shown in its row
-            row |= {
-                "seconds": time.perf_counter() - start,
-                "stopped": f"{type(error).__name__}: {error}",
-                "crash": traceback.format_exc(limit=-3),
-            }
-            return row | judge(case, None)
-        row |= {
-            "seconds": time.perf_counter() - start,
-            "cpu": time.process_time() - cpu,
-        }
-    steps, claimed = report.steps, claims(report)
-    right = [s for s in claimed if any(all(matches(e, s)) for e in case.effects)]
-    row |= {
-        "steps": len(steps),
-        "claims": len(claimed),
-        "names right": len(right),
-        "sure": sum(s.sure for s in claimed),
-        "sure right": sum(s.sure for s in right),
-        "found": " ; ".join(
-            f"{s.law} at {s.site}"
-            + (f" (or {', '.join(s.alternatives)})" if s.alternatives else "")
-            + ("" if s.sure else " [not sure]")
-            + ("" if s.confirmed else " [not confirmed]")
-            for s in steps
-        ),
-        "error before": float(report.table["held-out"].iloc[0]),
-        "error after": float(report.final["held-out"]),
-        "gain": steps[0].gain if steps else np.nan,
-        "gain error": steps[0].gain_error if steps else np.nan,
-        "gain least": steps[0].gain_least if steps else np.nan,
-        "gain held-out": steps[0].gain_heldout if steps else np.nan,
-        "mass error before": _mass_error(report.models[0], case),
-        "mass error after": _mass_error(report.model, case),
-        "stopped": report.stopped_because,
-        "tied": "; ".join(
-            f"{a} at {b} {c:.3g}" for a, b, c in (steps[0].tied if steps else [])
-        ),
-        "best rejected": "; ".join(
-            f"{r['law']} at {r['site']} {r['gain (dB)']:.3g}"
-            for _, r in report.candidates.head(3).iterrows()
-        ),
-    }
-    return row | judge(case, report)
+def names_any(case: Case, step: Any) -> bool:
+    """Whether a step is one of the case's effects."""
+    return any(names(effect, step) for effect in case.effects)
 
 
-def _mass_error(model, case: Case) -> float:
-    return float(100 * np.max(np.abs(model.masses / case.structure.m - 1)))
-
-
-def claims(report) -> list:
+def claims(report: Any) -> list:
     """The effects that held-out data confirm."""
     return [step for step in report.steps if step.confirmed]
 
 
-def judge(case: Case, report) -> dict:
+def judge(case: Case, report: Any) -> dict:
     """The verdict of one case: what is not confirmed is not claimed."""
-    steps = claims(report) if report is not None else []
-    if case.group == "nothing":
-        return {"right": report is not None and not steps}
-    if case.group == "sensors":
-        return {
-            "right": (
-                report is not None
-                and all(place(s.site).kind == "sensor" for s in steps)
-            )
-        }
-    if case.group == "withheld":
-        wrong = [
-            s
-            for s in steps
-            if s.sure and not any(all(matches(e, s)) for e in case.effects)
-        ]
-        return {"right": report is not None and not wrong}
-    errors: list[float] = []
+    steps = [] if report is None else claims(report)
+    if case.group in ("nothing", "sensors", "withheld"):
+        return {"right": report is not None and not false_claims(case, steps)}
     if len(case.effects) > 1:
-        hit = [
-            next((s for s in steps if all(matches(e, s))), None) for e in case.effects
-        ]
-        for e, s in zip(case.effects, hit):
-            errors += parameter_errors(e, s) if s is not None else []
-        return {
-            "right": all(s is not None for s in hit),
-            "hits": sum(s is not None for s in hit),
-            "parameter errors": errors,
-        }
-    effect = case.effects[0]
-    if not steps:
-        return {
-            "right": False,
-            "right site": False,
-            "right family": False,
-            "parameter errors": errors,
-        }
-    site, family = matches(effect, steps[0])
+        return judge_several(case.effects, steps)
+    return judge_first(case.effects[0], steps)
+
+
+def false_claims(case: Case, steps: list) -> list:
+    """Claims that a case without findable effects must not raise."""
+    if case.group == "sensors":
+        return [step for step in steps if place(step.site).kind != "sensor"]
+    if case.group == "withheld":
+        return [step for step in steps if step.sure and not names_any(case, step)]
+    return steps
+
+
+def judge_several(effects: list[Effect], steps: list) -> dict:
+    """Whether each effect is among the claims."""
+    hits = 0
+    errors: list[float] = []
+    for effect in effects:
+        named = [step for step in steps if names(effect, step)]
+        if named:
+            hits += 1
+            errors += parameter_errors(effect, named[0])
+    return {"right": hits == len(effects), "hits": hits, "parameter errors": errors}
+
+
+def judge_first(effect: Effect, steps: list) -> dict:
+    """Whether the first claim is the effect."""
+    site = family = False
+    errors: list[float] = []
+    if steps:
+        site, family = at_site(effect, steps[0]), of_family(effect, steps[0])
     if site and family:
         errors = parameter_errors(effect, steps[0])
     return {
@@ -416,3 +384,126 @@ def judge(case: Case, report) -> dict:
         "right family": family,
         "parameter errors": errors,
     }
+
+
+# -- one case ------------------------------------------------------------------
+
+
+def run_case(case: Case) -> dict:
+    """Run the loop on one case and score it; one row of the battery's table."""
+    return quietly(scored, case)
+
+
+def scored(case: Case) -> dict:
+    seen, unseen = records(case)
+    heard = audibility(case, prepare(seen, unseen))
+    row = described(case) | {
+        "heard": min(heard, default=np.nan),
+        "eligible": bool(heard) and min(heard) >= ELIGIBLE,
+    }
+    start, cpu = time.perf_counter(), time.process_time()
+    try:
+        report = close_loop(seen, baseline(case), catalogue(case), heldout=unseen)
+    except Exception as error:  # a crash is a failure of the case, shown in its row
+        row["seconds"] = time.perf_counter() - start
+        row["stopped"] = f"{type(error).__name__}: {error}"
+        row["crash"] = traceback.format_exc(limit=-3)
+        return row | judge(case, None)
+
+    row["seconds"] = time.perf_counter() - start
+    row["cpu"] = time.process_time() - cpu
+    return row | reported(case, report) | judge(case, report)
+
+
+def described(case: Case) -> dict:
+    """What was drawn."""
+    return {
+        "case": case.name,
+        "group": case.group,
+        "seed": case.seed,
+        "noise %": 100 * case.noise,
+        "sensors": case.sensors,
+        "n": case.structure.n,
+        "degree": case.degree,
+        "excitation": f"{'base ' if case.base else ''}{case.excitation}",
+        "forced": where_forced(case),
+        "effect": " + ".join(effect.kind for effect in case.effects) or "none",
+        "site": " + ".join(effect.site for effect in case.effects),
+        "share %": " + ".join(f"{100 * e.share:.0f}" for e in case.effects),
+    }
+
+
+def where_forced(case: Case) -> str:
+    """Where the chain is excited."""
+    if case.base:
+        return "base"
+    if len(case.forced) == case.structure.n:
+        return "all"
+    return f"dof {case.forced[0]}"
+
+
+def reported(case: Case, report: Any) -> dict:
+    """What the loop found."""
+    steps, claimed = report.steps, claims(report)
+    right = [step for step in claimed if names_any(case, step)]
+    return {
+        "steps": len(steps),
+        "claims": len(claimed),
+        "names right": len(right),
+        "sure": sum(step.sure for step in claimed),
+        "sure right": sum(step.sure for step in right),
+        "found": " ; ".join(map(in_words, steps)),
+        "error before": float(report.table["held-out"].iloc[0]),
+        "error after": float(report.final["held-out"]),
+        **first_step(steps),
+        "mass error before": mass_error(report.models[0], case),
+        "mass error after": mass_error(report.model, case),
+        "stopped": report.stopped_because,
+        "tied": ties(steps),
+        "best rejected": rejected(report),
+    }
+
+
+def in_words(step: Any) -> str:
+    """A step with its ties and what it is worth."""
+    words = f"{step.law} at {step.site}"
+    if step.alternatives:
+        words += f" (or {', '.join(step.alternatives)})"
+    if not step.sure:
+        words += " [not sure]"
+    if not step.confirmed:
+        words += " [not confirmed]"
+    return words
+
+
+def first_step(steps: list) -> dict[str, float]:
+    """What the first step gained, dB."""
+    if not steps:
+        columns = ("gain", "gain error", "gain least", "gain held-out")
+        return dict.fromkeys(columns, np.nan)
+    first = steps[0]
+    return {
+        "gain": first.reduction,
+        "gain error": first.reduction_error,
+        "gain least": first.reduction_least,
+        "gain held-out": first.reduction_heldout,
+    }
+
+
+def ties(steps: list) -> str:
+    """What would have explained the residual as well as the first step."""
+    tied = steps[0].tied if steps else []
+    return "; ".join(f"{law} at {site} {gain:.3g}" for law, site, gain in tied)
+
+
+def rejected(report: Any) -> str:
+    """The best candidates that were not taken."""
+    words = []
+    for _, row in report.candidates.head(3).iterrows():
+        words.append(f"{row['law']} at {row['site']} {row['reduction (dB)']:.3g}")
+    return "; ".join(words)
+
+
+def mass_error(model: Any, case: Case) -> float:
+    """Largest error of a mass, percent."""
+    return float(100 * np.max(np.abs(model.masses / case.structure.m - 1)))

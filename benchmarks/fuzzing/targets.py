@@ -1,12 +1,11 @@
 """What is fuzzed: each reader, with small good files to damage."""
 
-# ruff: noqa: E501
-
 from __future__ import annotations
 
 import copy
 import io
 import json
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ import pandas as pd
 N = 40
 TIME = np.arange(N) / 100.0
 WAVE = np.column_stack([np.sin(9 * TIME), np.cos(7 * TIME), 0.1 * TIME])
+MAX_BYTES = 100_000_000
 
 
 @dataclass(frozen=True)
@@ -44,229 +44,227 @@ class Target:
     text: bool = False
 
 
-def _record() -> Any:
+# -- good files ----------------------------------------------------------------
+
+
+def record() -> Any:
     from pysindy_nrf import Record
 
+    motion = WAVE[:, :2]
     return Record(
-        WAVE[:, :2],
-        -80 * WAVE[:, :2],
+        motion,
+        -80 * motion,
         None,
-        WAVE[:, :2],
+        motion,
         fs=100.0,
         covariates={"volt": WAVE[:, 2]},
         name="a test",
     )
 
 
-def _table() -> pd.DataFrame:
-    return pd.DataFrame(
-        {"t": TIME, "a1": WAVE[:, 0], "x1": WAVE[:, 1], "F1": WAVE[:, 2]}
-    )
+def table() -> pd.DataFrame:
+    columns = {"t": TIME, "a1": WAVE[:, 0], "x1": WAVE[:, 1], "F1": WAVE[:, 2]}
+    return pd.DataFrame(columns)
 
 
-def _texts() -> list[bytes]:
-    t = _table()
-    german = t.set_axis(["t [ms]", "Acc 1 [g]", "x1 [mm]", "F1 [kN]"], axis=1).to_csv(
-        index=False, sep=";", decimal=","
-    )
-    stamps = t.assign(t=pd.date_range("2024-05-01", periods=N, freq="10ms").astype(str))
-    return [
-        t.to_csv(index=False).encode(),
-        ("# made by a logger\n# 40 Hz\n\n" + german).encode("utf-8-sig"),
-        t.to_csv(index=False, sep="\t").encode("utf-16"),
-        t.to_string(index=False).encode(),
-        stamps.to_csv(index=False, sep="|").encode(),
-        _written(".csv"),
-    ]
-
-
-def _written(suffix: str) -> bytes:
-    import tempfile
-
+def written(suffix: str) -> bytes:
+    """The record as the package writes it."""
     from pysindy_nrf.records.files import write_record
 
     with tempfile.TemporaryDirectory() as folder:
-        return Path(write_record(_record(), Path(folder, "test" + suffix))).read_bytes()
+        path = write_record(record(), Path(folder, f"test{suffix}"))
+        return Path(path).read_bytes()
 
 
-def _saved(write: Callable[[Any], Any]) -> bytes:
+def saved(write: Callable, *arguments: Any, **options: Any) -> bytes:
+    """What a function writes to a file, its first argument."""
     buffer = io.BytesIO()
-    write(buffer)
+    write(buffer, *arguments, **options)
     return buffer.getvalue()
 
 
-def _numpy_archives() -> list[bytes]:
+def delimited_texts() -> list[bytes]:
+    channels = table()
+    german = channels.set_axis(["t [ms]", "Acc 1 [g]", "x1 [mm]", "F1 [kN]"], axis=1)
+    german_text = german.to_csv(index=False, sep=";", decimal=",")
+    logged = f"# made by a logger\n# 40 Hz\n\n{german_text}"
+    stamps = pd.date_range("2024-05-01", periods=N, freq="10ms").astype(str)
+    stamped = channels.assign(t=stamps)
     return [
-        _saved(lambda b: np.savez(b, t=TIME, a=WAVE, x1=WAVE[:, 0])),
-        _saved(
-            lambda b: np.savez_compressed(b, t=TIME, a1=WAVE[:, 0].astype(np.float32))
-        ),
+        channels.to_csv(index=False).encode(),
+        logged.encode("utf-8-sig"),
+        channels.to_csv(index=False, sep="\t").encode("utf-16"),
+        channels.to_string(index=False).encode(),
+        stamped.to_csv(index=False, sep="|").encode(),
+        written(".csv"),
     ]
 
 
-def _numpy_arrays() -> list[bytes]:
+def numpy_archives() -> list[bytes]:
+    single = WAVE[:, 0].astype(np.float32)
     return [
-        _saved(lambda b: np.save(b, WAVE)),
-        _saved(lambda b: np.save(b, WAVE.astype(np.int16))),
+        saved(np.savez, t=TIME, a=WAVE, x1=WAVE[:, 0]),
+        saved(np.savez_compressed, t=TIME, a1=single),
     ]
 
 
-def _mats() -> list[bytes]:
+def numpy_arrays() -> list[bytes]:
+    return [saved(np.save, WAVE), saved(np.save, WAVE.astype(np.int16))]
+
+
+def matlab_files() -> list[bytes]:
     from scipy.io import savemat
 
-    content = {
-        "t": TIME,
-        "a1": WAVE[:, 0],
-        "rig": {"x1": WAVE[:, 1], "note": "on floor 2", "deep": {"k": 3.0}},
-    }
+    channels = {"t": TIME, "a1": WAVE[:, 0]}
+    rig = {"x1": WAVE[:, 1], "note": "on floor 2", "deep": {"k": 3.0}}
+    nested = channels | {"rig": rig}
     return [
-        _saved(lambda b: savemat(b, content)),
-        _saved(lambda b: savemat(b, content, do_compression=True)),
-        _saved(lambda b: savemat(b, {"t": TIME, "a1": WAVE[:, 0]}, format="4")),
+        saved(savemat, nested),
+        saved(savemat, nested, do_compression=True),
+        saved(savemat, channels, format="4"),
     ]
 
 
-def _hdf5s() -> list[bytes]:
+def hdf5_files() -> list[bytes]:
+    return [saved(write_plain_hdf5), saved(write_packed_hdf5)]
+
+
+def write_plain_hdf5(buffer: io.BytesIO) -> None:
     import h5py
 
-    def plain(b: Any) -> None:
-        with h5py.File(b, "w") as file:
-            file["t"], file["a1"], file["rig/x1"] = TIME, WAVE[:, 0], WAVE[:, 1]
-            file["rig"].attrs["note"] = "on floor 2"
-
-    def packed(b: Any) -> None:
-        with h5py.File(b, "w") as file:
-            file.create_dataset(
-                "a", data=WAVE, chunks=(10, 3), compression="gzip", shuffle=True
-            )
-            file["t"] = TIME
-
-    return [_saved(plain), _saved(packed)]
+    with h5py.File(buffer, "w") as file:
+        file["t"] = TIME
+        file["a1"] = WAVE[:, 0]
+        file["rig/x1"] = WAVE[:, 1]
+        file["rig"].attrs["note"] = "on floor 2"
 
 
-def _parquets() -> list[bytes]:
-    return [_saved(lambda b: _table().to_parquet(b)), _written(".parquet")]
+def write_packed_hdf5(buffer: io.BytesIO) -> None:
+    import h5py
+
+    packing = {"chunks": (10, 3), "compression": "gzip", "shuffle": True}
+    with h5py.File(buffer, "w") as file:
+        file.create_dataset("a", data=WAVE, **packing)
+        file["t"] = TIME
 
 
-def _uffs() -> list[bytes]:
-    import os
-    import tempfile
+def parquet_files() -> list[bytes]:
+    return [saved(lambda buffer: table().to_parquet(buffer)), written(".parquet")]
 
+
+def universal_files() -> list[bytes]:
     import pyuff
 
-    handle, name = tempfile.mkstemp(suffix=".uff")
-    os.close(handle)
-    try:
-        Path(name).unlink()
-        data = {
-            "type": 58,
-            "binary": 0,
-            "func_type": 1,
-            "rsp_node": 1,
-            "rsp_dir": 1,
-            "ref_dir": 1,
-            "ref_node": 1,
-            "data": WAVE[:, 0],
-            "x": TIME,
-            "id1": "a1",
-            "rsp_ent_name": "NONE",
-            "ref_ent_name": "NONE",
-            "abscissa_spacing": 1,
-            "abscissa_spec_data_type": 17,
-            "ordinate_spec_data_type": 12,
-            "orddenom_spec_data_type": 0,
-        }
-        pyuff.UFF(name).write_sets(data)
-        ascii_file = Path(name).read_bytes()
-    finally:
-        Path(name).unlink(missing_ok=True)
-    return [ascii_file, _written(".uff")]
+    channel = {
+        "type": 58,
+        "binary": 0,
+        "func_type": 1,
+        "rsp_node": 1,
+        "rsp_dir": 1,
+        "ref_dir": 1,
+        "ref_node": 1,
+        "data": WAVE[:, 0],
+        "x": TIME,
+        "id1": "a1",
+        "rsp_ent_name": "NONE",
+        "ref_ent_name": "NONE",
+        "abscissa_spacing": 1,
+        "abscissa_spec_data_type": 17,
+        "ordinate_spec_data_type": 12,
+        "orddenom_spec_data_type": 0,
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "test.uff")
+        pyuff.UFF(str(path)).write_sets(channel)
+        return [path.read_bytes(), written(".uff")]
 
 
-def _strong_motions() -> list[bytes]:
-    lines = ["CORRECTED ACCELEROGRAM    CHAN  1: 90 DEG   STATION"] + [
-        "A LINE OF TEXT"
-    ] * 24
-    lines += ["".join(f"{0:5d}" for _ in range(16))] * 7 + [
-        "".join(f"{0.02:10.3f}" for _ in range(8))
-    ] * 13
+def strong_motions() -> list[bytes]:
+    lines = ["CORRECTED ACCELEROGRAM    CHAN  1: 90 DEG   STATION"]
+    lines += ["A LINE OF TEXT"] * 24
+    lines += [f"{0:5d}" * 16] * 7
+    lines += [f"{0.02:10.3f}" * 8] * 13
     for kind, unit in (("ACCEL", "CM/SEC/SEC"), ("VELOC", "CM/SEC"), ("DISPL", "CM")):
         lines.append(
             f"{N:8d} POINTS OF {kind} DATA EQUALLY SPACED AT  .020 SEC.  (UNITS:"
             f" {unit})"
         )
-        lines += [
-            "".join(f"{x:10.3f}" for x in WAVE[k : k + 8, 0]) for k in range(0, N, 8)
-        ]
+        for values in WAVE[:, 0].reshape(-1, 8):
+            lines.append("".join(f"{x:10.3f}" for x in values))
     return ["\n".join([*lines, "/&", ""]).encode()]
 
 
-def _responses() -> list[bytes]:
+def frequency_responses() -> list[bytes]:
     rows = "".join(f"{f};{0.1 * f}+0.01j;0.2-{0.01 * f}j\n" for f in range(1, 30))
-    return [
-        ("f;H1;H2\n" + rows).encode(),
-        rows.replace(";", "\t").replace("j", "i").encode(),
-    ]
+    other_unit = rows.replace(";", "\t").replace("j", "i")
+    return [f"f;H1;H2\n{rows}".encode(), other_unit.encode()]
 
 
-def _models() -> list[bytes]:
+def models() -> list[bytes]:
     from pysindy_nrf import ChainModel, laws
     from pysindy_nrf.chain.visited_region import VisitedRegion
+    from pysindy_nrf.laws.contract import random_values
 
-    storey = [laws.PowerSeries(3, np.arange(1.0, 10.0)), laws.Dahl(sigma=1e3, Fd=20.0)]
-    region = VisitedRegion.of(WAVE[:, 0], WAVE[:, 1])
-    held = {
-        "storey 1": storey,
-        "storey 2": laws.BoucWen(),
+    hysteresis = random_values(laws.BoucWen(), np.random.default_rng(0))
+    storeys = {
+        "storey 1": [
+            laws.PowerSeries(3, np.arange(1.0, 10.0)),
+            laws.Dahl(sigma=1e3, Fd=20.0),
+        ],
+        "storey 2": [hysteresis],
         "link 3-1": laws.LinearElastic(1e4),
     }
-    held = {
-        s: law if isinstance(law, list) or not law.free_shape else [_valued(law)]
-        for s, law in held.items()
-    }
+    region = VisitedRegion.of(WAVE[:, 0], WAVE[:, 1])
+    model = ChainModel(
+        [10.0, 12.0, 9.0],
+        storeys,
+        visited={"storey 1": region},
+        info={"band": [1, 40]},
+    )
+    return [model.to_json().encode()]
+
+
+def mappings() -> list[bytes]:
+    text = (
+        'name = "shaker"\nfs = 500.0\ncoordinates = "absolute"\n[channels]\nF2 ='
+        ' "Shaker"\nx1 = "-laser[:, 2] * 0.5 @ mm"\n[units]\nF = "kN"\na = "g"\n'
+    )
+    return [text.encode()]
+
+
+def words() -> list[bytes]:
     return [
-        ChainModel(
-            [10.0, 12.0, 9.0],
-            held,
-            visited={"storey 1": region},
-            info={"band": [1, 40]},
-        )
-        .to_json()
-        .encode()
+        b"-a[:, 2] * gain @ mm",
+        b'"x1" * 2e3',
+        b"x1 @ cm/s^2",
+        b"in/s**2",
+        b"link 4-2",
+        b"sensor a2",
+        b"a[3, :]",
+        b"kip*s^2/in",
     ]
 
 
-def _valued(law: Any) -> Any:
-    from pysindy_nrf.laws.contract import random_values
-
-    return random_values(law, np.random.default_rng(0))
-
-
-def _mappings() -> list[bytes]:
-    text = (
-        'name = "shaker"\nfs = 500.0\ncoordinates = "absolute"\n[channels]\nF2 ='
-        ' "Shaker"\nx1 = "-laser[:, 2] * 0.5 @ mm"\n'
-    )
-    return [(text + '[units]\nF = "kN"\na = "g"\n').encode()]
+# -- readers -------------------------------------------------------------------
 
 
 def read_table(path: Path) -> Any:
     from pysindy_nrf.records.files import read_table as read
 
-    return read(path, max_bytes=100_000_000)
+    return read(path, max_bytes=MAX_BYTES)
 
 
 def read_record(path: Path) -> Any:
-    """The whole way, to features and back in words."""
+    """To features and back in words."""
     from pysindy_nrf.records.files import describe, inspect_record
 
-    return describe(inspect_record(path, max_bytes=100_000_000))
+    return describe(inspect_record(path, max_bytes=MAX_BYTES))
 
 
 def read_frf(path: Path) -> Any:
     from pysindy_nrf.records.files import read_frf as read
 
-    return read(path, max_bytes=100_000_000)
+    return read(path, max_bytes=MAX_BYTES)
 
 
 def read_model(path: Path) -> Any:
@@ -283,91 +281,103 @@ def read_mapping(path: Path) -> Any:
     return read(path)
 
 
-def read_words(path: Path) -> Any:
+def read_words(path: Path) -> None:
     """The small grammars: mappings, units, sites."""
-    from pysindy_nrf import Site
     from pysindy_nrf.exceptions import NRFError
-    from pysindy_nrf.records.files.mapping import line_of, parse
-    from pysindy_nrf.records.files.table import Table
-    from pysindy_nrf.records.files.units import factor, is_unit
 
     text = path.read_bytes().decode("utf-8", "replace")
-    table = Table(path, "memory", {"a": WAVE, "x1": WAVE[:, 0], "gain": np.array(2.0)})
-    for use in (
-        lambda: line_of(parse(text, table, "x1"), table, "x1"),
-        lambda: (is_unit(text), factor(text, "a1")),
-        lambda: Site(text),
-    ):
+    for grammar in (read_expression, read_unit, read_site):
         try:
-            use()
+            grammar(path, text)
         except NRFError:
             continue
-    return None
 
 
-def _words() -> list[bytes]:
-    said = [
-        "-a[:, 2] * gain @ mm",
-        '"x1" * 2e3',
-        "x1 @ cm/s^2",
-        "in/s**2",
-        "link 4-2",
-        "sensor a2",
-        "a[3, :]",
-        "kip*s^2/in",
-    ]
-    return [w.encode() for w in said]
+def read_expression(path: Path, text: str) -> None:
+    from pysindy_nrf.records.files.mapping import line_of, parse
+    from pysindy_nrf.records.files.table import Table
+
+    variables = {"a": WAVE, "x1": WAVE[:, 0], "gain": np.array(2.0)}
+    columns = Table(path, "memory", variables)
+    line_of(parse(text, columns, "x1"), columns, "x1")
 
 
-TARGETS = {
-    t.name: t
-    for t in (
-        Target("delimited text", ".csv", read_record, _texts, True),
-        Target("NPZ", ".npz", read_record, _numpy_archives),
-        Target("NPY", ".npy", read_table, _numpy_arrays),
-        Target("MATLAB", ".mat", read_record, _mats),
-        Target("HDF5", ".h5", read_table, _hdf5s),
-        Target("Parquet", ".parquet", read_record, _parquets),
-        Target("UFF", ".uff", read_record, _uffs, True),
-        Target("strong motion", ".v2", read_table, _strong_motions, True),
-        Target("frequency response", ".csv", read_frf, _responses, True),
-        Target("model JSON", ".json", read_model, _models, True),
-        Target("mapping file", ".toml", read_mapping, _mappings, True),
-        Target("small grammars", ".txt", read_words, _words, True),
-    )
-}
+def read_unit(path: Path, text: str) -> None:
+    from pysindy_nrf.records.files.units import is_unit, si_factor
+
+    is_unit(text)
+    si_factor(text, "a1")
+
+
+def read_site(path: Path, text: str) -> None:
+    from pysindy_nrf import Site
+
+    Site(text)
+
+
+READERS = (
+    Target("delimited text", ".csv", read_record, delimited_texts, True),
+    Target("NPZ", ".npz", read_record, numpy_archives),
+    Target("NPY", ".npy", read_table, numpy_arrays),
+    Target("MATLAB", ".mat", read_record, matlab_files),
+    Target("HDF5", ".h5", read_table, hdf5_files),
+    Target("Parquet", ".parquet", read_record, parquet_files),
+    Target("UFF", ".uff", read_record, universal_files, True),
+    Target("strong motion", ".v2", read_table, strong_motions, True),
+    Target("frequency response", ".csv", read_frf, frequency_responses, True),
+    Target("model JSON", ".json", read_model, models, True),
+    Target("mapping file", ".toml", read_mapping, mappings, True),
+    Target("small grammars", ".txt", read_words, words, True),
+)
+TARGETS = {target.name: target for target in READERS}
+
+
+# -- damage to JSON ------------------------------------------------------------
+
+ODD_VALUES: list[Any] = [
+    None,
+    True,
+    -1,
+    10**9,
+    1e308,
+    "",
+    "storey 9",
+    [],
+    {},
+    [[1]],
+    float("nan"),
+    "x" * 50,
+    0,
+    10**40,
+]
+MAX_DEPTH = 8
 
 
 def json_damage(seed: bytes, rng: np.random.Generator) -> bytes:
-    """JSON whose values were exchanged: it stays JSON and says something else."""
-    values = [
-        None,
-        True,
-        -1,
-        10**9,
-        1e308,
-        "",
-        "storey 9",
-        [],
-        {},
-        [[1]],
-        float("nan"),
-        "x" * 50,
-        0,
-        10**40,
-    ]
+    """JSON whose values were exchanged: it stays JSON with another meaning."""
     data = json.loads(seed)
     for _ in range(int(rng.integers(1, 4))):
-        node, steps = data, 0
-        while isinstance(node, (dict, list)) and len(node) and steps < 8:
-            keys = list(node) if isinstance(node, dict) else list(range(len(node)))
-            key = keys[int(rng.integers(len(keys)))]
-            child = node[key]
-            if not isinstance(child, (dict, list)) or rng.random() < 0.25:
-                if isinstance(node, dict) and rng.random() < 0.2:
-                    del node[key]
-                else:
-                    node[key] = copy.deepcopy(values[int(rng.integers(len(values)))])
-                break
-            node, steps = child, steps + 1
+        change_a_value(data, rng)
     return json.dumps(data).encode()
+
+
+def change_a_value(data: Any, rng: np.random.Generator) -> None:
+    """Walk down at random, and exchange or delete what is there."""
+    node = data
+    for _ in range(MAX_DEPTH):
+        if not isinstance(node, (dict, list)) or not node:
+            return
+        keys = list(node) if isinstance(node, dict) else range(len(node))
+        key = keys[int(rng.integers(len(keys)))]
+        is_leaf = not isinstance(node[key], (dict, list))
+        if is_leaf or rng.random() < 0.25:
+            exchange(node, key, rng)
+            return
+        node = node[key]
+
+
+def exchange(node: Any, key: Any, rng: np.random.Generator) -> None:
+    if isinstance(node, dict) and rng.random() < 0.2:
+        del node[key]
+    else:
+        node[key] = copy.deepcopy(ODD_VALUES[int(rng.integers(len(ODD_VALUES)))])

@@ -8,6 +8,7 @@ _NAMES = {
     "LawLayout": "layout",
     "Layout": "layout",
     "Site": "sites",
+    "VisitedRegion": "visited_region",
     "blocks_of": "layout",
     "plan_solve_order": "identifiability",
 }

@@ -116,8 +116,12 @@ def blocks_of(
     """Cut ready-made columns, one row a sample, into blocks of ``size`` samples."""
     for start in range(0, len(acceleration), size):
         rows = slice(start, start + size)
-        part = None if weights is None else weights[rows]
-        yield Block(terms[rows].T, acceleration[rows].T, force[rows].T, weights=part)
+        yield Block(
+            terms[rows].T,
+            acceleration[rows].T,
+            force[rows].T,
+            weights=None if weights is None else weights[rows],
+        )
 
 
 def cut_at(

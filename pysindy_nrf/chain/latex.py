@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -219,7 +219,7 @@ def _item(token: str, index: str) -> str:
     return _SIGNS.get(token, token)
 
 
-def as_text(value: Any) -> str:
+def as_text(value: float | np.floating) -> str:
     """A number in a table: plain, or with a raised power of ten.
 
     Empty if it is not finite.

@@ -10,12 +10,14 @@ import numpy as np
 
 from ..exceptions import ChainError
 from ..laws.base import ForceLaw
-from ..laws.power_series import PowerSeries
-from .sites import Site, as_mapping
+from ..laws.power_series import Order, PowerSeries
+from .sites import Site, SiteName, as_mapping
 from .structure import Chain
 
 
-def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
+def declared_laws(
+    laws: Mapping[Any, ForceLaw | Sequence[ForceLaw]] | None,
+) -> dict[SiteName, tuple[ForceLaw, ...]]:
     """The laws that a user declared, by the user's own names of the sites."""
     declared = {}
     for site, value in as_mapping("laws", laws, "{'storey 1': [...]}").items():
@@ -29,7 +31,7 @@ def declared_laws(laws: Any) -> dict[Any, tuple[ForceLaw, ...]]:
 
 
 def power_series_laws(
-    chain: Chain, degree: Any, orders: Mapping[Any, Any] | None = None
+    chain: Chain, degree: Order, orders: Mapping[Any, Order] | None = None
 ) -> dict[Site, list[ForceLaw]]:
     """A power series at every site of a chain."""
     order_of_site = dict.fromkeys(chain.sites, degree)
@@ -56,9 +58,9 @@ def with_coefficients(
     """Laws with the coefficients of each site, one law after the other."""
     valued = {}
     for site, group in laws.items():
-        parts = coefficients_by_law(group, coefficients.get(site, np.zeros(0)))
-        pairs = zip(group, parts)
-        valued[site] = tuple(law.with_values(coefficients=part) for law, part in pairs)
+        by_law = coefficients_by_law(group, coefficients.get(site, np.zeros(0)))
+        pairs = zip(group, by_law)
+        valued[site] = tuple(law.with_values(values) for law, values in pairs)
     return valued
 
 

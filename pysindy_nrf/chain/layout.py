@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from .laws_by_site import (
     with_coefficients,
 )
 from .recipe import MONOMIAL, Recipe, copies, recipe_of
-from .sites import Site
+from .sites import Named, Site
 from .structure import Chain
 
 __all__ = [
@@ -62,7 +61,7 @@ class Layout:
     Sites beyond the chain's own follow in the order given.
     """
 
-    def __init__(self, chain: Chain, terms: Mapping[Any, int]) -> None:
+    def __init__(self, chain: Chain, terms: Mapping[Named, int]) -> None:
         widths = {chain.site(text): int(count) for text, count in terms.items()}
         sites = tuple(dict.fromkeys([*chain.sites, *widths]))
         for site in sites:
@@ -110,7 +109,7 @@ def _group(dofs: tuple[int, ...], acting: tuple[Site, ...]) -> Group:
 class LawLayout(Layout):
     """A layout whose columns come from laws."""
 
-    def __init__(self, chain: Chain, laws: Mapping[Any, Iterable[ForceLaw]]) -> None:
+    def __init__(self, chain: Chain, laws: Mapping[Named, Iterable[ForceLaw]]) -> None:
         self.laws: dict[Site, tuple[ForceLaw, ...]] = {}
         counts = {}
         for text, group in laws.items():

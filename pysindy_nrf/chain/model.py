@@ -5,28 +5,62 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import Any, Protocol, TypedDict, Unpack
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from ..common.files import atomic_write
+from ..common.files import PathLike, atomic_write
 from ..exceptions import ChainError, ChannelError, LawError
 from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import lost_masses, total_masses
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
+from ..records.record import Record
 from . import latex
-from .model_file import SCHEMA, VERSION, parsed_model, readable_model, text_of_model
+from .model_file import (
+    SCHEMA,
+    VERSION,
+    ModelData,
+    parsed_model,
+    readable_model,
+    text_of_model,
+)
 from .restoring_force import RestoringForces, grid
-from .sites import Site
+from .sites import Named, Site, SiteName
 from .structure import Chain
 from .visited_region import VisitedRegion
 
 # Masses and laws that a notebook shows of a model.
 SHOWN_IN_NOTEBOOK = 30
 
-Laws = Mapping[Any, ForceLaw | Sequence[ForceLaw]]
+LawOrLaws = ForceLaw | Sequence[ForceLaw]
+MotionData = npt.ArrayLike | Record | Sequence[Record] | Dataset
+
+
+class DataOptions(TypedDict, total=False):
+    """What is given beside the motion, see :meth:`ChainModel.predict`."""
+
+    record: npt.ArrayLike | None
+    time: npt.ArrayLike | None
+    base_acceleration: npt.ArrayLike | None
+    covariates: Mapping[str, npt.ArrayLike] | None
+    coordinates: str
+    dt: float | None
+    every_row: bool
+
+
+# Pieces that are too short to run a model along are read, too.
+EVERY_ROW = DataOptions(every_row=True)
+
+
+class FittedRegressor(Protocol):
+    """A regressor that has found a model."""
+
+    model_: ChainModel
+    coordinates: str
+    dt: float | None
 
 
 class ChainModel:
@@ -73,11 +107,13 @@ class ChainModel:
 
     def __init__(
         self,
-        masses: Any,
-        laws: Laws,
+        masses: npt.ArrayLike,
+        laws: Mapping[Named, LawOrLaws],
         chain: Chain | None = None,
-        visited: Mapping[Any, VisitedRegion] | None = None,
-        info: Mapping[str, Any] | None = None,
+        visited: Mapping[Site, VisitedRegion]
+        | Mapping[str, VisitedRegion]
+        | None = None,
+        info: Mapping[str, object] | None = None,
     ) -> None:
         self.masses = _finite_masses(masses)
         n_dof = len(self.masses)
@@ -92,7 +128,7 @@ class ChainModel:
         self.visited: dict[Site, VisitedRegion] = {}
         for text, region in dict(visited or {}).items():
             self.visited[chain.site(text)] = region
-        self.info = dict(info or {})
+        self.info: dict[str, Any] = dict(info or {})
 
     @property
     def n_dof(self) -> int:
@@ -133,7 +169,12 @@ class ChainModel:
         """Restoring forces by site."""
         return RestoringForces(self.chain, self.laws)
 
-    def segments(self, X: Any, F: Any = None, **options: Any) -> Dataset:
+    def segments(
+        self,
+        X: MotionData,
+        F: npt.ArrayLike | None = None,
+        **options: Unpack[DataOptions],
+    ) -> Dataset:
         """The data set behind data that are given as for :meth:`predict`.
 
         Parameters
@@ -191,7 +232,7 @@ class ChainModel:
             records.append(inertia + forces @ incidence.T)
         return records
 
-    def predict(self, X: Any, **options: Any) -> np.ndarray:
+    def predict(self, X: MotionData, **options: Unpack[DataOptions]) -> np.ndarray:
         """Forces on the DOFs that the measured motion implies.
 
         Parameters
@@ -207,10 +248,12 @@ class ChainModel:
         ndarray of shape (n_samples, n_dof)
             N; NaN at masked edges.
         """
-        data = self.segments(X, **options, every_row=True)
+        data = self.segments(X, **options | EVERY_ROW)
         return data.scatter(self.balance_forces(data))
 
-    def restoring_force(self, X: Any, **options: Any) -> np.ndarray:
+    def restoring_force(
+        self, X: MotionData, **options: Unpack[DataOptions]
+    ) -> np.ndarray:
         """Storey forces along data, which are given as for :meth:`predict`.
 
         Returns
@@ -218,7 +261,7 @@ class ChainModel:
         ndarray of shape (n_samples, n_dof)
             Force of storey j in column j-1, N; zero where a free chain has no storey 1.
         """
-        data = self.segments(X, **options, every_row=True)
+        data = self.segments(X, **options | EVERY_ROW)
         column = {site: k for k, site in enumerate(self.laws)}
         storeys = [site for site in self.laws if site.is_storey]
         dofs = [site.p - 1 for site in storeys]
@@ -285,7 +328,9 @@ class ChainModel:
         numbers = pd.RangeIndex(1, self.n_dof + 1, name="mode")
         return pd.DataFrame(sorted(rows), columns=names, index=numbers)
 
-    def surface(self, site: Any, size: int = 41, margin: float = 0.0) -> pd.DataFrame:
+    def surface(
+        self, site: SiteName, size: int = 41, margin: float = 0.0
+    ) -> pd.DataFrame:
         """Restoring-force surface of a site over the region it visited.
 
         Parameters
@@ -329,14 +374,14 @@ class ChainModel:
             }
         )
 
-    def with_laws(self, laws: Mapping[Any, Sequence[ForceLaw]]) -> ChainModel:
+    def with_laws(self, laws: Mapping[Named, Sequence[ForceLaw]]) -> ChainModel:
         """A copy with other laws at some sites.
 
         Parameters
         ----------
         laws : mapping of str to sequence of ForceLaw
         """
-        merged: dict[Any, Sequence[ForceLaw]] = dict(self.laws)
+        merged: dict[Site, Sequence[ForceLaw]] = dict(self.laws)
         for text, group in laws.items():
             merged[self.chain.site(text)] = group
         return ChainModel(self.masses, merged, self.chain, self.visited, self.info)
@@ -394,7 +439,7 @@ class ChainModel:
     # how Python says that an object that can change has no hash
     __hash__ = None  # type: ignore[assignment]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> ModelData:
         """Plain data for JSON, SI units, as the shipped schema describes it.
 
         Returns
@@ -416,7 +461,7 @@ class ChainModel:
             "info": self.info,
         }
 
-    def to_json(self, path: Any = None, indent: int = 2) -> str:
+    def to_json(self, path: PathLike | None = None, indent: int = 2) -> str:
         """The model as JSON; every number survives to the last bit.
 
         Parameters
@@ -432,7 +477,7 @@ class ChainModel:
         return text
 
     @classmethod
-    def from_json(cls, source: Any) -> ChainModel:
+    def from_json(cls, source: PathLike) -> ChainModel:
         """A model from JSON text or a file.
 
         Parameters
@@ -449,17 +494,18 @@ class ChainModel:
         where, text = text_of_model(source)
         with readable_model(where):
             data = parsed_model(text, where)
-            laws = {}
-            for site, group in data["laws"].items():
-                laws[site] = [from_dict(law) for law in group]
-            visited = {}
-            for site, region in data.get("visited", {}).items():
-                visited[site] = VisitedRegion.from_dict(region)
             chain = Chain.from_dict(data["chain"])
-            return cls(data["masses"], laws, chain, visited, data.get("info"))
+            laws: dict[Site, list[ForceLaw]] = {}
+            for text_of_site, group in data["laws"].items():
+                laws[chain.site(text_of_site)] = [from_dict(law) for law in group]
+            visited: dict[Site, VisitedRegion] = {}
+            for text_of_site, region in data.get("visited", {}).items():
+                visited[chain.site(text_of_site)] = VisitedRegion.from_dict(region)
+            info = data.get("info")
+            return ChainModel(data["masses"], laws, chain, visited, info)
 
 
-def _finite_masses(masses: Any) -> np.ndarray:
+def _finite_masses(masses: npt.ArrayLike) -> np.ndarray:
     """Masses as an array of finite numbers, or an error."""
     try:
         values = np.array(masses, dtype=float, ndmin=1)
@@ -471,7 +517,9 @@ def _finite_masses(masses: Any) -> np.ndarray:
     return values
 
 
-def _laws_at_sites(chain: Chain, laws: Laws) -> dict[Site, tuple[ForceLaw, ...]]:
+def _laws_at_sites(
+    chain: Chain, laws: Mapping[Named, LawOrLaws]
+) -> dict[Site, tuple[ForceLaw, ...]]:
     """The laws of every site of a chain, each with values."""
     by_site: dict[Site, tuple[ForceLaw, ...]] = dict.fromkeys(chain.sites, ())
     for text, value in laws.items():
@@ -485,7 +533,7 @@ def _laws_at_sites(chain: Chain, laws: Laws) -> dict[Site, tuple[ForceLaw, ...]]
     return by_site
 
 
-def _require_values(law: Any, site: Site) -> None:
+def _require_values(law: object, site: Site) -> None:
     """Refuse a law without values, and what is no law."""
     if not isinstance(law, ForceLaw):
         what = f"{site}: {law!r} is not a force law"
@@ -518,7 +566,7 @@ def state_matrix(M: np.ndarray, C: np.ndarray, K: np.ndarray) -> np.ndarray:
     return np.vstack([upper, lower])
 
 
-def as_model(thing: Any) -> ChainModel:
+def as_model(thing: ChainModel | FittedRegressor) -> ChainModel:
     """The model of a fitted regressor, or the model itself."""
     model = getattr(thing, "model_", thing)
     if not isinstance(model, ChainModel):
@@ -527,11 +575,17 @@ def as_model(thing: Any) -> ChainModel:
     return model
 
 
-def as_segments(thing: Any, X: Any, F: Any = None, **options: Any) -> Dataset:
+def as_segments(
+    thing: ChainModel | FittedRegressor,
+    X: Any,
+    F: npt.ArrayLike | None = None,
+    **options: Unpack[DataOptions],
+) -> Dataset:
     """The data set behind some data, in the coordinates of a fitted regressor."""
     model = as_model(thing)
-    if model is not thing:
-        options = {"coordinates": thing.coordinates, "dt": thing.dt} | options
+    if not isinstance(thing, ChainModel):
+        settings = DataOptions(coordinates=thing.coordinates, dt=thing.dt)
+        options = settings | options
     return model.segments(X, F, **options)
 
 

@@ -6,11 +6,14 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 from ..common.files import check, plain_json, schema
 from ..exceptions import FileFormatError, FileVersionError
+from ..laws.base import LawData
 from ..records.files.table import check_file, unreadable
+from .structure import ChainData
+from .visited_region import RegionData
 
 SCHEMA = "pysindy_nrf.ChainModel"
 VERSION = 1
@@ -27,7 +30,19 @@ MALFORMED = (
 )
 
 
-def text_of_model(source: Any) -> tuple[str, str]:
+class ModelData(TypedDict):
+    """A chain model as plain data, as the shipped schema describes it."""
+
+    schema: str
+    version: int
+    chain: ChainData
+    masses: list[float]
+    laws: dict[str, list[LawData]]
+    visited: NotRequired[dict[str, RegionData]]
+    info: NotRequired[dict[str, object]]
+
+
+def text_of_model(source: str | os.PathLike[str]) -> tuple[str, str]:
     """Where a model comes from, in words, and its JSON text."""
     if isinstance(source, str) and source.lstrip()[:1] == "{":
         return "The JSON text", source
@@ -55,7 +70,7 @@ def readable_model(where: str) -> Iterator[None]:
         raise FileFormatError(what, "Write it with ChainModel.to_json.") from error
 
 
-def parsed_model(text: str, where: str) -> dict[str, Any]:
+def parsed_model(text: str, where: str) -> ModelData:
     """The plain data of a model, as the schema says."""
     data = plain_json(text)
     _require_version(data, where)
@@ -67,7 +82,7 @@ def parsed_model(text: str, where: str) -> dict[str, Any]:
     return data
 
 
-def _require_version(data: Any, where: str) -> None:
+def _require_version(data: object, where: str) -> None:
     """Refuse data that are no model, and models that a later version wrote."""
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         what = f"{where} does not hold a chain model"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -47,6 +47,17 @@ class Plan:
 
     def __str__(self) -> str:
         return "\n".join(self.advice)
+
+
+class PlanOptions(TypedDict, total=False):
+    """Arguments of :func:`plan` beside the chain."""
+
+    can_hit: int | Iterable[int] | None
+    sensors: int | Iterable[int] | None
+    unknown: int | Iterable[int]
+    known_masses: int | Iterable[int]
+    model: ChainModel | None
+    most: int
 
 
 def plan(

@@ -1,7 +1,6 @@
 """The restoring force of one site: a callable, its coefficients, its equation."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +10,7 @@ from ..exceptions import ChainError, ChannelError, LawError, UnknownSiteError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion
 from .laws_by_site import distinct_labels
-from .sites import Site
+from .sites import Site, SiteName
 from .structure import Chain
 
 
@@ -48,7 +47,7 @@ class RestoringForce:
         s: npt.ArrayLike,
         *,
         t: npt.ArrayLike | None = None,
-        covariates: Mapping[str, Any] | None = None,
+        covariates: Mapping[str, npt.ArrayLike] | None = None,
     ) -> np.ndarray:
         """Force for rates and drifts.
 
@@ -151,7 +150,7 @@ def _flat(channel: npt.ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(line).ravel()
 
 
-class RestoringForces(Mapping[Any, RestoringForce]):
+class RestoringForces(Mapping[Site, RestoringForce]):
     """Restoring forces by site: ``["storey 2"]``, ``[2]``, ``["link 4-2"]``.
 
     Storeys count from 1.
@@ -163,7 +162,7 @@ class RestoringForces(Mapping[Any, RestoringForce]):
         for site, group in laws.items():
             self._forces[site] = RestoringForce(site, group)
 
-    def __getitem__(self, site: Any) -> RestoringForce:
+    def __getitem__(self, site: SiteName) -> RestoringForce:
         try:
             return self._forces[self._chain.site(site)]
         except (ChainError, KeyError):

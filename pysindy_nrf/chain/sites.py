@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TypeVar
 
+from ..common import is_whole
 from ..exceptions import ChainError
 
 _GRAMMAR = "'storey 2', 'link 4-2', 'ground 3', 'dof 2' or 'sensor a2'"
@@ -18,6 +19,14 @@ _PATTERN = re.compile(
     r"|link\s+(?P<p>\d+)\s*-\s*(?P<q>\d+)"
     r"|sensor\s+(?P<channel>\S+))\s*\Z"
 )
+
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+# A site as users write it: its text, or the number of a storey.
+SiteName = str | int
+# The keys of a mapping by site.
+Named = TypeVar("Named", bound=SiteName)
 
 
 class Site(str):
@@ -63,7 +72,7 @@ class Site(str):
     q: int
     channel: str
 
-    def __new__(cls, text: str | int | Site) -> Site:
+    def __new__(cls, text: SiteName) -> Site:
         if isinstance(text, Site):
             return text
 
@@ -125,7 +134,7 @@ def _parse(text: object) -> tuple[str, int, int, str]:
     """Kind, the two DOFs and the channel that a text or a storey number names."""
     if isinstance(text, str):
         match = _PATTERN.match(text)
-    elif hasattr(text, "__index__") and not isinstance(text, bool):
+    elif is_whole(text):
         match = _PATTERN.match(f"storey {text.__index__()}")
     else:
         match = None
@@ -148,31 +157,33 @@ def _parse(text: object) -> tuple[str, int, int, str]:
     return "link", number, number - 1, ""
 
 
-def _parse_link(text: object, one: int, other: int) -> tuple[str, int, int, str]:
+def _parse_link(text: object, dof: int, other: int) -> tuple[str, int, int, str]:
     """A link from its upper to its lower DOF."""
-    if one == other:
-        what = f"{text!r} joins DOF {one} to itself"
+    if dof == other:
+        what = f"{text!r} joins DOF {dof} to itself"
         raise ChainError(what, "A link joins two different DOFs.")
-    return "link", max(one, other), min(one, other), ""
+    return "link", max(dof, other), min(dof, other), ""
 
 
-def dofs_of(name: str, values: Any, n_dof: int) -> tuple[int, ...]:
+def dofs_of(name: str, values: object, n_dof: int) -> tuple[int, ...]:
     """DOFs that a parameter names, which is one whole number or several."""
     # a NumPy number is iterable by name only: it has no dimension
-    several = isinstance(values, Iterable) and getattr(values, "ndim", 1) > 0
-    named = tuple(values) if several else (values,)
+    named: tuple[object, ...] = (values,)
+    if isinstance(values, Iterable) and getattr(values, "ndim", 1) > 0:
+        named = tuple(values)
 
     dofs = []
     for value in named:
-        is_whole = hasattr(value, "__index__") and not isinstance(value, bool)
-        if not is_whole or not 1 <= int(value) <= n_dof:
+        if not is_whole(value) or not 1 <= int(value) <= n_dof:
             cure = f"The chain has DOFs 1 to {n_dof}."
             raise ChainError(f"{name} names DOF {value!r}", cure)
         dofs.append(int(value))
     return tuple(dofs)
 
 
-def as_mapping(name: str, value: object, example: str) -> Mapping[Any, Any]:
+def as_mapping(
+    name: str, value: Mapping[Key, Value] | None, example: str
+) -> Mapping[Key, Value]:
     """A parameter that must be a mapping; an empty one for None."""
     if value is None:
         return {}

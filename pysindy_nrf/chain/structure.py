@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NotRequired, TypedDict, Unpack
 
 import numpy as np
 
-from ..common import MOST_DOFS, number_of
+from ..common import MAX_DOFS, is_whole, number_of
 from ..exceptions import ChainError
 from .identifiability import Dofs, SolveOrder, plan_solve_order
-from .planning import Plan, plan
+from .planning import Plan, PlanOptions, plan
 from .sensing import Sensing, plan_sensing
-from .sites import Site, as_mapping, dofs_of
+from .sites import Site, SiteName, as_mapping, dofs_of
 
 if TYPE_CHECKING:
     from .model import ChainModel
+
+
+class ChainData(TypedDict):
+    """A chain as plain data."""
+
+    n_dof: int
+    links: NotRequired[list[str]]
+    ground: NotRequired[str]
+
 
 _GROUNDS = ("base", "both", "free")
 
@@ -74,7 +83,7 @@ class Chain:
         self.links = _further_links(links, storeys, self.n_dof)
         self.sites: tuple[Site, ...] = storeys + self.links
 
-    def site(self, text: Any) -> Site:
+    def site(self, text: SiteName) -> Site:
         """The site of this chain for a text or storey number.
 
         Parameters
@@ -100,7 +109,7 @@ class Chain:
             raise ChainError(what, f"Its sites are {', '.join(self.sites)}.")
         return site
 
-    def incidence(self, sites: Iterable[str] | None = None) -> np.ndarray:
+    def incidence(self, sites: Iterable[SiteName] | None = None) -> np.ndarray:
         """Signs of site forces in the equations of motion (paper eq. 4).
 
         Parameters
@@ -120,7 +129,7 @@ class Chain:
                 signs[row, column] = site.incidence(row + 1)
         return signs
 
-    def with_links(self, links: Iterable[str]) -> Chain:
+    def with_links(self, links: Iterable[SiteName]) -> Chain:
         """The same chain with further links.
 
         Parameters
@@ -213,7 +222,7 @@ class Chain:
         """
         return plan_sensing(self, sensors, excited, known_masses, model)
 
-    def plan(self, **options: Any) -> Plan:
+    def plan(self, **options: Unpack[PlanOptions]) -> Plan:
         """Recommend floors to excite or sensors to add.
 
         Parameters
@@ -228,7 +237,7 @@ class Chain:
         """
         return plan(self, **options)
 
-    def to_dict(self) -> dict:
+    def to_dict(self) -> ChainData:
         """Plain data for JSON."""
         return {
             "n_dof": self.n_dof,
@@ -237,7 +246,7 @@ class Chain:
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Chain:
+    def from_dict(cls, data: ChainData) -> Chain:
         """A chain from what :meth:`to_dict` gave.
 
         Parameters
@@ -272,14 +281,13 @@ class Chain:
         return f"Chain({', '.join(arguments)})"
 
 
-def _number_of_masses(n_dof: Any) -> int:
+def _number_of_masses(n_dof: object) -> int:
     """The number of DOFs, or an error."""
-    is_whole = hasattr(n_dof, "__index__") and not isinstance(n_dof, bool)
-    if not is_whole or int(n_dof) < 1:
+    if not is_whole(n_dof) or int(n_dof) < 1:
         what = f"n_dof={n_dof!r} is not a number of masses"
         raise ChainError(what, "Give a whole number of at least 1.")
-    if int(n_dof) > MOST_DOFS:
-        what = f"n_dof={n_dof} is more than the {MOST_DOFS} masses a chain may have"
+    if int(n_dof) > MAX_DOFS:
+        what = f"n_dof={n_dof} is more than the {MAX_DOFS} masses a chain may have"
         raise ChainError(what, "Condense it.")
     return int(n_dof)
 
@@ -313,7 +321,7 @@ def _further_links(
     return tuple(links)
 
 
-def chain_of(chain: Any, n_dof: int) -> Chain:
+def chain_of(chain: Chain | None, n_dof: int) -> Chain:
     """The chain that a parameter gives; a plain one for None."""
     if chain is None:
         return Chain(n_dof)
@@ -323,7 +331,9 @@ def chain_of(chain: Any, n_dof: int) -> Chain:
     return chain
 
 
-def masses_of(known_masses: Any, chain: Chain) -> dict[int, float]:
+def masses_of(
+    known_masses: Mapping[int, float] | None, chain: Chain
+) -> dict[int, float]:
     """Known masses, kg, by DOF."""
     masses = {}
     for dof, mass in as_mapping("known_masses", known_masses, "{2: 12.4}").items():

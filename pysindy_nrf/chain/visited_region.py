@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,14 @@ from ..exceptions import ChannelError
 CELLS = 40
 # Samples that are looked at; a cell beside a visited one counts as visited, too.
 MAX_SAMPLES = 8_000
+
+
+class RegionData(TypedDict):
+    """A visited region as plain data."""
+
+    low: list[float]
+    high: list[float]
+    cells: list[str]
 
 
 @dataclass(frozen=True)
@@ -102,7 +110,7 @@ class VisitedRegion:
         v_near, s_near = (low + middles[squares.argmin(axis=1)] * span).T
         return v_near, s_near
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> RegionData:
         """Plain data for JSON."""
         rows = []
         for row in self.cells:
@@ -110,7 +118,7 @@ class VisitedRegion:
         return {"low": list(self.low), "high": list(self.high), "cells": rows}
 
     @classmethod
-    def from_dict(cls, data: Any) -> VisitedRegion:
+    def from_dict(cls, data: RegionData) -> VisitedRegion:
         """Region from plain data."""
         low = [float(x) for x in data["low"]]
         high = [float(x) for x in data["high"]]

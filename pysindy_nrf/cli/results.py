@@ -18,7 +18,13 @@ from pathlib import Path
 from typing import TypedDict
 
 from ..common.audit import versions
-from ..common.files import PART, atomic_write, file_behind, hold, left_behind
+from ..common.files import (
+    UNFINISHED_SUFFIX,
+    atomic_write,
+    file_behind,
+    hold,
+    left_behind,
+)
 from ..exceptions import NRFError
 
 MANIFEST = "manifest.json"
@@ -103,7 +109,9 @@ class Results:
         made = [folder for folder in folders if not folder.exists()]
         self.home.mkdir(parents=True, exist_ok=True)
         prefix = f".{self.output.name}."
-        aside = Path(tempfile.mkdtemp(dir=self.home, prefix=prefix, suffix=PART))
+        aside = Path(
+            tempfile.mkdtemp(dir=self.home, prefix=prefix, suffix=UNFINISHED_SUFFIX)
+        )
         try:
             (aside / _LOCK).touch()
             with open(aside / _LOCK, "rb") as lock:

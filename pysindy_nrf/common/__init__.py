@@ -1,25 +1,33 @@
 """Tools of all layers: numbers, random states, imports, files, threads, settings."""
 
 import zlib
-from typing import Any
+from typing import SupportsIndex, TypeGuard
 
 import numpy as np
 
 from ..exceptions import NRFError
 
+# What a user may give as the source of randomness.
+RandomState = int | np.random.Generator | None
+
 # A larger number of DOFs is a mistake, or a file that would exhaust the memory.
-MOST_DOFS = 10_000
+MAX_DOFS = 10_000
 
 
-def number_of(value: Any) -> float:
+def number_of(value: object) -> float:
     """A value as a float; NaN if it is none."""
     try:
-        return float(value)
+        return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         return float("nan")
 
 
-def positive(name: str, value: Any, cure: str, error: type[Exception]) -> float:
+def is_whole(value: object) -> TypeGuard[SupportsIndex]:
+    """Whether a value is a whole number; a truth value is none."""
+    return isinstance(value, SupportsIndex) and not isinstance(value, bool)
+
+
+def positive(name: str, value: object, cure: str, error: type[Exception]) -> float:
     """A positive number, or an error of the given kind."""
     number = number_of(value)
     if not 0 < number < float("inf"):
@@ -27,15 +35,15 @@ def positive(name: str, value: Any, cure: str, error: type[Exception]) -> float:
     return number
 
 
-def generator(random_state: Any, purpose: str = "") -> np.random.Generator:
+def generator(random_state: RandomState, purpose: str = "") -> np.random.Generator:
     """A generator of random numbers for a seed, a generator or None.
 
     A purpose gives a seed a stream of its own: noise and excitation of one seed are
     independent.
     """
-    seed = random_state
+    seed: RandomState | np.random.SeedSequence = random_state
     try:
-        if purpose and hasattr(random_state, "__index__"):
+        if purpose and isinstance(random_state, SupportsIndex):
             stream = zlib.crc32(purpose.encode())
             seed = np.random.SeedSequence(int(random_state), spawn_key=(stream,))
         return np.random.default_rng(seed)

@@ -1,15 +1,21 @@
 """Audit trail: the settings of a run and the versions of all packages."""
 
+from __future__ import annotations
+
 import platform
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from importlib import metadata
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-MAX_TEXT_LENGTH = 2000  # of one setting
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+# Characters of one setting.
+MAX_SETTING_CHARACTERS = 2000
 PACKAGES = (
     "pysindy_nrf",
     "pysindy",
@@ -25,14 +31,14 @@ PACKAGES = (
 
 def versions() -> dict[str, str]:
     """Versions of this package, of Python and of the packages it depends on."""
-    found = {"Python": platform.python_version()}
+    versions_by_package = {"Python": platform.python_version()}
     for name in PACKAGES:
         with suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
+            versions_by_package[name] = metadata.version(name)
+    return versions_by_package
 
 
-def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+def settings_of(**groups: Mapping[str, object]) -> dict[str, dict[str, str]]:
     """Settings as text, by group; the values themselves are not kept."""
     texts = {}
     for name, values in groups.items():
@@ -41,23 +47,24 @@ def settings_of(**groups: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     return texts
 
 
-def constants_of(groups: Mapping[str, Any]) -> dict[str, Any]:
+def constants_of(groups: Mapping[str, DataclassInstance]) -> dict[str, object]:
     """Numbers that no argument changes: fields of dataclasses of settings, by group."""
-    numbers = {}
+    numbers: dict[str, object] = {}
     for group, settings in groups.items():
-        for one in fields(settings):
-            name = one.name.replace("_", " ")
-            numbers[f"{group}: {name}"] = getattr(settings, one.name)
+        for setting in fields(settings):
+            name = setting.name.replace("_", " ")
+            numbers[f"{group}: {name}"] = getattr(settings, setting.name)
     return numbers
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if isinstance(value, np.random.Generator):
         return f"a {type(value.bit_generator).__name__} generator given by the caller"
-    if callable(value) and hasattr(value, "__name__"):
-        return str(value.__name__)
+    name = getattr(value, "__name__", None)
+    if callable(value) and name is not None:
+        return str(name)
 
     text = value if isinstance(value, str) else " ".join(repr(value).split())
-    if len(text) > MAX_TEXT_LENGTH:
-        text = f"{text[: MAX_TEXT_LENGTH - 3]}..."
+    if len(text) > MAX_SETTING_CHARACTERS:
+        text = f"{text[: MAX_SETTING_CHARACTERS - 3]}..."
     return text

@@ -9,13 +9,17 @@ two seconds.
 import hashlib
 import pickle
 from collections.abc import Callable
-from types import CodeType, ModuleType
+from types import CodeType, FunctionType, MethodType, ModuleType
 from typing import Any
 
 import numba
 import numpy as np
+from numba.core.base import BaseContext
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.codegen import CPUCodegen
+from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.typing.templates import Signature
 
 # Goes into every fingerprint: a change of this text makes all earlier files unused.
 _FORMAT = "names with fingerprints, references not counted"
@@ -34,7 +38,7 @@ class _CodeHash:
     def hexdigest(self) -> str:
         return self._hash.hexdigest()
 
-    def add(self, value: Any) -> None:
+    def add(self, value: object) -> None:
         """Add a function, or anything that a function refers to."""
         if isinstance(value, Dispatcher):
             self._add_options(value.targetoptions)
@@ -45,14 +49,16 @@ class _CodeHash:
             self._add_text(value.__name__)
         elif isinstance(value, np.ndarray):
             self._hash.update(value.tobytes())
-        elif hasattr(value, "__code__"):
+        elif isinstance(value, MethodType):
+            self.add(value.__func__)
+        elif isinstance(value, FunctionType):
             self._add_function(value)
         elif isinstance(value, _PLAIN_TYPES):
             self._add_text(repr(value))
         else:
             self._add_text(getattr(value, "__qualname__", type(value).__qualname__))
 
-    def _add_function(self, function: Any) -> None:
+    def _add_function(self, function: FunctionType) -> None:
         if id(function) in self._visited:  # it calls itself
             return
         self._visited.add(id(function))
@@ -74,7 +80,7 @@ class _CodeHash:
                 self._add_text(repr(constant))
         self._add_text(repr((code.co_names, code.co_varnames)))
 
-    def _add_options(self, options: dict[str, Any]) -> None:
+    def _add_options(self, options: dict[str, object]) -> None:
         """Add compiler options; the order of a set changes from process to process."""
         for name, value in sorted(options.items()):
             ordered = sorted(value) if isinstance(value, set) else value
@@ -84,7 +90,7 @@ class _CodeHash:
         self._hash.update(text.encode())
 
 
-def fingerprint(*functions: Any) -> str:
+def fingerprint(*functions: object) -> str:
     """Hash of the code of functions, and of the constants and functions they use."""
     code = _CodeHash()
     for function in functions:
@@ -118,10 +124,12 @@ class _FingerprintCache(FunctionCache):
             locator.get_source_stamp(),
         )
 
-    def _index_key(self, sig: Any, codegen: Any) -> tuple:
+    def _index_key(self, sig: Signature, codegen: CPUCodegen) -> tuple:
         return sig, codegen.magic_tuple(), self._fingerprint
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
+    def load_overload(
+        self, sig: Signature, target_context: BaseContext
+    ) -> CompileResult | None:
         """The code on disk; None, so that it is compiled again, if it is damaged."""
         try:
             return super().load_overload(sig, target_context)

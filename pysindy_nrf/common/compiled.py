@@ -16,11 +16,17 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import TypingError
+from numba.core.typing.context import BaseContext
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
 from .code_cache import attach_cache, with_unique_name
 
-_OPTIONS: Any = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "nogil": True,
+    "no_cfunc_wrapper": True,
+}
 
 
 class _PartLibrary(JITCodeLibrary):
@@ -30,7 +36,7 @@ class _PartLibrary(JITCodeLibrary):
     """
 
     # The environment of a function is set in its machine code, which is not there yet.
-    codegen: Any = SimpleNamespace(set_env=lambda *_: None)
+    codegen = SimpleNamespace(set_env=lambda *_: None)
 
     def get_pointer_to_function(self, name: str) -> int:
         self._ensure_finalized()
@@ -46,14 +52,14 @@ class _PartLibrary(JITCodeLibrary):
 class _PartCompiler(Compiler):
     """Compiler of what only compiled code calls."""
 
-    def __init__(self, *arguments: Any) -> None:
+    def __init__(self, *arguments: object) -> None:
         super().__init__(*arguments)
         self.state.library = _PartLibrary(self.state.targetctx.codegen(), "part")
 
 
 # Without numba's runtime, which counts references to arrays.
-_JIT_OPTIONS: Any = {**_OPTIONS, "_nrt": False}
-_PART_OPTIONS: Any = {
+_JIT_OPTIONS: dict[str, Any] = {**_OPTIONS, "_nrt": False}
+_PART_OPTIONS: dict[str, Any] = {
     **_OPTIONS,
     "no_cpython_wrapper": True,
     "pipeline_class": _PartCompiler,
@@ -67,7 +73,7 @@ def jit(function: Callable) -> Dispatcher:
     return compiled
 
 
-def inline(function: Callable, fastmath: Any = False) -> Dispatcher:
+def inline(function: Callable, fastmath: bool | set[str] = False) -> Dispatcher:
     """A small function, copied into every place of compiled code that calls it."""
     if isinstance(function, Dispatcher):
         return function
@@ -86,7 +92,7 @@ def read_only(array: np.ndarray) -> np.ndarray:
     return view
 
 
-def _pointer_type(kind: Any) -> Any:
+def _pointer_type(kind: types.Type) -> types.Type:
     """Numba's type of arrays, numbers and tuples of them with pointers for arrays."""
     if hasattr(kind, "types"):
         members = [_pointer_type(member) for member in kind.types]
@@ -100,7 +106,9 @@ def _pointer_type(kind: Any) -> Any:
     return types.CPointer(kind.dtype)
 
 
-def _addresses(typing_context: Any, values: Any) -> Any:
+def _addresses(
+    typing_context: BaseContext, values: types.Type
+) -> tuple[Signature, Callable]:
     """A tuple of arrays, numbers and named tuples of them, with pointers for arrays.
 
     Numba writes ten times as much code to index an array as to index a pointer.
@@ -122,7 +130,9 @@ def _addresses(typing_context: Any, values: Any) -> Any:
     return _pointer_type(values)(values), codegen
 
 
-def _address_of(typing_context: Any, pointer: Any, index: Any) -> Any:
+def _address_of(
+    typing_context: BaseContext, pointer: types.CPointer, index: types.Type
+) -> tuple[Signature, Callable]:
     """Pointer to an element behind a pointer."""
 
     def codegen(context, builder, signature, arguments):
@@ -131,5 +141,5 @@ def _address_of(typing_context: Any, pointer: Any, index: Any) -> Any:
     return pointer(pointer, types.intp), codegen
 
 
-addresses: Any = intrinsic(_addresses)
-address_of: Any = intrinsic(_address_of)
+addresses: Callable = intrinsic(_addresses)
+address_of: Callable = intrinsic(_address_of)

@@ -10,7 +10,7 @@ from functools import cache
 from glob import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any, Literal, NoReturn
 
 from ..exceptions import FileFormatError, NRFError
 
@@ -20,15 +20,15 @@ except ImportError:
     # On Windows nothing is locked, and nothing that was left behind is removed.
     fcntl = None  # type: ignore[assignment]
 
-PART = ".part"  # suffix of what is being written
-MAX_MESSAGE_LENGTH = 120
-# A name that UTF-8 cannot encode is written as its code, which JSON reads back as the
-# same name.
-_TEXT_OPTIONS: Any = {"encoding": "utf-8", "newline": "", "errors": "backslashreplace"}
+# Suffix of what is being written.
+UNFINISHED_SUFFIX = ".part"
+# Characters of a message about a file that does not match its schema.
+MAX_MESSAGE_CHARACTERS = 120
+PathLike = str | os.PathLike[str]
 
 
 @contextmanager
-def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
+def atomic_write(path: PathLike, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]:
     """Open a temporary file that replaces the target on success.
 
     A reader sees the old or the complete new file.
@@ -36,11 +36,10 @@ def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]
     target = file_behind(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(
-        dir=target.parent, prefix=f".{target.name}.", suffix=PART
+        dir=target.parent, prefix=f".{target.name}.", suffix=UNFINISHED_SUFFIX
     )
-    options = _TEXT_OPTIONS if mode == "w" else {}
     try:
-        with os.fdopen(handle, mode, **options) as file:
+        with _opened(handle, mode) as file:
             hold(file.fileno())
             for abandoned in left_behind(target):
                 abandoned.unlink(missing_ok=True)
@@ -57,7 +56,20 @@ def atomic_write(path: Any, mode: Literal["w", "wb"] = "w") -> Iterator[IO[Any]]
         raise
 
 
-def file_behind(path: Any) -> Path:
+def _opened(handle: int, mode: Literal["w", "wb"]) -> IO[Any]:
+    """A file on a handle.
+
+    A name that UTF-8 cannot encode is written as its code, which JSON reads back as the
+    same name.
+    """
+    if mode == "wb":
+        return os.fdopen(handle, mode)
+    return os.fdopen(
+        handle, mode, encoding="utf-8", newline="", errors="backslashreplace"
+    )
+
+
+def file_behind(path: PathLike) -> Path:
     """The file that a path leads to, links followed.
 
     Raises
@@ -91,7 +103,7 @@ def left_behind(target: Path, lock: str = "") -> Iterator[Path]:
 
     Each process locks its temporary file, or the file ``lock`` in a temporary folder.
     """
-    for path in target.parent.glob(f".{escape(target.name)}.*{PART}"):
+    for path in target.parent.glob(f".{escape(target.name)}.*{UNFINISHED_SUFFIX}"):
         with suppress(OSError), open(path / lock, "rb") as file:
             if hold(file.fileno()):
                 yield path
@@ -122,7 +134,7 @@ def plain_json(text: str) -> Any:
         For NaN, infinity (also 1e999) and repeated keys.
     """
 
-    def refuse_constant(word: str) -> Any:
+    def refuse_constant(word: str) -> NoReturn:
         raise ValueError(f"{word} is not a JSON number")
 
     def finite_number(word: str) -> float:
@@ -130,7 +142,7 @@ def plain_json(text: str) -> Any:
             raise ValueError(f"{word} is beyond the range of a double")
         return float(word)
 
-    def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    def unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
         data = dict(pairs)
         if len(data) < len(pairs):
             raise ValueError("a key occurs twice in one object")
@@ -144,7 +156,7 @@ def plain_json(text: str) -> Any:
     )
 
 
-def check(data: Any, rules: dict[str, Any], where: str) -> None:
+def check(data: object, rules: dict[str, Any], where: str) -> None:
     """Check the parsed JSON of a file against a schema.
 
     Raises
@@ -159,7 +171,7 @@ def check(data: Any, rules: dict[str, Any], where: str) -> None:
     if fault is None:
         return
     message = fault.message
-    if len(message) > MAX_MESSAGE_LENGTH:
+    if len(message) > MAX_MESSAGE_CHARACTERS:
         message = f"{message[:60]} ... {message[-55:]}"
     title = rules["title"].partition(",")[0].lower()
     place = fault.json_path.removeprefix("$.").removeprefix("$") or "the whole"

@@ -32,7 +32,7 @@ def public_names(
             value = import_module(f".{modules[name]}", package)
         else:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        setattr(sys.modules[package], name, value)
+        vars(sys.modules[package])[name] = value
         return value
 
     def dir_of_package() -> list[str]:

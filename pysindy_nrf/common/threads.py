@@ -13,19 +13,20 @@ from typing import TypeVar
 Share = TypeVar("Share")
 Result = TypeVar("Result")
 
-LIMITS = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
-SHARES_PER_THREAD = 2  # queued or done; bounds the memory
+THREAD_LIMIT_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+# Queued or done; bounds the memory.
+SHARES_PER_THREAD = 2
 
 
 def n_threads() -> int:
     """Number of threads of a pass: the cores of this process, or a lower limit.
 
-    The environment variables in ``LIMITS`` set such limits.
+    The environment variables in ``THREAD_LIMIT_VARIABLES`` set such limits.
     """
     from joblib import cpu_count  # affinity and the limits of a container count
 
     count = cpu_count()
-    for name in LIMITS:
+    for name in THREAD_LIMIT_VARIABLES:
         limit = os.environ.get(name, "").split(",")[0].strip()
         if limit.isdecimal() and int(limit) > 0:
             count = min(count, int(limit))

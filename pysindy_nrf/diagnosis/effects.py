@@ -75,12 +75,12 @@ class Effect(Protocol):
         """Share of the effect that stays unexplained."""
 
     @property
-    def gain(self) -> float:
+    def reduction(self) -> float:
         """Fall of the cross-validated residual, dB."""
 
     @property
-    def gain_error(self) -> float:
-        """Standard error of the gain over folds, dB."""
+    def reduction_error(self) -> float:
+        """Standard error of the reduction over folds, dB."""
 
     @property
     def error_before(self) -> float:

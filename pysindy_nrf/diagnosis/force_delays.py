@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Unpack
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy import linalg
 
 from ..chain.layout import LawLayout
-from ..chain.model import as_segments
+from ..chain.model import DataOptions, FittedRegressor, as_segments
 from ..equations.accumulation import rows_of, whole_block
 from ..equations.normal_equations import variance
 from ..exceptions import ChannelError
@@ -64,7 +64,7 @@ class Problem(Protocol):
         """The filter of each record."""
 
 
-class Fitted(Protocol):
+class Fitted(FittedRegressor, Protocol):
     """What delays need of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
 
     @property
@@ -76,7 +76,10 @@ class Fitted(Protocol):
 
 
 def force_delay(
-    estimator: Fitted, X: object = None, F: ArrayLike | None = None, **options: object
+    estimator: Fitted,
+    X: object = None,
+    F: ArrayLike | None = None,
+    **options: Unpack[DataOptions],
 ) -> pd.DataFrame:
     """Delay of each measured force against the motion.
 

@@ -18,7 +18,7 @@ from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..equations.accumulation import GramPass
+from ..equations.accumulation import ProductSums
 from ..equations.chain_solve import groups_of, solve
 from ..equations.normal_equations import NormalEquations, variance
 from ..exceptions import NRFError, RankWarning
@@ -139,9 +139,9 @@ class JumpBias:
             self.all_samples = self._empty_pass()
             self.moving = [self._empty_pass() for _ in STANDSTILL_SHARES]
 
-    def _empty_pass(self) -> GramPass:
+    def _empty_pass(self) -> ProductSums:
         groups = groups_of(self.layout, self.solve_order)
-        return GramPass(self.layout, groups, self.known, n_blocks=GROUPS)
+        return ProductSums(self.layout, groups, self.known, n_blocks=GROUPS)
 
     @property
     def active(self) -> list[JumpBias]:

@@ -16,7 +16,7 @@ import pandas as pd
 from ..chain.identifiability import SolveOrder, Step
 from ..chain.layout import Block, LawLayout, Layout, Recipe, copies
 from ..chain.model import ChainModel
-from ..equations.accumulation import GramPass
+from ..equations.accumulation import ProductSums
 from ..equations.normal_equations import NormalEquations
 from .gram_least_squares import (
     held_out_residual,
@@ -70,7 +70,7 @@ class MissingTerms:
         self.wide = Layout(self.layout.chain, widths)
         dofs_of_steps = dict.fromkeys(step.dofs for step in solve_order.steps)
         groups = [self.wide.group(dofs) for dofs in dofs_of_steps]
-        self.folds = GramPass(self.wide, groups, self.masses, n_blocks=FOLDS)
+        self.folds = ProductSums(self.wide, groups, self.masses, n_blocks=FOLDS)
         self.n_windows = dict.fromkeys(dofs_of_steps, 0)
         self.n_rows = 0
         self._recipe: tuple[Recipe | None, Recipe] | None = None

@@ -411,8 +411,9 @@ def _only_the_closest(effect: Effect) -> list[str]:
         return []
     return [
         f"{capitalised(law_at_site(effect))} is only the closest law:"
-        f" {100 * effect.remainder:.0f} % of the effect stays unexplained, and the gain"
-        f" is {effect.gain:.2g} dB with a standard error of {effect.gain_error:.2g}."
+        f" {100 * effect.remainder:.0f} % of the effect stays unexplained; the error"
+        f" falls by {effect.reduction:.2g} dB with a standard error of"
+        f" {effect.reduction_error:.2g}."
     ]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ..common.audit import constants_of, settings_of
 from .bands import BANDS
 from .candidate_search import SEARCH
@@ -28,8 +30,11 @@ from .shape_axes import AXES
 from .signs import SIGNS
 from .windows import WINDOWS
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 # Every number by which the loop decides, in groups.
-ALL_SETTINGS: dict[str, object] = {
+ALL_SETTINGS: dict[str, DataclassInstance] = {
     "fusion": FUSION,
     "folds": FOLDS,
     "excerpts": EXCERPTS,

@@ -9,7 +9,7 @@ from itertools import chain
 from . import wording
 from .bootstrap import SimulatedRecords, simulated
 from .certainty import CERTAINTY, CertaintyReport, certainty_of, lacks_a_law
-from .claims import GeneralGain, general_gains, why_no_claim
+from .claims import GeneralReduction, general_reductions, why_no_claim
 from .confirmation import Confirmation, Confirmer
 from .contradictions import Contradiction
 from .fitted_model import FittedModel
@@ -69,20 +69,20 @@ class Remainder:
     ----------
     certainty : CertaintyReport
         Beside what noise leaves.
-    general : list of GeneralGain
-        What general laws would still gain.
+    general : list of GeneralReduction
+        What general laws would still general.
     noise : SimulatedRecords or None
         What the final model would have produced; None if it has no free run.
     """
 
     certainty: CertaintyReport
-    general: list[GeneralGain]
+    general: list[GeneralReduction]
     noise: SimulatedRecords | None
 
     @property
-    def lacking(self) -> list[GeneralGain]:
+    def lacking(self) -> list[GeneralReduction]:
         """General laws that explain more than the model."""
-        return [gain for gain in self.general if gain.is_there]
+        return [general for general in self.general if general.is_there]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ class BalanceJudge:
 
         is_sure = any(effect.sure for effect in certainty.effects)
         asked = is_sure or (self.has_room and claims)
-        general = general_gains(on_excerpts, state, outcome.search.errors, asked)
+        general = general_reductions(on_excerpts, state, outcome.search.errors, asked)
         return Remainder(certainty, general, noise)
 
     def _remarks(self, remainder: Remainder, claims: bool) -> list[str]:
@@ -189,7 +189,7 @@ class BalanceJudge:
 
 def _finished(drafts: Sequence[StepDraft], remainder: Remainder) -> list[Step]:
     """The steps with the certainty of their names; none is sure where a law lacks."""
-    lacking = [gain.site for gain in remainder.lacking]
+    lacking = [general.site for general in remainder.lacking]
     steps = []
     for draft, certainty in zip(drafts, remainder.certainty.effects):
         sure = certainty.sure and not lacks_a_law(draft.effect.site, lacking)

@@ -133,7 +133,7 @@ class CandidateSearch:
         return sorted(self.candidates, key=lambda c: len(c.law.free_shape))
 
     def _promise(self, state: SearchState) -> dict[Site, float]:
-        """What the general laws gain at each site beside a state, dB.
+        """Error reduction of the general laws at each site beside a state, dB.
 
         Hardly less than any law of the motion there.
         """
@@ -218,12 +218,12 @@ def refine(
     axes = ShapeAxes(candidate.law, before.model.spectra.data, candidate.sites)
     extension = _extension(before.model, candidate)
 
-    def gain(trial: tuple[ForceLaw, ...]) -> float:
+    def reduction(trial: tuple[ForceLaw, ...]) -> float:
         fits = extension.fit_each([trial])
         return float(admissible_reductions(fits, trial)[0])
 
     start = axes.point_of(laws[0])
-    refined = axes.laws_at(axes.refined(gain, start, first_step, enough))
+    refined = axes.laws_at(axes.refined(reduction, start, first_step, enough))
     model = before.model.with_laws(list(zip(candidate.sites, refined)))
     # with the weights of the fitted model
     if turns_a_spring(model, before.model, candidate.sites):

@@ -14,7 +14,12 @@ import pandas as pd
 
 from ..diagnosis.verdict import FreeRuns
 from ..exceptions import NRFError
-from ..identification.fewer_sensors import estimate, negative, shot_of, told
+from ..identification.fewer_sensors import (
+    estimate,
+    negative_dampers,
+    poorly_determined,
+    shot_of,
+)
 from ..records.checks.channel_checks import measured
 from . import judge, wording
 from .candidate_search import CandidateSearch
@@ -278,5 +283,5 @@ def _doubts(outcome: ChannelOutcome) -> list[str]:
     state = outcome.final
     model = state.judged.model.chain_model()
     fit = outcome.start.models.fit(model, state.search, 0)
-    doubts = told(fit.solution, fit.rebuild)
-    return doubts + negative(fit.solution, fit.rebuild)
+    doubts = poorly_determined(fit.solution, fit.rebuild)
+    return doubts + negative_dampers(fit.solution, fit.rebuild)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..chain.layout import Layout
 from ..chain.sites import Site
-from ..equations.many_solves import ChainFit, ChannelFit
+from ..equations.many_solves import ChannelSolve, CompiledChainSolve
 from ..identification.fewer_sensors import Linearised
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
@@ -117,9 +117,9 @@ class ChannelSpectra(BalanceSpectra):
 
     def solver(
         self, layout: Layout, where: Mapping[Site, Sequence[int]], first_fixed: int
-    ) -> ChainFit:
+    ) -> CompiledChainSolve:
         """The solve of a set of columns."""
-        return ChannelFit(layout, self.data.known_masses, where, first_fixed)
+        return ChannelSolve(layout, self.data.known_masses, where, first_fixed)
 
     def missed(self, windows: Windows) -> Powers:
         """Powers of what the free run misses of the channels in some windows.

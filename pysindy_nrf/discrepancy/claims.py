@@ -65,8 +65,8 @@ def _in_words(masses: np.ndarray) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class GeneralGain:
-    """What a general law would still gain at a site beside a model."""
+class GeneralReduction:
+    """Error reduction that a general law would still bring at a site beside a model."""
 
     site: Site
     law: ForceLaw
@@ -82,14 +82,14 @@ class GeneralGain:
         return "a function of drift and rate"
 
 
-def general_gains(
+def general_reductions(
     model: FittedModel, state: SearchState, errors: ChannelErrorTest, asked: bool
-) -> list[GeneralGain]:
-    """What the general laws still gain at each storey and tie beside a model.
+) -> list[GeneralReduction]:
+    """Error reduction of the general laws at each storey and tie beside a model.
 
     Where ``asked``, whether errors of the channels explain it.
     """
-    gains = []
+    reductions = []
     for site in model.chain.sites:
         for law in general_laws(model.spectra.data, site):
             try:
@@ -103,15 +103,15 @@ def general_gains(
                 assert state.records is not None
                 beyond = errors.beyond(after, model, law, state.records, state.effects)
                 there = beyond.is_there
-            gains.append(GeneralGain(site, law, reduction, there))
-    return gains
+            reductions.append(GeneralReduction(site, law, reduction, there))
+    return reductions
 
 
-def lack_of_fit(gains: Sequence[GeneralGain]) -> pd.DataFrame:
-    """The table of what general laws would still gain."""
+def lack_of_fit(reductions: Sequence[GeneralReduction]) -> pd.DataFrame:
+    """The table of what general laws would still general."""
     rows = []
-    for gain in gains:
-        value, error = gain.reduction.value, gain.reduction.standard_error
-        rows.append((str(gain.site), gain.words, value, error))
-    columns = ["site", "general law", "gain (dB)", "standard error"]
+    for general in reductions:
+        value, error = general.reduction.value, general.reduction.standard_error
+        rows.append((str(general.site), general.words, value, error))
+    columns = ["site", "general law", "reduction (dB)", "standard error"]
     return pd.DataFrame(rows, columns=columns).set_index(columns[:2])

@@ -13,7 +13,7 @@ from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.structure import Chain
 from ..equations.chain_solve import Solution, model_of
-from ..equations.many_solves import ChainFit
+from ..equations.many_solves import CompiledChainSolve
 from ..equations.normal_equations import leave_one_out
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
@@ -69,14 +69,16 @@ class FittedModel:
     spectra: BalanceSpectra
     base: Chain
     layout: LawLayout
-    solver: ChainFit
+    solver: CompiledChainSolve
     products: np.ndarray
     weights: np.ndarray
     masses: np.ndarray
     coefficients: np.ndarray
     powers: Powers
     within: np.ndarray
-    solvers: dict[SitesAndWidths, ChainFit] = field(default_factory=dict, repr=False)
+    solvers: dict[SitesAndWidths, CompiledChainSolve] = field(
+        default_factory=dict, repr=False
+    )
 
     # -- what the model is made of ---------------------------------------------
 
@@ -267,7 +269,7 @@ class _FoldProblem:
     """Fits of one set of columns to all folds and with each fold left out."""
 
     def __init__(
-        self, spectra: BalanceSpectra, solver: ChainFit, products: np.ndarray
+        self, spectra: BalanceSpectra, solver: CompiledChainSolve, products: np.ndarray
     ) -> None:
         self.informative = spectra.bands.informative
         self.strict = spectra.strict
@@ -322,14 +324,17 @@ class _FoldProblem:
         return np.where(self.used[:, self.solver.judged, None], power, 0.0)
 
 
-def for_groups(by_balance: np.ndarray, solver: ChainFit) -> np.ndarray:
+def for_groups(by_balance: np.ndarray, solver: CompiledChainSolve) -> np.ndarray:
     """Entries of each group of balances: those of the balance of its lowest DOF."""
     lowest = [group.dofs[0] - 1 for group in solver.groups]
     return by_balance[lowest]
 
 
 def weighted_sums(
-    products: np.ndarray, weights: np.ndarray, solver: ChainFit, used: np.ndarray
+    products: np.ndarray,
+    weights: np.ndarray,
+    solver: CompiledChainSolve,
+    used: np.ndarray,
 ) -> np.ndarray:
     """Products of each fold summed over the bands, for each group of balances.
 
@@ -341,7 +346,7 @@ def weighted_sums(
 
 
 def solve_folds(
-    solver: ChainFit, sums: np.ndarray, strict: bool = True
+    solver: CompiledChainSolve, sums: np.ndarray, strict: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Masses and coefficients from all folds, then as if each had been left out."""
     weight = FIT.weight_left_out

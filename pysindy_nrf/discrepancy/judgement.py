@@ -139,7 +139,7 @@ def _candidate_table(findings: Sequence[RankedFinding]) -> pd.DataFrame:
                 reduction.least,
             ]
         )
-    columns = ["law", "family", "site", "gain (dB)", "standard error", "least"]
+    columns = ["law", "family", "site", "reduction (dB)", "standard error", "least"]
     return pd.DataFrame(rows, columns=columns)
 
 

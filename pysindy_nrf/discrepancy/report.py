@@ -54,10 +54,10 @@ class Step:
     validation_before : float
         Pooled balance error on the search data, each fold judged after fitting to the
         others, percent NRMSE.
-    gain, gain_error, gain_least : float
+    reduction, reduction_error, reduction_least : float
         Reduction of the cross-validated residual, dB; its standard error over folds;
         the reduction without the fold that contributes most.
-    gain_heldout : float
+    reduction_heldout : float
         The same reduction on held-out data, dB.
     share : float
         What the effect changes of the force at its site, as a share of the storey
@@ -71,7 +71,7 @@ class Step:
         Whether the remainder is small enough for the name to be sure.
     evidence : str
         Why it was accepted.
-    tied : list of (law, site, gain in dB)
+    tied : list of (law, site, error reduction in dB)
         Candidates that explained the data as well when it was accepted.
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
@@ -108,10 +108,10 @@ class Step:
     free_run_before: float = float("nan")
     free_run_after: float = float("nan")
     validation_before: float = float("nan")
-    gain: float = 0.0
-    gain_error: float = 0.0
-    gain_least: float = 0.0
-    gain_heldout: float = float("nan")
+    reduction: float = 0.0
+    reduction_error: float = 0.0
+    reduction_least: float = 0.0
+    reduction_heldout: float = float("nan")
     share: float = float("nan")
     confirmed: bool = True
     remainder: float = 0.0

@@ -17,7 +17,7 @@ from ..identification.problem import LEAST_SQUARES, Problem
 from ..identification.regressor import NRFRegressor
 from ..laws.base import ForceLaw
 from ..laws.elastic import LinearElastic
-from ..laws.power_series import whole
+from ..laws.power_series import whole_number
 from ..laws.sensor import SensorFault
 from ..records.input_arrays import lacks_motion
 from ..records.record import Record
@@ -198,7 +198,7 @@ def _max_steps(asked: int | None, n_dof: int) -> int:
     """Effects at most; one more than there are storeys if it is not given."""
     if asked is None:
         return max(LEAST_EFFECTS, n_dof + 1)
-    return whole("max_steps", asked)
+    return whole_number("max_steps", asked)
 
 
 def _catalogue(

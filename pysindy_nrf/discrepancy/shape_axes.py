@@ -29,8 +29,8 @@ class AxesSettings:
     points_of_three: int = 4
     # Spacing of spectral lines, as a share.
     line_spacing: float = 0.002
-    # Points tried about an instant, within so many spacings: the gain is narrow there,
-    # and flat where the instant is held out.
+    # Points tried about an instant, within so many spacings: the reduction is narrow
+    # there, and flat where the instant is held out.
     instant_points: int = 31
     instant_reach: float = 1.5
     # Evaluations of a refinement for each shape parameter; after how many it ends if it
@@ -122,16 +122,16 @@ class ShapeAxes:
 
     def refined(
         self,
-        gain: Objective,
+        reduction: Objective,
         start: np.ndarray,
         reach: float,
         enough: float = -np.inf,
     ) -> np.ndarray:
-        """The point of the largest gain near a start.
+        """The point of the largest reduction near a start.
 
         Parameters
         ----------
-        gain : callable
+        reduction : callable
         start : ndarray of shape (n_shapes,)
         reach : float
             First step, as a share of the spacing of the scan.
@@ -145,35 +145,35 @@ class ShapeAxes:
         if self.is_frequency:
             spacing = np.full(1, AXES.line_spacing)
         if self.is_instant:
-            start = self._best_instant(gain, start)
+            start = self._best_instant(reduction, start)
             spacing = 0.1 * spacing
 
-        best, largest = self._climb(gain, start, reach * spacing, enough)
+        best, largest = self._climb(reduction, start, reach * spacing, enough)
         if self.is_instant:
             middle = np.mean(self.dated(best), axis=0)
-            if gain(self.laws_at(middle)) >= largest - AXES.loss_of_middle:
+            if reduction(self.laws_at(middle)) >= largest - AXES.loss_of_middle:
                 return middle
         return best
 
-    def _best_instant(self, gain: Objective, start: np.ndarray) -> np.ndarray:
+    def _best_instant(self, reduction: Objective, start: np.ndarray) -> np.ndarray:
         """The best of the points about an instant."""
         reach = AXES.instant_reach
         offsets = np.linspace(-reach, reach, AXES.instant_points)[:, None]
         near = np.clip(start + self.spacing * offsets, self.low, self.high)
-        return max(near, key=lambda point: gain(self.laws_at(point)))
+        return max(near, key=lambda point: reduction(self.laws_at(point)))
 
     def _climb(
-        self, gain: Objective, start: np.ndarray, step: np.ndarray, enough: float
+        self, reduction: Objective, start: np.ndarray, step: np.ndarray, enough: float
     ) -> tuple[np.ndarray, float]:
-        """The point to which a simplex climbs, and its gain."""
+        """The point to which a simplex climbs, and its reduction."""
         n_first = AXES.first_evaluations * len(start)
-        gains: list[float] = []
+        reductions: list[float] = []
 
         def loss(point: np.ndarray) -> float:
-            if len(gains) >= n_first and max(gains) < enough:
+            if len(reductions) >= n_first and max(reductions) < enough:
                 return LARGE_LOSS
-            gains.append(gain(self.laws_at(point)))
-            return -max(gains[-1], -LARGE_LOSS)
+            reductions.append(reduction(self.laws_at(point)))
+            return -max(reductions[-1], -LARGE_LOSS)
 
         away = np.where(start + step > self.high, -step, step)
         options = {

@@ -12,7 +12,7 @@ from numpy.typing import DTypeLike
 from ..chain.identifiability import SolveOrder, plan_solve_order
 from ..chain.layout import LawLayout, Layout
 from ..chain.sites import Site
-from ..equations.many_solves import ChainFit
+from ..equations.many_solves import CompiledChainSolve
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from .bands import InformativeBands
@@ -214,7 +214,7 @@ class BalanceSpectra:
 
     def solver(
         self, layout: Layout, where: Mapping[Site, Sequence[int]], first_fixed: int
-    ) -> ChainFit:
+    ) -> CompiledChainSolve:
         """The solve of a set of columns.
 
         Parameters
@@ -242,7 +242,7 @@ class BalanceSpectra:
                 layout.acting,
             )
             orders[layout.acting] = order.require_complete()
-        return ChainFit(
+        return CompiledChainSolve(
             layout,
             orders[layout.acting],
             data.known_masses,
@@ -251,7 +251,7 @@ class BalanceSpectra:
             data.forced,
         )
 
-    def used_folds(self, solver: ChainFit) -> np.ndarray:
+    def used_folds(self, solver: CompiledChainSolve) -> np.ndarray:
         """Folds that serve each group of balances, (n_folds, n_groups).
 
         Those in which all forces of the group are known.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .claims import GeneralGain
+from .claims import GeneralReduction
 from .contradictions import Contradiction
 from .effects import RankedFinding
 from .error_reduction import ErrorReduction
@@ -63,7 +63,7 @@ def confirmation(step: Step) -> str:
     if step.confirmed:
         return text
     if step.error_after < step.error_before:
-        text += ", but the gain is too small"
+        text += ", but the error reduction is too small"
     return f"{text}: NOT CONFIRMED, and the model does not hold it"
 
 
@@ -117,8 +117,8 @@ def best_refused(
     best = findings[0]
     text = (
         "no further effect is there and matters: the best candidate,"
-        f" {best.finding.candidate.name}, gains {best.reduction.value:.2g} dB"
-        f" {_errors_of(best.reduction)}"
+        f" {best.finding.candidate.name}, lowers the error by"
+        f" {best.reduction.value:.2g} dB {_errors_of(best.reduction)}"
     )
     if examination is None:
         return text
@@ -134,10 +134,10 @@ def best_refused(
 
 
 def _by_chance(chance: float) -> str:
-    """What the search gains by chance."""
+    """By how much a search lowers the error by chance."""
     if not np.isfinite(chance):
-        return "the model has no free run, which would show what chance gains"
-    return f"where nothing is missing the search gains {chance:.2g} dB by chance"
+        return "the model has no free run, which would show what chance does"
+    return f"where nothing is missing, a search lowers the error by {chance:.2g} dB"
 
 
 def enough_effects(max_steps: int) -> str:
@@ -147,13 +147,15 @@ def enough_effects(max_steps: int) -> str:
     return f"{max_steps} effects were added, as many as max_steps allows"
 
 
-def not_in_catalogue(gains: Iterable[GeneralGain]) -> str:
+def not_in_catalogue(reductions: Iterable[GeneralReduction]) -> str:
     """What general laws would still explain of what the model leaves."""
     parts = []
-    for gain in gains:
-        more = f"{gain.reduction.value:.2g} dB more"
-        parts.append(f"{gain.words} at {gain.site} would gain {more}")
-    return f"What is left is not noise alone: {', '.join(parts)} than the model"
+    for general in reductions:
+        reduction = f"{general.reduction.value:.2g} dB"
+        parts.append(
+            f"{general.words} at {general.site} lowers the error by {reduction}"
+        )
+    return f"What is left is not noise alone: {', '.join(parts)}"
 
 
 def channels_disagree(contradictions: Sequence[Contradiction]) -> str:

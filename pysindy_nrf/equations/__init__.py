@@ -11,12 +11,26 @@ from ..common.lazy import public_names
 
 _NAMES = {
     "BalanceEquations": "balances",
+    "ChannelSolve": "many_solves",
+    "CompiledChainSolve": "many_solves",
     "Equations": "protocol",
     "NormalEquations": "normal_equations",
-    "groups_of": "chain_solve",
+    "NotTogether": "least_squares",
+    "ProductSums": "accumulation",
+    "Regression": "ridge_regression",
+    "balance_sizes": "errors",
+    "blocks_of_segment": "balances",
+    "free_run_by_either": "free_runs",
+    "groups_of": "normal_equations",
+    "in_blocks": "ridge_regression",
+    "leave_one_out": "jackknife",
     "nrmse": "errors",
+    "pieces_of": "accumulation",
+    "share_of": "jackknife",
     "solve": "chain_solve",
-    "total_gram": "accumulation",
+    "solve_blocks": "chain_solve",
+    "total_products": "accumulation",
+    "variance": "jackknife",
 }
 __all__ = [*_NAMES]
 

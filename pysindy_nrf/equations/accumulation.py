@@ -19,11 +19,10 @@ from .normal_equations import Dofs, NormalEquations, width_of
 from .triangular import root_of
 
 __all__ = [
-    "GramPass",
     "ProductSums",
     "pieces_of",
     "rows_of",
-    "total_gram",
+    "total_products",
     "whole_block",
 ]
 
@@ -40,7 +39,7 @@ class Whitener(Protocol):
         """Rows (n_rows, n_samples) of one record, filtered."""
 
 
-def total_gram(
+def total_products(
     layout: Layout,
     groups: Sequence[Group],
     blocks: Iterable[Block],
@@ -66,6 +65,10 @@ class ProductSums:
         Sums of products, or triangular factors, which keep all digits (a streamed QR).
     n_blocks : int
         Numbers that exist from the start.
+    before : NormalEquations, optional
+        A total behind which the sums go on.
+    plan : ProductPlan, optional
+        That of sums of the same columns.
     """
 
     def __init__(
@@ -75,6 +78,8 @@ class ProductSums:
         known_masses: Mapping[int, float] | None = None,
         kind: str = "gram",
         n_blocks: int = 0,
+        before: NormalEquations | None = None,
+        plan: ProductPlan | None = None,
     ) -> None:
         self.layout = layout
         self.groups = {group.dofs: group for group in groups}
@@ -82,8 +87,8 @@ class ProductSums:
         self.kind = kind
         self.counts: list[float] = []
         self._sums: list[_Products | _Roots] = []
-        self._before: NormalEquations | None = None
-        self._plan: ProductPlan | None = None
+        self._before = before
+        self._plan = plan
         self._open(n_blocks - 1)
 
     @property
@@ -96,19 +101,21 @@ class ProductSums:
 
     def empty(self, before: NormalEquations | None = None) -> ProductSums:
         """Sums of the same columns that begin anew, or that go on behind a total."""
-        groups = list(self.groups.values())
-        sums = ProductSums(self.layout, groups, self.known_masses, self.kind)
-        sums._before = before
-        if self.kind == "gram":
-            sums._plan = self.plan
-        return sums
+        return ProductSums(
+            self.layout,
+            list(self.groups.values()),
+            self.known_masses,
+            self.kind,
+            before=before,
+            plan=self.plan if self.kind == "gram" else None,
+        )
 
     @property
     def n_samples(self) -> int:
         """Samples of all numbers, by their weights."""
-        total = sum(self.counts)
+        total = float(sum(self.counts))
         if self._before is not None:
-            total += self._before.n_samples
+            total += float(self._before.n_samples)
         return int(total)
 
     def add(
@@ -185,10 +192,6 @@ class ProductSums:
                 self._sums.append(_Roots(self.layout, self.groups, self.known_masses))
             else:
                 self._sums.append(_Products(self.plan))
-
-
-# the name by which other folders know it
-GramPass = ProductSums
 
 
 class _Products:
@@ -371,7 +374,7 @@ class _PieceRows:
         Rows of unknown forces are zero.
         """
         layout = self.equations.layout
-        block = self.equations.whole(record)
+        block = self.equations.whole_record(record)
         twin = None
         run = self.twins.get(record)
         if run is not None:

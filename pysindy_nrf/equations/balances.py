@@ -77,7 +77,7 @@ class BalanceEquations:
         states: States | None = {} if filter is None else None
         return blocks_of_segment(segment, self.layout, filter=filter, states=states)
 
-    def whole(self, record: int) -> Block:
+    def whole_record(self, record: int) -> Block:
         """All valid rows of a record as one block."""
         segment = self.data.segments[record]
         return whole_block(segment, self.layout, self.filters[record])

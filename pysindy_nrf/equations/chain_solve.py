@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,8 @@ from ..chain.layout import Block, Layout
 from ..chain.sites import Site
 from ..common.warn import warn_user
 from ..exceptions import IdentifiabilityError, RankWarning
-from .accumulation import total_gram
+from .accumulation import total_products
+from .inner_optimizer import Optimizer
 from .least_squares import NotTogether, SubProblem, back_substituted
 from .measured_motion import (
     clock_of,
@@ -29,7 +29,7 @@ from .measured_motion import (
     unknown_forces,
     visited_regions,
 )
-from .normal_equations import NormalEquations, groups_of
+from .normal_equations import NormalEquations, PerBlock, groups_of
 from .solution import Solution, StepFit, doubtful_masses, model_of, third_law_gap
 from .triangular import root_of, upper_of
 
@@ -65,7 +65,7 @@ def solve_blocks(
     solve_order: SolveOrder,
     blocks: Callable[[], Iterable[Block]],
     known_masses: Mapping[int, float] | None = None,
-    inner: Any = None,
+    inner: Optimizer | None = None,
 ) -> tuple[Solution, NormalEquations]:
     """Sum up the samples and solve.
 
@@ -74,16 +74,19 @@ def solve_blocks(
     """
     groups = groups_of(layout, solve_order)
     known = dict(known_masses or {})
-    grams = total_gram(layout, groups, blocks(), known)
+    grams = total_products(layout, groups, blocks(), known)
     solution = solved_safely(grams, solve_order, known, inner)
     if solution is None:
-        grams = total_gram(layout, groups, blocks(), known, "root")
+        grams = total_products(layout, groups, blocks(), known, "root")
         solution = solve(grams, solve_order, known, inner)
     return solution, grams
 
 
 def solved_safely(
-    grams: NormalEquations, order: SolveOrder, known: Mapping[int, float], inner: Any
+    grams: NormalEquations,
+    order: SolveOrder,
+    known: Mapping[int, float],
+    inner: Optimizer | None,
 ) -> Solution | None:
     """The solution, or None where squaring may have lost digits that the data have."""
     try:
@@ -99,7 +102,7 @@ def solve(
     grams: NormalEquations,
     solve_order: SolveOrder,
     known_masses: Mapping[int, float] | None = None,
-    inner: Any = None,
+    inner: Optimizer | None = None,
 ) -> Solution:
     """Find masses and coefficients from the normal equations of a chain.
 
@@ -135,10 +138,12 @@ def _solved(
     grams: NormalEquations,
     order: SolveOrder,
     known_masses: Mapping[int, float],
-    inner: Any,
+    inner: Optimizer | None,
 ) -> Solution:
     """The solution without a warning of columns that depend on each other."""
-    masses = {int(dof): float(mass) for dof, mass in known_masses.items()}
+    masses: dict[int, PerBlock] = {}
+    for dof, mass in known_masses.items():
+        masses[int(dof)] = float(mass)
     if order.strategy == "joint":
         return _JointSolve(grams, order, masses, inner).solution()
     return _EachByItself(grams, order, masses, inner).solution()
@@ -150,8 +155,8 @@ class _EachByItself:
 
     grams: NormalEquations
     order: SolveOrder
-    masses: dict[int, Any]
-    inner: Any = None
+    masses: dict[int, PerBlock]
+    inner: Optimizer | None = None
     coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
 
@@ -228,7 +233,9 @@ class _EachByItself:
             store[site] = coefficients
         return fit
 
-    def _share_with_other_laws(self, step: Step, triangle: np.ndarray) -> Any:
+    def _share_with_other_laws(
+        self, step: Step, triangle: np.ndarray
+    ) -> PerBlock | None:
         """What an equation leaves with the laws that its neighbours find.
 
         As a share of its right-hand side; None where its own laws are the only ones.
@@ -261,8 +268,8 @@ class _JointSolve:
 
     grams: NormalEquations
     order: SolveOrder
-    masses: dict[int, Any]
-    inner: Any = None
+    masses: dict[int, PerBlock]
+    inner: Optimizer | None = None
 
     def solution(self) -> Solution:
         """The joint solution, or that of each equation by itself where it gives way."""
@@ -383,19 +390,20 @@ class _JointFactor:
         self._n_added = 0
         self._n_done = 0
 
-    def add(self, step: Step, triangle: np.ndarray, share: Any) -> None:
+    def add(self, step: Step, triangle: np.ndarray, share: PerBlock) -> None:
         """Add the triangular factor of an equation that leaves a share by itself."""
-        own, signs = self._own_columns(step)
+        columns_of_step, signs = self._columns_of(step)
         length = np.linalg.norm(triangle[..., -1], axis=-1)
         size = np.sqrt(self.grams.sizes[step.dofs])
         scale = np.asarray(size / length / share)[..., None, None]
 
-        columns = np.union1d(self._open, own)
+        columns = np.union1d(self._open, columns_of_step)
         n_carried = self._carried.shape[-2]
         n_rows = n_carried + triangle.shape[-2]
         rows = np.zeros((*self.grams.shape, n_rows, len(columns)))
         rows[..., :n_carried, np.searchsorted(columns, self._open)] = self._carried
-        rows[..., n_carried:, np.searchsorted(columns, own)] = triangle * signs * scale
+        places = np.searchsorted(columns, columns_of_step)
+        rows[..., n_carried:, places] = triangle * signs * scale
         factor = upper_of(rows)
 
         n_new = 0
@@ -411,17 +419,17 @@ class _JointFactor:
         if self._n_done == self.n_unknowns:
             self.upper[..., -1, -1] = self._carried[..., 0, 0]
 
-    def _own_columns(self, step: Step) -> tuple[np.ndarray, np.ndarray]:
-        """Columns of an equation's own factor among all, and their signs in it."""
-        own = []
+    def _columns_of(self, step: Step) -> tuple[np.ndarray, np.ndarray]:
+        """Columns of an equation's factor among all, and their signs in it."""
+        columns = []
         signs = []
         for key in _unknowns(step):
-            own.append(self.columns[key])
+            columns.append(self.columns[key])
             sign = key.incidence(step.dofs[0]) if isinstance(key, Site) else 1
-            signs.append(np.full(len(own[-1]), float(sign)))
-        own.append(np.array([self.n_unknowns]))
+            signs.append(np.full(len(columns[-1]), float(sign)))
+        columns.append(np.array([self.n_unknowns]))
         signs.append(np.ones(1))
-        return np.concatenate(own), np.concatenate(signs)
+        return np.concatenate(columns), np.concatenate(signs)
 
     def solved(self) -> np.ndarray:
         """All unknowns, (..., n_unknowns), of a factor of full rank."""
@@ -437,6 +445,6 @@ def _unknowns(step: Step) -> list[Key]:
     return [*step.masses, *step.sites]
 
 
-def _plain(value: np.ndarray) -> Any:
+def _plain(value: np.ndarray) -> PerBlock:
     """A plain number, or one for each block."""
     return value if value.ndim else float(value)

@@ -76,7 +76,17 @@ def compiled_solve() -> Callable[..., None]:
     solved = part(least_squares)
 
     def chain(
-        fit, strict, n, at, steps, entries, dofs, masses, theta, scratch, columns
+        fit,
+        strict,
+        n,
+        first_mass,
+        steps,
+        entries,
+        dofs,
+        masses,
+        theta,
+        scratch,
+        columns,
     ):
         n_fits = fit.shape[0]
         n_groups = fit.shape[1]
@@ -89,7 +99,7 @@ def compiled_solve() -> Callable[..., None]:
         work = address_of(target, 2 * p)
 
         for b in range(n_fits):
-            own = address_of(theta, b * p)
+            coefficients = address_of(theta, b * p)
             weights = address_of(masses, b * n)
             for i in range(n_steps):
                 step = address_of(steps, 6 * i)
@@ -97,14 +107,14 @@ def compiled_solve() -> Callable[..., None]:
                 for k in range(p):
                     target[k] = 0.0
                 for d in range(step[3], step[4]):
-                    target[at + n + dofs[d]] += 1.0
+                    target[first_mass + n + dofs[d]] += 1.0
                     if not step[5]:
-                        target[at + dofs[d]] -= weights[dofs[d]]
+                        target[first_mass + dofs[d]] -= weights[dofs[d]]
                 width = np.int64(0)
                 for e in range(step[1], step[2]):
                     entry = address_of(entries, 4 * e)
                     if entry[2] == KNOWN:
-                        target[entry[0]] -= entry[1] * own[entry[0]]
+                        target[entry[0]] -= entry[1] * coefficients[entry[0]]
                     else:
                         columns[width] = entry[0]
                         width += 1
@@ -112,14 +122,14 @@ def compiled_solve() -> Callable[..., None]:
                 gram = address_of(fit, (b * n_groups + step[0]) * p * p)
                 if not solved(gram, p, columns, width, target, values, work, strict):
                     for k in range(p):
-                        own[k] = np.nan
+                        coefficients[k] = np.nan
                     break
 
                 width = np.int64(0)
                 for e in range(step[1], step[2]):
                     entry = address_of(entries, 4 * e)
                     if entry[2] == OWN:
-                        own[entry[0]] = entry[1] * values[width]
+                        coefficients[entry[0]] = entry[1] * values[width]
                     elif entry[2] == MASS:
                         weights[entry[3]] = values[width]
                     if entry[2] != KNOWN:
@@ -131,7 +141,7 @@ def compiled_solve() -> Callable[..., None]:
         fit: np.ndarray,
         strict: bool,
         n: int,
-        at: int,
+        first_mass: int,
         steps: np.ndarray,
         entries: np.ndarray,
         dofs: np.ndarray,
@@ -142,7 +152,17 @@ def compiled_solve() -> Callable[..., None]:
         scratch = np.empty(p * (p + 3))
         columns = np.empty(p, dtype=np.int64)
         compiled(
-            fit, strict, n, at, steps, entries, dofs, masses, theta, scratch, columns
+            fit,
+            strict,
+            n,
+            first_mass,
+            steps,
+            entries,
+            dofs,
+            masses,
+            theta,
+            scratch,
+            columns,
         )
 
     return solve

@@ -73,8 +73,8 @@ class ProductPlan:
         self.take: dict[tuple[int, ...], np.ndarray] = {}
         for group in groups:
             sides = group.dofs[0] if len(group.dofs) == 1 else group.dofs
-            own = [units[site] for site in group.sites]
-            self.take[group.dofs] = products.places([*own, units[sides]])
+            columns = [units[site] for site in group.sites]
+            self.take[group.dofs] = products.places([*columns, units[sides]])
         self.pairs = np.array(products.pairs, dtype=np.int64).reshape(-1, 5)
         self.size = products.size
 
@@ -174,13 +174,13 @@ class _Products:
     def places(self, units: Sequence[_Unit]) -> np.ndarray:
         """Where the products of the columns of some units stand."""
         rows = []
-        for left in units:
-            rows.append(np.hstack([self._block(left, right) for right in units]))
+        for unit in units:
+            rows.append(np.hstack([self._block(unit, other) for other in units]))
         return np.vstack(rows)
 
-    def _block(self, left: _Unit, right: _Unit) -> np.ndarray:
-        """Where the products of two units stand, (left.width, right.width)."""
-        low, high = min(left, right), max(left, right)
+    def _block(self, unit: _Unit, other: _Unit) -> np.ndarray:
+        """Where the products of two units stand, (unit.width, other.width)."""
+        low, high = min(unit, other), max(unit, other)
         n_columns = low.size
         if low != high and low.width == 2:
             # acceleration and force of a DOF need no third column
@@ -198,7 +198,7 @@ class _Products:
         if low == high:
             # only what is on and below the diagonal is multiplied
             return np.where(np.tri(low.width, dtype=bool), places, places.T)
-        return places if high == left else places.T
+        return places if high == unit else places.T
 
 
 @cache
@@ -316,14 +316,14 @@ def _kernel() -> Callable[..., None]:
             c = pair[3]
             out = address_of(store, pair[4])
             for p in range(0, m, 3):
-                left = address_of(rows, (i + p) * _ROW)
+                x = address_of(rows, (i + p) * _ROW)
                 if c == 2:
-                    right = address_of(rows, j * _ROW)
-                    by_twos(left, right, count, address_of(out, 2 * p))
+                    y = address_of(rows, j * _ROW)
+                    by_twos(x, y, count, address_of(out, 2 * p))
                 else:
                     for q in range(0, p + 3 if i == j else c, 3):
-                        right = address_of(rows, (j + q) * _ROW)
-                        by_threes(left, right, count, address_of(out, p * c + q), c)
+                        y = address_of(rows, (j + q) * _ROW)
+                        by_threes(x, y, count, address_of(out, p * c + q), c)
 
     loaded = inline(load)
     added_up = inline(add_up)

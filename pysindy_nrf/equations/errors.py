@@ -17,12 +17,12 @@ from ..chain.identifiability import SolveOrder
 from ..chain.layout import Block, Layout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from .accumulation import total_gram
+from .accumulation import total_products
 from .free_runs import free_run_by_either as free_run_by_either
 from .free_runs import free_run_error as free_run_error
 from .free_runs import free_run_of as free_run_of
 from .free_runs import squares_of as squares_of
-from .normal_equations import Dofs, NormalEquations, groups_of
+from .normal_equations import Dofs, NormalEquations, PerBlock, groups_of
 
 __all__ = ["nrmse"]
 
@@ -44,18 +44,18 @@ class Sizes(NamedTuple):
         Samples, or the sum of their weights.
     """
 
-    residual: float
-    reference: float
-    storey: float
+    residual: PerBlock
+    reference: PerBlock
+    storey: PerBlock
     of: str
-    n_samples: float
+    n_samples: PerBlock
 
 
 def balance_errors(model: ChainModel, grams: NormalEquations) -> pd.DataFrame:
     """Errors of the equations of motion (one step, not free run) of a model."""
     masses = dict(enumerate(model.masses, 1))
     coefficients = model.coefficients
-    rows: dict[str, list[Any]] = {}
+    rows: dict[str, list[PerBlock | str]] = {}
     every = []
     for dof in masses:
         sizes = balance_sizes(dof, masses, coefficients, grams)
@@ -68,7 +68,7 @@ def balance_errors(model: ChainModel, grams: NormalEquations) -> pd.DataFrame:
 
 
 def pooled_error(
-    masses: Mapping[int, Any],
+    masses: Mapping[int, PerBlock],
     coefficients: Mapping[Site, np.ndarray],
     grams: NormalEquations,
 ) -> Any:
@@ -81,7 +81,7 @@ def pooled_error(
 
 def balance_sizes(
     dof: int,
-    masses: Mapping[int, Any],
+    masses: Mapping[int, PerBlock],
     coefficients: Mapping[Site, np.ndarray],
     grams: NormalEquations,
 ) -> Sizes | None:
@@ -110,12 +110,12 @@ def balance_sizes(
     reference = np.where(force, force, inertia)
     storey = np.where(storey, storey, np.where(reference, reference, 1.0))
     if grams.shape:
-        return Sizes(residual, reference, storey, of, n_samples)  # type: ignore[arg-type]
+        return Sizes(residual, reference, storey, of, n_samples)
     return Sizes(float(residual), float(reference), float(storey), of, float(n_samples))
 
 
 def residual_weights(
-    masses: Mapping[int, Any],
+    masses: Mapping[int, PerBlock],
     coefficients: Mapping[Site, np.ndarray],
     grams: NormalEquations,
     dofs: Dofs,
@@ -136,22 +136,20 @@ def pooled_percent(balances: Iterable[Sizes | None]) -> Any:
 
     None is left out.
     """
-    top = bottom = 0.0
+    error: PerBlock = 0.0
+    reference: PerBlock = 0.0
     for sizes in balances:
         if sizes is not None:
-            top += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
-            bottom += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
-    return _percent(top**0.5, bottom**0.5)
+            error += sizes.n_samples * (sizes.residual / sizes.storey) ** 2
+            reference += sizes.n_samples * (sizes.reference / sizes.storey) ** 2
+    return _percent(error**0.5, reference**0.5)
 
 
-def _percent(part: Any, reference: Any) -> Any:
+def _percent(error: PerBlock, reference: PerBlock) -> Any:
     """Percent of a reference; infinite of zero, but zero of zero is zero."""
-    if np.ndim(reference):
-        pairs = zip(part.tolist(), reference.tolist())
-        return np.array([_percent(one, other) for one, other in pairs])
-    if reference:
-        return 100.0 * part / reference
-    return 0.0 if part == 0 else np.inf
+    percent = np.where(np.equal(error, 0.0), 0.0, np.inf)
+    np.divide(100.0 * error, reference, out=percent, where=np.not_equal(reference, 0.0))
+    return percent if percent.ndim else float(percent)
 
 
 def judge(
@@ -167,10 +165,12 @@ def judge(
     """
     masses = dict(enumerate(model.masses.tolist(), 1))
     groups = groups_of(layout, solve_order)
-    errors = balance_errors(model, total_gram(layout, groups, blocks(), masses))
+    errors = balance_errors(model, total_products(layout, groups, blocks(), masses))
     if not (errors["error"] < LEAST_ERROR_OF_SUMS).any():
         return errors
-    return balance_errors(model, total_gram(layout, groups, blocks(), masses, "root"))
+    return balance_errors(
+        model, total_products(layout, groups, blocks(), masses, "root")
+    )
 
 
 def explained_accelerations(
@@ -178,27 +178,27 @@ def explained_accelerations(
 ) -> float:
     """R^2 of accelerations, variance-weighted over the DOFs.
 
-    Parts are measured accelerations, what a model misses of them (NaN: unknown), and
-    weights of the samples.
+    ``parts`` are, by record, measured accelerations, what a model misses of them (NaN:
+    unknown), and weights of the samples.
     """
     missed = variation = 0.0
     for j in range(parts[0][0].shape[1]):
-        known = [part for part in parts if not np.isnan(part[1][0, j])]
+        known = [record for record in parts if not np.isnan(record[1][0, j])]
         if known:
-            a = np.concatenate([part[0][:, j] for part in known])
-            gap = np.concatenate([part[1][:, j] for part in known])
-            weights = np.concatenate([part[2] for part in known])
+            a = np.concatenate([record[0][:, j] for record in known])
+            gap = np.concatenate([record[1][:, j] for record in known])
+            weights = np.concatenate([record[2] for record in known])
             missed += float(weights @ gap**2)
             variation += float(weights @ (a - np.average(a, weights=weights)) ** 2)
     return 1.0 - missed / variation if variation else float("nan")
 
 
-def nrmse(measured: npt.ArrayLike, found: npt.ArrayLike) -> float:
-    """Percent NRMSE of one signal, ``100 rms(found - measured) / rms(measured)``.
+def nrmse(measured: npt.ArrayLike, computed: npt.ArrayLike) -> float:
+    """Percent NRMSE of one signal, ``100 rms(computed - measured) / rms(measured)``.
 
     Parameters
     ----------
-    measured, found : array-like of the same shape
+    measured, computed : array-like of the same shape
 
     Returns
     -------
@@ -213,7 +213,7 @@ def nrmse(measured: npt.ArrayLike, found: npt.ArrayLike) -> float:
     >>> round(nrmse([1.0, -2.0, 2.0], [1.1, -2.2, 2.2]), 9)
     10.0
     """
-    a, b = np.asarray(measured, dtype=float), np.asarray(found, dtype=float)
+    a, b = np.asarray(measured, dtype=float), np.asarray(computed, dtype=float)
     finite = np.isfinite(a) & np.isfinite(b)
     error = float(np.sqrt(np.mean((b[finite] - a[finite]) ** 2)))
     return _percent(error, float(np.sqrt(np.mean(a[finite] ** 2))))

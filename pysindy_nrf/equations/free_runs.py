@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 
@@ -11,12 +11,18 @@ from ..exceptions import NRFError
 from ..records.dataset import BlockRows, Dataset, Segment
 from ..records.record import Record
 from ..records.zero_phase_filter import ZeroPhaseFilter
-from ..simulation.api import simulate
+from ..simulation.api import RunOptions, simulate
 
 # Times the largest measured displacement beyond which a run diverges.
 DIVERGED = 100.0
 # Shorter blocks have no free run.
 SHORTEST_RUN = 8
+
+
+class RunSettings(RunOptions, total=False):
+    """Options of a free run, and its method."""
+
+    method: str
 
 
 def free_run_of(
@@ -26,7 +32,7 @@ def free_run_of(
     dt: float | None = None,
     start: tuple[np.ndarray, np.ndarray] | None = None,
     integrator: Callable[..., Record] = simulate,
-    **options: Any,
+    **options: Unpack[RunSettings],
 ) -> Record:
     """The model alone under the forces and base motion of some rows of a record.
 

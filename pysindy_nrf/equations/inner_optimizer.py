@@ -6,7 +6,7 @@ Each sub-problem is given as the triangular factor of all its samples.
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from sklearn.base import clone
@@ -44,7 +44,19 @@ N_TEST_COLUMNS = 4
 _verdicts: dict[tuple[type, str, int], bool | None] = {}
 
 
-def balance_optimizer(optimizer: Any) -> Any:
+class Optimizer(Protocol):
+    """A sparse regression of PySINDy or a linear model of scikit-learn."""
+
+    coef_: np.ndarray
+
+    def fit(self, columns: np.ndarray, target: np.ndarray, /) -> object:
+        """Fit the target (n_samples, 1) by the columns (n_samples, p)."""
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """Its settings by name."""
+
+
+def balance_optimizer(optimizer: Optimizer | None) -> Optimizer | None:
     """The PySINDy optimizer that runs on every equation.
 
     It is that inside a chain optimizer, or the given one itself.
@@ -54,8 +66,8 @@ def balance_optimizer(optimizer: Any) -> Any:
 
 
 def fit_inner(
-    optimizer: Any, columns: np.ndarray, target: np.ndarray
-) -> tuple[np.ndarray, Any, tuple[tuple[type[Warning], str], ...]]:
+    optimizer: Optimizer, columns: np.ndarray, target: np.ndarray
+) -> tuple[np.ndarray, Optimizer, tuple[tuple[type[Warning], str], ...]]:
     """Coefficients of a sub-problem, the fitted clone, and what it warned of."""
     name = type(optimizer).__name__
     p = columns.shape[1]
@@ -100,15 +112,15 @@ def _in_our_words(
 
 
 def _fit(
-    optimizer: Any, columns: np.ndarray, target: np.ndarray
-) -> tuple[Any, np.ndarray]:
+    optimizer: Optimizer, columns: np.ndarray, target: np.ndarray
+) -> tuple[Optimizer, np.ndarray]:
     """A fitted clone, and its coefficients."""
     fitted = clone(optimizer)
     fitted.fit(columns, target.reshape(-1, 1))
     return fitted, np.asarray(fitted.coef_, dtype=float).ravel()
 
 
-def require_quadratic(optimizer: Any, p: int) -> None:
+def require_quadratic(optimizer: Optimizer, p: int) -> None:
     """Refuse an optimizer that reads more of its data than their products."""
     if _is_quadratic(optimizer, p):
         return
@@ -130,7 +142,7 @@ def require_quadratic(optimizer: Any, p: int) -> None:
     raise NRFError(what, cure)
 
 
-def _is_quadratic(optimizer: Any, p: int) -> bool:
+def _is_quadratic(optimizer: Optimizer, p: int) -> bool:
     """Whether rows and their triangular factor give the same coefficients.
 
     True where the rows cannot be fitted. Settings may be for p columns.
@@ -141,7 +153,7 @@ def _is_quadratic(optimizer: Any, p: int) -> bool:
     return verdict is not False
 
 
-def _verdict(optimizer: Any, p: int) -> bool | None:
+def _verdict(optimizer: Optimizer, p: int) -> bool | None:
     """Whether random rows and their factor give the same; None if the rows fail."""
     key = type(optimizer), str(optimizer.get_params()), p
     if key not in _verdicts:
@@ -149,7 +161,7 @@ def _verdict(optimizer: Any, p: int) -> bool | None:
     return _verdicts[key]
 
 
-def _compared(optimizer: Any, p: int) -> bool | None:
+def _compared(optimizer: Optimizer, p: int) -> bool | None:
     rng = np.random.default_rng(p)
     rows = rng.standard_normal((N_TEST_ROWS + p, p + 1))
     rows[:, p] += rows[:, :p] @ (
@@ -169,7 +181,7 @@ def _compared(optimizer: Any, p: int) -> bool | None:
     )
 
 
-def _coefficients(optimizer: Any, rows: np.ndarray) -> np.ndarray | None:
+def _coefficients(optimizer: Optimizer, rows: np.ndarray) -> np.ndarray | None:
     """Coefficients of the last column on the others; None if the fit fails."""
     with (
         same_draws(),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -13,7 +12,8 @@ from scipy.linalg import lapack
 from ..chain.identifiability import Step
 from ..chain.layout import Layout
 from ..exceptions import IdentifiabilityError, NRFError
-from .inner_optimizer import fit_inner
+from .inner_optimizer import Optimizer, fit_inner
+from .normal_equations import PerBlock
 from .solution import StepFit
 
 # Smallest singular value, as a share of the largest, that counts: round-off of sums of
@@ -55,11 +55,11 @@ class SubProblem:
 
     step: Step
     triangle: np.ndarray
-    n_samples: Any
+    n_samples: PerBlock
     layout: Layout
     kind: str
 
-    def solve(self, inner: Any = None) -> tuple[np.ndarray, StepFit]:
+    def solve(self, inner: Optimizer | None = None) -> tuple[np.ndarray, StepFit]:
         """The unknowns, and how well they are determined."""
         lengths = self._lengths()
         unit = self.triangle / np.where(lengths > 0, lengths, 1.0)
@@ -69,7 +69,7 @@ class SubProblem:
         rank, condition = self._rank(columns)
         if lengths[-1] == 0:
             self._refuse_empty_target(inner)
-        fitted = None
+        fitted: Optimizer | None = None
         warned: Warned = ()
         dependent = ""
         if rank < p:
@@ -100,7 +100,9 @@ class SubProblem:
         )
         return scaled * lengths[-1] / lengths[:-1], fit
 
-    def solve_blocks(self, inner: Any = None) -> tuple[np.ndarray, StepFit]:
+    def solve_blocks(
+        self, inner: Optimizer | None = None
+    ) -> tuple[np.ndarray, StepFit]:
         """The unknowns of all blocks, (n_blocks, p), and how well they are determined.
 
         Raises NotTogether where columns may depend on each other.
@@ -118,7 +120,8 @@ class SubProblem:
         if not (doubtful < 1).all():
             raise NotTogether()
 
-        scaled = np.array([back_substituted(one[:p, :p], one[:p, p]) for one in unit])
+        solutions = [back_substituted(upper[:p, :p], upper[:p, p]) for upper in unit]
+        scaled = np.array(solutions)
         share = np.abs(unit[..., p, p])
         residual = share * lengths[..., p] / self.n_samples**0.5
         fit = StepFit(self.step, condition, p, p, residual, share)
@@ -164,7 +167,7 @@ class SubProblem:
         rank = int((values > RANK_CUT[self.kind] * values[0]).sum())
         return rank, float(values[0] / values[-1]) if values[-1] > 0 else np.inf
 
-    def _refuse_empty_target(self, inner: Any) -> None:
+    def _refuse_empty_target(self, inner: Optimizer | None) -> None:
         cure = "No force, known mass or known law scales it."
         if inner is not None and self.step.known_sites:
             cure = (
@@ -209,12 +212,14 @@ class SubProblem:
             return ()
         unit = np.eye(len(upper), n_masses)
         inverse_rows = back_substituted(upper, unit, transposed=True)
-        parts = np.abs(scaled[:n_masses]) / np.linalg.norm(inverse_rows, axis=0)
-        return tuple(float(share / part) if part else np.inf for part in parts)
+        inertias = np.abs(scaled[:n_masses]) / np.linalg.norm(inverse_rows, axis=0)
+        noise = np.full(n_masses, np.inf)
+        np.divide(share, inertias, out=noise, where=inertias != 0)
+        return tuple(noise.tolist())
 
     def _sparse(
-        self, columns: np.ndarray, target: np.ndarray, inner: Any
-    ) -> tuple[np.ndarray, Any, Warned]:
+        self, columns: np.ndarray, target: np.ndarray, inner: Optimizer
+    ) -> tuple[np.ndarray, Optimizer | None, Warned]:
         """Run a PySINDy optimizer with the masses eliminated; then solve for these.
 
         The masses are the first columns of the triangle.
@@ -223,7 +228,7 @@ class SubProblem:
         p = columns.shape[1]
         rms = float(self.n_samples) ** 0.5
         coefficients = np.zeros(p)
-        fitted = None
+        fitted: Optimizer | None = None
         warned: Warned = ()
         if p > n_masses:
             terms = columns[n_masses:, n_masses:] * rms

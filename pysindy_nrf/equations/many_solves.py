@@ -35,7 +35,7 @@ class CompiledChainSolve:
         kg.
     where : mapping of Site to sequence of int
         Rows of the products that hold the terms of each site.
-    at : int
+    first_mass : int
         Row of a_1; those of a_2.. and F_1.. follow.
     forced : sequence of int
         DOFs on which a force acts.
@@ -57,14 +57,14 @@ class CompiledChainSolve:
         order: SolveOrder,
         known_masses: Mapping[int, float],
         where: Mapping[Site, Sequence[int]],
-        at: int,
+        first_mass: int,
         forced: Sequence[int],
     ) -> None:
         self.layout = layout
         self.order = order
         self.known_masses = dict(known_masses)
         self.where = where
-        self.at = at
+        self.first_mass = first_mass
         self.forced = forced
         self.n = layout.n_dof
 
@@ -82,8 +82,8 @@ class CompiledChainSolve:
 
     def _rows_in(self, group: Group) -> list[int]:
         """Rows that stand in an equation."""
-        rows = [self.at + dof - 1 for dof in group.dofs]
-        rows.extend(self.at + self.n + dof - 1 for dof in group.dofs)
+        rows = [self.first_mass + dof - 1 for dof in group.dofs]
+        rows.extend(self.first_mass + self.n + dof - 1 for dof in group.dofs)
         for site in group.sites:
             rows.extend(map(int, self.where[site]))
         return rows
@@ -96,7 +96,7 @@ class CompiledChainSolve:
         for step in self.order.steps:
             first_entry, first_dof = len(entries), len(dofs)
             for dof in step.masses:
-                entries.append((self.at + dof - 1, 1, MASS, dof - 1))
+                entries.append((self.first_mass + dof - 1, 1, MASS, dof - 1))
             for role, sites in ((OWN, step.sites), (KNOWN, step.known_sites)):
                 for row, sign in self._signed_terms(sites, step.dofs):
                     entries.append((row, sign, role, 0))
@@ -168,12 +168,12 @@ class CompiledChainSolve:
         return [(row, self.n + 1 + row, sign) for row, sign in terms]
 
     def _inertia_entries(self, dofs: Sequence[int]) -> list[tuple[int, int, int]]:
-        return [(self.at + dof - 1, dof - 1, 1) for dof in dofs]
+        return [(self.first_mass + dof - 1, dof - 1, 1) for dof in dofs]
 
     def _force_entries(
         self, dofs: Sequence[int], sign: int
     ) -> list[tuple[int, int, int]]:
-        first = self.at + self.n
+        first = self.first_mass + self.n
         return [(first + dof - 1, self.n, sign) for dof in dofs]
 
     def beside(self, rows: Sequence[int]) -> list[int]:
@@ -191,7 +191,9 @@ class CompiledChainSolve:
         masses = np.tile(self._preset, (len(fit), 1))
         theta = np.zeros((len(fit), fit.shape[2]))
         sums = np.ascontiguousarray(fit)
-        compiled_solve()(sums, strict, self.n, self.at, *self._tables, masses, theta)
+        compiled_solve()(
+            sums, strict, self.n, self.first_mass, *self._tables, masses, theta
+        )
         return masses, theta
 
     def rows(
@@ -225,9 +227,9 @@ def _beside(rows: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
     """Rows of the groups in which some rows stand."""
     wanted = set(rows)
     beside: set[int] = set()
-    for own in groups:
-        if not wanted.isdisjoint(own):
-            beside.update(own)
+    for members in groups:
+        if not wanted.isdisjoint(members):
+            beside.update(members)
     return sorted(beside)
 
 
@@ -249,7 +251,7 @@ class ChannelSolve(CompiledChainSolve):
         kg.
     where : mapping of Site to sequence of int
         Rows of the products that hold the terms of each site.
-    at : int
+    first_mass : int
         Row of what the inertia of DOF 1 does to the channels; those of the other DOFs,
         of the forces, and the channels themselves follow.
     """
@@ -259,10 +261,10 @@ class ChannelSolve(CompiledChainSolve):
         layout: Layout,
         known_masses: Mapping[int, float],
         where: Mapping[Site, Sequence[int]],
-        at: int,
+        first_mass: int,
     ) -> None:
         self.n = layout.n_dof
-        self.at = at
+        self.first_mass = first_mass
         self.groups = [Group((1,), (), ())]
         self.judged = [0]
         self._preset = _mass_line(known_masses, self.n)
@@ -270,7 +272,7 @@ class ChannelSolve(CompiledChainSolve):
         self._terms: list[int] = []
         for site in layout.sites:
             self._terms.extend(map(int, where[site]))
-        self.own = [[*range(at, at + self.n + 2), *self._terms]]
+        self.own = [[*range(first_mass, first_mass + self.n + 2), *self._terms]]
 
     def beside(self, rows: Sequence[int]) -> list[int]:
         """Rows that stand in an equation together with some of these: all of them."""
@@ -284,13 +286,13 @@ class ChannelSolve(CompiledChainSolve):
         ``fit`` are sums of products (n_fits, 1, p, p).
         """
         grams = fit[:, 0]
-        inertia = slice(self.at, self.at + self.n)
-        columns = self._terms + [self.at + j for j in self._free]
+        inertia = slice(self.first_mass, self.first_mass + self.n)
+        columns = self._terms + [self.first_mass + j for j in self._free]
         size = np.sqrt(np.einsum("kii->ki", grams)[:, columns])
         size[size == 0] = 1.0
 
         known = grams[:, columns, inertia] @ self._preset
-        vector = (grams[:, columns, self.at + self.n] - known) / size
+        vector = (grams[:, columns, self.first_mass + self.n] - known) / size
         matrix = grams[:, columns][:, :, columns] / size[:, :, None] / size[:, None]
         matrix = matrix + RIDGE * np.eye(len(columns))
         values = np.linalg.solve(matrix, vector[:, :, None])[:, :, 0] / size
@@ -308,15 +310,10 @@ class ChannelSolve(CompiledChainSolve):
 
         Both are (n_fits, 1, p).
         """
-        forces = self.at + self.n
+        forces = self.first_mass + self.n
         residual = theta[:, None].copy()
-        residual[:, 0, self.at : forces] = masses
+        residual[:, 0, self.first_mass : forces] = masses
         residual[:, 0, forces] = -1.0
         reference = np.zeros_like(residual)
         reference[:, 0, forces + 1] = 1.0
         return residual, reference
-
-
-# the names by which other folders know them
-ChainFit = CompiledChainSolve
-ChannelFit = ChannelSolve

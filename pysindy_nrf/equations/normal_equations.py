@@ -34,6 +34,8 @@ __all__ = [
 ]
 
 Dofs = tuple[int, ...]
+# A number of a sum, or one for each of several blocks.
+PerBlock = float | np.ndarray
 # What the matrices are: the sums of products, or triangular factors of them, which keep
 # the digits that squaring would lose. Files store the number in this list.
 KINDS = ("gram", "root")
@@ -70,9 +72,9 @@ class NormalEquations:
     matrices : mapping of tuple of int to ndarray
         Shape (n_blocks, p, p), or (p, p) of a sum of blocks. For the kind ``"root"``
         matrices R of shape (..., q, p) with ``R.T @ R`` = sum of products.
-    sizes : mapping of tuple of int to ndarray or float
+    sizes : mapping of tuple of int to ndarray
         Samples in which the forces of the equation are known, (...).
-    n_samples : ndarray or float
+    n_samples : ndarray
         All samples, (...).
     known_masses : mapping of int to float
         Those behind sums of equations, kg.
@@ -84,11 +86,11 @@ class NormalEquations:
         Number of the record of each block.
     """
 
-    layout: Any
+    layout: Any  # a LawLayout where laws are read
     groups: Mapping[Dofs, Group]
     matrices: Mapping[Dofs, np.ndarray]
-    sizes: Mapping[Dofs, Any]
-    n_samples: Any
+    sizes: Mapping[Dofs, np.ndarray]
+    n_samples: np.ndarray
     known_masses: Mapping[int, float]
     kind: str = "gram"
     instrumented: bool = False
@@ -111,10 +113,10 @@ class NormalEquations:
         parts.append(f"{np.sum(self.n_samples):.0f} samples")
         return f"NormalEquations({', '.join(parts)})"
 
-    def __getitem__(self, which: Any) -> NormalEquations:
+    def __getitem__(self, which: int | slice | np.ndarray) -> NormalEquations:
         """Some of the blocks, or a single one."""
 
-        def chosen(values: Any) -> Any:
+        def chosen(values: np.ndarray) -> np.ndarray:
             return values[which]
 
         record = None
@@ -125,7 +127,7 @@ class NormalEquations:
     def _mapped(
         self,
         of_matrices: Callable[[np.ndarray], np.ndarray],
-        of_sizes: Callable[[Any], Any],
+        of_sizes: Callable[[np.ndarray], np.ndarray],
         record: np.ndarray | None,
     ) -> NormalEquations:
         """Every matrix and every number of samples put through a function."""
@@ -162,7 +164,7 @@ class NormalEquations:
             roots = np.array([weighted_root(matrices, row) for row in rows])
             return roots.reshape(*times.shape[:-1], *roots.shape[1:])
 
-        def count(sizes: np.ndarray) -> Any:
+        def count(sizes: np.ndarray) -> np.ndarray:
             return (times @ sizes)[()]
 
         return self._mapped(total, count, None)
@@ -181,12 +183,12 @@ class NormalEquations:
         self._require_alike(other)
         matrices = {}
         sizes = {}
-        for dofs, one in self.matrices.items():
-            two = other.matrices[dofs]
+        for dofs, matrix in self.matrices.items():
+            added = other.matrices[dofs]
             if self.kind == "root":
-                matrices[dofs] = upper_of(np.concatenate([one, two], axis=-2))
+                matrices[dofs] = upper_of(np.concatenate([matrix, added], axis=-2))
             else:
-                matrices[dofs] = one + two
+                matrices[dofs] = matrix + added
             sizes[dofs] = self.sizes[dofs] + other.sizes[dofs]
         n_samples = self.n_samples + other.n_samples
         return replace(self, matrices=matrices, sizes=sizes, n_samples=n_samples)
@@ -206,13 +208,13 @@ class NormalEquations:
         matrices = {}
         sizes = {}
         for dofs in first.matrices:
-            matrices[dofs] = np.stack([part.matrices[dofs] for part in parts])
-            sizes[dofs] = np.stack([part.sizes[dofs] for part in parts])
+            matrices[dofs] = np.stack([block.matrices[dofs] for block in parts])
+            sizes[dofs] = np.stack([block.sizes[dofs] for block in parts])
         return replace(
             first,
             matrices=matrices,
             sizes=sizes,
-            n_samples=np.stack([part.n_samples for part in parts]),
+            n_samples=np.stack([block.n_samples for block in parts]),
             record=None if record is None else np.asarray(record, dtype=int),
         )
 

@@ -21,16 +21,19 @@ class Regression:
     ----------
     grams : ndarray of shape (n_blocks, n_columns, n_columns)
         Sums of products of the columns.
-    at : mapping of str to ndarray
+    columns : mapping of str to ndarray
         Numbers of the columns by the name of their group.
     n_folds : int
         Folds to which the blocks are dealt in turn.
     """
 
     def __init__(
-        self, grams: np.ndarray, at: Mapping[str, np.ndarray], n_folds: int = N_FOLDS
+        self,
+        grams: np.ndarray,
+        columns: Mapping[str, np.ndarray],
+        n_folds: int = N_FOLDS,
     ) -> None:
-        self.at = at
+        self.at = columns
         self.size = np.sqrt(np.maximum(np.einsum("bii->i", grams), 0.0))
         self.size[self.size == 0] = 1.0
         self.grams = grams / np.outer(self.size, self.size)
@@ -46,16 +49,16 @@ class Regression:
         n_folds: int = N_FOLDS,
     ) -> Regression:
         """The regression on groups of columns, each with one array for every record."""
-        at = {}
+        columns = {}
         start = 0
         for name, parts in groups.items():
             width = 1 if parts[0].ndim == 1 else parts[0].shape[1]
-            at[name] = np.arange(start, start + width)
+            columns[name] = np.arange(start, start + width)
             start += width
 
         records = [np.column_stack(parts) for parts in zip(*groups.values())]
         blocks = in_blocks(records, n_blocks)
-        return cls(np.array([block.T @ block for block in blocks]), at, n_folds)
+        return cls(np.array([block.T @ block for block in blocks]), columns, n_folds)
 
     def left(self, target: str, names: Sequence[str] = ()) -> np.ndarray:
         """Squares of a target that columns leave in every block, (n_blocks,).

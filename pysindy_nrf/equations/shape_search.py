@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
@@ -53,7 +52,7 @@ WORST_COST = 1e6
 MAX_SOLVES_PER_PARAMETER = 120
 
 Free = list[tuple[Site, int, Shape]]
-Solve = Callable[[LawLayout], tuple[Solution, Any]]
+Solve = Callable[[LawLayout], tuple[Solution, object]]
 
 
 def estimate_shapes(
@@ -273,12 +272,12 @@ def _without_laws(
     laws: dict[Site, list[ForceLaw]] = {}
     coefficients: dict[Site, np.ndarray] = {}
     for site, group in layout.laws.items():
-        parts = coefficients_by_law(group, solution.coefficients[site])
+        by_law = coefficients_by_law(group, solution.coefficients[site])
         laws[site] = []
         coefficients[site] = np.zeros(0)
-        for number, (law, part) in enumerate(zip(group, parts)):
+        for number, (law, values) in enumerate(zip(group, by_law)):
             if (site, number) not in gone:
                 laws[site].append(law)
-                coefficients[site] = np.append(coefficients[site], part)
+                coefficients[site] = np.append(coefficients[site], values)
     rest = Solution(solution.masses, coefficients)
     return LawLayout(layout.chain, laws), rest

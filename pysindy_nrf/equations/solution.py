@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,8 @@ from ..chain.layout import LawLayout, with_coefficients
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common.warn import warn_user
-from .normal_equations import NormalEquations
+from .inner_optimizer import Optimizer
+from .normal_equations import NormalEquations, PerBlock
 
 # Squaring a scaled condition number c loses c^2 of the 1e16 digits of a double.
 MAX_LOSS_OF_DIGITS = 1e-9
@@ -63,22 +63,22 @@ class StepFit:
     """
 
     step: Step
-    condition: Any
+    condition: PerBlock
     rank: int
     n_columns: int
-    residual: Any
-    share: Any
+    residual: PerBlock
+    share: PerBlock
     mass_noise: tuple[float, ...] = ()
-    inner: Any = None
+    inner: Optimizer | None = None
     warned: tuple[tuple[type[Warning], str], ...] = ()
-    crossed: Any = 0.0
+    crossed: PerBlock = 0.0
     dependent: str = ""
 
     @property
-    def contradicts(self) -> Any:
+    def contradicts(self) -> np.ndarray:
         """Whether the neighbours find laws that this equation excludes."""
         limit = np.maximum(CONTRADICTION_SHARE, CONTRADICTION_RATIO * self.share)
-        return self.crossed > limit
+        return np.asarray(self.crossed > limit)
 
     def loses_digits(self) -> bool:
         """Whether squaring the columns lost digits that the data have."""
@@ -105,14 +105,14 @@ class Solution:
         Of a joint solve: that of each equation by itself, if every equation has one.
     """
 
-    masses: dict[int, Any] = field(default_factory=dict)
+    masses: dict[int, PerBlock] = field(default_factory=dict)
     coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
     fits: Sequence[StepFit] = ()
     alone: Solution | None = None
 
     @property
-    def inner(self) -> dict[str, Any]:
+    def inner(self) -> dict[str, Optimizer]:
         """Fitted optimizers by equation."""
         fitted = {}
         for fit in self.fits:
@@ -153,9 +153,11 @@ class Solution:
 
     def of(self, number: int) -> Solution:
         """Masses and coefficients of one of several blocks."""
-        masses = {}
+        masses: dict[int, PerBlock] = {}
         for dof, mass in self.masses.items():
-            masses[dof] = float(mass[number]) if np.ndim(mass) else float(mass)
+            if isinstance(mass, np.ndarray) and mass.ndim:
+                mass = mass[number]
+            masses[dof] = float(mass)
         by_site = {site: values[number] for site, values in self.coefficients.items()}
         return Solution(masses, by_site)
 
@@ -168,7 +170,7 @@ def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
     """The laws of a layout with the coefficients of a solution."""
     laws = {site: layout.laws.get(site, ()) for site in layout.sites}
     valued = with_coefficients(laws, solution.coefficients)
-    masses = [solution.masses[dof] for dof in range(1, layout.n_dof + 1)]
+    masses = [float(solution.masses[dof]) for dof in range(1, layout.n_dof + 1)]
     return ChainModel(masses, valued, layout.chain)
 
 

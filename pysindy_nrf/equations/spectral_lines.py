@@ -63,7 +63,7 @@ def driven_at(segment: Segment, rows: slice = slice(None)) -> float:
 def spectral_lines(
     residual: np.ndarray,
     dt: float,
-    most: int = MAX_LINES,
+    max_lines: int = MAX_LINES,
     driven: float = float("nan"),
 ) -> list[float]:
     """Frequencies of the highest peaks of a residual, Hz, by a Hann periodogram."""
@@ -75,7 +75,7 @@ def spectral_lines(
     frequencies = peaks / (size * dt)
     bins_away = _away(frequencies, driven) * n_samples * dt
     peaks = peaks[bins_away > BINS_AROUND_DRIVE]
-    highest = peaks[np.argsort(-power[peaks])][:most]
+    highest = peaks[np.argsort(-power[peaks])][:max_lines]
     return (highest[highest > 0] / (size * dt)).tolist()
 
 
@@ -165,16 +165,16 @@ def balance_lines(
     a = rows[layout.n_terms + dof - 1]
     force = rows[layout.n_terms + layout.n_dof + dof - 1]
     residual = solution.masses[dof] * a - force
-    own: list[np.ndarray] = []
+    of_storey: list[np.ndarray] = []
     others: list[np.ndarray] = []
     for site in layout.group((dof,)).sites:
         columns = rows[layout.slices[site]]
         explained = solution.coefficients[site] @ columns
         residual = residual + site.incidence(dof) * explained
-        side = own if str(site) == f"storey {dof}" else others
-        side.append(columns)
+        group = of_storey if str(site) == f"storey {dof}" else others
+        group.append(columns)
 
-    free = list(own)
+    free = list(of_storey)
     if scaled:
         free += others
         if not weighed:

@@ -49,7 +49,7 @@ def scaled_cholesky(gram: np.ndarray) -> np.ndarray:
         return lower.swapaxes(-1, -2) * scale[..., None, :]
     except np.linalg.LinAlgError:
         if gram.ndim > 2:
-            return np.array([scaled_cholesky(one) for one in gram])
+            return np.array([scaled_cholesky(products) for products in gram])
         return _semidefinite_factor(unit) * scale
 
 

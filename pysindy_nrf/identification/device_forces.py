@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 from scipy.integrate import cumulative_trapezoid
 
-from ..chain.model import ChainModel, as_model, as_segments, frame, storey_names
+from ..chain.model import (
+    ChainModel,
+    DataOptions,
+    as_model,
+    as_segments,
+    frame,
+    storey_names,
+)
 from ..laws import PowerSeries
 from ..records.dataset import Segment
 
@@ -46,7 +52,7 @@ def damper_force(
     model: ChainModel | NRFRegressor,
     linear: ChainModel | NRFRegressor,
     X: object,
-    **options: ArrayLike,
+    **options: Unpack[DataOptions],
 ) -> pd.DataFrame:
     r"""Force of every storey less that of the bare structure.
 
@@ -92,7 +98,7 @@ def dissipated_energy(
     model: ChainModel | NRFRegressor,
     X: object,
     without: ChainModel | NRFRegressor | None = None,
-    **options: ArrayLike,
+    **options: Unpack[DataOptions],
 ) -> pd.DataFrame:
     """Energy dissipated in every storey over time.
 
@@ -153,7 +159,7 @@ def _linear_stiffness(model: ChainModel) -> np.ndarray:
     stiffness = np.zeros(model.n_dof)
     forces = linear_part(model).restoring_forces
     for storey in range(1, model.n_dof + 1):
-        if storey in forces:
+        if f"storey {storey}" in forces:
             stiffness[storey - 1] = forces[storey].linear_part()["k"]
     return stiffness
 

@@ -21,8 +21,7 @@ from ..records.input_arrays import lacks_motion
 from ..records.record import Record
 from .channel_estimate import estimate
 from .channel_shots import shot_of
-from .determination import negative_dampers as negative
-from .determination import poorly_determined as told
+from .determination import negative_dampers, poorly_determined
 from .fewer_sensors_settings import SETTINGS
 from .free_run_fit import Solution
 from .hidden_motions import channel_errors, error_beyond_noise, motions_of
@@ -37,9 +36,9 @@ __all__ = [
     "estimate",
     "identify_from_channels",
     "lacks_motion",
-    "negative",
+    "negative_dampers",
     "shot_of",
-    "told",
+    "poorly_determined",
 ]
 
 
@@ -103,8 +102,8 @@ def identify_from_channels(
         for number, record in enumerate(records)
     ]
     fit, solution, rivals = estimate(problem, shots, known, problem.constraints)
-    doubts = rivals + negative(solution, fit.rebuild)
-    notes = doubts + told(solution, fit.rebuild)
+    doubts = rivals + negative_dampers(solution, fit.rebuild)
+    notes = doubts + poorly_determined(solution, fit.rebuild)
     model = solution.model
 
     errors = channel_errors(fit.shots, model)

@@ -21,6 +21,7 @@ from ..common import number_of
 from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import Solution, groups_of, model_of, solve
+from ..equations.inner_optimizer import Optimizer
 from ..equations.normal_equations import NormalEquations
 from ..exceptions import (
     BiasWarning,
@@ -168,7 +169,7 @@ class Resolver:
     pieces: NormalEquations
     solve_order: SolveOrder
     known_masses: Mapping[int, float]
-    inner: object = None
+    inner: Optimizer | None = None
     constrain: Callable[[ChainModel], ChainModel] | None = None
 
     @property

@@ -16,7 +16,7 @@ from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of, masses_of
 from ..equations import chain_solve
 from ..equations.balances import States, blocks_of_segment
-from ..equations.inner_optimizer import balance_optimizer
+from ..equations.inner_optimizer import Optimizer, balance_optimizer
 from ..equations.normal_equations import NormalEquations
 from ..equations.shape_search import estimate_shapes
 from ..exceptions import ChainError
@@ -42,7 +42,11 @@ DeclaredLaws = (
     Mapping[str, ForceLaw | Sequence[ForceLaw]]
     | Mapping[int, ForceLaw | Sequence[ForceLaw]]
 )
-LawsBySite = Mapping[str, Iterable[ForceLaw]] | Mapping[Site, Iterable[ForceLaw]]
+LawsBySite = (
+    Mapping[str, Iterable[ForceLaw]]
+    | Mapping[Site, Iterable[ForceLaw]]
+    | Mapping[str | int, Iterable[ForceLaw]]
+)
 
 
 @dataclass(frozen=True)
@@ -89,7 +93,7 @@ class Problem:
     band: tuple[float | None, float | None] | None = None
     strategy: str = "auto"
     excited: int | tuple[int, ...] | None = None
-    optimizer: object = None
+    optimizer: Optimizer | None = None
     constraints: Mapping[str, Parameter] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

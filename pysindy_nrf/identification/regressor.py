@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..chain.sites import as_mapping
 from ..chain.structure import Chain, chain_of
+from ..equations.inner_optimizer import Optimizer
 from ..exceptions import ChainError, ChannelError
 from ..records.channels import column_names, require_two_dimensions
 from ..records.input_arrays import Input, InputSettings, records_in
@@ -188,7 +189,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         degree: Order = DEFAULT_DEGREE,
         orders: Orders | None = None,
         strategy: str = "auto",
-        optimizer: object = None,
+        optimizer: Optimizer | None = None,
         coordinates: str = "relative",
         estimation: str = "auto",
         laws: DeclaredLaws | None = None,

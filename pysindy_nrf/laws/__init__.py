@@ -15,6 +15,7 @@ from .contact import OneSidedGap
 from .contact import PreloadedContact as PreloadedContact
 from .contact import TwoSidedGap as TwoSidedGap
 from .contract import check_law
+from .contract import random_values as random_values
 from .degrading import DegradingBoucWen as DegradingBoucWen
 from .degrading import PinchedBoucWen as PinchedBoucWen
 from .elastic import AbsoluteQuadraticStiffness as AbsoluteQuadraticStiffness
@@ -64,6 +65,7 @@ from .sensor import GainError as GainError
 from .sensor import SensorFault as SensorFault
 from .sensor import SensorOffset as SensorOffset
 from .shape import Motion, Shape
+from .shape import ShapeScale as ShapeScale
 
 __all__ = [
     "ForceLaw",

@@ -1,7 +1,6 @@
 """Laws with a strength of their own in each direction."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -59,7 +58,7 @@ def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
     def of_symmetric(special: ForceLaw) -> ForceLaw:
         return new(**special.shape).with_values(np.repeat(special.values, 2))
 
-    def __reduce__(self: ForceLaw) -> tuple[Any, ...]:
+    def __reduce__(self: ForceLaw) -> tuple[object, ...]:
         """The class has no name in a module by which pickle could find it."""
         return from_dict, (self.to_dict(),)
 

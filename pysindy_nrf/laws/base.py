@@ -11,9 +11,18 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
+from typing import (
+    TYPE_CHECKING,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    NotRequired,
+    Self,
+    TypedDict,
+)
 
 import numpy as np
+import numpy.typing as npt
 
 from ..common import number_of
 from ..exceptions import LawError
@@ -22,6 +31,9 @@ from .shape import Motion, Shape
 Symmetry = Literal["odd", "even", "none"]
 Variable = Literal["s", "v", "a", "1"]
 Place = Literal["link", "ground", "new link", "two storeys", "dof", "sensor"]
+
+# Coefficients by symbol, or in the order of the terms; None: to be estimated.
+Coefficients = npt.ArrayLike | Mapping[str, float | None] | None
 
 # A law whose force no longer grows beyond this share of the rms drift is nearly dry
 # friction: it saturates early in each half cycle.
@@ -53,6 +65,15 @@ class Term(NamedTuple):
     symbol: str
     label: str
     unit: str
+
+
+class LawData(TypedDict):
+    """A law as plain data."""
+
+    law: str
+    options: NotRequired[dict[str, object]]
+    shape: NotRequired[dict[str, float | None]]
+    coefficients: NotRequired[list[float] | None]
 
 
 _REGISTRY: dict[str, type[ForceLaw]] = {}
@@ -180,7 +201,7 @@ class ForceLaw:
     variable: ClassVar[Variable | None] = None
     nonnegative: tuple[str, ...] = ()
     saturates_at: ClassVar[str] = ""
-    special_cases: ClassVar[Mapping[type[ForceLaw], Callable[[Any], ForceLaw]]] = {}
+    special_cases: ClassVar[Mapping[type[ForceLaw], Callable[..., ForceLaw]]] = {}
 
     # where a search tries it
     acts_at: ClassVar[tuple[Place, ...]] = ("link",)
@@ -192,17 +213,17 @@ class ForceLaw:
     shape: dict[str, float | None]
     coefficients: np.ndarray | None
 
-    def __init_subclass__(cls, **kwargs: Any) -> None:
+    def __init_subclass__(cls, **kwargs: object) -> None:
         super().__init_subclass__(**kwargs)
-        own = vars(cls)
-        if "columns" in own and "__init__" not in own:
+        stated = vars(cls)
+        if "columns" in stated and "__init__" not in stated:
             cls.__init__ = _constructor(cls)  # type: ignore[method-assign]
-        if own.get("name"):
+        if stated.get("name"):
             _register(cls)
 
     if TYPE_CHECKING:  # the arguments depend on the subclass
 
-        def __init__(self, *values: Any, **named: Any) -> None: ...
+        def __init__(self, *values: object, **named: object) -> None: ...
 
     else:
 
@@ -429,7 +450,9 @@ class ForceLaw:
         return parameters
 
     def with_values(
-        self, coefficients: Any = None, shape: Mapping[str, float | None] | None = None
+        self,
+        coefficients: Coefficients = None,
+        shape: Mapping[str, float | None] | None = None,
     ) -> Self:
         """A copy with other coefficients or shape parameters.
 
@@ -445,16 +468,19 @@ class ForceLaw:
         LawError
             If the law has no such parameter, or cannot have such a value.
         """
-        new = object.__new__(type(self))
-        new.__dict__.update(self.__dict__)
-        new.shape = dict(self.shape)
+        new_shape = dict(self.shape)
         for name, value in dict(shape or {}).items():
-            new.shape[name] = new._shape_value(name, value)
+            new_shape[name] = self._shape_value(name, value)
+        new_coefficients = self.coefficients
         if coefficients is not None:
-            new.coefficients = new._coefficients(coefficients)
+            new_coefficients = self._coefficients(coefficients)
+
+        values = {"shape": new_shape, "coefficients": new_coefficients}
+        new = object.__new__(type(self))
+        vars(new).update(vars(self) | values)
         return new
 
-    def _number(self, name: str, value: Any) -> float | None:
+    def _number(self, name: str, value: object) -> float | None:
         """A finite number, or None."""
         if value is None:
             return None
@@ -466,7 +492,7 @@ class ForceLaw:
             )
         return number
 
-    def _shape_value(self, name: str, value: Any) -> float | None:
+    def _shape_value(self, name: str, value: object) -> float | None:
         parameters = {parameter.name: parameter for parameter in self.shapes}
         if name not in parameters:
             raise LawError(
@@ -482,7 +508,7 @@ class ForceLaw:
             )
         return number
 
-    def _coefficients(self, values: Any) -> np.ndarray | None:
+    def _coefficients(self, values: object) -> np.ndarray | None:
         """Coefficients in the order of the terms; None if all are to be estimated."""
         if values is None:
             return None
@@ -502,7 +528,9 @@ class ForceLaw:
             )
         return np.array(numbers, dtype=float)
 
-    def _in_order(self, values: Mapping[str, Any], symbols: list[str]) -> list[Any]:
+    def _in_order(
+        self, values: Mapping[str, object], symbols: list[str]
+    ) -> list[object]:
         """Coefficients given by symbol; those that are missing are zero."""
         for symbol in values:
             if symbol not in symbols:
@@ -631,7 +659,7 @@ class ForceLaw:
             if value is not None
         ]
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> LawData:
         """Plain data for JSON."""
         values = None if self.coefficients is None else self.coefficients.tolist()
         return {
@@ -674,7 +702,7 @@ class CovariateLaw(ForceLaw):
         self.covariates = (covariate,)
         super().__init__(shape, coefficients)
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         """The name of the covariate."""
         return {"covariate": self.covariates[0]}
 
@@ -692,7 +720,7 @@ def _constructor(cls: type[ForceLaw]) -> Callable[..., None]:
         )
     signature = inspect.Signature(arguments)
 
-    def __init__(*values: Any, **named: Any) -> None:
+    def __init__(*values: object, **named: object) -> None:
         bound = signature.bind(*values, **named).arguments
         ForceLaw.__init__(
             bound["self"],
@@ -741,7 +769,7 @@ def registry() -> dict[str, type[ForceLaw]]:
     return dict(_REGISTRY)
 
 
-def from_dict(data: Mapping[str, Any]) -> ForceLaw:
+def from_dict(data: LawData) -> ForceLaw:
     """Build a law from plain data.
 
     Parameters
@@ -782,7 +810,7 @@ def from_dict(data: Mapping[str, Any]) -> ForceLaw:
     return law.with_values(coefficients=coefficients, shape=shape)
 
 
-def _law_class(name: Any) -> type[ForceLaw]:
+def _law_class(name: object) -> type[ForceLaw]:
     """The class of a law by its name, or the asymmetric one of a known law."""
     from .asymmetric import PREFIX, asymmetric  # imports this module
 

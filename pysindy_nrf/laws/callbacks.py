@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from ctypes import POINTER, c_double
 from functools import cache
 from types import FunctionType
-from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -18,12 +17,16 @@ from llvmlite import ir
 from numba import carray, types  # type: ignore[attr-defined]
 from numba.core import cgutils
 from numba.core.ccallback import CFunc
+from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
+from numba.core.typing.context import BaseContext
+from numba.core.typing.templates import Signature
 from numba.extending import intrinsic, register_jitable
 
 from ..common.code_cache import attach_cache, with_unique_name
 from ..common.compiled import inline
 from ..exceptions import LawError
+from .base import ForceLaw
 
 _NUMBER = types.float64
 _POINTER = types.CPointer(types.float64)
@@ -39,7 +42,7 @@ _ADVANCE_SIGNATURE = types.void(*_ARRAY, *[_NUMBER] * 5, *_ARRAY * 2)
 _WALK_SIGNATURE = types.void(*[_POINTER] * 4, types.int64, *_ROWS, *_ARRAY, *_ROWS)
 
 
-def _caller(callback: Any) -> Any:
+def _caller(callback: Signature) -> Callable[..., None]:
     """How compiled code calls a callback: ``call(address, arguments)``."""
 
     def call(typing_context, address, arguments):
@@ -60,7 +63,9 @@ call_advance = _caller(_ADVANCE_SIGNATURE)
 call_walk = _caller(_WALK_SIGNATURE)
 
 
-def _stack_array(typing_context: Any, size: Any) -> Any:
+def _stack_array(
+    typing_context: BaseContext, size: types.Type
+) -> tuple[Signature, Callable] | None:
     """Array on the stack, of a size that is known when the code is compiled.
 
     Nothing else can write to it, so that a loop keeps it in registers: paths of Dahl's
@@ -90,10 +95,10 @@ def _stack_array(typing_context: Any, size: Any) -> Any:
     return kind(size), codegen
 
 
-_on_stack: Any = intrinsic(prefer_literal=True)(_stack_array)
+_on_stack: Callable = intrinsic(prefer_literal=True)(_stack_array)
 
 
-def _functions_used(function: Any) -> Iterator[FunctionType]:
+def _functions_used(function: Callable) -> Iterator[FunctionType]:
     """Plain functions that a function refers to, by a global name or a closure."""
     values = [cell.cell_contents for cell in function.__closure__ or ()]
     for name in function.__code__.co_names:
@@ -111,13 +116,13 @@ def _register_helpers(function: Callable) -> None:
         _register_helpers(helper)
 
 
-def _compilable(function: Callable) -> Any:
+def _compilable(function: Callable) -> Dispatcher:
     """A law's function for use inside a callback."""
     _register_helpers(function)
     return inline(function)
 
 
-def _callback(function: Callable, signature: Any) -> CFunc:
+def _callback(function: Callable, signature: Signature) -> CFunc:
     callback = CFunc(
         with_unique_name(function),
         (signature.args, signature.return_type),
@@ -193,7 +198,7 @@ def walk_callback(advance: Callable, n_states: int, n_inputs: int) -> CFunc:
     return _callback(walk_callback, _WALK_SIGNATURE)
 
 
-def callbacks_of(law: Any) -> tuple[CFunc, CFunc]:
+def callbacks_of(law: ForceLaw) -> tuple[CFunc, CFunc]:
     """Kernel and state update of a law, which live as long as the objects returned."""
     try:
         return kernel_callback(type(law).kernel), advance_callback(type(law).advance)
@@ -201,12 +206,12 @@ def callbacks_of(law: Any) -> tuple[CFunc, CFunc]:
         raise cannot_compile(law, error) from error
 
 
-def compiled_kernel(law: Any) -> Callable[..., None]:
+def compiled_kernel(law: ForceLaw) -> Callable[..., None]:
     """A law's compiled kernel for one sample, with the arguments of the plain one."""
     callback = callbacks_of(law)[0].ctypes
 
     def kernel(s: float, v: float, a: float, t: float, *arrays: np.ndarray) -> None:
-        pointers_and_sizes: list[Any] = []
+        pointers_and_sizes: list[object] = []
         for array in arrays:
             pointers_and_sizes += [array.ctypes.data_as(POINTER(c_double)), array.size]
         callback(s, v, a, t, *pointers_and_sizes)
@@ -214,7 +219,7 @@ def compiled_kernel(law: Any) -> Callable[..., None]:
     return kernel
 
 
-def cannot_compile(law: Any, error: Exception) -> LawError:
+def cannot_compile(law: ForceLaw, error: Exception) -> LawError:
     """Error for a law that numba does not accept."""
     lines = str(error).strip().splitlines()
     reason = lines[-1] if lines else type(error).__name__

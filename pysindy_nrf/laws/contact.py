@@ -1,7 +1,7 @@
 """Springs that are in contact only part of the time: bumpers, cracks, loose joints."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class _OneSided(_Contact):
         self.side = int(side)
         super().__init__(shape, {"k": k})
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         return {"side": self.side}
 
     def terms(self) -> tuple[Term, ...]:

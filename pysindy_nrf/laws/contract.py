@@ -7,7 +7,7 @@ check that fails raises ``AssertionError`` with a sentence.
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -25,8 +25,8 @@ class FullMotion(Motion):
     a: np.ndarray
     t: np.ndarray
 
-    def rows(self, rows: slice) -> "FullMotion":
-        """A part of the motion."""
+    def during(self, rows: slice) -> "FullMotion":
+        """The motion during some samples."""
         return FullMotion(
             self.s[rows],
             self.v[rows],
@@ -148,8 +148,8 @@ def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
     columns = law.features(motion)
 
     shared = motion.n_samples // 2 + 3  # sample that both blocks contain
-    first = motion.rows(slice(0, shared + 1))
-    last = motion.rows(slice(shared, None))
+    first = motion.during(slice(0, shared + 1))
+    last = motion.during(slice(shared, None))
     state = np.zeros(law.n_states)
     _assert_close(
         law.features(first, state),
@@ -180,7 +180,7 @@ def check_records(law: ForceLaw, rng: np.random.Generator) -> None:
 
 def _first_row_from_rest(law: ForceLaw, motion: FullMotion) -> np.ndarray:
     """Features at the first sample, from the kernel at a state of zero."""
-    start = motion.rows(slice(0, 1))
+    start = motion.during(slice(0, 1))
     u = law.covariate_rows(start)
     out = np.empty((len(law.terms()), 1))
     z = np.zeros((law.n_states, 1))
@@ -214,13 +214,13 @@ def check_symmetry(law: ForceLaw, rng: np.random.Generator) -> None:
     columns = law.features(motion)
     mirrored = law.features(replace(motion, s=-motion.s, v=-motion.v, a=-motion.a))
 
-    found = "none"
+    symmetry = "none"
     if np.allclose(mirrored, columns, rtol=1e-9, atol=0):
-        found = "even"
+        symmetry = "even"
     if np.allclose(mirrored, -columns, rtol=1e-9, atol=0):
-        found = "odd"
-    assert found == law.symmetry, (
-        f"{law}: symmetry is {law.symmetry!r}, found {found!r}"
+        symmetry = "odd"
+    assert symmetry == law.symmetry, (
+        f"{law}: symmetry is {law.symmetry!r}, found {symmetry!r}"
     )
 
 
@@ -249,15 +249,16 @@ def check_variable(law: ForceLaw, rng: np.random.Generator) -> None:
     motion = random_motion(law, rng)
     other = random_motion(law, rng)
     columns = law.features(motion)
-    changes: dict[str, Any] = {"s": other.s, "v": other.v, "a": other.a}
+    changes = {"s": other.s, "v": other.v, "a": other.a}
 
     if law.variable in changes:
-        changed = replace(motion, **{law.variable: changes.pop(law.variable)})
+        changed = _with_channels(motion, {law.variable: changes.pop(law.variable)})
         assert not np.allclose(law.features(changed), columns), (
             f"{law}: the force does not follow {law.variable!r}"
         )
     if law.variable != "v":  # a force that opposes the rate may depend on the drift
-        rest = replace(motion, **changes, t=motion.t + 0.3, covariates=other.covariates)
+        later = replace(motion, t=motion.t + 0.3, covariates=other.covariates)
+        rest = _with_channels(later, changes)
         message = f"{law}: the force follows more than {law.variable!r}"
         _assert_close(law.features(rest), columns, message)
     if law.variable == "a":
@@ -316,8 +317,8 @@ def check_special_cases(law: ForceLaw, rng: np.random.Generator) -> None:
         motion = random_motion(same, rng, n_samples=4000)
         # a state is fresh at the first sample
         expected = simple.force(motion)[1:]
-        found = same.force(motion)[1:]
-        gap = np.abs(found - expected).mean()
+        force = same.force(motion)[1:]
+        gap = np.abs(force - expected).mean()
         assert gap <= 1e-2 * np.abs(expected).mean(), f"{same} is not {simple}"
 
 
@@ -351,8 +352,8 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
             f"{law}: {term.symbol} has not the unit {term.unit}, or a shape parameter"
             " not its own"
         )
-        found = scaled[:, k] * _size(term.unit, sizes, law)
-        _assert_close(found, columns[:, k], message, tolerance=1e-6)
+        column = scaled[:, k] * _size(term.unit, sizes, law)
+        _assert_close(column, columns[:, k], message, tolerance=1e-6)
 
 
 def check_json(law: ForceLaw, rng: np.random.Generator) -> None:
@@ -438,12 +439,23 @@ def check_law(law: ForceLaw, random_state: int = 0) -> None:
 # -- helpers -------------------------------------------------------------------
 
 
+def _with_channels(motion: FullMotion, channels: dict[str, np.ndarray]) -> FullMotion:
+    """A motion with other drifts, rates or accelerations."""
+    return FullMotion(
+        channels.get("s", motion.s),
+        channels.get("v", motion.v),
+        channels.get("a", motion.a),
+        motion.t,
+        motion.covariates,
+    )
+
+
 def _are_distinct(texts: list[str]) -> bool:
     return all(texts) and len(set(texts)) == len(texts)
 
 
 def _assert_close(
-    found: np.ndarray,
+    columns: np.ndarray,
     expected: np.ndarray,
     message: str,
     tolerance: float = 1e-10,
@@ -451,7 +463,7 @@ def _assert_close(
 ) -> None:
     """Assert that columns differ by a small share of their largest value at most."""
     size = np.abs(expected if scale is None else scale).max(axis=0)
-    gap = np.abs(found - expected)
+    gap = np.abs(columns - expected)
     assert (gap <= tolerance * size).all(), f"{message} (by {np.max(gap):.3g})"
 
 

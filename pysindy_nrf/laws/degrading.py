@@ -1,7 +1,6 @@
 """Hysteresis that degrades or pinches: Bouc-Wen with Baber's and Noori's terms."""
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -50,7 +49,7 @@ class _BaberNoori(ForceLaw):
         super().__init__(shape, {"alpha": alpha})
         self._fixed = {name: self._number(name, value) for name, value in fixed.items()}
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         return dict(self._fixed)
 
     @property

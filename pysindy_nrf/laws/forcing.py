@@ -6,9 +6,10 @@ missing from F appears here as ``R = -f``.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from .base import CovariateLaw, ForceLaw, Term
 from .shape import Shape
@@ -215,7 +216,7 @@ class HiddenOscillator(ForceLaw):
             self.passive = False
         super().__init__({"omega": omega, "zeta": zeta}, {"m": m})
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         return {"covariate": self.covariates[0]} if self.covariates else {}
 
     def limit(self, drift: float, band: tuple[float, float]) -> str:
@@ -281,7 +282,24 @@ def _free_vibration(omega, zeta, dt):
 # -- masses that laws add ------------------------------------------------------
 
 
-def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndarray:
+class SiteOfLaws(Protocol):
+    """What is read of the site of a law."""
+
+    @property
+    def kind(self) -> str:
+        """``"dof"`` where the law acts on a DOF alone."""
+
+    @property
+    def p(self) -> int:
+        """The DOF."""
+
+
+AnySite = TypeVar("AnySite", bound=SiteOfLaws)
+
+
+def total_masses(
+    masses: npt.ArrayLike, laws: Mapping[AnySite, Sequence[ForceLaw]]
+) -> np.ndarray:
     """Mass of every DOF with what laws at it add, kg, shape (n_dof,)."""
     total = np.array(masses, dtype=float)
     for site, laws_there in laws.items():
@@ -294,12 +312,14 @@ def total_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> np.ndar
     return total
 
 
-def lost_masses(masses: Any, laws: Mapping[Any, Sequence[ForceLaw]]) -> list[str]:
+def lost_masses(
+    masses: npt.ArrayLike, laws: Mapping[AnySite, Sequence[ForceLaw]]
+) -> list[str]:
     """Sentences on DOFs of which laws take away all the mass they have."""
-    own = np.asarray(masses, dtype=float)
+    alone = np.asarray(masses, dtype=float)
     total = total_masses(masses, laws)
     return [
-        f"DOF {j + 1} has {own[j]:.4g} kg and {total[j] - own[j]:.4g} kg added to it,"
-        f" {total[j]:.4g} kg in all"
-        for j in np.flatnonzero((own > 0) & (total <= 0))
+        f"DOF {j + 1} has {alone[j]:.4g} kg and {total[j] - alone[j]:.4g} kg added to"
+        f" it, {total[j]:.4g} kg in all"
+        for j in np.flatnonzero((alone > 0) & (total <= 0))
     ]

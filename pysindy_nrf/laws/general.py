@@ -3,13 +3,11 @@
 They measure a lack of fit and name no effect.
 """
 
-from typing import Any
-
 import numpy as np
 
-from .base import ForceLaw, Term
+from .base import Coefficients, ForceLaw, Term
 from .hysteresis import Element, Jenkins
-from .power_series import whole
+from .power_series import whole_number
 from .shape import Shape
 
 
@@ -30,12 +28,14 @@ class PrandtlIshlinskii(Element):
         Jenkins: lambda c: PrandtlIshlinskii(c.theta[0], [0.0] * 5 + [c.values[0]])
     }
 
-    def __init__(self, uy: float | None = None, F: Any = None, n: int = 6) -> None:
-        self.n_states = whole("n", n, 1)
+    def __init__(
+        self, uy: float | None = None, F: Coefficients = None, n: int = 6
+    ) -> None:
+        self.n_states = whole_number("n", n, 1)
         self.nonnegative = tuple(term.symbol for term in self.terms())
         super().__init__({"uy": uy}, F)
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         return {"n": self.n_states}
 
     def terms(self) -> tuple[Term, ...]:
@@ -84,13 +84,13 @@ class SmoothSurface(ForceLaw):
         self,
         S: float | None = None,
         V: float | None = None,
-        c: Any = None,
+        c: Coefficients = None,
         degree: int = 5,
     ) -> None:
-        self.degree = whole("degree", degree, 1)
+        self.degree = whole_number("degree", degree, 1)
         super().__init__({"S": S, "V": V}, c)
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         return {"degree": self.degree}
 
     def terms(self) -> tuple[Term, ...]:

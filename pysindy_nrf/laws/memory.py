@@ -6,13 +6,13 @@ is cut where the rate of that polynomial is zero.
 """
 
 from collections import namedtuple
-from typing import Any
 
 import numpy as np
 from numba.core.errors import NumbaError
 
 from ..common.compiled import address_of, addresses, inline, jit, part, read_only
 from ..exceptions import ChannelError, LawError
+from .base import ForceLaw
 from .callbacks import call_walk, cannot_compile, walk_callback
 from .shape import Motion
 
@@ -170,22 +170,22 @@ def _reversals(s0, s1, v0, v1, h, a0, a1, has_a):
 @inline
 def _mark_sign_changes(v0, v1, n, suspect):
     """Mark the intervals in which the rate changes sign; 1 if there are any."""
-    found = np.int64(0)
+    marked = np.int64(0)
     for i in range(n):
         suspect[i] = v0[i] * v1[i] < 0.0
-        found |= suspect[i]
-    return found
+        marked |= suspect[i]
+    return marked
 
 
 @inline
 def _mark_sign_changes_and_dips(v0, v1, a0, a1, n, suspect):
     """Mark also those in which the rate falls and recovers; 1 if there are any."""
-    found = np.int64(0)
+    marked = np.int64(0)
     for i in range(n):
         dips = (v0[i] * a0[i] < 0.0) & (v0[i] * a1[i] > 0.0)
         suspect[i] = (v0[i] * v1[i] < 0.0) | dips
-        found |= suspect[i]
-    return found
+        marked |= suspect[i]
+    return marked
 
 
 @part
@@ -204,12 +204,12 @@ def _find_reversals(record, block, first, last, has_a):
         if has_a:
             a_start = address_of(a, begin)
             a_end = address_of(a, begin + 1)
-            found = _mark_sign_changes_and_dips(
+            marked = _mark_sign_changes_and_dips(
                 v_start, v_end, a_start, a_end, n, block.suspect
             )
         else:
-            found = _mark_sign_changes(v_start, v_end, n, block.suspect)
-        if not found:
+            marked = _mark_sign_changes(v_start, v_end, n, block.suspect)
+        if not marked:
             continue
 
         for i in range(begin + 1, begin + n + 1):
@@ -260,14 +260,14 @@ def _walk_through_reversals(record, block, first, number, count):
     rate = address_of(drift, _ENDS_OF_PARTS)
     duration = address_of(rate, _ENDS_OF_PARTS)
     i = block.interval[number]
-    whole = block.duration[i - 1 - first]
+    whole_duration = block.duration[i - 1 - first]
 
     drift[0] = record.s[i - 1]
     rate[0] = record.v[i - 1]
     reversals = 0
-    remaining = whole
+    remaining = whole_duration
     while number < count and block.interval[number] == i:
-        duration[reversals] = block.share[number] * whole
+        duration[reversals] = block.share[number] * whole_duration
         remaining -= duration[reversals]
         reversals += 1
         drift[reversals] = block.drift[number]
@@ -337,7 +337,7 @@ def memory_path(walk, s, v, a, t, u, theta, state, z, scratch, marks):
 
 
 def state_path(
-    law: Any,
+    law: ForceLaw,
     motion: Motion,
     u: np.ndarray,
     theta: np.ndarray,
@@ -392,7 +392,7 @@ def state_path(
 
 
 def _path_of_record(
-    law: Any,
+    law: ForceLaw,
     motion: Motion,
     rows: slice,
     u: np.ndarray,
@@ -418,7 +418,7 @@ def _path_of_record(
     return path
 
 
-def _divergence(law: Any, motion: Motion) -> LawError:
+def _divergence(law: ForceLaw, motion: Motion) -> LawError:
     """Why a state is not finite: without times a step has no duration."""
     name = type(law).__name__
     if motion.t is None:

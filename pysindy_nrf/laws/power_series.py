@@ -1,18 +1,21 @@
 """The paper's power series (eq. 2)."""
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
+from ..common import is_whole
 from ..exceptions import LawError
-from .base import ForceLaw, Term
+from .base import Coefficients, ForceLaw, Term
+
+# Total degree of a power series, or the box of its highest powers of rate and drift.
+Order = int | tuple[int, int]
 
 # A higher power is a mistake, or a file that would exhaust the memory.
 MAX_POWER = 60
 
 
-def whole(name: str, value: Any, least: int = 0) -> int:
+def whole_number(name: str, value: object, least: int = 0) -> int:
     """The value as an int.
 
     Raises
@@ -20,8 +23,7 @@ def whole(name: str, value: Any, least: int = 0) -> int:
     LawError
         If it is no whole number of at least ``least``.
     """
-    is_whole = hasattr(value, "__index__") and not isinstance(value, bool)
-    if not is_whole or int(value) < least:
+    if not is_whole(value) or int(value) < least:
         raise LawError(
             f"{name}={value!r} is not a whole number of at least {least}",
             "Give e.g. 3.",
@@ -29,7 +31,7 @@ def whole(name: str, value: Any, least: int = 0) -> int:
     return int(value)
 
 
-def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
+def exponents_of(order: object) -> tuple[tuple[int, int], ...]:
     """Exponents (h, j) of the terms v^h s^j of an order.
 
     Parameters
@@ -48,11 +50,11 @@ def exponents_of(order: Any) -> tuple[tuple[int, int], ...]:
                 f"order={order!r} is not a box (k, q)",
                 "Give two whole numbers, e.g. (2, 3).",
             )
-        k = whole("k", order[0])
-        q = whole("q", order[1])
+        k = whole_number("k", order[0])
+        q = whole_number("q", order[1])
         total = k + q
     else:
-        k = q = total = whole("degree", order)
+        k = q = total = whole_number("degree", order)
     if max(k, q) > MAX_POWER:
         raise LawError(
             f"degree={order!r} is above the highest power, {MAX_POWER}",
@@ -130,9 +132,7 @@ class PowerSeries(ForceLaw):
     family = "polynomial"
     symmetry = "none"
 
-    def __init__(
-        self, degree: int | tuple[int, int] = 3, coefficients: Any = None
-    ) -> None:
+    def __init__(self, degree: Order = 3, coefficients: Coefficients = None) -> None:
         self.exponents = exponents_of(degree)
         self.degree: int | tuple[int, ...]
         if isinstance(degree, (tuple, list)):
@@ -141,7 +141,7 @@ class PowerSeries(ForceLaw):
             self.degree = int(degree)
         super().__init__({}, coefficients)
 
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, object]:
         if isinstance(self.degree, tuple):
             return {"degree": list(self.degree)}
         return {"degree": self.degree}

@@ -8,9 +8,10 @@ true channel.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from .base import ForceLaw, Term
 from .shape import Motion
@@ -41,11 +42,11 @@ class SensorFault(ForceLaw):
     acts_on_derivatives: ClassVar[bool] = True
     changes_scale: ClassVar[bool] = False
 
-    def reading(self, channel: Any, dt: float) -> np.ndarray:
+    def reading(self, channel: npt.ArrayLike, dt: float) -> np.ndarray:
         """The reading of the sensor."""
         raise NotImplementedError
 
-    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+    def corrected(self, reading: npt.ArrayLike, dt: float) -> np.ndarray:
         """The true channel from the reading; the inverse of :meth:`reading`."""
         raise NotImplementedError
 
@@ -118,11 +119,11 @@ class ChannelDelay(SensorFault):
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = -v
 
-    def reading(self, channel: Any, dt: float) -> np.ndarray:
+    def reading(self, channel: npt.ArrayLike, dt: float) -> np.ndarray:
         """The channel delayed by tau."""
         return shifted(np.asarray(channel, dtype=float), float(self.values[0]) / dt)
 
-    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+    def corrected(self, reading: npt.ArrayLike, dt: float) -> np.ndarray:
         """The reading advanced by tau."""
         return shifted(np.asarray(reading, dtype=float), -float(self.values[0]) / dt)
 
@@ -142,11 +143,11 @@ class GainError(SensorFault):
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = s
 
-    def reading(self, channel: Any, dt: float) -> np.ndarray:
+    def reading(self, channel: npt.ArrayLike, dt: float) -> np.ndarray:
         """The channel times 1 + e."""
         return (1.0 + float(self.values[0])) * np.asarray(channel, dtype=float)
 
-    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+    def corrected(self, reading: npt.ArrayLike, dt: float) -> np.ndarray:
         """The reading divided by 1 + e."""
         return np.asarray(reading, dtype=float) / (1.0 + float(self.values[0]))
 
@@ -175,11 +176,11 @@ class SensorOffset(SensorFault):
     def kernel(s, v, a, t, u, z, theta, out):
         out[0] = 0.0 * s + 1.0
 
-    def reading(self, channel: Any, dt: float) -> np.ndarray:
+    def reading(self, channel: npt.ArrayLike, dt: float) -> np.ndarray:
         """The channel plus b."""
         return np.asarray(channel, dtype=float) + float(self.values[0])
 
-    def corrected(self, reading: Any, dt: float) -> np.ndarray:
+    def corrected(self, reading: npt.ArrayLike, dt: float) -> np.ndarray:
         """The reading minus b."""
         return np.asarray(reading, dtype=float) - float(self.values[0])
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy import special
 from sklearn.base import clone
 
-from ..chain.model import ChainModel, as_segments, storey_names
+from ..chain.model import ChainModel, DataOptions, as_segments, storey_names
 from ..chain.restoring_force import grid
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
@@ -173,7 +175,7 @@ def compare_tests(
     level: float = 0.01,
     least: float = 1.0,
     n_blocks: int = 20,
-    options: Mapping[str, object] | None = None,
+    options: DataOptions | None = None,
 ) -> ChangeReport:
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
@@ -248,7 +250,7 @@ def compare_tests(
             f"{n_blocks} blocks give no standard error",
             f"Use at least {LEAST_BLOCKS}, 20 is usual.",
         )
-    options = dict(options or {})
+    options = options or DataOptions()
     fits = [_Fit.of_test(estimator, test, options) for test in (before, after)]
     _require_same_dofs(fits)
     masses = np.mean([fit.model.masses for fit in fits], axis=0)
@@ -283,7 +285,7 @@ class _Fit:
 
     @classmethod
     def of_test(
-        cls, estimator: NRFRegressor, test: TestData, options: Mapping[str, object]
+        cls, estimator: NRFRegressor, test: TestData, options: DataOptions
     ) -> _Fit:
         """Fit the motions of a test, whose DOFs are fused one by one."""
         X, F = test if isinstance(test, tuple) else (test, None)
@@ -552,12 +554,12 @@ def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
 def track(
     estimator: NRFRegressor,
     X: object,
-    F: object = None,
+    F: ArrayLike | None = None,
     *,
     window: float = 2.0,
     step: float = 0.25,
     masses: str | Mapping[int, float] | None = "fitted",
-    **options: object,
+    **options: Unpack[DataOptions],
 ) -> pd.DataFrame:
     """Stiffness and damping of every storey over time.
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ..common import MOST_DOFS
+from ..common import MAX_DOFS
 from ..exceptions import ChannelError
 from .channels import as_matrix, channel_of, finite_span
 from .clock import clock_of, time_in_index
@@ -549,7 +549,7 @@ def _number_of_dofs(matrices: Mapping[str, np.ndarray], name: str) -> int:
         )
 
     n_dof = next(iter(widths.values()))
-    if not 1 <= n_dof <= MOST_DOFS:
+    if not 1 <= n_dof <= MAX_DOFS:
         raise ChannelError(
             f"Record {name!r} has {n_dof} DOFs",
             "Give one row per sample and one column per DOF; transpose the arrays?",
@@ -645,9 +645,9 @@ def _matrices_of_channels(channels: Mapping[str, np.ndarray]) -> dict[str, np.nd
     """Forces and motions with one column for each DOF, the missing ones filled."""
     dofs = [int(channel[1:]) for channel in channels if channel[1:].isdigit()]
     n_dof = max(dofs, default=0)
-    if n_dof > MOST_DOFS:
+    if n_dof > MAX_DOFS:
         raise ChannelError(
-            f"A column names DOF {n_dof}, more than the {MOST_DOFS} a chain may have",
+            f"A column names DOF {n_dof}, more than the {MAX_DOFS} a chain may have",
             "Rename it.",
         )
 

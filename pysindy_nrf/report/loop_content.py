@@ -156,7 +156,12 @@ def effects(report: Loop) -> Table | None:
         return None
     rows = []
     for step in report.steps:
-        reductions = [step.gain, step.gain_error, step.gain_least, step.gain_heldout]
+        reductions = [
+            step.reduction,
+            step.reduction_error,
+            step.reduction_least,
+            step.reduction_heldout,
+        ]
         share = 100 * step.share
         rows.append([law_at_site(step), *reductions, share, standing(step)])
     head = [
@@ -264,7 +269,7 @@ def _on_heldout(step: Step) -> str:
     """What held-out data say of an effect."""
     text = (
         f"{standing(step)}: balance error {step.error_before:.3g} →"
-        f" {step.error_after:.3g} %, error reduction {step.gain_heldout:.2g} dB"
+        f" {step.error_after:.3g} %, error reduction {step.reduction_heldout:.2g} dB"
     )
     if not step.confirmed:
         text += "; the model does not hold this effect"

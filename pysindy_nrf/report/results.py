@@ -28,11 +28,11 @@ class Step(effects.Effect, Protocol):
         """Why it was accepted."""
 
     @property
-    def gain_least(self) -> float:
+    def reduction_least(self) -> float:
         """Error reduction without the fold that contributes most, dB."""
 
     @property
-    def gain_heldout(self) -> float:
+    def reduction_heldout(self) -> float:
         """Error reduction on held-out data, dB."""
 
     @property

@@ -14,7 +14,7 @@ from sklearn.model_selection import BaseCrossValidator
 from sklearn.utils.validation import _num_samples
 
 from ..exceptions import ChannelError
-from ..laws.power_series import whole
+from ..laws.power_series import whole_number
 from ..records.channels import by_record
 
 
@@ -57,7 +57,7 @@ class BlockedTimeSplit(BaseCrossValidator):
         self, X: object = None, y: object = None, groups: object = None
     ) -> int:
         """Number of folds; parameters as of :meth:`split`, not needed."""
-        return whole("n_splits", self.n_splits, 2)
+        return whole_number("n_splits", self.n_splits, 2)
 
     def split(
         self, X: ArrayLike, y: object = None, groups: ArrayLike | None = None
@@ -80,8 +80,8 @@ class BlockedTimeSplit(BaseCrossValidator):
         ChannelError
             If a record is too short, or its samples do not follow each other.
         """
-        n_splits = whole("n_splits", self.n_splits, 2)
-        gap = whole("gap", self.gap)
+        n_splits = whole_number("n_splits", self.n_splits, 2)
+        gap = whole_number("gap", self.gap)
         n_samples = _num_samples(X)
         records = _rows_of_records(groups, n_samples)
         _require_length(min(map(len, records)), n_splits, gap)

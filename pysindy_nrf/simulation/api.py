@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal, TypedDict, Unpack
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
+from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common import number_of, positive
 from ..exceptions import SimulationError
@@ -55,18 +57,31 @@ class FreeRun:
         return float(gap.abs().max() / max(largest, np.finfo(float).tiny))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Options:
+class RunOptions(TypedDict, total=False):
     """Options of a free run, see :func:`simulate`."""
 
-    x0: Any = None
-    v0: Any = None
-    base_acceleration: Any = None
-    covariates: Mapping[str, Any] | None = None
+    x0: npt.ArrayLike | None
+    v0: npt.ArrayLike | None
+    base_acceleration: npt.ArrayLike | None
+    covariates: Mapping[str, npt.ArrayLike] | None
+    hold: str
+    rtol: float
+    t0: float
+    limit: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Options:
+    """The options with their defaults."""
+
+    x0: npt.ArrayLike | None = None
+    v0: npt.ArrayLike | None = None
+    base_acceleration: npt.ArrayLike | None = None
+    covariates: Mapping[str, npt.ArrayLike] | None = None
     hold: str = "linear"
-    rtol: Any = 1e-10
-    t0: Any = 0.0
-    limit: Any = 1e100
+    rtol: float = 1e-10
+    t0: float = 0.0
+    limit: float = 1e100
 
     def checked_rtol(self) -> float:
         cure = "Give a small positive number, e.g. 1e-10."
@@ -113,8 +128,7 @@ class _FinishedRun:
             covariates=self.options.covariates,
             name=name,
         )
-        record.t0 = self.t0
-        return record
+        return record.starting_at(self.t0)
 
     def energy(self) -> pd.DataFrame:
         """Energies by time, J."""
@@ -128,15 +142,15 @@ class _FinishedRun:
 
 
 def simulate(
-    model: Any,
-    F: Any,
+    model: ChainModel,
+    F: npt.ArrayLike | None,
     dt: float,
     *,
     method: str = "default",
-    x0: Any = None,
-    v0: Any = None,
-    base_acceleration: Any = None,
-    covariates: Mapping[str, Any] | None = None,
+    x0: npt.ArrayLike | None = None,
+    v0: npt.ArrayLike | None = None,
+    base_acceleration: npt.ArrayLike | None = None,
+    covariates: Mapping[str, npt.ArrayLike] | None = None,
     hold: str = "linear",
     rtol: float = 1e-10,
     t0: float = 0.0,
@@ -150,7 +164,6 @@ def simulate(
     Parameters
     ----------
     model : ChainModel
-        Anything with ``chain``, ``masses`` and ``laws``.
     F : array-like of shape (n_samples, n_dof), or None
         Applied forces, N; None if only the base moves.
     dt : float
@@ -232,7 +245,12 @@ def simulate(
     return as_read(run.record(name), model.laws)
 
 
-def classical_run(model: Any, F: Any, dt: float, **options: Any) -> Record:
+def classical_run(
+    model: ChainModel,
+    F: npt.ArrayLike | None,
+    dt: float,
+    **options: Unpack[RunOptions],
+) -> Record:
     """Free run by one classical Runge-Kutta step of order 4 a sample.
 
     For fits that repeat it; options as of :func:`simulate`.
@@ -242,17 +260,18 @@ def classical_run(model: Any, F: Any, dt: float, **options: Any) -> Record:
 
 
 def free_run(
-    model: Any,
-    F: Any,
+    model: ChainModel,
+    F: npt.ArrayLike | None,
     dt: float,
     *,
     method: str = "default",
     name: str = "simulation",
-    **options: Any,
+    **options: Unpack[RunOptions],
 ) -> FreeRun:
     """Free run with internal states and energies; options of :func:`simulate`."""
     run = _integrate(model, F, dt, _known(method), _Options(**options))
-    states = {key: run.out.z[:, part] for key, part in run.layout.states.items()}
+    columns = run.layout.states
+    states = {law: run.out.z[:, columns[law]] for law in columns}
     return FreeRun(run.record(name), states, run.energy(), run.outcome.steps)
 
 
@@ -267,7 +286,11 @@ def _known(method: str) -> Method:
 
 
 def _integrate(
-    model: Any, F: Any, dt: Any, method: Method, options: _Options
+    model: ChainModel,
+    F: npt.ArrayLike | None,
+    dt: float,
+    method: Method,
+    options: _Options,
 ) -> _FinishedRun:
     """Check the arguments, flatten the model and march."""
     dt = positive("dt", dt, "Give the sampling step in s.", SimulationError)

@@ -5,14 +5,13 @@ levels or places add up. All randomness comes from ``random_state``.
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 
 from ..chain.sites import dofs_of
-from ..common import generator, positive
+from ..common import RandomState, generator, positive
 from ..exceptions import ChainError, ChannelError
-from ..laws.power_series import whole
+from ..laws.power_series import whole_number
 from ..records.zero_phase_filter import check_band, check_rate
 
 MAX_SHARE_OF_BLOWS = 0.5  # of the record: blows would overlap otherwise
@@ -28,7 +27,7 @@ def impact_hammer(
     n_hits: int = 10,
     width: float = 0.01,
     spread: float = 0.5,
-    random_state: Any = None,
+    random_state: RandomState = None,
 ) -> np.ndarray:
     r"""Half-sine hammer blows at random times and of random strength.
 
@@ -76,7 +75,7 @@ def impact_hammer(
     """
     n_samples, columns = _frame(n_dof, duration, fs, excited)
     levels = _levels(level)
-    n_hits = whole("n_hits", n_hits, 1)
+    n_hits = whole_number("n_hits", n_hits, 1)
     width = positive("width", width, "Give it in s.", ChannelError)
     _check_blows(n_hits, width, spread, duration, fs)
 
@@ -123,7 +122,7 @@ def band_limited_random(
     excited: int | Iterable[int],
     rms: float | Iterable[float],
     band: tuple[float, float],
-    random_state: Any = None,
+    random_state: RandomState = None,
 ) -> np.ndarray:
     """Gaussian random forces within a band; the rest as of :func:`impact_hammer`.
 
@@ -184,18 +183,20 @@ def _in_band(signal: np.ndarray, fs: float, band: tuple[float, float]) -> np.nda
     return np.fft.irfft(spectrum, len(signal))
 
 
-def _levels(value: Any) -> list[float]:
+def _levels(value: float | Iterable[float]) -> list[float]:
     """Positive levels, at least one."""
-    given = np.atleast_1d(np.asarray(value, dtype=object))
-    levels = [positive("level", level, "Give N.", ChannelError) for level in given]
+    values = np.atleast_1d(np.asarray(value, dtype=object))
+    levels = [positive("level", level, "Give N.", ChannelError) for level in values]
     if not levels:
         raise ChannelError("No level is given", "Give at least one, in N.")
     return levels
 
 
-def _frame(n_dof: Any, duration: Any, fs: Any, excited: Any) -> tuple[int, list[int]]:
+def _frame(
+    n_dof: int, duration: float, fs: float, excited: int | Iterable[int]
+) -> tuple[int, list[int]]:
     """Number of samples and columns of the forced DOFs."""
-    n_dof = whole("n_dof", n_dof, 1)
+    n_dof = whole_number("n_dof", n_dof, 1)
     seconds = positive("duration", duration, "Give it in s.", ChannelError)
     n_samples = round(seconds * check_rate(fs))
     if n_samples < 2:

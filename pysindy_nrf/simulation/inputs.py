@@ -1,26 +1,28 @@
 """What drives a free run: its checks, and its course between the samples."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from ..exceptions import ChannelError
 from ..records.channels import as_matrix, rows_text
 
 
-def force_matrix(F: Any, base_acceleration: Any, n_dof: int) -> np.ndarray:
+def force_matrix(
+    F: npt.ArrayLike | None, base_acceleration: npt.ArrayLike | None, n_dof: int
+) -> np.ndarray:
     """Forces of at least two samples; zero if only the base moves."""
-    if F is None and base_acceleration is None:
+    if F is not None:
+        names = [f"F{j}" for j in range(1, n_dof + 1)]
+        force = finite(F, names, "force")
+    elif base_acceleration is not None:
+        force = np.zeros((np.shape(base_acceleration)[0], n_dof))
+    else:
         raise ChannelError(
             "Nothing drives the free run", "Give forces F, or base_acceleration=."
         )
-    if F is None:
-        force = np.zeros((len(base_acceleration), n_dof))
-    else:
-        names = [f"F{j}" for j in range(1, n_dof + 1)]
-        force = finite(F, names, "force")
     if len(force) < 2:
         raise ChannelError(
             f"The force has {len(force)} samples", "At least two are needed."
@@ -28,7 +30,9 @@ def force_matrix(F: Any, base_acceleration: Any, n_dof: int) -> np.ndarray:
     return force
 
 
-def initial_motion(value: Any, letter: str, n_dof: int, what: str) -> np.ndarray:
+def initial_motion(
+    value: npt.ArrayLike | None, letter: str, n_dof: int, what: str
+) -> np.ndarray:
     """An initial displacement or velocity of every DOF."""
     if value is None:
         return np.zeros(n_dof)
@@ -44,8 +48,8 @@ def initial_motion(value: Any, letter: str, n_dof: int, what: str) -> np.ndarray
 
 def input_matrix(
     force: np.ndarray,
-    base_acceleration: Any,
-    covariates: Mapping[str, Any] | None,
+    base_acceleration: npt.ArrayLike | None,
+    covariates: Mapping[str, npt.ArrayLike] | None,
     names: Sequence[str],
 ) -> np.ndarray:
     """Forces, base acceleration and the covariates that the laws read, side by side."""
@@ -66,7 +70,7 @@ def input_matrix(
     return np.ascontiguousarray(np.hstack(columns))
 
 
-def _column(values: Any, name: str, n_samples: int) -> np.ndarray:
+def _column(values: npt.ArrayLike, name: str, n_samples: int) -> np.ndarray:
     column = finite(values, [name], "input")
     if len(column) != n_samples:
         raise ChannelError(
@@ -76,7 +80,7 @@ def _column(values: Any, name: str, n_samples: int) -> np.ndarray:
     return column
 
 
-def finite(values: Any, names: Sequence[str], what: str) -> np.ndarray:
+def finite(values: npt.ArrayLike, names: Sequence[str], what: str) -> np.ndarray:
     """A matrix of finite numbers, or an error that names channel and rows."""
     array = as_matrix(values, names, len(names), what).astype(float)
     for name, column in zip(names, array.T):

@@ -1,7 +1,6 @@
 """Exact motion of a linear structure under sampled forces."""
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -22,7 +21,7 @@ def linear_run(
     F: np.ndarray,
     dt: float,
     start: np.ndarray,
-    base_acceleration: Any = None,
+    base_acceleration: np.ndarray | None = None,
     hold: str = "linear",
 ) -> Motion | None:
     """Motion of a linear structure, exact for the course of the forces.

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..common import generator, number_of
+from ..common import RandomState, generator, number_of
 from ..exceptions import ChannelError
 from ..records.record import BASES, OF_LETTER, Record
 
@@ -16,7 +16,7 @@ ARGUMENT_OF_BASE = {short: argument for argument, short in BASES.items()}
 def add_noise(
     record: Record,
     level: float,
-    random_state: Any = None,
+    random_state: RandomState = None,
     channels: Iterable[str] | None = None,
 ) -> Record:
     """A record with white Gaussian noise on its channels.

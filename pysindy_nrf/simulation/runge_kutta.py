@@ -368,16 +368,16 @@ def _settle(system, jumps, v_tol, t, row, now, w):
         accelerate(system, t, row, now, w, True)
         changed = False
         overloaded = -1
-        most = 1.0 + 1e-9
+        largest_share = 1.0 + 1e-9
         for i in range(system.n_sites):
             if jumps[i] and regime[i] == STICKS:
                 if w.jump[i] <= 0.0:
                     rise = relative(now.a, site_at(system, i))
                     regime[i] = 1 if rise > 0.0 else -1
                     changed = True
-                elif abs(w.share[i]) > most:
+                elif abs(w.share[i]) > largest_share:
                     overloaded = i
-                    most = abs(w.share[i])
+                    largest_share = abs(w.share[i])
         # one at a time: a site that slips relieves the others
         if overloaded >= 0:
             regime[overloaded] = 1 if w.share[overloaded] > 0.0 else -1
@@ -390,12 +390,12 @@ def _settle(system, jumps, v_tol, t, row, now, w):
 def _overload(system, jumps, w):
     """Sticking site that holds more than it can, and by how much; -1 if none."""
     overloaded = -1
-    most = 1e-9
+    excess = 1e-9
     for i in range(system.n_sites):
-        if jumps[i] and w.regime[i] == STICKS and abs(w.share[i]) - 1.0 > most:
+        if jumps[i] and w.regime[i] == STICKS and abs(w.share[i]) - 1.0 > excess:
             overloaded = i
-            most = abs(w.share[i]) - 1.0
-    return overloaded, most
+            excess = abs(w.share[i]) - 1.0
+    return overloaded, excess
 
 
 @part
@@ -405,12 +405,12 @@ def _overload_inside(system, drive, path, middle, jumps, w, interval, done, h):
     A force that bends may exceed what friction holds between both ends.
     """
     start, half, end = path
-    most = 0.0
+    largest_excess = 0.0
     any_sticks = False
     for i in range(system.n_sites):
         any_sticks |= jumps[i] != 0 and w.regime[i] == STICKS
     if not any_sticks:
-        return most
+        return largest_excess
 
     for eighth in range(1, 8):
         q = eighth / 8.0
@@ -425,8 +425,8 @@ def _overload_inside(system, drive, path, middle, jumps, w, interval, done, h):
         now = Instant(half.x, half.v, end.z, half.a, half.force)
         accelerate(system, interval * drive.dt + done + q * h, middle, now, w, True)
         _, excess = _overload(system, jumps, w)
-        most = max(most, excess)
-    return most
+        largest_excess = max(largest_excess, excess)
+    return largest_excess
 
 
 @inline

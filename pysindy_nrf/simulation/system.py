@@ -3,10 +3,11 @@
 from collections import namedtuple
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..exceptions import LawError, SimulationError
 from ..laws.base import ForceLaw
@@ -62,7 +63,8 @@ class _Tables:
     n_dof: int
     covariates: tuple[str, ...]
     sites: list[tuple[int, ...]] = field(default_factory=list)
-    laws: list[tuple[Any, ...]] = field(default_factory=list)
+    # numba knows no address of what is not compiled; these are
+    laws: list[tuple[int | None, ...]] = field(default_factory=list)
     coefficients: list[float] = field(default_factory=list)
     theta: list[float] = field(default_factory=list)
     channels: list[int] = field(default_factory=list)
@@ -113,7 +115,7 @@ class _Tables:
         ]
 
 
-def flatten(model: Any, t0: float = 0.0) -> tuple[System, Layout]:
+def flatten(model: ChainModel, t0: float = 0.0) -> tuple[System, Layout]:
     """A chain model as flat arrays.
 
     Raises

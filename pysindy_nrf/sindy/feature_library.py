@@ -18,7 +18,7 @@ from sklearn.utils.validation import check_is_fitted
 from ..chain.layout import LawLayout, declared_laws, power_series_laws
 from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of
-from ..common import MOST_DOFS
+from ..common import MAX_DOFS
 from ..common.warn import warn_user
 from ..equations.balances import blocks_of_segment
 from ..exceptions import ChainError, ChannelError, DataQualityWarning, LawError
@@ -343,7 +343,7 @@ class _ForceColumns:
         cls, excited: int | Sequence[int], width: int, n_dof: int | None
     ) -> _ForceColumns:
         """The columns that a user names."""
-        named = dofs_of("excited", excited, MOST_DOFS)
+        named = dofs_of("excited", excited, MAX_DOFS)
         count = max((width - len(named)) // 2, 1) if n_dof is None else n_dof
         dofs = dofs_of("excited", named, count)
         if len(set(dofs)) < len(dofs):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf.chain.visited_region import VisitedRegion
+from pysindy_nrf.chain import VisitedRegion
 from pysindy_nrf.records import Extent
 
 VALUES = np.random.default_rng(0).normal(size=(50, 3)).astype(np.float32).astype(float)

@@ -43,7 +43,9 @@ def situations(draw):
 def joint_rank(situation):
     """Rank of all usable equations at once for linear laws, and the unknowns."""
     chain = situation.chain
-    n_dof, n_sites, size = chain.n_dof, len(chain.sites), 200
+    n_dof = chain.n_dof
+    n_sites = len(chain.sites)
+    size = 200
     rng = np.random.default_rng(0)
     F = np.zeros((size, n_dof))
     for j in situation.forced | situation.unknown:

@@ -241,7 +241,9 @@ def test_a_surface_is_the_force_over_the_rectangle_that_was_visited(fitted, chai
     assert len(table) == 31**2
     assert (table.v.min(), table.v.max()) == pytest.approx((v.min(), v.max()))
     assert (table.s.min(), table.s.max()) == pytest.approx((s.min(), s.max()))
-    c, k, k3 = chain4.c[1], chain4.k[1], chain4.k3[1]
+    c = chain4.c[1]
+    k = chain4.k[1]
+    k3 = chain4.k3[1]
     expected = c * table.v + k * table.s + k3 * table.s**3
     assert np.allclose(table.R, expected, rtol=1e-9, atol=1e-6)
 

@@ -2,19 +2,20 @@
 
 import json
 import resource
+from importlib.resources import files
 
 import jsonschema
 import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, datasets, laws, simulate
-from pysindy_nrf.common.files import schema
 from pysindy_nrf.exceptions import FileFormatError, FileVersionError
 
 
 @pytest.fixture(scope="module")
 def validator():
-    return jsonschema.Draft202012Validator(schema())
+    schema = files("pysindy_nrf") / "common/schemas/chain_model.schema.json"
+    return jsonschema.Draft202012Validator(json.loads(schema.read_text()))
 
 
 def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path, validator):

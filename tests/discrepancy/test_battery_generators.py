@@ -9,20 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from battery import generators
+from battery.formulas import KINDS
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 pytestmark = pytest.mark.slow
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-if not BENCHMARKS.is_dir():
-    pytest.skip(
-        "the benchmarks are not part of an installed package", allow_module_level=True
-    )
-sys.path.insert(0, str(BENCHMARKS))
-
-from battery import generators  # noqa: E402
-from battery.formulas import KINDS  # noqa: E402
 
 
 def modules_imported_by(path):

@@ -168,8 +168,8 @@ def test_an_undeclared_effect_is_found_where_it_acts():
 def test_a_step_says_what_the_search_and_heldout_data_say():
     report = close_loop(record(cubic, seed=3, noise=0.01), max_steps=1)
     (step,) = report.steps
-    assert step.confirmed and step.gain_heldout > 0
-    assert step.gain > 1.0 and step.gain_least > 0.5 * step.gain
+    assert step.confirmed and step.reduction_heldout > 0
+    assert step.reduction > 1.0 and step.reduction_least > 0.5 * step.reduction
     assert 0.03 < step.share < 1.0
     assert step.error_after < 0.5 * step.error_before
     assert report.table.loc["baseline", "held-out"] == step.error_before
@@ -252,7 +252,7 @@ def test_a_name_beside_which_a_general_law_explains_more_is_not_sure():
     report = close_loop(rec, catalogue=[laws.RegularizedFriction()])
     step = report.steps[0]
     assert step.confirmed and step.remainder < 0.05 and not step.sure
-    lacking = "a function of drift and rate at storey 2 would gain"
+    lacking = "a function of drift and rate at storey 2"
     assert lacking in report.stopped_because
 
 
@@ -407,8 +407,8 @@ def test_an_effect_that_takes_less_than_a_tenth_is_not_confirmed(
     assert step.error_after < step.error_before
     assert step.confirmed is confirmed
     # a tenth of the error, in dB
-    assert (step.gain > 0.915) is confirmed
-    assert ("the gain is too small: NOT CONFIRMED" in str(report)) is not confirmed
+    assert (step.reduction > 0.915) is confirmed
+    assert ("NOT CONFIRMED" in str(report)) is not confirmed
 
 
 def test_confirmed_effects_are_those_of_the_model():

@@ -14,7 +14,7 @@ one_sided_gap two_sided_gap bilinear dead_zone
 jenkins iwan dahl lugre bouc_wen degrading_bouc_wen pinched_bouc_wen maxwell_branch
 backlash_friction hidden_oscillator
 harmonic_force constant_force link_spring_dashpot added_mass
-channel_delay gain_error sensor_offset
+channel_delay reduction_error sensor_offset
 """.split()
 STOREYS = {"storey 1", "storey 2", "storey 3"}
 DOFS = {"dof 1", "dof 2", "dof 3"}

@@ -1,4 +1,4 @@
-"""Equations of motion of records: the same columns whole, block by block, law by law."""
+"""Equations of motion of records: the same columns whole, by block and by law."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def equations(data, request):
 
 
 def test_columns_of_single_laws_are_those_of_the_whole_record(equations):
-    block = equations.whole(0)
+    block = equations.whole_record(0)
     for site in LAYOUT.acting:
         columns = [equations.columns(law, site, 0) for law in LAYOUT.laws[site]]
         expected = block.terms[LAYOUT.slices[site]]
@@ -46,7 +46,7 @@ def test_columns_of_single_laws_are_those_of_the_whole_record(equations):
 
 
 def test_inertia_and_target_are_those_of_the_whole_record(equations):
-    block = equations.whole(0)
+    block = equations.whole_record(0)
     assert equations.inertias(0) == pytest.approx(block.acceleration, abs=1e-12)
     target = equations.target(0)
     assert np.isnan(target[1]).all()
@@ -56,7 +56,7 @@ def test_inertia_and_target_are_those_of_the_whole_record(equations):
 
 def test_blocks_follow_each_other_and_laws_remember(equations):
     terms = [block.terms for block in equations.blocks(0)]
-    expected = equations.whole(0).terms
+    expected = equations.whole_record(0).terms
     assert np.hstack(terms) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 

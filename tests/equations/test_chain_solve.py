@@ -9,9 +9,15 @@ import pytest
 
 from pysindy_nrf import Chain, NRFRegressor
 from pysindy_nrf.chain import Layout, blocks_of, plan_solve_order
-from pysindy_nrf.equations import NormalEquations, groups_of, solve, total_gram
-from pysindy_nrf.equations.chain_solve import NotTogether, solve_blocks
-from pysindy_nrf.equations.errors import balance_sizes
+from pysindy_nrf.equations import (
+    NormalEquations,
+    NotTogether,
+    balance_sizes,
+    groups_of,
+    solve,
+    solve_blocks,
+    total_products,
+)
 from pysindy_nrf.exceptions import IdentifiabilityError, NRFError, RankWarning
 
 # Three storeys with a brace from floor 1 to floor 3, and the terms of its laws.
@@ -81,7 +87,7 @@ class Case:
     def total(self, order, kind="gram", known=None):
         terms = np.hstack([self.terms[str(site)] for site in LAYOUT.sites])
         blocks = blocks_of(terms, self.a, self.F, 150)
-        return total_gram(LAYOUT, groups_of(LAYOUT, order), blocks, known, kind)
+        return total_products(LAYOUT, groups_of(LAYOUT, order), blocks, known, kind)
 
     def solved(self, order, known=None):
         return solve(self.total(order, known=known), order, known)
@@ -179,7 +185,9 @@ def test_a_storey_on_the_ground_has_no_twin():
 def test_sequential_takes_what_it_knows_to_the_right():
     case = Case(noise=5.0)
     solution = case.solved(order_of([3], strategy="sequential"))
-    T, a, F = case.terms, case.a.T, case.F.T
+    T = case.terms
+    a = case.a.T
+    F = case.F.T
     x3, e3 = least_squares(a[2], T["storey 3"], T["link 3-1"], y=F[2])
     y2 = F[1] + T["storey 3"] @ x3[1:3]
     x2, e2 = least_squares(a[1], T["storey 2"], y=y2)
@@ -252,7 +260,9 @@ def test_joint_is_least_squares_of_equations_divided_by_what_each_leaves(known):
     total = total.merge(without_3.total(order, known=known))
     solution = solve(total, order, known)
 
-    stacked, targets, levels = [], [], {}
+    stacked = []
+    targets = []
+    levels = {}
     for dof in (3, 2, 1):
         records = [complete] if dof == 3 else [complete, without_3]
         parts = [joint_rows(record, dof, known) for record in records]
@@ -301,7 +311,7 @@ def single(columns, a, F, kind="gram", known=None):
     order = plan_solve_order(
         ONE.chain, [1], (), known or (), strategy="complete", sites=ONE.acting
     )
-    total = total_gram(ONE, groups_of(ONE, order), blocks, known, kind)
+    total = total_products(ONE, groups_of(ONE, order), blocks, known, kind)
     return solve(total, order, known)
 
 

@@ -7,8 +7,13 @@ import pytest
 
 from pysindy_nrf import Chain
 from pysindy_nrf.chain import Layout, blocks_of, plan_solve_order
-from pysindy_nrf.equations import groups_of, solve, total_gram
-from pysindy_nrf.equations.many_solves import ChannelSolve, CompiledChainSolve
+from pysindy_nrf.equations import (
+    ChannelSolve,
+    CompiledChainSolve,
+    groups_of,
+    solve,
+    total_products,
+)
 
 BRACED = Layout(
     Chain(3, ["link 3-1"]), {"storey 1": 2, "storey 2": 1, "storey 3": 3, "link 3-1": 2}
@@ -56,7 +61,7 @@ class Case:
         order = self.order()
         blocks = blocks_of(self.terms, self.a, self.F)
         groups = groups_of(self.layout, order)
-        total = total_gram(self.layout, groups, blocks, self.known, "root")
+        total = total_products(self.layout, groups, blocks, self.known, "root")
         return solve(total, order, self.known)
 
     def compiled(self):
@@ -143,7 +148,9 @@ def test_channels_are_one_least_squares_problem():
     rng = np.random.default_rng(1)
     layout = Layout(Chain(2), {"storey 1": 2, "storey 2": 1})
     rows = rng.normal(size=(300, 7))
-    solver = ChannelSolve(layout, {1: 4.0}, {"storey 1": [0, 1], "storey 2": [2]}, at=3)
+    solver = ChannelSolve(
+        layout, {1: 4.0}, {"storey 1": [0, 1], "storey 2": [2]}, first_mass=3
+    )
     masses, theta = solver.solve((rows.T @ rows)[None, None])
     unknown = rows[:, [0, 1, 2, 4]]
     expected = np.linalg.lstsq(unknown, rows[:, 5] - 4.0 * rows[:, 3])[0]

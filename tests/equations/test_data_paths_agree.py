@@ -1,4 +1,4 @@
-"""Data that come another way - in pieces, with gaps, from files - give the same answer."""
+"""Data in pieces, with gaps or from files give the same answer."""
 
 import warnings
 

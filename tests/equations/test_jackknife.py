@@ -1,4 +1,4 @@
-"""The jackknife and cross-validated ridge regression against textbooks."""
+"""The jackknife against textbooks."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from pysindy_nrf.equations.jackknife import leave_one_out, share_of, variance
-from pysindy_nrf.equations.ridge_regression import Regression, in_blocks
+from pysindy_nrf.equations import leave_one_out, share_of, variance
 
 SHAPES = arrays.array_shapes(min_dims=1, max_dims=2, min_side=2, max_side=12)
 DATA = arrays.arrays(float, SHAPES, elements=st.floats(-1e3, 1e3))
@@ -39,32 +38,17 @@ def test_the_share_that_is_left_and_its_error():
     assert share_of(0 * before, 0 * before) == (0.0, 0.0)
 
 
-@pytest.fixture(scope="module")
-def regression():
-    """y = 2 x + noise of a tenth, beside a column z that has no part in it."""
-    rng = np.random.default_rng(0)
-    x, z, e = rng.normal(size=(3, 5000))
-    y = 2.0 * x + 0.2 * e
-    columns = {"x": x, "z": z, "y": y}
-    return Regression.of({name: [c[:2000], c[2000:]] for name, c in columns.items()})
+def test_the_error_of_a_share_is_that_of_a_mean():
+    after = np.array([0.3, 0.9, 0.4, 0.1, 0.7])
+    share, error = share_of(np.ones(5), after)
+    assert share == pytest.approx(1 - after.mean())
+    assert error == pytest.approx(after.std(ddof=1) / np.sqrt(5))
 
 
-def test_a_regression_finds_the_share_that_a_column_explains(regression):
-    share, error = regression.share("y", ["x"])
-    assert share == pytest.approx(4.0 / 4.04, abs=0.01)
-    assert 0.0 < error < 0.01
+def test_two_blocks_give_no_error_of_a_share():
+    assert np.isnan(share_of(np.ones(2), np.array([0.3, 0.9]))[1])
 
 
-def test_a_column_that_has_no_part_explains_nothing_of_held_out_blocks(regression):
-    share, error = regression.share("y", ["z"], beside=["x"])
-    assert abs(share) < 3 * error + 1e-3
-    assert regression.coefficients("y", ["x", "z"])["x"] == pytest.approx(
-        [2.0], abs=0.01
-    )
-
-
-def test_blocks_are_contiguous_and_about_equal():
-    records = [np.arange(100), np.arange(100, 160)]
-    blocks = in_blocks(records, 8)
-    assert np.concatenate(blocks).tolist() == list(range(160))
-    assert {len(block) for block in blocks} == {20}
+def test_blocks_of_zeros_leave_the_share_to_the_others():
+    found = share_of(np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]))
+    assert found[1] == pytest.approx(np.sqrt(2 * np.var([1.0, 0.5, 0.5])))

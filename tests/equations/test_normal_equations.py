@@ -1,4 +1,4 @@
-"""Sums of products of the columns of equations of motion, their factors, their blocks."""
+"""Sums of products of the columns of equations of motion, factors and blocks."""
 
 import pickle
 from dataclasses import dataclass
@@ -10,9 +10,13 @@ from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ForceLawLibrary, laws
 from pysindy_nrf.chain import LawLayout, Layout, blocks_of
-from pysindy_nrf.equations import NormalEquations, total_gram
-from pysindy_nrf.equations.accumulation import ProductSums, pieces_of
-from pysindy_nrf.equations.balances import blocks_of_segment
+from pysindy_nrf.equations import (
+    NormalEquations,
+    ProductSums,
+    blocks_of_segment,
+    pieces_of,
+    total_products,
+)
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records import from_arrays
 
@@ -39,7 +43,7 @@ class Columns:
         return blocks_of(self.terms, self.a, self.F, size)
 
     def of_group(self, layout, group, masses=MASSES):
-        """Written out: terms, a_j and F_j of one DOF; sum of F_j - m_j a_j of several."""
+        """Terms, a_j and F_j of one DOF; sum of F_j - m_j a_j of several."""
         columns = [self.terms[:, layout.slices[site]] for site in group.sites]
         dofs = [dof - 1 for dof in group.dofs]
         if len(dofs) == 1:
@@ -65,7 +69,7 @@ def random_columns():
 
 
 def total_of(columns, kind="gram", size=64):
-    return total_gram(LAYOUT, GROUPS, columns.blocks(size), MASSES, kind)
+    return total_products(LAYOUT, GROUPS, columns.blocks(size), MASSES, kind)
 
 
 def assert_products(found, expected, rel=1e-12):
@@ -103,7 +107,7 @@ def test_every_product_is_exact(counts, size, dofs, chunk, known):
     columns = whole_numbers(size, layout.n_terms, 4)
     groups = [layout.group(group) for group in dofs]
     masses = {dof: MASSES[dof] for dof in known}
-    total = total_gram(layout, groups, columns.blocks(chunk), masses)
+    total = total_products(layout, groups, columns.blocks(chunk), masses)
     assert list(total.matrices) == dofs
     for group in groups:
         A = columns.of_group(layout, group, dict.fromkeys(MASSES, 0.0) | masses)
@@ -172,7 +176,7 @@ def test_records_with_different_unknown_forces(kind):
 )
 def test_sums_of_other_equations_or_kinds_do_not_add(groups, kind, what):
     columns = random_columns()
-    other = total_gram(LAYOUT, groups, columns.blocks(), MASSES, kind)
+    other = total_products(LAYOUT, groups, columns.blocks(), MASSES, kind)
     with pytest.raises(NRFError, match=f"different {what} cannot"):
         total_of(columns).merge(other)
 
@@ -257,7 +261,7 @@ def test_what_is_summed_up_are_the_features_of_the_library(order, dtype, seed, n
 
     groups = [layout.group((j,)) for j in range(1, n + 1)]
     blocks = blocks_of_segment(segment, layout, 700, states={})
-    total = total_gram(layout, groups, blocks)
+    total = total_products(layout, groups, blocks)
     columns = Columns(features[:, n:], features[:, :n], F.astype(float))
     for dofs, matrix in total.matrices.items():
         A = columns.of_group(layout, total.groups[dofs])
@@ -290,7 +294,7 @@ def of_columns(columns, kind="gram"):
     """One DOF whose columns [terms | a | F] are given, one row a sample."""
     layout = Layout(Chain(1), {"storey 1": columns.shape[1] - 2})
     blocks = blocks_of(columns[:, :-2], columns[:, -2:-1], columns[:, -1:], 100)
-    return total_gram(layout, [layout.group((1,))], blocks, kind=kind)
+    return total_products(layout, [layout.group((1,))], blocks, kind=kind)
 
 
 @pytest.mark.parametrize("condition", [1e1, 1e5, 1e9, 1e13])
@@ -447,7 +451,7 @@ def test_pieces_sum_up_to_the_records(two_records):
     blocks = []
     for segment in two_records.segments:
         blocks.extend(blocks_of_segment(segment, SERIES))
-    assert_same(pieces.sum(), total_gram(SERIES, SINGLES, blocks))
+    assert_same(pieces.sum(), total_products(SERIES, SINGLES, blocks))
     assert pieces.n_samples.sum() == 900
     # the least whole length that makes at most 64 pieces is 15 samples
     assert np.bincount(pieces.record).tolist() == [40, 20]

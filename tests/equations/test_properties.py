@@ -9,7 +9,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pysindy_nrf import Chain, ChainModel, NRFRegressor, laws
-from pysindy_nrf.laws.contract import random_values
 from pysindy_nrf.simulation import free_run
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
@@ -310,7 +309,7 @@ def models(draw):
     by_site = {}
     for site in chain.sites:
         chosen = rng.choice(len(POOL), rng.integers(1, 3), replace=False)
-        by_site[site] = [random_values(POOL[k], rng) for k in chosen]
+        by_site[site] = [laws.random_values(POOL[k], rng) for k in chosen]
     return ChainModel(rng.uniform(1, 50, n), by_site, chain)
 
 
@@ -363,7 +362,7 @@ def test_passive_laws_never_create_energy(n, kinds, seed):
         by_storey[i] = [laws.LinearElastic(k), laws.LinearViscous(c)]
         for kind in kinds:
             assert kind.passive
-            law = random_values(kind(), rng)
+            law = laws.random_values(kind(), rng)
             positive = law.with_values(coefficients=np.abs(law.coefficients))
             by_storey[i].append(positive)
     model = ChainModel(rng.uniform(5, 50, n), by_storey)

@@ -95,7 +95,7 @@ def test_output_error_at_a_low_sampling_rate_holds_the_truth_in_its_intervals():
 
 @pytest.mark.parametrize("offsets", [(0.5, -0.3, 0.4), (0.0, 2.0, 0.0)])
 def test_displacements_with_a_wrong_zero_still_start_the_instruments(offsets):
-    """A constant is no motion: least squares in the band of the motion starts better."""
+    """A constant is no motion: least squares in its band starts better."""
     record = add_noise(pushed(THREE, 20.0, 500.0, (2, 40)), 0.02, random_state=5)
     x = record.displacement
     shifted = x + np.array(offsets) * x.std(axis=0)

@@ -1,4 +1,4 @@
-"""Fits in pieces give the answer of a fit in memory, for every source and chunk size."""
+"""Fits in pieces give the answer of a fit in memory, for all sources and sizes."""
 
 import pickle
 import warnings

@@ -1,4 +1,4 @@
-"""Files and iterators that are read in chunks: every row once, errors that name them."""
+"""Files and iterators read in chunks: every row once, errors that name them."""
 
 import chains
 import numpy as np

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pysindy_nrf import laws
-from pysindy_nrf.laws.shape import ShapeScale
 
 SHAPES = [shape for law in laws.registry().values() for shape in law.shapes]
 DRIFTS = st.floats(1e-6, 1.0)  # m
@@ -21,7 +20,7 @@ FACTORS = st.floats(0.01, 100.0)
 
 def bounds_of(shapes, drift, rate, duration, fastest=np.inf):
     """Lower and upper bounds in SI units, by way of the coordinates of a search."""
-    scale = ShapeScale(shapes, [(drift, rate, duration)] * len(shapes), fastest)
+    scale = laws.ShapeScale(shapes, [(drift, rate, duration)] * len(shapes), fastest)
     return scale.values(scale.low), scale.values(scale.high)
 
 

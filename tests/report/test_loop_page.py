@@ -152,7 +152,11 @@ def test_what_the_data_cannot_tell_apart_is_said_once():
 @pytest.fixture(scope="module")
 def refused():
     report = with_step(
-        loop_report(), confirmed=False, sure=False, error_after=9.9, gain_heldout=-0.3
+        loop_report(),
+        confirmed=False,
+        sure=False,
+        error_after=9.9,
+        reduction_heldout=-0.3,
     )
     return replace(report, model=report.models[0])
 

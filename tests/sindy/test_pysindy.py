@@ -17,7 +17,7 @@ from pysindy_nrf import (
     laws,
 )
 from pysindy_nrf.chain import Layout, blocks_of, plan_solve_order
-from pysindy_nrf.equations import groups_of, solve, total_gram
+from pysindy_nrf.equations import groups_of, solve, total_products
 from pysindy_nrf.exceptions import (
     ChannelError,
     ExcitationError,
@@ -94,7 +94,7 @@ def test_the_solve_itself_finds_what_the_regressor_finds(entrance, test_data):
     layout = Layout(chain, dict.fromkeys(chain.sites, N_TERMS))
     order = plan_solve_order(chain, forced, alone=inner is not None)
     blocks = blocks_of(terms, X[:, :4], F)
-    sums = total_gram(layout, groups_of(layout, order), blocks)
+    sums = total_products(layout, groups_of(layout, order), blocks)
     solution = solve(sums, order, inner=inner)
     masses = [solution.masses[dof] for dof in range(1, 5)]
     assert worst(masses, regressor.masses_) < 1e-10

@@ -16,7 +16,7 @@ from sklearn.base import clone
 
 from ...chain.identifiability import SolveOrder
 from ...chain.layout import Group, LawLayout, block_size
-from ...equations.accumulation import GramPass
+from ...equations.accumulation import ProductSums
 from ...equations.balances import States, blocks_of_segment
 from ...equations.chain_solve import groups_of
 from ...equations.normal_equations import NormalEquations
@@ -307,7 +307,7 @@ class RunningSums:
     origin: np.generic | float | None = None
     carry: Carry | None = None
     # the plan of products that all blocks share
-    _products: GramPass | None = field(default=None, repr=False)
+    _products: ProductSums | None = field(default=None, repr=False)
 
     @classmethod
     def of_length(
@@ -486,16 +486,16 @@ class RunningSums:
             )
         return segment
 
-    def empty_sums(self) -> GramPass:
+    def empty_sums(self) -> ProductSums:
         """Running sums of an empty block; all blocks share one plan of products."""
         summed = self.require_problem()
         if self._products is None:
-            self._products = GramPass(
+            self._products = ProductSums(
                 summed.layout, summed.groups, summed.known_masses, self.kind
             )
         return self._products.empty(None)
 
-    def _close(self, key: Key, record: str, sums: GramPass) -> None:
+    def _close(self, key: Key, record: str, sums: ProductSums) -> None:
         self.blocks.append(Block(key, record, sums.total()))
 
     def _limit_blocks(self) -> None:

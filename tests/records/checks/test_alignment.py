@@ -1,4 +1,4 @@
-"""Known delays, gains and signs come back; clocks are brought together; gaps are cut."""
+"""Known delays, gains and signs come back; clocks are joined; gaps are cut."""
 
 import numpy as np
 import pandas as pd

@@ -23,11 +23,11 @@ def test_damaged_files_of_every_reader():
     seed = int(os.environ.get("FUZZ_SEED", 0))
     n_files = FILES_OF_A_READER * len(TARGETS)
     outcome = fuzzing.fuzz("all", seed=seed, n_files=n_files)
-    assert not outcome["failures"], "\n".join(map(str, outcome["failures"]))
-    assert outcome["read"] + outcome["refused"] == n_files
-    assert outcome["refused"] > len(TARGETS)
-    assert outcome["read"] > 0
-    assert outcome["peak"] < MAX_MEMORY
+    assert not outcome.failures, "\n".join(map(str, outcome.failures))
+    assert outcome.read + outcome.refused == n_files
+    assert outcome.refused > len(TARGETS)
+    assert outcome.read > 0
+    assert outcome.peak < MAX_MEMORY
 
 
 ODD_CELLS = "nan inf - 1,5 1e400 2024-05-01 0x10 1_000 ٣ # ' True 1e5j".split()

@@ -1,11 +1,9 @@
-"""The regression that every question to a residual is asked of."""
+"""Cross-validated ridge regression on blocks of samples, by hand."""
 
 import numpy as np
 import pytest
 
-from pysindy_nrf.equations.normal_equations import Regression, share_of
-
-pytestmark = pytest.mark.slow
+from pysindy_nrf.equations import Regression, in_blocks
 
 FOLDS, BLOCKS = 4, 13
 SIZES = (310, 95)
@@ -87,17 +85,8 @@ def test_of_a_target_of_zeros_nothing_is_explained():
     assert fit.share("f", ["a"]) == (0.0, 0.0)
 
 
-def test_the_error_of_a_share_is_that_of_a_mean():
-    after = np.array([0.3, 0.9, 0.4, 0.1, 0.7])
-    share, error = share_of(np.ones(5), after)
-    assert share == pytest.approx(1 - after.mean())
-    assert error == pytest.approx(after.std(ddof=1) / np.sqrt(5))
-
-
-def test_two_blocks_give_no_error_of_a_share():
-    assert np.isnan(share_of(np.ones(2), np.array([0.3, 0.9]))[1])
-
-
-def test_blocks_of_zeros_leave_the_share_to_the_others():
-    found = share_of(np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]))
-    assert found[1] == pytest.approx(np.sqrt(2 * np.var([1.0, 0.5, 0.5])))
+def test_blocks_are_contiguous_and_about_equal():
+    records = [np.arange(100), np.arange(100, 160)]
+    blocks = in_blocks(records, 8)
+    assert np.concatenate(blocks).tolist() == list(range(160))
+    assert {len(block) for block in blocks} == {20}

@@ -152,6 +152,8 @@ class Facts:
         Why a search claims nothing; empty if it does.
     wiring : str
         The error of wiring without which the balances close, if there is one.
+    noise_or_law : tuple of str
+        What a missing law or noise in the motion may explain, in sentences.
     doubts : tuple of str
         What else is doubtful, in sentences.
     """
@@ -175,6 +177,7 @@ class Facts:
     noise_is_known: bool = True
     nothing_claimed: str = ""
     wiring: str = ""
+    noise_or_law: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
 
 

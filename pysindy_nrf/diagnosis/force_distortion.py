@@ -16,8 +16,11 @@ from .sample_windows import FOLDS, LASTING
 
 # Share of the rms of the force, or of its gain, below which a fault does not matter.
 LEAST_SIZE = 0.01
-# Share of the square of a column that rounding leaves of it.
-ROUND_OFF = 1e-9
+# Share of the gain or of the rms from which on a fault is none: no amplifier does so.
+LARGEST_SIZE = 1.0
+# Share of the square of a function that must be no gain of the force, for data to tell
+# them apart: blows that only push have no gain of their own for the pull.
+DISTINCT = 0.01
 # Percent of the held-out residual that a function must remove: twice that of a law.
 LEAST_GAIN = 2 * GAIN
 
@@ -108,7 +111,7 @@ def distortions_of(grams: ForceGrams) -> list[str]:
     c = -float(values[-1])
     c /= 1 - c * gains[best]
     size = _size(best, c, grams.peak / grams.rms)
-    if abs(size) < LEAST_SIZE:
+    if not LEAST_SIZE < abs(size) < LARGEST_SIZE:
         return []
     return [
         f"F{grams.dof}: {_words(best, size, grams.rms)}, which explains"
@@ -123,8 +126,8 @@ def _without_gains(total: np.ndarray, first: int, gains: np.ndarray) -> np.ndarr
     change = np.eye(len(total))
     change[first:-1, -1] = -gains
     remaining = np.einsum("ij,jk,ik->i", change, total, change)[first:-1]
-    # of a force of two values all is a gain
-    is_gain_alone = remaining <= ROUND_OFF * np.diag(total)[first:-1]
+    # of a force of two values, or of one sign, all is a gain
+    is_gain_alone = remaining <= DISTINCT * np.diag(total)[first:-1]
     change[first:-1][is_gain_alone] = 0.0
     return change
 

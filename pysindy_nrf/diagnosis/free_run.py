@@ -85,13 +85,31 @@ def free_runs(
             why_not, failed = str(error), True
             continue
 
-        missed, moved = squares_of(run, segment, segment.valid, band)
+        missed, moved = _squares(run, segment, band)
         runs.append((segment, run))
         errors[_free_name(segment.name, errors)] = 100.0 * np.sqrt(missed / moved)
 
     columns = [f"x{j + 1}" for j in range(model.n_dof)]
     table = pd.DataFrame.from_dict(errors, orient="index", columns=columns)
     return FreeRuns(table, runs, why_not, failed)
+
+
+def _squares(
+    run: Record, segment: Segment, band: ZeroPhaseFilter | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of squares by DOF of a run's error and of the measured motion.
+
+    Where accelerations alone were measured they are compared: displacements that were
+    integrated from them drift.
+    """
+    kinds = {channel[:1] for channel in segment.noise}
+    if "a" not in kinds or kinds & {"v", "x"}:
+        return squares_of(run, segment, segment.valid, band)
+    measured = segment.a[segment.valid].astype(float)
+    error = np.asarray(run.acceleration, dtype=float) - measured
+    if band is not None:
+        error, measured = band.apply(error), band.apply(measured)
+    return (error**2).sum(axis=0), (measured**2).sum(axis=0)
 
 
 def _obstacle(segment: Segment, dt: float | None) -> str:

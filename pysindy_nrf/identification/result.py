@@ -312,11 +312,13 @@ class IdentificationResult:
         """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
         examined = self.examination
-        doubts = [*examined.forces, *examined.records, *examined.masses, *no_bounds]
+        noise_or_law = [*examined.masses]
         missing = examined.missing_terms
         for name in missing.index[missing["biased"].astype(bool)]:
             sentence = f"{name[0].upper()}{name[1:]}"
-            doubts.append(f"{sentence}: a law is missing, or the motion is noisy.")
+            noise_or_law.append(
+                f"{sentence}: a law is missing, or the motion is noisy."
+            )
 
         runs = None
         shares: Mapping[str, float] = {}
@@ -339,7 +341,8 @@ class IdentificationResult:
             n_records=examined.n_records,
             unseen_drifts=hidden,
             alternatives=self.alternatives,
-            doubts=tuple(doubts),
+            noise_or_law=tuple(noise_or_law),
+            doubts=(*examined.forces, *examined.records, *no_bounds),
         )
 
     @cached_property

@@ -73,7 +73,7 @@ def _alternatives(
         return ()
     problem = request.problem.with_laws(report.model.laws)
     try:
-        return alternatives_of(problem, outcome.records.data, report.model)
+        return alternatives_of(problem, outcome.records.data)
     except NRFError:
         # least squares cannot solve excerpts of these records
         return ()

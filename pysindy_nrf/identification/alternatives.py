@@ -55,7 +55,7 @@ Values = Callable[[ChainModel], pd.Series]
 
 
 def alternatives_of(
-    problem: Problem, data: Dataset, model: ChainModel
+    problem: Problem, data: Dataset, trusted: ChainModel | None = None
 ) -> tuple[Alternative, ...]:
     """What else the data allow beside a model, by least squares.
 
@@ -64,21 +64,21 @@ def alternatives_of(
     problem : Problem
         All shape parameters have values.
     data : Dataset
-    model : ChainModel
-        The model that was identified.
+    trusted : ChainModel, optional
+        The model that was identified, if its free run follows the motion. Where noise
+        keeps least squares from it, least squares says nothing of it.
 
     Returns
     -------
     tuple of Alternative
         The one that leaves least first. Empty for one DOF, where a gain of its sensors
-        cannot be told from masses and forces, and where noise keeps least squares from
-        the model that was identified.
+        cannot be told from masses and forces.
     """
     if problem.chain.n_dof == 1:
         return ()
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         comparison = _Comparison(problem, _strongest_stretches(data))
-        if comparison.distance_to(model) > _NEAR:
+        if trusted is not None and comparison.distance_to(trusted) > _NEAR:
             return ()
         found = [
             *_other_structures(comparison),

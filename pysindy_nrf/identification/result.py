@@ -17,6 +17,7 @@ from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
 from ..diagnosis.facts import Alternative, Facts, facts_of_model
 from ..diagnosis.free_run import FreeRuns, free_runs
+from ..diagnosis.rules import FOLLOWS
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
 from ..diagnosis.wiring import suspect_channels
@@ -301,8 +302,11 @@ class IdentificationResult:
         """What the data allow beside the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
+        follows = self.free_runs.error < FOLLOWS
         try:
-            return alternatives_of(self.problem, self.data, self.model)
+            return alternatives_of(
+                self.problem, self.data, self.model if follows else None
+            )
         except NRFError:
             # excerpts of these data cannot be solved
             return ()

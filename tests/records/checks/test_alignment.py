@@ -6,7 +6,7 @@ import pytest
 from chains import driven
 from scipy.interpolate import CubicSpline
 
-from pysindy_nrf import ChainModel, Record, laws
+from pysindy_nrf import ChainModel, Record, laws, simulate
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.records import (
     align,
@@ -208,3 +208,20 @@ def test_short_pieces_between_gaps_are_left_out():
         split_at_gaps(table)
     parts = split_at_gaps(table, shortest=30)
     assert [part.n_samples for part in parts][:3] == [39, 39, 39]
+
+
+@pytest.mark.parametrize("start", ["blow", "release"])
+def test_a_motion_that_dies_away_is_not_late(start):
+    """A record of one free decay, measured without any delay."""
+    storeys = {i: laws.PowerSeries(1, [28.0, 3.3e4]) for i in (1, 2, 3)}
+    model = ChainModel([9.0, 8.0, 7.0], storeys)
+    F = np.zeros((9000, 3))
+    x0 = [1e-3, 3e-3, 4e-3]
+    if start == "blow":
+        F[80:100, 2] = 300 * np.sin(np.pi * np.arange(20) / 20) ** 2
+        x0 = None
+    record = simulate(model, F, 1 / 1500, hold="cubic", x0=x0)
+    table = channel_alignment(record.replace(velocity=None))
+    assert table["aligned"].all()
+    assert table["samples"].abs().max() < 0.02
+    assert table["gain"].to_numpy() == pytest.approx(1.0, abs=0.005)

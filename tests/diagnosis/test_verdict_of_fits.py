@@ -1,0 +1,99 @@
+"""Verdicts on fits: nothing wrong is green, nothing right is accused."""
+
+import numpy as np
+import pytest
+
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.diagnosis import Facts, verdict_from
+from pysindy_nrf.simulation import add_noise
+
+
+def spring_and_dashpot(k, c=30.0):
+    return [laws.LinearViscous(c), laws.LinearElastic(k)]
+
+
+def shaken(model, seconds=10.0, noise=0.01, seed=2):
+    n_dof = len(model.masses)
+    F = excitation.band_limited_random(
+        n_dof,
+        seconds,
+        800.0,
+        excited=[n_dof],
+        rms=90.0,
+        band=(1, 60),
+        random_state=seed,
+    )
+    clean = simulate(model, F, 1 / 800, hold="cubic").replace(velocity=None)
+    return add_noise(clean, noise, random_state=seed)
+
+
+def kinds(verdict):
+    return {ground.kind for ground in verdict.grounds}
+
+
+def test_floors_that_move_as_one_are_said_and_no_channel_is_accused():
+    """The drift between two floors is a thousandth of the noise of their sensors."""
+    storeys = {1: spring_and_dashpot(5e4), 2: spring_and_dashpot(2e9)}
+    model = ChainModel([9.0, 7.0], storeys)
+    verdict = NRFRegressor(degree=1).fit(shaken(model)).verdict()
+    assert verdict.state == "red"
+    assert "drift" in kinds(verdict)
+    assert not kinds(verdict) & {"wiring", "channel"}
+
+
+def test_an_interval_that_says_little_is_not_green():
+    model = ChainModel([9.0, 7.0], {i: spring_and_dashpot(3e4) for i in (1, 2)})
+    short = shaken(model, noise=0.03).rows(slice(2000, 2090))
+    fitted = NRFRegressor(degree=3).fit(short)
+    assert fitted.verdict().state != "green"
+
+
+@pytest.mark.parametrize(
+    "low, high, state", [(9.5, 10.5, "green"), (8.0, 12.0, "amber")]
+)
+def test_a_mass_known_to_a_fifth_only_is_amber(low, high, state):
+    facts = Facts(unexplained={1: 1.0}, intervals={"m1": (low, high)})
+    assert verdict_from(facts).state == state
+
+
+def test_errors_without_a_value_are_never_green():
+    assert verdict_from(Facts(unexplained={1: np.nan, 2: np.nan})).state == "red"
+
+
+def test_an_exponential_window_is_red():
+    """Windowed responses make the free run miss the motion by most of it."""
+    model = ChainModel([9.0, 7.0, 6.0], {i: spring_and_dashpot(4e4) for i in (1, 2, 3)})
+    t = np.arange(10000) / 2000
+    F = np.zeros((len(t), 3))
+    F[200:214, 1] = 400 * np.sin(np.pi * t[:14] / 0.007) ** 2
+    clean = simulate(model, F, 1 / 2000, hold="cubic").replace(velocity=None)
+    measured = add_noise(clean, 0.005, random_state=0)
+    window = np.exp(-t / 0.6)[:, None]
+    windowed = measured.replace(
+        acceleration=measured.acceleration * window,
+        displacement=measured.displacement * window,
+    )
+    assert NRFRegressor(degree=1).fit(windowed).verdict().state == "red"
+
+
+@pytest.mark.parametrize("milliseconds", [3.5, 5.0])
+def test_blows_that_only_push_accuse_neither_force_nor_channels(milliseconds):
+    """Blows of a few samples: no spikes of a line, no gain of a pull that is not."""
+    model = ChainModel([9.0, 7.0, 6.0], {i: spring_and_dashpot(4e4) for i in (1, 2, 3)})
+    t = np.arange(12 * 6000) / 6000
+    width = milliseconds / 1e3
+    F = np.zeros((len(t), 3))
+    for start in (0.4002, 3.3011, 6.2017, 9.1003):
+        hit = (t >= start) & (t < start + width)
+        F[hit, 1] = 600 * np.sin(np.pi * (t[hit] - start) / width) ** 2
+    clean = simulate(model, F, 1 / 6000).replace(velocity=None)
+    every = slice(None, None, 12)
+    sampled = clean.replace(
+        force=clean.force[every],
+        acceleration=clean.acceleration[every],
+        displacement=clean.displacement[every],
+        fs=500.0,
+    )
+    verdict = NRFRegressor(degree=1).fit(add_noise(sampled, 0.003)).verdict()
+    assert not kinds(verdict) & {"quality", "channel", "wiring", "alternative"}
+    assert verdict.state != "red"

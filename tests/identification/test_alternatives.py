@@ -1,0 +1,130 @@
+"""What the data allow beside a model: braces, dashpots, gains, corners and delays."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt
+
+from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.simulation import add_noise
+
+MASSES = np.array([9.0, 11.0, 8.0])  # kg
+STIFFNESS = (5.0e4, 4.2e4, 3.6e4)  # N/m; modes at 5.0, 13.1 and 18.6 Hz
+FIRST_MODE = 8.0  # Hz, between the first mode and the second
+ALL_MODES = 40.0  # Hz
+
+
+def spring_and_dashpot(k, c):
+    return [laws.LinearElastic(k), laws.LinearViscous(c)]
+
+
+def frame(**more):
+    """A linear frame of three storeys; more laws by site, blanks as underscores."""
+    storeys = {i: spring_and_dashpot(k, 35.0) for i, k in enumerate(STIFFNESS, 1)}
+    others = {site.replace("_", " "): group for site, group in more.items()}
+    return ChainModel(MASSES, storeys | others)
+
+
+def shaken(model, top, dof=3, noise=0.01, seed=4):
+    """A record of a shaker on one floor, up to a frequency, Hz."""
+    F = excitation.band_limited_random(
+        3, 24.0, 256.0, excited=[dof], rms=80.0, band=(0.5, top), random_state=seed
+    )
+    clean = simulate(model, F, 1 / 256, hold="cubic").replace(velocity=None)
+    return add_noise(clean, noise, random_state=seed)
+
+
+def named(fitted):
+    """Places of other structures and channels that the verdict names."""
+    kinds = ("ambiguity", "alternative")
+    return [g.place for g in fitted.verdict().grounds if g.kind in kinds]
+
+
+def test_a_frame_that_is_right_and_shaken_in_all_modes_is_green():
+    fitted = NRFRegressor(degree=1).fit(shaken(frame(), ALL_MODES))
+    assert fitted.verdict().state == "green"
+    assert fitted.masses_ == pytest.approx(MASSES, rel=0.02)
+
+
+@pytest.mark.parametrize("top", [FIRST_MODE, ALL_MODES])
+@pytest.mark.parametrize("place", ["ground 2", "link 3-1"])
+def test_a_brace_that_nobody_declared_is_never_green(place, top):
+    braced = frame(**{place.replace(" ", "_"): spring_and_dashpot(9e3, 5.0)})
+    fitted = NRFRegressor(degree=1).fit(shaken(braced, top))
+    assert fitted.verdict().state != "green"
+    assert place in named(fitted)
+
+
+def test_one_mode_does_not_exclude_a_brace():
+    """The masses are right, but the test could not have shown that they are wrong."""
+    fitted = NRFRegressor(degree=1).fit(shaken(frame(), FIRST_MODE))
+    assert fitted.masses_ == pytest.approx(MASSES, rel=0.03)
+    assert fitted.verdict().state == "amber"
+    assert "ground 2" in named(fitted)
+
+
+def test_a_brace_that_is_declared_is_no_alternative():
+    brace = spring_and_dashpot(9e3, 5.0)
+    storeys = {f"storey {i}": spring_and_dashpot(None, None) for i in (1, 2, 3)}
+    declared = storeys | {"ground 2": spring_and_dashpot(None, None)}
+    record = shaken(frame(ground_2=brace), ALL_MODES)
+    fitted = NRFRegressor(laws=declared).fit(record)
+    assert fitted.verdict().state == "green"
+    assert fitted.masses_ == pytest.approx(MASSES, rel=0.02)
+
+
+def test_rayleigh_damping_is_named():
+    """A dashpot of 0.9 /s times its mass holds every floor."""
+    dashpots = {
+        f"ground_{j}": [laws.LinearViscous(0.9 * MASSES[j - 1])] for j in (2, 3)
+    }
+    fitted = NRFRegressor(degree=1).fit(shaken(frame(**dashpots), ALL_MODES))
+    assert fitted.verdict().state != "green"
+    assert "ground 2, ground 3" in named(fitted)
+
+
+@pytest.mark.parametrize("corner", [0.6, 1.5])
+def test_the_corner_of_a_force_cell_is_found(corner):
+    record = shaken(frame(), ALL_MODES, noise=0.005)
+    high_pass = butter(1, corner, "high", fs=256.0, output="sos")
+    filtered = record.replace(force=sosfilt(high_pass, record.force, axis=0))
+    fitted = NRFRegressor(degree=1).fit(filtered)
+
+    best = fitted.result_.alternatives[0]
+    assert best.place == "sensor F3"
+    found = float(best.description.split(" Hz")[0].split()[-1])
+    assert found == pytest.approx(corner, rel=0.1)
+    assert fitted.verdict().state != "green"
+
+
+@pytest.mark.parametrize("samples", [1, 3, 8])
+def test_a_late_force_is_named_and_not_the_floors(samples):
+    record = shaken(frame(), ALL_MODES, noise=0.005)
+    late = np.zeros_like(record.force)
+    late[samples:] = record.force[:-samples]
+    verdict = NRFRegressor(degree=1).fit(record.replace(force=late)).verdict()
+    assert verdict.state != "green"
+    first = next(g for g in verdict.grounds if g.kind == "alternative")
+    assert first.place == "sensor F3"
+    assert not any(ground.kind == "wiring" for ground in verdict.grounds)
+
+
+def test_another_gain_of_a_floor_is_named():
+    record = shaken(frame(), ALL_MODES, noise=0.005)
+    gains = np.array([1.0, 0.88, 1.0])
+    read = record.replace(
+        acceleration=record.acceleration * gains,
+        displacement=record.displacement * gains,
+    )
+    fitted = NRFRegressor(degree=1).fit(read)
+    assert fitted.verdict().state != "green"
+    assert "dof 2" in named(fitted)
+
+
+def test_one_floor_has_no_alternative():
+    """A gain of its sensors scales mass and force alike: nothing can show it."""
+    model = ChainModel([9.0], {1: spring_and_dashpot(4e4, 35.0)})
+    F = excitation.band_limited_random(
+        1, 12.0, 256.0, excited=[1], rms=40.0, band=(0.5, 40.0), random_state=0
+    )
+    record = simulate(model, F, 1 / 256, hold="cubic")
+    assert NRFRegressor(degree=1).fit(record).result_.alternatives == ()

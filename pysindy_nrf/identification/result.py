@@ -45,6 +45,7 @@ from .joint_intervals import (
     least_squares_biases,
     shapes_at_ends,
 )
+from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .wiring import records_of, wiring_error
 
@@ -351,6 +352,20 @@ class IdentificationResult:
             return ()
 
     @cached_property
+    def kinds_of_nonlinearity(self) -> dict[str, str]:
+        """Kinds of the nonlinear forces of power series that the data show, by site.
+
+        Empty texts where they are no more than chance; sites that cannot be tested are
+        left out.
+        """
+        try:
+            resolver = self.intervals.resolver
+            return kinds_of_nonlinearity(self.model, self.sums, resolver)
+        except NRFError:
+            # the data are gone, or too few pieces for a test
+            return {}
+
+    @cached_property
     def facts(self) -> Facts:
         """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
@@ -375,12 +390,14 @@ class IdentificationResult:
                 resolver = self.intervals.resolver
                 ends = shapes_at_ends(self.declared, self.problem, self.data, resolver)
 
+        kinds = self.kinds_of_nonlinearity
+        holds = nonlinear_parts(self.model, shares, bounds, kinds)
         balances = self.errors["error"].drop("pooled")
         known = self.problem.known_masses
         return replace(
             facts_of_model(self.model, bounds, runs, known),
             unexplained={int(name[4:]): float(e) for name, e in balances.items()},
-            holds=tuple(nonlinear_parts(self.model, shares, bounds).values()),
+            holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,
             n_records=examined.n_records,

@@ -14,7 +14,12 @@ from report_cases import FC, TWO_STOREYS, friction, loop_report
 from pysindy_nrf import ChainModel, NRFRegressor, close_loop, excitation, laws, simulate
 from pysindy_nrf.diagnosis import Facts, verdict_from
 from pysindy_nrf.diagnosis.effects import digits, effect_words
-from pysindy_nrf.diagnosis.facts import FreeRunFacts, GrowingMode, facts_of_model
+from pysindy_nrf.diagnosis.facts import (
+    FreeRunFacts,
+    GrowingMode,
+    ShapeAtEnd,
+    facts_of_model,
+)
 from pysindy_nrf.diagnosis.free_run import FreeRuns
 from pysindy_nrf.diagnosis.verdict import verdict_after_search
 from pysindy_nrf.diagnosis.wiring import wiring_errors
@@ -23,6 +28,9 @@ from pysindy_nrf.simulation import add_noise
 
 GOOD = Facts(unexplained={1: 2.0, 2: 3.0}, free_run=FreeRunFacts(4.0))
 LATE = QualityNote("delay", "v1 is late.", "v1", "monday")
+
+
+AT_END = ShapeAtEnd("jenkins", "storey 2", "uy", "lower", 4e-5, "m")
 
 
 def kinds(verdict):
@@ -72,6 +80,7 @@ def test_what_makes_a_verdict_red(facts, kind, place):
         ({"doubts": ("The intervals are withheld.",)}, "other", ""),
         ({"unanswered": {"Where?": "no force is known"}}, "evidence", "Where?"),
         ({"noise_is_known": False}, "evidence", ""),
+        ({"shapes_at_ends": (AT_END,)}, "shape", "storey 2"),
     ],
 )
 def test_what_makes_a_verdict_amber(facts, kind, place):

@@ -249,7 +249,10 @@ def shares_of(model: ChainModel, data: Dataset) -> dict[str, pd.Series]:
 
 
 def nonlinear_parts(
-    model: ChainModel, shares: Mapping[str, pd.Series], bounds: Bounds | None = None
+    model: ChainModel,
+    shares: Mapping[str, pd.Series],
+    bounds: Bounds | None = None,
+    kinds: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """What the laws of a model add to linear storeys, in words by site.
 
@@ -261,12 +264,23 @@ def nonlinear_parts(
         :func:`shares_of`; terms that carry next to nothing are not named.
     bounds : mapping of str to (float, float), optional
         95 % intervals by parameter, such as ``"storey 2: Fc"``.
+    kinds : mapping of str to str, optional
+        Kinds of the nonlinear forces of power series by site, as of
+        :attr:`~pysindy_nrf.diagnosis.significance.SeriesEstimate.kind`. Where a site
+        has none, the sizes of single terms decide.
     """
     parts: dict[str, str] = {}
     for site, laws in model.laws.items():
         carried = shares.get(str(site), pd.Series(dtype=float))
-        texts = [_nonlinear_part(str(site), law, carried, bounds or {}) for law in laws]
-        texts = [text for text in texts if text]
+        texts = []
+        for law in laws:
+            if law.name == "power_series":
+                kind = (kinds or {}).get(str(site))
+                text = _of_power_series(str(site), law, carried, kind)
+            else:
+                text = _nonlinear_part(str(site), law, carried, bounds or {})
+            if text:
+                texts.append(text)
         if texts:
             parts[str(site)] = ", ".join(texts)
     return parts
@@ -288,24 +302,38 @@ def _nonlinear_part(
         if carried.get(term.label, 0.0) > 100 * NAMED_SHARE:
             noticed.append(term.label)
 
-    if law.name == "power_series":
-        return _of_power_series(site, noticed, carried)
     if not values or (len(carried) and not noticed):
         return ""
     return effect_words(law.name, site, values, intervals, units)
 
 
-def _of_power_series(site: str, noticed: list[str], carried: pd.Series) -> str:
-    """What the nonlinear terms of a power series are; empty if they carry nothing."""
-    if not noticed:
+def _of_power_series(
+    site: str, law: ForceLaw, carried: pd.Series, kind: str | None
+) -> str:
+    """What the nonlinear terms of a power series are; empty if there is none.
+
+    ``kind`` is what a test of all of them says; None without a test.
+    """
+    labels = [term.label for term in law.terms() if term.label not in ("v", "s")]
+    noticed = [x for x in labels if carried.get(x, 0.0) > 100 * NAMED_SHARE]
+    if kind is None:
+        kind = _kind_of(noticed)
+    if not kind or not labels:
         return ""
-    of_drift = any("s" in label for label in noticed)
-    of_rate = any("v" in label for label in noticed)
-    kind = "a nonlinear force"
-    if not of_rate:
-        kind = "nonlinear stiffness"
-    elif not of_drift:
-        kind = "nonlinear damping"
-    first = noticed[0]
-    share = f"{first} carries {carried[first]:.2g} % of its force"
+
+    letter = {"nonlinear stiffness": "s", "nonlinear damping": "v"}.get(kind, "")
+    of_kind = [x for x in noticed or labels if letter in x] or labels
+    first = of_kind[0] if noticed else max(of_kind, key=lambda x: carried.get(x, 0.0))
+    share = f"{first} carries {carried.get(first, 0.0):.2g} % of its force"
     return f"{kind} in {site} ({share})"
+
+
+def _kind_of(labels: list[str]) -> str:
+    """The kind of a nonlinear force with some terms; empty without any."""
+    if not labels:
+        return ""
+    of_drift = any("s" in label for label in labels)
+    of_rate = any("v" in label for label in labels)
+    if not of_rate:
+        return "nonlinear stiffness"
+    return "a nonlinear force" if of_drift else "nonlinear damping"

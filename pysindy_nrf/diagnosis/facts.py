@@ -80,6 +80,31 @@ class LeftOver:
 
 
 @dataclass(frozen=True)
+class ShapeAtEnd:
+    """A shape parameter that ended where its search ends.
+
+    Parameters
+    ----------
+    law : str
+        Name, such as ``"jenkins"``.
+    site : str
+    shape : str
+        Name of the parameter.
+    end : {"lower", "upper"}
+    value : float
+        SI units.
+    unit : str
+    """
+
+    law: str
+    site: str
+    shape: str
+    end: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class Alternative:
     """Something that the data allow beside a model.
 
@@ -144,6 +169,8 @@ class Facts:
         Questions to the residual that have no answer, and why.
     unseen_drifts : mapping of int to float
         Noise over rms of the drift of each storey that noise hides.
+    shapes_at_ends : tuple of ShapeAtEnd
+        Shape parameters that ended where their search ends.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
     noise_is_known : bool
@@ -173,6 +200,7 @@ class Facts:
     effects: tuple[Effect, ...] = ()
     unanswered: Mapping[str, str] = field(default_factory=dict)
     unseen_drifts: Mapping[int, float] = field(default_factory=dict)
+    shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     noise_is_known: bool = True
     nothing_claimed: str = ""

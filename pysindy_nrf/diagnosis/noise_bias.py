@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Protocol
 
 import numpy as np
 
 from ..chain.identifiability import SolveOrder, Step
-from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..equations.errors import residual_weights
 from ..equations.normal_equations import NormalEquations
@@ -36,6 +36,18 @@ LEAST_SIGNAL = 0.1
 
 # A mass by its DOF, or a coefficient by its site and number there.
 Parameter = int | tuple[Site, int]
+
+
+class Estimated(Protocol):
+    """Masses and coefficients of all columns, such as those of a ChainModel."""
+
+    @property
+    def masses(self) -> np.ndarray:
+        """Of shape (n_dof,), kg."""
+
+    @property
+    def coefficients(self) -> Mapping[Site, np.ndarray]:
+        """By site, SI units."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +166,7 @@ class _System:
 
 
 def noise_bias(
-    model: ChainModel,
+    model: Estimated,
     solve_order: SolveOrder,
     grams: NormalEquations,
     shares: Mapping[str, float],
@@ -163,7 +175,7 @@ def noise_bias(
 
     Parameters
     ----------
-    model : ChainModel
+    model : Estimated
     solve_order : SolveOrder
     grams : NormalEquations
         Of all data.
@@ -190,7 +202,7 @@ def noise_bias(
 
 
 def _system_of(
-    model: ChainModel,
+    model: Estimated,
     step: Step,
     grams: NormalEquations,
     shares: Mapping[str, float],

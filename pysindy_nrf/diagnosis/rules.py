@@ -12,7 +12,14 @@ from typing import Literal
 
 import numpy as np
 
-from .effects import Effect, as_sentence, capitalised, law_at_site, not_told_apart
+from .effects import (
+    Effect,
+    as_sentence,
+    capitalised,
+    law_at_site,
+    not_told_apart,
+    plain_name,
+)
 from .facts import Alternative, Facts, FreeRunFacts
 from .wiring import LARGE, OPEN
 
@@ -50,6 +57,7 @@ Kind = Literal[
     "mass",  # no structure has it
     "stiffness",  # negative
     "interval",  # the data do not determine a mass or a stiffness
+    "shape",  # a shape parameter ended where its search ends
     "drift",  # noise hides the drift of a storey
     "ambiguity",  # another structure or another channel explains the data as well
     "alternative",  # another structure or another channel explains the data better
@@ -209,6 +217,21 @@ def _is_mass_or_stiffness(name: str, facts: Facts) -> bool:
         return True
     in_series = any(other.startswith(f"{site}: s^") for other in facts.intervals)
     return site.startswith("storey") and term == "s" and not in_series
+
+
+def shapes_at_ends(facts: Facts) -> list[Reason]:
+    """Shape parameters that ended where their search ends."""
+    reasons = []
+    for end in facts.shapes_at_ends:
+        unit = f" {end.unit}" if end.unit != "1" else ""
+        value = f"{end.value:.3g}{unit}"
+        message = (
+            f"{end.shape} of {plain_name(end.law)} in {end.site} is {value}, the"
+            f" {end.end} end of its range: the data may want a value beyond it, or"
+            " another law. Intervals of the coefficients hold for this value only."
+        )
+        reasons.append(Reason("shape", "amber", message, end.site, end.value))
+    return reasons
 
 
 def unseen_drifts(facts: Facts) -> list[Reason]:
@@ -482,6 +505,7 @@ RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     negative_stiffness,
     undetermined_masses,
     wide_intervals,
+    shapes_at_ends,
     unseen_drifts,
     open_alternatives,
     undefined_errors,

@@ -39,6 +39,10 @@ __all__ = [
 
 # Points of a scan over the bounds of a parameter.
 N_SCANNED = 13
+# Decades by which a range is widened, once, at whose end a search stops.
+DECADES_MORE = 1.0
+# Share of a range within which a point stands at its end.
+AT_THE_END = 1e-3
 # Parts of the spacing 1/T of the frequencies that a record of T seconds separates:
 # within which a line is looked for, and with which the refinement begins.
 WITHIN_LINE = 0.6
@@ -65,7 +69,8 @@ def estimate_shapes(
     """Values for every shape parameter that has none.
 
     Parameters are scanned one after the other, then refined together. Frequencies come
-    last: they are tried where the equation of motion lacks a line.
+    last: they are tried where the equation of motion lacks a line. Where the search
+    stops at the end of a range of sizes, it goes on beyond it once.
     """
     fastest = half_the_rate(data.segments)
     search = ShapeSearch(layout, scales, solve, fastest)
@@ -81,7 +86,13 @@ def estimate_shapes(
             if search.tune(k, lines, duration=scales[site][2]):
                 continue
         search.scan(k, np.linspace(search.low[k], search.high[k], N_SCANNED))
-    return search.refined()
+    search.refine()
+    beyond = search.widen(search.u)
+    for k in beyond:
+        search.scan(k, np.linspace(search.low[k], search.high[k], N_SCANNED))
+    if beyond:
+        search.refine()
+    return search.trial(search.u)
 
 
 class ShapeSearch:
@@ -131,6 +142,34 @@ class ShapeSearch:
     def is_line(self, k: int) -> bool:
         """Whether a parameter is a frequency that is looked for in the records."""
         return bool(np.isfinite(self._fastest)) and self.free[k][2].is_frequency
+
+    def at_end(self, u: np.ndarray) -> np.ndarray:
+        """-1 or 1 for parameters at or beyond the lower or upper end, else 0."""
+        near = AT_THE_END * (self.high - self.low)
+        return (u >= self.high - near).astype(int) - (u <= self.low + near)
+
+    def has_limit(self, k: int) -> bool:
+        """Whether the range of a parameter is not one of sizes of the motion.
+
+        Powers, ratios, instants and frequencies have limits beyond which laws or
+        records have no meaning.
+        """
+        shape = self.free[k][2]
+        return not shape.log or shape.scale == "1" or shape.is_frequency
+
+    def widen(self, u: np.ndarray) -> list[int]:
+        """Widen the ranges of sizes at whose ends a point stands; their numbers."""
+        widened = []
+        more = DECADES_MORE * np.log(10.0)
+        for k, end in enumerate(self.at_end(u)):
+            if not end or self.has_limit(k):
+                continue
+            if end < 0:
+                self.low[k] -= more
+            else:
+                self.high[k] += more
+            widened.append(k)
+        return widened
 
     def trial(self, u: np.ndarray) -> LawLayout:
         """The laws with shape parameters at a point of the search."""
@@ -191,8 +230,8 @@ class ShapeSearch:
         self.step[k] = FIRST_STEP_AT_LINE * spacing
         return True
 
-    def refined(self) -> LawLayout:
-        """All parameters refined together, from the point reached."""
+    def refine(self) -> None:
+        """Go to the best point near the one reached, all parameters together."""
         near_end = self.u + 0.5 * self.step > self.high
         away = np.where(near_end, -self.step, self.step)
         simplex = np.vstack([self.u, self.u + np.diag(0.5 * away)])
@@ -208,7 +247,7 @@ class ShapeSearch:
                 "maxfev": MAX_SOLVES_PER_PARAMETER * len(self.free),
             },
         )
-        return self.trial(best.x)
+        self.u = np.clip(best.x, self.low, self.high)
 
 
 def _lacking_lines(

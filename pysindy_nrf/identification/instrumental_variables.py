@@ -22,7 +22,7 @@ from ..equations.normal_equations import NormalEquations
 from ..exceptions import IdentifiabilityError, NRFError, SimulationError
 from ..records.dataset import Dataset, Segment
 from .free_runs import in_valid_rows
-from .instruments import LEAST_CORRELATION, InstrumentRuns, Instruments
+from .instruments import LEAST_CORRELATION, InstrumentRuns, Instruments, Whiteners
 from .problem import Problem
 
 MAX_ROUNDS = 8
@@ -63,6 +63,8 @@ class IVResult:
         Why an earlier round was kept, as a warning to the user.
     runs : list of Segment or None
         By record, the motion that gave the last instruments.
+    whiteners : mapping of tuple of int to Whitener, optional
+        Weights of the equations by frequency in the last round.
     settled : bool
         False if the rounds diverged and an earlier one was kept.
     moved : ndarray of shape (n_dof,), optional
@@ -76,6 +78,7 @@ class IVResult:
     correlation: float
     notes: tuple[str, ...]
     runs: list[Segment | None]
+    whiteners: Whiteners | None = None
     doubts: tuple[str, ...] = ()
     settled: bool = True
     moved: np.ndarray | None = None
@@ -254,6 +257,7 @@ class _Rounds:
             correlation=runs.correlation,
             notes=self._notes(),
             runs=runs.runs,
+            whiteners=runs.whiteners,
         )
 
     def _require_positive(self, masses: np.ndarray) -> None:

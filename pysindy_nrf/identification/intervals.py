@@ -31,6 +31,7 @@ from ..exceptions import (
     IdentifiabilityError,
     RankWarning,
 )
+from ..laws.base import ForceLaw
 from ..records.dataset import Dataset, Segment
 
 if TYPE_CHECKING:
@@ -75,30 +76,45 @@ def parameters_of(
 def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
     """Energy that every site dissipates along the data, J, as a function of a model."""
     sites = [site for site in layout.acting if site.kind == "link"]
-    work = {site: np.zeros(layout.counts[site]) for site in sites}
-    stored = dict.fromkeys(sites, 0.0)
     for segment in data.segments:
         if segment.dt is None:
             raise ChannelError(
                 "Energies need the sampling step",
                 "Pass dt= (s) to the estimator, time= to fit, or X with a time index.",
             )
-        for site in sites:
-            motion = segment.motion(site, segment.valid)
-            power = layout.columns(site, motion) * motion.v[:, None]
-            work[site] += np.trapezoid(power, dx=segment.dt, axis=0)
-            stored[site] += 0.5 * float(motion.s[-1] ** 2 - motion.s[0] ** 2)
+    work = {site: _work_of(layout, site, data) for site in sites}
+    stored = dict.fromkeys(sites, 0.0)
+    for segment, site in product(data.segments, sites):
+        drift = segment.motion(site, segment.valid).s
+        stored[site] += 0.5 * float(drift[-1] ** 2 - drift[0] ** 2)
 
     def energies(model: ChainModel) -> pd.Series:
         coefficients = model.coefficients
         forces = model.restoring_forces
         lost = {}
         for site in sites:
+            of_site = work[site]
+            if _shapes_of(model.laws[site]) != _shapes_of(layout.laws[site]):
+                of_site = _work_of(LawLayout(model.chain, model.laws), site, data)
             elastic = forces[site].linear_part()["k"] * stored[site]
-            lost[f"energy of {site}"] = coefficients[site] @ work[site] - elastic
+            lost[f"energy of {site}"] = coefficients[site] @ of_site - elastic
         return pd.Series(lost, dtype=float)
 
     return energies
+
+
+def _work_of(layout: LawLayout, site: Site, data: Dataset) -> np.ndarray:
+    """Work of each term of a site along the data with a coefficient of one."""
+    work = np.zeros(layout.counts[site])
+    for segment in data.segments:
+        motion = segment.motion(site, segment.valid)
+        power = layout.columns(site, motion) * motion.v[:, None]
+        work += np.trapezoid(power, dx=segment.step, axis=0)
+    return work
+
+
+def _shapes_of(laws: Sequence[ForceLaw]) -> list[dict[str, float | None]]:
+    return [law.shape for law in laws]
 
 
 def _modes_of(model: ChainModel) -> pd.Series:
@@ -173,6 +189,13 @@ class Resolver:
     constrain: Callable[[ChainModel], ChainModel] | None = None
 
     @property
+    def layout(self) -> LawLayout:
+        """Columns of the laws."""
+        layout = self.pieces.layout
+        assert isinstance(layout, LawLayout)
+        return layout
+
+    @property
     def record(self) -> np.ndarray:
         """Number of the record of each piece."""
         assert self.pieces.record is not None
@@ -189,7 +212,7 @@ class Resolver:
     def model(self, total: NormalEquations) -> ChainModel:
         """Model of a sum of pieces."""
         with warnings.catch_warnings(action="ignore", category=RankWarning):
-            model = model_of(self.pieces.layout, self.solve(total))
+            model = model_of(self.layout, self.solve(total))
         return model if self.constrain is None else self.constrain(model)
 
     def weighted_model(self, weights: np.ndarray) -> ChainModel:
@@ -341,7 +364,7 @@ class IntervalMaker:
         if isinstance(of, Mapping):
             return self._of_points(of, level)
         known_masses = self.resolver.known_masses
-        layout = self.resolver.pieces.layout
+        layout = self.resolver.layout
         statistic = statistic_of(of, known_masses, layout, data)
         estimate = statistic(self.model)
         lower, upper = self._bounds(statistic, estimate.to_numpy(float), level)

@@ -33,6 +33,7 @@ from ..records.zero_phase_filter import Band
 from .constraints import constrained
 from .examination import Finding, examined
 from .intervals import Resolver, least_squares_resolver
+from .joint_intervals import least_squares_biases
 from .output_error import refine
 from .problem import Estimate, Problem, least_squares
 from .result import IdentificationResult
@@ -206,8 +207,14 @@ def _warn_of_doubts(finding: Finding) -> None:
 
 def _noise_matters(estimate: Estimate, data: Dataset) -> bool:
     """Whether noise in the motion biases least squares beyond its standard errors."""
-    shares = bias.noise_shares(data, estimate.problem.filters(data))
-    biases = bias.noise_bias(estimate.model, estimate.order, estimate.grams, shares)
+    biases = least_squares_biases(
+        estimate.declared,
+        estimate.problem,
+        estimate.order,
+        estimate.model,
+        estimate.grams,
+        data,
+    )
     return max((balance.errors for balance in biases), default=0.0) > bias.NEGLIGIBLE
 
 
@@ -259,6 +266,7 @@ def result_of(finding: Finding) -> IdentificationResult:
         constrain=constrain,
         biased_by_noise=finding.is_least_squares,
         notes=finding.notes,
+        declared=estimate.declared,
     )
 
 

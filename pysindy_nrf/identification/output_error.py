@@ -25,6 +25,7 @@ from ..records.zero_phase_filter import Band
 from .free_run_fit import FreeRunError, FreeRunFit, Solution
 from .instrumental_variables import IVResult, instrumental_variables
 from .intervals import InfluenceResolver, Resolver
+from .joint_intervals import joint_resolver
 from .parameter_vector import Rebuild, free_parameters
 from .problem import Estimate, Problem
 from .shape_refinement import refine_shapes
@@ -234,12 +235,16 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
         )
         return Refinement(start, "ls", None, data, (doubt,), (doubt,))
 
-    resolver = Resolver(iv.pieces, order, dict(problem.known_masses), problem.optimizer)
+    known_masses = dict(problem.known_masses)
+    resolver = Resolver(iv.pieces, order, known_masses, problem.optimizer)
+    joint = joint_resolver(
+        asked, problem, order, data, iv.model.coefficients, iv.runs, iv.whiteners
+    )
     doubts = (*iv.doubts, *_doubts_of_convergence(iv, resolver))
     by_instruments = Refinement(
         estimate=start._replace(problem=problem, model=iv.model, solution=iv.solution),
         method="iv",
-        resolver=resolver,
+        resolver=joint or resolver,
         judged=iv.judged(data),
         doubts=doubts,
         notes=(*iv.notes, *doubts),

@@ -134,6 +134,11 @@ class Problem:
         return [law for group in self.laws.values() for law in group]
 
     @property
+    def has_free_shapes(self) -> bool:
+        """Whether a law has a shape parameter without a value."""
+        return any(law.free_shape for law in self.every_law)
+
+    @property
     def needs_clock(self) -> bool:
         """False for an element without mass whose laws depend on the path alone."""
         known = [self.known_masses.get(j + 1) for j in range(self.chain.n_dof)]
@@ -249,6 +254,8 @@ class Estimate(NamedTuple):
     solution : Solution
     grams : NormalEquations
         The sums from which the solution was taken.
+    declared : Problem, optional
+        As declared, where it has free shape parameters.
     """
 
     problem: Problem
@@ -256,6 +263,7 @@ class Estimate(NamedTuple):
     model: ChainModel
     solution: chain_solve.Solution
     grams: NormalEquations
+    declared: Problem | None = None
 
 
 def least_squares(problem: Problem, data: Dataset) -> Estimate:
@@ -266,18 +274,20 @@ def least_squares(problem: Problem, data: Dataset) -> Estimate:
     chain_solve.require_clock(data, problem.layout)
 
     filters = problem.filters(data)
+    declared = problem if problem.has_free_shapes else None
     problem = _with_shapes(problem, order, data, filters)
     solution, sums = _solution(problem, problem.layout, order, data, filters)
     solution.pass_on()
     model = chain_solve.model_of(problem.layout, solution)
-    return Estimate(problem, solution.followed(order), model, solution, sums)
+    followed = solution.followed(order)
+    return Estimate(problem, followed, model, solution, sums, declared)
 
 
 def _with_shapes(
     problem: Problem, order: SolveOrder, data: Dataset, filters: Filters
 ) -> Problem:
     """The problem with values for the shape parameters that are free."""
-    if not any(law.free_shape for law in problem.every_law):
+    if not problem.has_free_shapes:
         return problem
 
     def solved(layout: LawLayout) -> tuple[chain_solve.Solution, NormalEquations]:

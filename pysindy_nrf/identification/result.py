@@ -13,9 +13,9 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
-from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
+from ..diagnosis.bias import NEGLIGIBLE, NoiseBias
 from ..diagnosis.effects import nonlinear_parts, shares_of
-from ..diagnosis.facts import Alternative, Facts, facts_of_model
+from ..diagnosis.facts import Alternative, Facts, ShapeAtEnd, facts_of_model
 from ..diagnosis.free_run import FreeRuns, free_runs
 from ..diagnosis.rules import FOLLOWS
 from ..diagnosis.unseen_drifts import unseen_drifts
@@ -40,6 +40,13 @@ from .intervals import (
     parameters_of,
     statistic_of,
 )
+from .joint_intervals import (
+    JointResolver,
+    joint_resolver,
+    least_squares_biases,
+    shapes_at_ends,
+)
+from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .wiring import records_of, wiring_error
 
@@ -98,6 +105,8 @@ class IdentificationResult:
         Why no interval of a parameter can be given.
     channel_runs : FreeRuns, optional
         Free runs that the fit compared with the measured channels.
+    declared : Problem, optional
+        The problem as declared, where it has free shape parameters.
     """
 
     model: ChainModel
@@ -119,6 +128,7 @@ class IdentificationResult:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
+    declared: Problem | None = None
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
@@ -180,8 +190,9 @@ class IdentificationResult:
         """
         if not self.biased_by_noise or self.data is None:
             return []
-        shares = noise_shares(self.data, self.problem.filters(self.data))
-        return noise_bias(self.model, self.order, self.sums, shares)
+        return least_squares_biases(
+            self.declared, self.problem, self.order, self.model, self.sums, self.data
+        )
 
     @cached_property
     def intervals_withheld(self) -> str:
@@ -189,22 +200,44 @@ class IdentificationResult:
         errors = [bias.errors for bias in self.noise_biases]
         worst = max(errors, default=0.0)
         if worst <= NEGLIGIBLE:
-            return " ".join(self.doubts)
+            return " ".join([*self.doubts, *self._unsettled_shapes()])
         return (
             f"noise in the motion may bias least squares by {worst:.2g} standard"
             f" errors; up to {NEGLIGIBLE:g} leave 95 % intervals valid."
             f" {' '.join(self.notes) or _CURE_OF_NOISE}"
         )
 
+    def _unsettled_shapes(self) -> list[str]:
+        """Sentences on shape parameters that keep the bias of least squares.
+
+        Instruments may fail to move them to the estimate that noise does not bias.
+        """
+        if not isinstance(self.resolver, JointResolver) or self._no_noise_is_left:
+            return []
+        try:
+            steps = self.resolver.unsettled
+        except NRFError:
+            # then there are no intervals either, for that reason
+            return []
+        return [
+            f"noise in the motion may bias {place} by {size:.2g} standard errors: the"
+            " instruments did not settle on a value. Give it, or longer records."
+            for place, size in steps
+            if size > NEGLIGIBLE
+        ]
+
+    @property
+    def _no_noise_is_left(self) -> bool:
+        return bool(self.errors.loc["pooled", "error"] < _EXACT)
+
     @cached_property
     def intervals(self) -> IntervalMaker:
         """Makes intervals of anything that follows from the model."""
-        no_noise_is_left = self.errors.loc["pooled", "error"] < _EXACT
         return IntervalMaker(
             self._interval_resolver(),
             self.model,
             self.intervals_withheld,
-            repeats=self.n_samples if no_noise_is_left else 1.0,
+            repeats=self.n_samples if self._no_noise_is_left else 1.0,
         )
 
     def _interval_resolver(self) -> Resolver:
@@ -219,8 +252,19 @@ class IdentificationResult:
             # the first fusion has warned
             with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
                 data = data.apart
-        resolver = least_squares_resolver(self.problem, self.order, data)
+        resolver = self._joint_resolver(data)
+        if resolver is None:
+            resolver = least_squares_resolver(self.problem, self.order, data)
         return replace(resolver, constrain=self.constrain)
+
+    def _joint_resolver(self, data: Dataset) -> Resolver | None:
+        """Resolver that frees the shape parameters again, where some were free."""
+        if self.declared is None:
+            return None
+        coefficients = self.model.coefficients
+        return joint_resolver(
+            self.declared, self.problem, self.order, data, coefficients
+        )
 
     def confidence_intervals(
         self,
@@ -312,6 +356,20 @@ class IdentificationResult:
             return ()
 
     @cached_property
+    def kinds_of_nonlinearity(self) -> dict[str, str]:
+        """Kinds of the nonlinear forces of power series that the data show, by site.
+
+        Empty texts where they are no more than chance; sites that cannot be tested are
+        left out.
+        """
+        try:
+            resolver = self.intervals.resolver
+            return kinds_of_nonlinearity(self.model, self.sums, resolver)
+        except NRFError:
+            # the data are gone, or too few pieces for a test
+            return {}
+
+    @cached_property
     def facts(self) -> Facts:
         """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
@@ -328,22 +386,29 @@ class IdentificationResult:
         shares: Mapping[str, float] = {}
         faults: Mapping[str, bool] = {}
         hidden: Mapping[int, float] = {}
+        ends: tuple[ShapeAtEnd, ...] = ()
         if self.data is not None:
             hidden = unseen_drifts(self.data)
             runs = self.free_runs
             shares = shares_of(self.model, self.data)
             faults = suspect_channels(self.data.records)
+            if self.declared is not None:
+                resolver = self.intervals.resolver
+                ends = shapes_at_ends(self.declared, self.problem, self.data, resolver)
 
+        kinds = self.kinds_of_nonlinearity
+        holds = nonlinear_parts(self.model, shares, bounds, kinds)
         balances = self.errors["error"].drop("pooled")
         known = self.problem.known_masses
         return replace(
             facts_of_model(self.model, bounds, runs, known),
             unexplained={int(name[4:]): float(e) for name, e in balances.items()},
-            holds=tuple(nonlinear_parts(self.model, shares, bounds).values()),
+            holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,
             n_records=examined.n_records,
             unseen_drifts=hidden,
+            shapes_at_ends=ends,
             alternatives=self.alternatives,
             noise_or_law=tuple(noise_or_law),
             doubts=(*examined.forces, *examined.records, *no_bounds),

@@ -54,6 +54,14 @@ _HEAD_OF_MISSING_TERMS = {
 }
 
 
+class Result(Protocol):
+    """What the page reads of the result of an identification."""
+
+    @property
+    def kinds_of_nonlinearity(self) -> dict[str, str]:
+        """Kinds of the nonlinear forces that the data show, by site."""
+
+
 class Fitted(Protocol):
     """What the page reads of a fitted :class:`~pysindy_nrf.NRFRegressor`."""
 
@@ -61,6 +69,10 @@ class Fitted(Protocol):
     errors_: pd.DataFrame
     third_law_gap_: pd.Series
     missing_terms_: pd.DataFrame
+
+    @property
+    def result_(self) -> Result:
+        """What the identification found."""
 
     def verdict(self) -> Verdict:
         """Whether the model may be used."""
@@ -91,7 +103,8 @@ class Identification:
         The motions.
     band : (float or None, float or None), optional
         Band in which all is drawn and judged, Hz.
-    bounds, verdict, errors, free_runs, third_law_gap, missing_terms, settings
+    bounds, verdict, errors, free_runs, third_law_gap, missing_terms, settings,
+    kinds_of_nonlinearity
         As a fitted regressor gives them; ``settings`` are its parameters.
     """
 
@@ -106,6 +119,7 @@ class Identification:
     third_law_gap: pd.Series = field(default_factory=lambda: pd.Series(dtype=float))
     missing_terms: pd.DataFrame = field(default_factory=pd.DataFrame)
     settings: Mapping[str, object] = field(default_factory=dict)
+    kinds_of_nonlinearity: Mapping[str, str] = field(default_factory=dict)
 
 
 def identification_of(
@@ -158,6 +172,7 @@ def _with_fit(shown: Identification, subject: Fitted) -> Identification:
         third_law_gap=subject.third_law_gap_,
         missing_terms=subject.missing_terms_,
         settings=subject.get_params(deep=False),
+        kinds_of_nonlinearity=subject.result_.kinds_of_nonlinearity,
     )
 
 
@@ -179,7 +194,9 @@ def model_content(
     loops, nonlinear = [], dict[str, str]()
     if data is not None:
         loops = loops_of(model, data, filters_of(identified.band, data))
-        nonlinear = nonlinear_parts(model, shares_of(model, data), identified.bounds)
+        shares = shares_of(model, data)
+        bounds, kinds = identified.bounds, identified.kinds_of_nonlinearity
+        nonlinear = nonlinear_parts(model, shares, bounds, kinds)
 
     care = [*notes, *obstacles]
     if identified.verdict is not None:

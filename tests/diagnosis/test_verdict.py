@@ -24,11 +24,15 @@ from pysindy_nrf.diagnosis import (
     verdict_from,
     wiring_errors,
 )
+from pysindy_nrf.diagnosis.facts import ShapeAtEnd
 from pysindy_nrf.records import QualityNote
 from pysindy_nrf.simulation import add_noise
 
 GOOD = Facts(unexplained={1: 2.0, 2: 3.0}, free_run=FreeRunFacts(4.0))
 LATE = QualityNote("delay", "v1 is late.", "v1", "monday")
+
+
+AT_END = ShapeAtEnd("jenkins", "storey 2", "uy", "lower", 4e-5, "m")
 
 
 def kinds(verdict):
@@ -78,6 +82,7 @@ def test_what_makes_a_verdict_red(facts, kind, place):
         ({"doubts": ("The intervals are withheld.",)}, "other", ""),
         ({"unanswered": {"Where?": "no force is known"}}, "evidence", "Where?"),
         ({"noise_is_known": False}, "evidence", ""),
+        ({"shapes_at_ends": (AT_END,)}, "shape", "storey 2"),
     ],
 )
 def test_what_makes_a_verdict_amber(facts, kind, place):

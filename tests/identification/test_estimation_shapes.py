@@ -114,3 +114,38 @@ def test_a_frequency_is_found_in_a_band():
     assert found["frequency"] == pytest.approx(21.0, abs=2e-3)
     assert found["A"] == pytest.approx(8.0, rel=0.05)
     assert found["B"] == pytest.approx(6.0, rel=0.05)
+
+
+# -- ranges of the search ------------------------------------------------------------
+
+
+def fitted_slider(uy):
+    """A slider of 25 N that yields at a drift, fitted without noise."""
+    slider = laws.Jenkins(uy=uy, Fy=25.0)
+    truth = ChainModel([9.0, 7.0], {1: [*STOREY, slider], 2: STOREY})
+    F = excitation.band_limited_random(
+        2, 8.0, FS, excited=2, rms=120.0, band=(0.5, 30.0), random_state=1
+    )
+    record = simulate(truth, F, 1 / FS, hold="cubic")
+    declared = {"storey 1": [laws.PowerSeries(1), laws.Jenkins()]}
+    return NRFRegressor(degree=1, laws=declared).fit(record).result_
+
+
+def test_a_shape_is_found_beyond_the_range_of_its_search():
+    # the range begins at a hundredth of the rms of the drift
+    result = fitted_slider(uy=3e-5)
+    drift = np.std(result.require_data("").segments[0].s[:, 0])
+    assert 3e-5 < 0.01 * drift
+
+    slider = result.model.laws[Site("storey 1")][1]
+    assert slider.shape["uy"] == pytest.approx(3e-5, rel=0.05)
+    assert slider.values[0] == pytest.approx(25.0, rel=0.01)
+    assert result.facts.shapes_at_ends == ()
+
+
+def test_a_shape_that_ends_where_its_search_ends_is_a_doubt():
+    """A slider that yields at once is dry friction: no yield drift fits it."""
+    result = fitted_slider(uy=1e-9)
+    (end,) = result.facts.shapes_at_ends
+    assert (end.site, end.shape, end.end) == ("storey 1", "uy", "lower")
+    assert "shape" in [reason.kind for reason in result.verdict.grounds]

@@ -39,7 +39,7 @@ from battery.generators import make_case  # noqa: E402
 from battery.scorer import baseline  # noqa: E402
 
 from pysindy_nrf import Record, close_loop  # noqa: E402
-from pysindy_nrf.discrepancy import balance_loop as loop  # noqa: E402
+from pysindy_nrf.discrepancy import balance_loop, course  # noqa: E402
 from pysindy_nrf.discrepancy.search_data import SearchData  # noqa: E402
 from pysindy_nrf.records.dataset import Dataset  # noqa: E402
 
@@ -90,12 +90,14 @@ def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
     """Let the loop hold out the rows it would, with noise in their place after the
     channels were fused.
     """
-    prepare, split, fixed, known = loop.prepare, loop.split, SearchData.fixed, {}
+    prepare, split = balance_loop.prepare, course.split
+    fixed, known = SearchData.fixed, {}
 
     def spoilt(*args: Any, **options: Any) -> Any:
         ready = prepare(*args, **options)
         segments = ready.data.segments
-        known["split"] = split(segments, loop.window_length(segments), ready.heldout)
+        length = course.window_length(segments)
+        known["split"] = split(segments, length, ready.heldout)
         rng, out = np.random.default_rng(seed), list(segments)
         for block in known["split"][1]:
             seg = out[block.segment]
@@ -117,8 +119,8 @@ def garbage_rows(seed: int, motion: bool = False) -> Iterator[None]:
         return out
 
     with (
-        mock.patch.object(loop, "prepare", spoilt),
-        mock.patch.object(loop, "split", lambda *_: known["split"]),
+        mock.patch.object(balance_loop, "prepare", spoilt),
+        mock.patch.object(course, "split", lambda *_: known["split"]),
         mock.patch.object(SearchData, "fixed", balanced),
     ):
         yield

@@ -80,7 +80,7 @@ def state_of(rec: Record) -> SearchState:
     records = prepare(rec)
     dataset, problem = records.data, NRFRegressor(degree=1).problem(rec.n_dof)
     length = window_length(dataset.segments)
-    data = SearchData(dataset, *split(dataset.segments, length), {})
+    data = SearchData(dataset, split(dataset.segments, length), {})
     windows = Windows(dataset, data.search, length)
     spectra = BalanceSpectra(data, windows)
     bands = find_bands(spectra, problem.chain, [problem.laws])

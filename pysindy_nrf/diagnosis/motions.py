@@ -25,20 +25,39 @@ def motions_of(model: ChainModel, records: Sequence[Record]) -> Dataset:
     for laws in model.laws.values():
         for law in laws:
             needed.update(law.covariates)
-    return model.segments([_with_base(record, needed) for record in records])
+    if not needed & {"ag", "vg"}:
+        return model.segments(list(records))
+
+    with_base = []
+    for record in records:
+        with_base.append(record.replace(covariates=covariates_with_base(record)))
+    return model.segments(with_base)
 
 
-def _with_base(record: Record, needed: set[str]) -> Record:
-    """A record with what laws need of its base's motion among the covariates."""
-    if not record.base_moves or not needed & {"ag", "vg"}:
-        return record
+def covariates_with_base(record: Record) -> dict[str, np.ndarray]:
+    """Measured covariates, and the motion of a base that moves as ``ag`` and ``vg``.
+
+    Parameters
+    ----------
+    record : Record
+
+    Returns
+    -------
+    dict of str to ndarray of shape (n_samples,)
+        The velocity of the base is as measured, or from its displacement or
+        acceleration. Covariates of the same names come first.
+    """
+    covariates = dict(record.covariates)
     acceleration = base_acceleration_if_any(record)
-    assert acceleration is not None  # the base moves
+    if not record.base_moves or acceleration is None:
+        return covariates
+
     if record.base_velocity is not None:
-        velocity: np.ndarray = record.base_velocity
+        velocity = record.base_velocity
     elif record.base_displacement is not None:
         velocity = base_motion(record, record)[0]
     else:
         velocity = integrate(acceleration, record.dt)
-    base = {"ag": acceleration, "vg": velocity}
-    return record.replace(covariates=base | dict(record.covariates))
+    covariates.setdefault("ag", acceleration)
+    covariates.setdefault("vg", velocity)
+    return covariates

@@ -14,14 +14,13 @@ from ..exceptions import NRFError
 from ..laws.shape import Motion
 from ..records.dataset import Dataset
 from ..records.zero_phase_filter import ZeroPhaseFilter
+from .period import mean_period
 from .residual import Filters, residual_of
 
 # Cycles of a loop that is drawn: more of them hide each other.
 CYCLES = 6
 # Points of a cycle: a file that opens at once, and no cycle loses its shape.
 POINTS_PER_CYCLE = 40
-# Samples of a cycle of a site that does not move.
-SAMPLES_OF_NO_CYCLE = 16.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,20 +114,11 @@ def _rows_of_cycles(motion: Motion, has_memory: bool) -> slice:
     n = motion.n_samples
     # a law that remembers starts afresh, and needs a cycle or two to forget that
     first = n // 10 if has_memory else 0
-    cycle = _samples_of_a_cycle(motion.s)
+    cycle = mean_period([motion.s])
     width = min(n - first, int(CYCLES * cycle) + 1)
     middle = int(np.abs(motion.s).argmax())
     start = int(np.clip(middle - width // 2, first, n - width))
     return slice(start, start + width, int(max(1, cycle // POINTS_PER_CYCLE)))
-
-
-def _samples_of_a_cycle(s: np.ndarray) -> float:
-    """Samples of a cycle at the rms frequency of a drift."""
-    size = float(np.sum((s - s.mean()) ** 2))
-    if not size > 0:
-        return SAMPLES_OF_NO_CYCLE
-    steps = float(np.sum(np.diff(s) ** 2))
-    return 2 * np.pi / max(np.sqrt(steps / size), 1e-6)
 
 
 def _drawn(line: np.ndarray, band: ZeroPhaseFilter | None, rows: slice) -> np.ndarray:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from ..common.audit import constants_of, settings_of
 from .bands import BANDS
 from .candidate_search import SEARCH
@@ -31,7 +29,7 @@ from .signs import SIGNS
 from .windows import WINDOWS
 
 # Every number by which the loop decides, in groups.
-ALL_SETTINGS: dict[str, Any] = {
+ALL_SETTINGS: dict[str, object] = {
     "fusion": FUSION,
     "folds": FOLDS,
     "excerpts": EXCERPTS,
@@ -58,7 +56,7 @@ ALL_SETTINGS: dict[str, Any] = {
 }
 
 
-def audit(request: LoopRequest, calibration: Any) -> dict[str, dict[str, str]]:
+def audit(request: LoopRequest, calibration: object) -> dict[str, dict[str, str]]:
     """Every setting of a run: arguments, declared model, numbers of the decisions."""
     names = [record.name for record in request.heldout]
     laws = dict.fromkeys(law.name for law in request.catalogue)

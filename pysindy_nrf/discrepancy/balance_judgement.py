@@ -24,7 +24,7 @@ from .stepwise import SearchResult, StepwiseSearch
 
 
 @dataclass(frozen=True, eq=False)
-class BalanceFound:
+class BalanceOutcome:
     """What a search found, and what judges it.
 
     Attributes
@@ -35,14 +35,14 @@ class BalanceFound:
         On all samples.
     search : StepwiseSearch
     excerpts : BalanceSpectra or None
-        Spectra on which long records were searched.
+        Spectra on which long records were searched; None if all samples were.
     """
 
     measured: PreparedRecords
     records: PreparedRecords
     result: SearchResult
     search: StepwiseSearch
-    excerpts: BalanceSpectra | None
+    excerpts: BalanceSpectra | None = None
 
     @property
     def contradictions(self) -> list[Contradiction]:
@@ -57,12 +57,12 @@ class BalanceFound:
         if self.excerpts is None:
             return model
         if model.spectra.windows.centred:
-            return model.on(self.excerpts)
-        return model.on(self.excerpts.with_means())
+            return model.refitted(self.excerpts)
+        return model.refitted(self.excerpts.with_means())
 
 
 @dataclass(frozen=True, eq=False)
-class WhatIsLeft:
+class Remainder:
     """What the final model leaves unexplained.
 
     Attributes
@@ -90,8 +90,8 @@ class BalanceJudgement:
     """What the loop concludes, with all that the report needs."""
 
     judgement: Judgement
-    left: WhatIsLeft
-    found: BalanceFound
+    remainder: Remainder
+    outcome: BalanceOutcome
 
 
 class BalanceJudge:
@@ -100,18 +100,18 @@ class BalanceJudge:
     Parameters
     ----------
     request : LoopRequest
-    found : BalanceFound
+    outcome : BalanceOutcome
     """
 
-    def __init__(self, request: LoopRequest, found: BalanceFound) -> None:
+    def __init__(self, request: LoopRequest, outcome: BalanceOutcome) -> None:
         self.request = request
-        self.found = found
-        self.has_room = len(found.result.effects) < request.max_steps
+        self.outcome = outcome
+        self.has_room = len(outcome.result.effects) < request.max_steps
 
     def judge(self) -> BalanceJudgement:
         """Confirm effects on held-out data, and find how sure they are."""
-        heldout = HeldoutJudge(_instants(self.found.result))
-        confirmation = Confirmer(self.found.result, heldout).confirm()
+        heldout = HeldoutJudge(_instants(self.outcome.result))
+        confirmation = Confirmer(self.outcome.result, heldout).confirm()
         drafts = self._drafts(confirmation)
         judged = _one_table(confirmation, heldout)
         final = confirmation.judged.index(confirmation.final)
@@ -127,44 +127,45 @@ class BalanceJudge:
             drafts, judged = [], judged[:1]
 
         claims = not no_claim
-        left = self._what_is_left(judged[final].model, drafts, claims)
+        remainder = self._remainder(judged[final].model, drafts, claims)
         judgement = Judgement(
-            _finished(drafts, left),
+            _finished(drafts, remainder),
             judged,
             final,
-            [*stopped, *self._remarks(left, claims)],
-            self.found.result.first.model.spectra.band,
-            self.found.result.last_round.findings,
+            [*stopped, *self._remarks(remainder, claims)],
+            self.outcome.result.first.model.spectra.band,
+            self.outcome.result.last_round.findings,
             not claims,
         )
-        return BalanceJudgement(judgement, left, self.found)
+        return BalanceJudgement(judgement, remainder, self.outcome)
 
     def _drafts(self, confirmation: Confirmation) -> list[StepDraft]:
         """The steps of the effects without the certainty of their names."""
         drafts = []
         for decision in confirmation.decisions:
             effect = decision.effect
-            rivals = self.found.result.rivals.get(effect, ())
-            drafts.append(draft_step(confirmation.found[effect], decision, rivals))
+            rivals = self.outcome.result.rivals.get(effect, ())
+            drafts.append(draft_step(confirmation.searched[effect], decision, rivals))
         return drafts
 
     def _why_stopped(self, confirmation: Confirmation) -> list[str]:
         """Why the search added no further effect."""
         stopped = wording.enough_effects(self.request.max_steps)
         if self.has_room:
-            stopped = wording.best_refused(self.found.result.last_round)
+            last = self.outcome.result.last_round
+            stopped = wording.best_refused(last.findings, last.examinations.get(0))
         means_are_in = not confirmation.largest.spectra.windows.centred
         if means_are_in and len(confirmation.decisions) > 1:
             return [stopped, wording.MEANS_LEFT_IN]
         return [stopped]
 
-    def _what_is_left(
+    def _remainder(
         self, final: FittedModel, drafts: Sequence[StepDraft], claims: bool
-    ) -> WhatIsLeft:
+    ) -> Remainder:
         """What the final model leaves beside noise, and what would explain it."""
-        found, state = self.found, self.found.result.state
+        outcome, state = self.outcome, self.outcome.result.state
         assert state.records is not None
-        on_excerpts = found.on_excerpts(final)
+        on_excerpts = outcome.on_excerpts(final)
         draws = simulated(state.records, on_excerpts, self.request.rng, CERTAINTY.draws)
         noise = next(draws, None)
         every = draws if noise is None else chain([noise], draws)
@@ -172,25 +173,25 @@ class BalanceJudge:
 
         is_sure = any(effect.sure for effect in certainty.effects)
         asked = is_sure or (self.has_room and claims)
-        general = general_gains(on_excerpts, state, found.search.errors, asked)
-        return WhatIsLeft(certainty, general, noise)
+        general = general_gains(on_excerpts, state, outcome.search.errors, asked)
+        return Remainder(certainty, general, noise)
 
-    def _remarks(self, left: WhatIsLeft, claims: bool) -> list[str]:
+    def _remarks(self, remainder: Remainder, claims: bool) -> list[str]:
         """What else a reader should know of the records and the model."""
         remarks = []
-        if left.lacking and self.has_room and claims:
-            remarks.append(wording.not_in_catalogue(left.lacking))
-        contradictions = self.found.contradictions
+        if remainder.lacking and self.has_room and claims:
+            remarks.append(wording.not_in_catalogue(remainder.lacking))
+        contradictions = self.outcome.contradictions
         if contradictions:
             remarks.append(wording.channels_disagree(contradictions))
         return remarks
 
 
-def _finished(drafts: Sequence[StepDraft], left: WhatIsLeft) -> list[Step]:
+def _finished(drafts: Sequence[StepDraft], remainder: Remainder) -> list[Step]:
     """The steps with the certainty of their names; none is sure where a law lacks."""
-    lacking = [gain.site for gain in left.lacking]
+    lacking = [gain.site for gain in remainder.lacking]
     steps = []
-    for draft, certainty in zip(drafts, left.certainty.effects):
+    for draft, certainty in zip(drafts, remainder.certainty.effects):
         sure = certainty.sure and not lacks_a_law(draft.effect.site, lacking)
         steps.append(draft.finished(certainty.company, certainty.remainder, sure))
     return steps
@@ -211,9 +212,9 @@ def _one_table(confirmation: Confirmation, heldout: HeldoutJudge) -> list[Judged
     judged = confirmation.judged
     if not confirmation.largest.spectra.windows.centred:
         alike = []
-        for one in judged:
-            errors = search_errors(heldout.with_means(one.model))
-            alike.append(replace(one, errors={**one.errors, **errors}))
+        for model in judged:
+            errors = search_errors(heldout.with_means(model.model))
+            alike.append(replace(model, errors={**model.errors, **errors}))
         judged = alike
     if not confirmation.final.model.spectra.windows.centred:
         judged = [heldout.judged(j.name, heldout.with_means(j.model)) for j in judged]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from scipy.fft import next_fast_len
@@ -11,33 +11,41 @@ from ..chain.sites import Site
 from ..exceptions import ChannelError, ExcitationError
 from ..identification.problem import Problem
 from ..laws.base import ForceLaw
-from ..records.dataset import Dataset
+from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import filters_of
-from .balance_judgement import BalanceFound, BalanceJudge, BalanceJudgement
+from .balance_judgement import BalanceJudge, BalanceJudgement, BalanceOutcome
 from .balance_report import balance_report
 from .band_search import find_bands
-from .candidate_search import CandidateSearch
-from .catalogue import Experiment, candidates, flexible, with_all_storeys
+from .catalogue import flexible, with_all_storeys
 from .channel_errors import ChannelErrorTest
-from .effects import Candidate, SearchState
+from .course import Course
+from .effects import SearchState
 from .excerpts import excerpts
 from .fitted_model import FittedModel, fit_model
-from .folds import split, window_length
+from .folds import window_length
 from .prepare import PreparedRecords, prepare
 from .report import LoopReport
-from .request import LoopRequest, progress_bar
 from .search_data import SearchData
 from .spectra import BalanceSpectra
-from .stepwise import SearchResult, StepwiseSearch
+from .stepwise import StepwiseSearch
 from .windows import Windows
 
 
 @dataclass(frozen=True, eq=False)
 class SplitRecords:
-    """Fused records with their folds and held-out pieces."""
+    """Fused records with their folds and held-out pieces.
+
+    Attributes
+    ----------
+    records : PreparedRecords
+    data : SearchData
+    window : float
+        Length of a window, s.
+    """
 
     records: PreparedRecords
     data: SearchData
+    window: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +70,17 @@ class BalanceStart:
         return self.first.records is not self.folds.records
 
 
-class BalanceLoop:
+class BalanceLoop(
+    Course[
+        PreparedRecords, SplitRecords, BalanceStart, BalanceOutcome, BalanceJudgement
+    ]
+):
     """The loop on records in which every floor has a sensor.
 
     Parameters
     ----------
     request : LoopRequest
     """
-
-    def __init__(self, request: LoopRequest) -> None:
-        self.request = request
 
     # -- prepare, split, find bands --------------------------------------------
 
@@ -81,14 +90,10 @@ class BalanceLoop:
 
     def split(self, records: PreparedRecords) -> SplitRecords:
         """Cut the records into folds, and put held-out pieces aside."""
-        request = self.request
         # a band that cannot be is refused here
-        filters_of(request.band, records.data)
-        segments = records.data.segments
-        n_searched = len(records.searched)
-        length = window_length(segments[:n_searched])
-        folds = split(segments, length, records.heldout)
-        data = SearchData(records.data, *folds, request.problem.known_masses)
+        filters_of(self.request.band, records.data)
+        folds = self.folds_of(records.data.segments)
+        data = SearchData(records.data, folds.split, self.request.problem.known_masses)
         if not data.forced and not data.known_masses:
             raise ExcitationError(
                 "No force is measured and no mass is known, so nothing scales the"
@@ -96,114 +101,96 @@ class BalanceLoop:
                 "Give the baseline known_masses={dof: kg}.",
                 argument="known_masses",
             )
-        return SplitRecords(records, data)
+        return SplitRecords(records, data, folds.window)
 
     def find_bands(self, folds: SplitRecords) -> BalanceStart:
         """Find the informative bands; of long records on excerpts."""
         records, data = excerpts(folds.records, folds.data)
-        return self._start(folds, records, data)
+        window = folds.window
+        if data is not folds.data:
+            window = _fast_window(data.data.segments)
+        return self._start(folds, SplitRecords(records, data, window))
 
-    def _start(
-        self, folds: SplitRecords, records: PreparedRecords, data: SearchData
-    ) -> BalanceStart:
-        """Find the informative bands, and fit the declared model in them."""
+    def _start(self, folds: SplitRecords, searched: SplitRecords) -> BalanceStart:
+        """Find the informative bands, and fit the declared model in them.
+
+        Parameters
+        ----------
+        folds, searched : SplitRecords
+            All samples, and those that the search reads.
+        """
         problem, band = self.request.problem, self.request.band
+        data = searched.data
         laws = declared_laws(problem, data)
         rich = flexible(replace(problem, laws=laws), data)
-        windows = Windows(data.data, data.search, self._window(folds, data))
+        windows = Windows(data.data, data.search, searched.window)
         if band is not None:
             windows = windows.within(*band)
 
         bands = find_bands(BalanceSpectra(data, windows), problem.chain, [laws, rich])
         windows = windows.up_to(bands.n_bands - 1)
-        data = data.seen_through(bands.limits(windows.edges, data.fastest))
+        data = data.diagnosed_in(bands.limits(windows.edges, data.fastest))
         spectra = BalanceSpectra(data, windows, bands)
         model = fit_model(spectra, problem.chain, laws)
         require_covariates(model, folds.records)
         folds = replace(folds, data=data.full)
-        return BalanceStart(folds, SearchState(model, records=records))
-
-    def _window(self, folds: SplitRecords, data: SearchData) -> float:
-        """Length of a window, s; of excerpts one that is fast to transform."""
-        n_searched = len(folds.records.searched)
-        if data is folds.data:
-            return window_length(data.data.segments[:n_searched])
-        segments = data.data.segments
-        step = segments[0].step
-        half = round(0.5 * window_length(segments) / step)
-        return float(2.0 * step * next_fast_len(half))
+        return BalanceStart(folds, SearchState(model, records=searched.records))
 
     # -- search ----------------------------------------------------------------
 
-    def search(self, start: BalanceStart) -> BalanceFound:
+    def search(self, start: BalanceStart) -> BalanceOutcome:
         """Search by excerpts, then fit to all samples of long records.
 
         Search all samples if a fault is found: it changes them.
         """
-        search, result = self._search(start)
+        outcome = self._search(start)
         if not start.reads_excerpts:
-            return self._found(start, search, result, None)
+            return outcome
+        if any(effect.is_fault for effect in outcome.result.effects):
+            return self._search(self._start(start.folds, start.folds))
 
-        if any(effect.is_fault for effect in result.effects):
-            folds = start.folds
-            start = self._start(folds, folds.records, folds.data)
-            search, result = self._search(start)
-            return self._found(start, search, result, None)
-
+        result = outcome.search.on_all_samples(outcome.result)
         searched = start.first.model.spectra
-        result = search.on_all_samples(result)
-        return self._found(start, search, result, searched)
+        return replace(
+            outcome, records=outcome.measured, result=result, excerpts=searched
+        )
 
-    def _search(self, start: BalanceStart) -> tuple[StepwiseSearch, SearchResult]:
+    def _search(self, start: BalanceStart) -> BalanceOutcome:
         """One search, on all samples or on excerpts."""
         request = self.request
-        tried = self._candidates(start)
-        total = request.max_steps * len(tried)
-        with progress_bar(request.progress, total) as tick:
+        data = start.folds.data
+        alone = self.candidates(request.catalogue, data.forced, request.channels)
+        tried = with_all_storeys(alone, request.problem.chain.sites)
+        with self.candidate_search(tried) as candidates:
             search = StepwiseSearch(
-                CandidateSearch(tried, tick),
+                candidates,
                 request.faults,
                 ChannelErrorTest(request.calibration),
                 request.rng,
             )
-            return search, search.run(start.first, request.max_steps)
+            result = search.add_effects(start.first, request.max_steps)
 
-    def _candidates(self, start: BalanceStart) -> list[Candidate]:
-        """Every law of the catalogue at every site where it makes sense."""
-        data, problem = start.folds.data, self.request.problem
-        experiment = Experiment(
-            self.request.catalogue,
-            problem.chain,
-            problem.known_masses,
-            data.forced,
-            self.request.channels,
-            len(data.searched),
-        )
-        return with_all_storeys(candidates(experiment), problem.chain.sites)
-
-    def _found(
-        self,
-        start: BalanceStart,
-        search: StepwiseSearch,
-        result: SearchResult,
-        searched: BalanceSpectra | None,
-    ) -> BalanceFound:
-        """What was found, with the records of all samples."""
         measured = start.folds.records
-        records = measured
-        if searched is None and result.state.records is not None:
-            records = result.state.records
-        return BalanceFound(measured, records, result, search, searched)
+        return BalanceOutcome(
+            measured, result.state.records or measured, result, search
+        )
 
     # -- judge, report ---------------------------------------------------------
 
-    def judge(self, found: BalanceFound) -> BalanceJudgement:
+    def judge(self, outcome: BalanceOutcome) -> BalanceJudgement:
         """Confirm effects on held-out data, and find how sure they are."""
-        return BalanceJudge(self.request, found).judge()
+        return BalanceJudge(self.request, outcome).judge()
 
     def report(self, judgement: BalanceJudgement) -> LoopReport:
         """Gather what the user reads."""
         return balance_report(self.request, judgement)
+
+
+def _fast_window(segments: Sequence[Segment]) -> float:
+    """Length of a window of excerpts that is fast to transform, s."""
+    step = segments[0].step
+    half = round(0.5 * window_length(segments) / step)
+    return float(2.0 * step * next_fast_len(half))
 
 
 def declared_laws(

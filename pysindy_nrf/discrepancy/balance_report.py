@@ -13,54 +13,38 @@ from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
 from ..identification.wiring import wiring_error
 from ..records.dataset import Dataset
-from ..records.quality import QualityNote
-from .audit import audit
-from .balance_judgement import BalanceFound, BalanceJudgement
+from ..records.quality import Kind, QualityNote
+from .balance_judgement import BalanceJudgement, BalanceOutcome
 from .claims import lack_of_fit
 from .excerpts import EXCERPTS
 from .fitted_model import FittedModel
 from .free_run import FREE_RUN
-from .intervals import parameter_intervals
-from .judgement import (
-    candidate_table,
-    chain_models,
-    error_table,
-    measured_records,
-)
+from .judgement import measured_records, report_of
 from .prepare import PreparedRecords
 from .report import LoopReport
 from .request import LoopRequest
-from .residual import Evidence, NoiseFloor, look
+from .residual import Evidence, NoiseFloor, evidence_of
 
 
 def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopReport:
     """Gather what the user reads."""
-    judgement, found = concluded.judgement, concluded.found
+    judgement, outcome = concluded.judgement, concluded.outcome
+    remainder = concluded.remainder
     final = judgement.final_model.model
-    models = chain_models(judgement, _visited(final))
-    model = models[judgement.final]
-    noise = [recipe.noise for recipe in found.records.fusion]
+    noise = [recipe.noise for recipe in outcome.records.fusion]
     pieces, filters, _ = final.spectra.data.diagnosed().cut()
 
-    report = LoopReport(
-        judgement.steps,
-        error_table(judgement),
-        judgement.stopped_because,
-        model,
-        judgement.band,
-        candidate_table(judgement.last_findings),
-        models,
-        _evidence(concluded, models),
-        measured_records(found.records.records, noise, len(request.heldout)),
-        loops_of(model, pieces, filters),
-        audit(request, request.calibration),
-        lack_of_fit(concluded.left.general),
-        parameter_intervals(final),
-        free_runs(model, _starts(found.measured)),
-        concluded.left.certainty.beyond_noise,
+    report = report_of(request, judgement, request.calibration, _visited(final))
+    report = replace(
+        report,
+        evidence=_evidence(concluded, report.models),
+        measured=measured_records(outcome.records.records, noise, len(request.heldout)),
+        loops=loops_of(report.model, pieces, filters),
+        lack_of_fit=lack_of_fit(remainder.general),
+        free_runs=free_runs(report.model, _starts(outcome.measured)),
+        beyond_noise=remainder.certainty.beyond_noise,
         faults=suspect_channels(request.all_records),
-        quality=_quality(found),
-        nothing_claimed=judgement.nothing_claimed,
+        quality=_quality(outcome),
     )
     return _with_wiring(report, request)
 
@@ -88,18 +72,18 @@ def _evidence(
     concluded: BalanceJudgement, models: Sequence[ChainModel]
 ) -> list[Evidence]:
     """What each model leaves: is it noise, where does it act, what is it like."""
-    judgement, noise = concluded.judgement, concluded.left.noise
+    judgement, noise = concluded.judgement, concluded.remainder.noise
     floor = None
     if noise is not None:
         pieces, filters, _ = noise.spectra.data.diagnosed().cut()
-        left = residual_of(models[judgement.final], pieces, filters)
-        floor = NoiseFloor.from_draws([left])
+        residual = residual_of(models[judgement.final], pieces, filters)
+        floor = NoiseFloor.from_draws([residual])
 
     chosen = [step.site for step in judgement.steps]
     evidence = []
-    for one, model, site in zip(judgement.judged, models, [*chosen, ""]):
-        data = one.model.spectra.data.diagnosed()
-        evidence.append(look(data, model, one.name, site, floor))
+    for judged, model, site in zip(judgement.judged, models, [*chosen, ""]):
+        data = judged.model.spectra.data.diagnosed()
+        evidence.append(evidence_of(data, model, judged.name, site, floor))
     return evidence
 
 
@@ -114,15 +98,22 @@ def _starts(records: PreparedRecords) -> Dataset:
     return Dataset(segments, records.data.n_samples)
 
 
-def _quality(found: BalanceFound) -> tuple[QualityNote, ...]:
+def _quality(outcome: BalanceOutcome) -> tuple[QualityNote, ...]:
     """What is known of the quality of the records."""
-    notes = list(found.measured.data.quality)
-    for one in found.contradictions:
-        channel, witness = one.site.channel, one.reference
-        if one.order == 0:
-            size = 1.0 + one.share
-            note = QualityNote("gain", one.witness, channel, "", size, witness)
-        else:
-            note = QualityNote("delay", one.witness, channel, "", -one.share, witness)
-        notes.append(note)
+    notes = list(outcome.measured.data.quality)
+    for contradiction in outcome.contradictions:
+        kind: Kind = "delay"
+        size = -contradiction.share
+        if contradiction.order == 0:
+            kind, size = "gain", 1.0 + contradiction.share
+        notes.append(
+            QualityNote(
+                kind,
+                contradiction.witness,
+                contradiction.site.channel,
+                "",
+                size,
+                contradiction.reference,
+            )
+        )
     return tuple(notes)

@@ -38,13 +38,13 @@ def find_bands(
     core = np.empty(0)
 
     for round_ in range(BANDS.rounds):
-        left, reference = _least_left(spectra, chain, models)
+        shares, reference = _least_shares(spectra, chain, models)
         if round_ == 0:
             core = np.array([strongest_bands(power) for power in reference])
             informative = core
         else:
             informative = np.empty_like(core)
-            for j, (share, power) in enumerate(zip(left, reference)):
+            for j, (share, power) in enumerate(zip(shares, reference)):
                 good = share < BANDS.unexplained
                 informative[j] = connected_bands(good, share, power, core[j])
 
@@ -52,17 +52,15 @@ def find_bands(
             break
         spectra = spectra.with_bands(InformativeBands(informative, informative))
 
-    balances = zip(spectra.bands.informative, left, reference)
+    balances = zip(spectra.bands.informative, shares, reference)
     clear = np.array([clear_bands(*balance) for balance in balances])
     return InformativeBands(spectra.bands.informative, clear).up_to_last()
 
 
-def _least_left(
+def _least_shares(
     spectra: BalanceSpectra, chain: Chain, models: Sequence[LawsBySite]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Least share of the power of each balance and band that a model leaves, and the
-    power.
-    """
+    """Least share of each balance and band that a model leaves, and the power."""
     shares, reference = [], np.empty(0)
     for laws in models:
         with suppress(NRFError), np.errstate(divide="ignore", invalid="ignore"):

@@ -61,8 +61,8 @@ class InformativeBands:
     def up_to_last(self) -> InformativeBands:
         """The same without the bands above the last informative one."""
         last = int(np.flatnonzero(self.informative.any(axis=0))[-1])
-        kept = slice(0, last + 1)
-        return InformativeBands(self.informative[:, kept], self.clear[:, kept])
+        lowest = slice(0, last + 1)
+        return InformativeBands(self.informative[:, lowest], self.clear[:, lowest])
 
     def clear_power(self, power: np.ndarray) -> np.ndarray:
         """Power of each balance in its clear bands."""
@@ -92,23 +92,23 @@ def strongest_bands(power: np.ndarray) -> np.ndarray:
 
 
 def connected_bands(
-    good: np.ndarray, left: np.ndarray, power: np.ndarray, core: np.ndarray
+    good: np.ndarray, shares: np.ndarray, power: np.ndarray, core: np.ndarray
 ) -> np.ndarray:
     """The run of good bands that explains most and touches the core of a balance.
 
     Parameters
     ----------
     good, core : ndarray of bool, shape (n_bands,)
-    left, power : ndarray of shape (n_bands,)
+    shares, power : ndarray of shape (n_bands,)
         Share of the power that is left unexplained, and the power.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-    worth = power * (1.0 - np.minimum(left, 1.0))
-    best, most = None, -np.inf
+    worth = power * (1.0 - np.minimum(shares, 1.0))
+    best, largest = None, -np.inf
     for start, stop in zip(edges[::2], edges[1::2]):
         run = slice(start, stop)
-        if core[run].any() and worth[run].sum() > most:
-            best, most = run, worth[run].sum()
+        if core[run].any() and worth[run].sum() > largest:
+            best, largest = run, worth[run].sum()
 
     if best is None:
         return core
@@ -118,17 +118,17 @@ def connected_bands(
 
 
 def clear_bands(
-    informative: np.ndarray, left: np.ndarray, power: np.ndarray
+    informative: np.ndarray, shares: np.ndarray, power: np.ndarray
 ) -> np.ndarray:
     """The run of informative bands that leave not much more than is typical."""
-    limit = BANDS.above_typical * _typical_share(left, power)
-    return connected_bands(informative & (left <= limit), left, power, informative)
+    limit = BANDS.above_typical * _typical_share(shares, power)
+    return connected_bands(informative & (shares <= limit), shares, power, informative)
 
 
-def _typical_share(left: np.ndarray, power: np.ndarray) -> float:
+def _typical_share(shares: np.ndarray, power: np.ndarray) -> float:
     """Share of the power that is left where half of the energy is."""
-    order = np.argsort(left)
+    order = np.argsort(shares)
     reached = np.cumsum(power[order])
     middle = order[int(np.searchsorted(reached, 0.5 * power.sum()))]
     least = REDUCTION.resolution**2 / BANDS.above_typical
-    return max(float(left[middle]), least)
+    return max(float(shares[middle]), least)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from ..records.fusion.kinematics import base_acceleration_if_any
 from ..records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
 from ..records.record import Record
 from .fitted_model import FittedModel
+from .folds import Split
 from .prepare import PreparedRecords, prepare
 from .search_data import SearchData
 from .spectra import BalanceSpectra
@@ -52,7 +52,7 @@ def simulated(
     if first is None:
         return
     try:
-        again = model.on(first.spectra)
+        again = model.refitted(first.spectra)
     except NRFError:
         yield first
         return
@@ -93,8 +93,8 @@ class _Source:
         self.templates = []
         for i in self.data.searched:
             record = records.records[i]
-            seen = self.data.searched_rows(i)
-            noise = levels_of(record, records.fusion[i].noise, seen)
+            searched = self.data.searched_rows(i)
+            noise = levels_of(record, records.fusion[i].noise, searched)
             quiet = quiet_drive(record, noise)
             segment = self.data.data.segments[i]
             self.templates.append(_Template(record, quiet, segment, noise))
@@ -107,7 +107,7 @@ class _Source:
         if model.masses.any() and (model.masses <= 0).any():
             return None
         try:
-            made = [_record(one, model, self.rng) for one in self.templates]
+            made = [_record(template, model, self.rng) for template in self.templates]
             # warnings on channels were given for the measured ones
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -116,11 +116,13 @@ class _Source:
             return None
 
         data = SearchData(
-            prepared.data, self._folds(prepared.data), [], self.data.known_masses
+            prepared.data,
+            Split(self._folds(prepared.data), []),
+            self.data.known_masses,
+            filters=[self.data.filters[i] for i in self.data.searched],
         )
-        data = data.with_filters([self.data.filters[i] for i in self.data.searched])
         measured = self.fitted.spectra
-        windows = measured.windows.on(data.search, data=data.data)
+        windows = measured.windows.over(data.search, data=data.data)
         spectra = BalanceSpectra(data, windows, measured.bands, strict=False)
         return SimulatedRecords(prepared, spectra)
 
@@ -159,7 +161,7 @@ def _record(template: _Template, model: ChainModel, rng: np.random.Generator) ->
 
 def _noisy_motion(
     template: _Template, model: ChainModel, rng: np.random.Generator
-) -> dict[str, Any]:
+) -> dict[str, np.ndarray]:
     """The free run of a model, as the channels of a record would read it."""
     record, quiet = template.record, template.quiet
     rows = _measured_rows(record)
@@ -176,7 +178,7 @@ def _noisy_motion(
     start = (rest, rest) if at_rest else None
     run = free_run_of(model, driven, rows, record.dt, start, hold="cubic")
 
-    changes: dict[str, Any] = {}
+    changes: dict[str, np.ndarray] = {}
     for kind, key in _MOTIONS.items():
         measured = getattr(record, key)
         if measured is None:

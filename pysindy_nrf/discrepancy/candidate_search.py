@@ -19,7 +19,7 @@ from .harmonic_lines import missing_lines
 from .model_extension import ModelExtension
 from .shape_axes import ShapeAxes
 from .signs import admissible_reductions, turns_a_spring
-from .spectra import ScanCache
+from .spectra import Scan
 
 
 @dataclass(frozen=True)
@@ -240,16 +240,16 @@ def scan(base: SearchState, candidate: Candidate, state: SearchState) -> Finding
     Its error reduction is taken over a state, from which the base may lack effects that
     the candidate replaces.
     """
-    cache = _scan_cache(base, candidate)
-    if not cache.points:
+    tried = _scan_of(base, candidate)
+    if not tried.points:
         return None
     try:
         extension = _extension(base.model, candidate)
-        fits = extension.fit_each(cache.points, cache.products)
+        fits = extension.fit_each(tried.points, tried.products)
     except NRFError:
         return None
 
-    reductions = admissible_reductions(fits, cache.points[0])
+    reductions = admissible_reductions(fits, tried.points[0])
     best = int(np.argmax(reductions))
     if not np.isfinite(reductions[best]):
         return None
@@ -257,7 +257,7 @@ def scan(base: SearchState, candidate: Candidate, state: SearchState) -> Finding
     if base is not state:
         lost = state.model.reduction_from(base.model).value
     screened = float(reductions[best]) - lost
-    return Finding(candidate, cache.points[best], base, screened)
+    return Finding(candidate, tried.points[best], base, screened)
 
 
 def scan_points(model: FittedModel, candidate: Candidate) -> list[tuple[ForceLaw, ...]]:
@@ -269,20 +269,21 @@ def scan_points(model: FittedModel, candidate: Candidate) -> list[tuple[ForceLaw
     return [axes.laws_at(point) for point in axes.grid(lines)]
 
 
-def _scan_cache(base: SearchState, candidate: Candidate) -> ScanCache:
+def _scan_of(base: SearchState, candidate: Candidate) -> Scan:
     """Points of a scan, with the products that earlier models needed.
 
-    Lines of a residual change with the model and are not kept.
+    Lines of a residual change with the model, and their scan is made anew.
     """
-    scans = base.model.spectra.scans
-    if candidate in scans:
-        return scans[candidate]
+    scans = base.model.spectra.cache.scans
+    key = candidate.law, candidate.sites
+    if key in scans:
+        return scans[key]
 
-    cache = ScanCache(scan_points(base.model, candidate))
+    tried = Scan(scan_points(base.model, candidate))
     axes = ShapeAxes(candidate.law, base.model.spectra.data, candidate.sites)
     if not axes.is_frequency:
-        scans[candidate] = cache
-    return cache
+        scans[key] = tried
+    return tried
 
 
 def _extension(model: FittedModel, candidate: Candidate) -> ModelExtension:
@@ -310,8 +311,9 @@ def general_promise(model: FittedModel, site: Site) -> float:
     try:
         for law in general_laws(model.spectra.data, site):
             extension = ModelExtension(model, [(site, law)])
-            cache = model.spectra.scans.setdefault((law, site), ScanCache([(law,)]))
-            fits = extension.fit_each(cache.points, cache.products)
+            scans = model.spectra.cache.scans
+            alone = scans.setdefault((law, (site,)), Scan([(law,)]))
+            fits = extension.fit_each(alone.points, alone.products)
             best = max(best, float(fits.reductions[0]))
     except NRFError:
         return np.inf

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from .. import laws
 from ..chain.sites import Site
@@ -16,12 +15,13 @@ from ..laws.base import ForceLaw
 from .effects import Candidate
 from .search_data import SearchData
 
+LawOrClass = ForceLaw | type[ForceLaw]
 # Laws that read a channel of the base, and those that read any other covariate.
-_LAWS_OF_BASE: dict[str, list[type[Any]]] = {
+_LAWS_OF_BASE: dict[str, list[Callable[..., ForceLaw]]] = {
     "ag": [laws.BaseMotion],
     "vg": [laws.GroundFriction],
 }
-_LAWS_OF_COVARIATES: list[type[Any]] = [
+_LAWS_OF_COVARIATES: list[Callable[..., ForceLaw]] = [
     laws.CovariateFriction,
     laws.LaggedCovariateFriction,
     laws.CovariateDahl,
@@ -29,7 +29,24 @@ _LAWS_OF_COVARIATES: list[type[Any]] = [
 
 
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
-    """All laws of the package that can be an undeclared effect."""
+    """All laws of the package that can be an undeclared effect.
+
+    Parameters
+    ----------
+    covariates : sequence of str
+        Measured channels that a law may read; ``ag`` and ``vg`` are the motion of the
+        base.
+
+    Returns
+    -------
+    list of ForceLaw
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import default_catalogue
+    >>> [law.name for law in default_catalogue()][:2]
+    ['coulomb_friction', 'regularized_friction']
+    """
     catalogue: list[ForceLaw] = [
         laws.CoulombFriction(),
         laws.RegularizedFriction(),
@@ -98,7 +115,7 @@ def short_catalogue() -> list[ForceLaw]:
     ]
 
 
-def as_laws(catalogue: Iterable[Any]) -> list[ForceLaw]:
+def as_laws(catalogue: Iterable[LawOrClass]) -> list[ForceLaw]:
     """The laws of a catalogue that a user passed; classes become laws."""
     cure = "Use those of pysindy_nrf.laws, or your own."
     if not isinstance(catalogue, Iterable):
@@ -106,8 +123,9 @@ def as_laws(catalogue: Iterable[Any]) -> list[ForceLaw]:
 
     chosen = []
     for item in catalogue:
-        is_class = isinstance(item, type) and issubclass(item, ForceLaw)
-        law = item() if is_class else item
+        law = item
+        if isinstance(item, type) and issubclass(item, ForceLaw):
+            law = item()
         if not isinstance(law, ForceLaw):
             raise LawError(
                 f"The catalogue holds {law!r}, which is not a force law", cure
@@ -211,8 +229,8 @@ def sites_of(law: ForceLaw, experiment: Experiment) -> list[Site]:
     for kind, sites_of_kind in _SITES_OF_KIND.items():
         ties = kind == "new link" and _may_tie(law, experiment)
         if kind in law.acts_at or ties:
-            found = sites_of_kind(law, experiment)
-            sites += [site for site in found if site not in sites]
+            possible = sites_of_kind(law, experiment)
+            sites += [site for site in possible if site not in sites]
     return sites
 
 

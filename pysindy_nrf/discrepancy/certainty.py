@@ -76,11 +76,11 @@ def certainty_of(
     draws : iterable of SimulatedRecords
         What the final model would have produced with fresh noise.
     """
-    left = final.balance_errors
-    names = [_name(draft, drafts, left) for draft in drafts]
+    errors = final.balance_errors
+    names = [_name(draft, drafts, errors) for draft in drafts]
     largest = max((name.size for name in names if name.may_be_sure), default=0.0)
 
-    floor = _NoiseFloor(left)
+    floor = _NoiseFloor(errors)
     for drawn in draws:
         floor.add(final, drawn)
         lowest = np.nanmax(floor.beyond(CERTAINTY.least_of_draw))
@@ -107,44 +107,44 @@ class _Name:
     may_be_sure: bool
 
 
-def _name(draft: StepDraft, drafts: Sequence[StepDraft], left: np.ndarray) -> _Name:
+def _name(draft: StepDraft, drafts: Sequence[StepDraft], errors: np.ndarray) -> _Name:
     """What decides on the name of an effect beside others."""
     company = _company(draft, drafts)
     has_rivals = bool(draft.alternatives or company)
     may_be_sure = draft.plausible and draft.confirmed and not has_rivals
-    return _Name(company, _size_of_effect(draft, left), may_be_sure)
+    return _Name(company, _size_of_effect(draft, errors), may_be_sure)
 
 
 class _NoiseFloor:
     """What noise alone leaves of each balance, by draws."""
 
-    def __init__(self, left: np.ndarray) -> None:
-        self.left = left
+    def __init__(self, errors: np.ndarray) -> None:
+        self.errors = errors
         self.squares: list[np.ndarray] = []
 
     def add(self, final: FittedModel, drawn: SimulatedRecords) -> None:
         """Add a draw, if the model can be fitted to it."""
         with suppress(NRFError):
-            errors = final.on(drawn.spectra).balance_errors
-            self.squares.append(np.square(np.nan_to_num(errors)))
+            of_noise = final.refitted(drawn.spectra).balance_errors
+            self.squares.append(np.square(np.nan_to_num(of_noise)))
 
     def beyond(self, share: float) -> np.ndarray:
         """What is left beyond noise, if the draws so far hold a share of its mean."""
-        floor = np.zeros_like(self.left)
+        floor = np.zeros_like(self.errors)
         if self.squares:
             floor = np.mean(self.squares, axis=0) / share**2
         noise = CERTAINTY.times_noise**2 * floor
-        return np.sqrt(np.maximum(self.left**2 - noise, 0.0))
+        return np.sqrt(np.maximum(self.errors**2 - noise, 0.0))
 
 
-def _size_of_effect(draft: StepDraft, left: np.ndarray) -> float:
+def _size_of_effect(draft: StepDraft, errors: np.ndarray) -> float:
     """What was missing without an effect, percent; what is left now at least."""
     site = draft.effect.site
-    balances = list(range(len(left)))
+    balances = list(range(len(errors)))
     if site.kind != "sensor":
         touched = [j for j in balances if site.incidence(j + 1)]
         balances = touched or balances
-    now = float(np.sqrt(np.mean(left[balances] ** 2)))
+    now = float(np.sqrt(np.mean(errors[balances] ** 2)))
     return max(draft.validation_before, now, 1e-300)
 
 

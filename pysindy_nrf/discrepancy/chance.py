@@ -81,13 +81,13 @@ class ChanceTest:
             return np.inf
 
         try:
-            model = state.model.on(drawn.spectra)
+            model = state.model.refitted(drawn.spectra)
             null = SearchState(model, state.effects, drawn.records)
             if of_faults:
                 findings = FaultSearch(self.faults).findings(null)
             else:
-                few = SEARCH.finalists_of_chance
-                findings = self.search.findings(null, finalists=few)
+                finalists = SEARCH.finalists_of_chance
+                findings = self.search.findings(null, finalists=finalists)
         except NRFError:
             return np.inf
         return max((finding.value for finding in findings), default=0.0)

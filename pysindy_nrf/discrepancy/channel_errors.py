@@ -173,9 +173,9 @@ class ChannelErrors:
 
         fit = ErrorFit(model, self.thin, self._row_changes(model), limit)
         sizes = fit.likeliest(start)
-        found = [(e, x * e.deviation) for e, x in zip(self.errors, sizes)]
+        sized = [(e, x * e.deviation) for e, x in zip(self.errors, sizes)]
         with suppress(NRFError):
-            freed = model.on_motions(with_errors(self.data, self.readings, found))
+            freed = model.on_motions(with_errors(self.data, self.readings, sized))
             if freed.reduction_from(model).value > 0:
                 return FreedModel(freed, sizes)
         return FreedModel(model, sizes)
@@ -238,12 +238,12 @@ class ChannelErrors:
         missing: Sequence[tuple[_Touched, int]],
     ) -> dict[_Touched, np.ndarray]:
         """Changes by differences, a standard deviation of the error scaled up."""
-        part = ERROR_FIT.difference
-        step = [(error, part * error.deviation)]
+        share = ERROR_FIT.difference
+        step = [(error, share * error.deviation)]
         moved = self.data.with_data(with_errors(self.data, self.readings, step))
         fixed_row = self._fixed_row(error)
 
-        def rows(records: tuple[int, ...]) -> np.ndarray:
+        def touched_rows(records: tuple[int, ...]) -> np.ndarray:
             each = []
             for touched, _ in missing:
                 if touched.law is None or touched.site is None:
@@ -252,13 +252,13 @@ class ChannelErrors:
                     each.append(moved.columns(touched.site, [touched.law], records))
             return np.vstack(each)
 
-        after = self.spectra.windows.spectra(rows)
+        after = self.spectra.windows.spectra(touched_rows)
         changes, position = {}, 0
         for touched, first in missing:
             width = 1 if touched.law is None else len(touched.law.terms())
             new = after[position : position + width]
-            difference = (new - model.rows[first : first + width])[:, self.thin]
-            changes[touched] = difference / part
+            before = model.spectra_of_rows[first : first + width]
+            changes[touched] = (new - before)[:, self.thin] / share
             position += width
         return changes
 
@@ -299,7 +299,7 @@ class ChannelErrorTest:
         self._freed: tuple[FittedModel, FreedModel] | None = None
 
     def forget(self) -> None:
-        """Drop what is kept of earlier models: it is large, and hardly asked again."""
+        """Free the memory of earlier models, which are hardly asked for again."""
         self._errors, self._freed = None, None
 
     def beyond(
@@ -318,13 +318,13 @@ class ChannelErrorTest:
         """
         errors = self._errors_on(before.spectra, records, known)
         freed = self._freed_of(errors, before)
-        own = after.reduction_from(before)
+        plain = after.reduction_from(before)
         of_errors = freed.model.reduction_from(before).value
         # a hundred errors are fitted to what is left
-        explain_more = of_errors > own.value + CHANNEL_ERRORS.more
+        explain_more = of_errors > plain.value + CHANNEL_ERRORS.more
         least = 0.0
         if explain_more:
-            half = CHANNEL_ERRORS.kept_share * own.value
+            half = CHANNEL_ERRORS.kept_share * plain.value
             least = min(half, JUDGE.large_reduction)
 
         without_errors = _reduction_without_errors(after, freed.model, law, least)
@@ -337,8 +337,8 @@ class ChannelErrorTest:
             likely = before
             if explain_more:
                 likely = errors.freed(before, limit=CHANNEL_ERRORS.likely).model
-            if likely.reduction_from(before).value < own.value:
-                return BeyondErrors(own, judge.is_there(own, law))
+            if likely.reduction_from(before).value < plain.value:
+                return BeyondErrors(plain, judge.is_there(plain, law))
 
         beyond = freed_after.model.reduction_from(freed.model)
         if not judge.is_there(beyond, law):
@@ -381,7 +381,7 @@ def _reduction_without_errors(
         own_reduction = after.reduction_from(freed)
         if judge.is_there(own_reduction, law) and own_reduction.value >= least:
             return own_reduction
-        beside = after.on(freed.spectra).reduction_from(freed)
+        beside = after.refitted(freed.spectra).reduction_from(freed)
         if judge.is_there(beside, law) and beside.value >= least:
             return beside
     return None

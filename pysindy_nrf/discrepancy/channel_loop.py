@@ -17,24 +17,15 @@ from ..exceptions import NRFError
 from ..identification.fewer_sensors import estimate, negative, shot_of, told
 from ..records.checks.channel_checks import measured
 from . import judge, wording
-from .audit import audit
 from .candidate_search import CandidateSearch
-from .catalogue import Experiment, candidates
 from .channel_spectra import CHANNELS
 from .confirmation import Decision, FoundEffect
+from .course import Course
 from .effects import Candidate, Finding, RankedFinding
-from .folds import split, window_length
 from .heldout import JudgedModel
-from .intervals import parameter_intervals
 from .judge import JUDGE
-from .judgement import (
-    Judgement,
-    candidate_table,
-    chain_models,
-    error_table,
-)
+from .judgement import Judgement, report_of
 from .report import LoopReport, Step
-from .request import LoopRequest, progress_bar
 from .run_models import ChannelState, FittedRuns, RunModels, SplitRuns
 from .steps import draft_step
 
@@ -58,7 +49,7 @@ class ChannelStart:
 
 
 @dataclass(frozen=True, eq=False)
-class ChannelFound:
+class ChannelOutcome:
     """What a search found.
 
     Attributes
@@ -80,16 +71,15 @@ class ChannelFound:
     last: Sequence[SettledFinding]
 
 
-class ChannelLoop:
+class ChannelLoop(
+    Course[FittedRuns, SplitRuns, ChannelStart, ChannelOutcome, Judgement]
+):
     """The loop on records in which floors have no sensor.
 
     Parameters
     ----------
     request : LoopRequest
     """
-
-    def __init__(self, request: LoopRequest) -> None:
-        self.request = request
 
     # -- prepare, split, find bands --------------------------------------------
 
@@ -106,25 +96,20 @@ class ChannelLoop:
             problem, shots[:n_searched], problem.known_masses
         )
         hold = fit.shots[0].hold
-        kept = [replace(shot, hold=hold) for shot in shots[n_searched:]]
-        return FittedRuns([*fit.shots, *kept], solution.model, notes)
+        heldout = [replace(shot, hold=hold) for shot in shots[n_searched:]]
+        return FittedRuns([*fit.shots, *heldout], solution.model, notes)
 
     def split(self, records: FittedRuns) -> SplitRuns:
         """Cut the records into folds; no fit reads what is held out."""
-        runs = [shot.run(records.model) for shot in records.shots]
-        n_searched = len(self.request.records)
-        length = window_length(runs[:n_searched])
-        whole = list(range(n_searched, len(runs))) if self.request.heldout else None
-        folds = split(runs, length, whole)
-
+        folds = self.folds_of([shot.run(records.model) for shot in records.shots])
         shots = []
         for number, shot in enumerate(records.shots):
             weights = shot.weights.copy()
-            for block in folds.heldout:
+            for block in folds.split.heldout:
                 if block.segment == number:
                     weights[block.rows] = 0.0
             shots.append(replace(shot, weights=weights))
-        return SplitRuns(replace(records, shots=shots), folds, length)
+        return SplitRuns(replace(records, shots=shots), folds.split, folds.window)
 
     def find_bands(self, folds: SplitRuns) -> ChannelStart:
         """Find the informative bands, and settle the declared model in them."""
@@ -141,24 +126,20 @@ class ChannelLoop:
 
     # -- search ----------------------------------------------------------------
 
-    def search(self, start: ChannelStart) -> ChannelFound:
+    def search(self, start: ChannelStart) -> ChannelOutcome:
         """Add effects one by one, each confirmed before the next is looked for."""
-        request = self.request
-        tried = self._candidates()
-        found = ChannelFound(start, [], [start.first.judged], start.first, ())
-        total = request.max_steps * len(tried)
-        with progress_bar(request.progress, total) as tick:
-            search = CandidateSearch(tried, tick)
-            while len(found.steps) < request.max_steps:
-                last = self._settled_findings(found, search)
-                found = replace(found, last=last)
-                number = _accepted(last)
+        max_steps = self.request.max_steps
+        outcome = ChannelOutcome(start, [], [start.first.judged], start.first, ())
+        with self.candidate_search(self._candidates()) as search:
+            while len(outcome.steps) < max_steps:
+                outcome = replace(outcome, last=_settled_findings(outcome, search))
+                number = _accepted(outcome.last)
                 if number is None:
                     break
-                found = _with_step(found, number)
-                if not found.steps[-1].confirmed:
+                outcome = _with_step(outcome, number)
+                if not outcome.steps[-1].confirmed:
                     break
-        return found
+        return outcome
 
     def _candidates(self) -> list[Candidate]:
         """Laws at the sites where they make sense, none with a frequency."""
@@ -168,50 +149,21 @@ class ChannelLoop:
             if not any(shape.is_frequency for shape in law.shapes):
                 catalogue.append(law)
         forced = {j for record in request.records for j in record.forced}
-        experiment = Experiment(
-            catalogue,
-            request.problem.chain,
-            request.problem.known_masses,
-            forced,
-            request.covariates,
-            len(request.records),
-        )
-        return list(candidates(experiment))
-
-    def _settled_findings(
-        self, found: ChannelFound, search: CandidateSearch
-    ) -> list[SettledFinding]:
-        """The best candidates settled about their own free runs, best first.
-
-        Only those whose run misses less.
-        """
-        current = found.final.judged.model
-        settled = []
-        best = search.findings(found.final.search, 1)[: CHANNELS.settled_candidates]
-        for finding in best:
-            if finding.after is None:
-                continue
-            name = finding.candidate.name
-            state = found.start.models.settle(name, finding.after, search)
-            if state is None:
-                continue
-            reduction = state.judged.model.reduction_from(current)
-            if reduction.value > 0:
-                finding = replace(finding, after=state.search, reduction=reduction)
-                settled.append(SettledFinding(RankedFinding(finding, reduction), state))
-        return sorted(settled, key=lambda one: -one.ranked.reduction.value)
+        return self.candidates(catalogue, forced, request.covariates)
 
     # -- judge, report ---------------------------------------------------------
 
-    def judge(self, found: ChannelFound) -> Judgement:
+    def judge(self, outcome: ChannelOutcome) -> Judgement:
         """What may be claimed of the effects."""
-        steps, judged = found.steps, found.judged
-        final, notes = judged.index(found.final.judged), list(found.start.notes)
-        stopped, nothing_claimed = [self._why_stopped(found)], False
+        steps, judged = outcome.steps, outcome.judged
+        final = judged.index(outcome.final.judged)
+        nothing_claimed = False
         try:
-            notes += _doubts(found)
+            stopped = [self._why_stopped(outcome), *outcome.start.notes]
+            stopped += _doubts(outcome)
         except NRFError as error:
-            stopped, nothing_claimed = wording.no_claim(error.what), True
+            nothing_claimed = True
+            stopped = [*wording.no_claim(error.what), *outcome.start.notes]
             steps, judged = [], judged[:1]
             final = 0
 
@@ -219,68 +171,82 @@ class ChannelLoop:
             steps,
             judged,
             final,
-            [*stopped, *notes],
+            stopped,
             judged[final].model.spectra.band,
-            [one.ranked for one in found.last],
+            [settled.ranked for settled in outcome.last],
             nothing_claimed,
         )
 
-    def _why_stopped(self, found: ChannelFound) -> str:
+    def _why_stopped(self, outcome: ChannelOutcome) -> str:
         """Why no further effect was added."""
-        steps = found.steps
+        steps, max_steps = outcome.steps, self.request.max_steps
         if steps and not steps[-1].confirmed:
             return "the last effect is not confirmed"
-        if len(steps) >= self.request.max_steps:
-            return "no further effect was asked for"
-        if not found.last:
-            return "no law of the catalogue lowers the error at any site"
-        return wording.refused(found.last[0].ranked)
+        if len(steps) >= max_steps:
+            return wording.enough_effects(max_steps)
+        return wording.best_refused([settled.ranked for settled in outcome.last])
 
     def report(self, judgement: Judgement) -> LoopReport:
         """Gather what the user reads."""
-        request, final = self.request, judgement.final_model
-        models = chain_models(judgement)
+        request = self.request
         by_dof = {}
-        for name, error in final.errors.items():
+        for name, error in judgement.final_model.errors.items():
             if name.startswith("held-out dof"):
                 by_dof[name.removeprefix("held-out ")] = error
-        return LoopReport(
-            judgement.steps,
-            error_table(judgement),
-            judgement.stopped_because,
-            models[judgement.final],
-            judgement.band,
-            candidate_table(judgement.last_findings),
-            models,
+
+        report = report_of(request, judgement, "none: channels are taken as they are")
+        return replace(
+            report,
             measured=[measured(record) for record in request.all_records],
-            settings=audit(request, "none: channels are taken as they are"),
-            bounds=parameter_intervals(final.model),
             free_runs=FreeRuns(pd.DataFrame(by_dof, ["measured channels"])),
-            nothing_claimed=judgement.nothing_claimed,
         )
+
+
+def _settled_findings(
+    outcome: ChannelOutcome, search: CandidateSearch
+) -> list[SettledFinding]:
+    """The best candidates settled about their own free runs, best first.
+
+    Only those whose run misses less.
+    """
+    current = outcome.final.judged.model
+    findings = search.findings(outcome.final.search, 1)
+    settled = []
+    for finding in findings[: CHANNELS.settled_candidates]:
+        if finding.after is None:
+            continue
+        name = finding.candidate.name
+        state = outcome.start.models.settle(name, finding.after, search)
+        if state is None:
+            continue
+        reduction = state.judged.model.reduction_from(current)
+        if reduction.value > 0:
+            finding = replace(finding, after=state.search, reduction=reduction)
+            settled.append(SettledFinding(RankedFinding(finding, reduction), state))
+    return sorted(settled, key=lambda finding: -finding.ranked.reduction.value)
 
 
 def _accepted(findings: Sequence[SettledFinding]) -> int | None:
     """Number of the finding that is taken, if it is there and large."""
     if not findings:
         return None
-    number = judge.simplest([one.ranked for one in findings])
+    number = judge.simplest([settled.ranked for settled in findings])
     reduction = findings[number].ranked.reduction
     is_large = reduction.lower >= JUDGE.large_reduction
     return number if judge.is_there(reduction) and is_large else None
 
 
-def _with_step(found: ChannelFound, number: int) -> ChannelFound:
-    """What was found, with one effect more, refined and judged on held-out data.
+def _with_step(outcome: ChannelOutcome, number: int) -> ChannelOutcome:
+    """The outcome with one effect more, refined and judged on held-out data.
 
     The final model has it if it is confirmed.
     """
-    chosen = found.last[number]
-    rivals = judge.rivals([one.ranked for one in found.last], number)
+    chosen = outcome.last[number]
+    rivals = judge.rivals([settled.ranked for settled in outcome.last], number)
     state = chosen.state
-    state = found.start.models.refine(state.judged, state.search) or state
+    state = outcome.start.models.refine(state.judged, state.search) or state
 
-    before, effect = found.final.judged, state.search.effects[-1]
+    before, effect = outcome.final.judged, state.search.effects[-1]
     pair = FoundEffect(effect, before.model, state.judged.model)
     draft = draft_step(pair, Decision(effect, before, state.judged), rivals)
     certain = draft.plausible and draft.confirmed and not draft.alternatives
@@ -288,10 +254,10 @@ def _with_step(found: ChannelFound, number: int) -> ChannelFound:
     step = draft.finished([], remainder, certain)
     step = replace(step, evidence=step.evidence + _not_told_from(rivals))
     return replace(
-        found,
-        steps=[*found.steps, step],
-        judged=[*found.judged, state.judged],
-        final=state if step.confirmed else found.final,
+        outcome,
+        steps=[*outcome.steps, step],
+        judged=[*outcome.judged, state.judged],
+        final=state if step.confirmed else outcome.final,
     )
 
 
@@ -301,7 +267,7 @@ def _not_told_from(rivals: Iterable[Finding]) -> str:
     return "".join(f"; the channels cannot tell it from {name}" for name in names)
 
 
-def _doubts(found: ChannelFound) -> list[str]:
+def _doubts(outcome: ChannelOutcome) -> list[str]:
     """What the channels give poorly of the final model, in sentences.
 
     Raises
@@ -309,8 +275,8 @@ def _doubts(found: ChannelFound) -> list[str]:
     NRFError
         If they do not give its parameters at all.
     """
-    state = found.final
+    state = outcome.final
     model = state.judged.model.chain_model()
-    fit = found.start.models.fit(model, state.search, 0)
+    fit = outcome.start.models.fit(model, state.search, 0)
     doubts = told(fit.solution, fit.rebuild)
     return doubts + negative(fit.solution, fit.rebuild)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.fft import irfft, rfft, rfftfreq
@@ -126,10 +125,10 @@ class ChannelReadings:
             segment = segment.moved(dof, **self._changes(sized))
         return segment
 
-    def _changes(self, errors: Sequence[SizedError]) -> dict[str, Any]:
+    def _changes(self, errors: Sequence[SizedError]) -> dict[str, np.ndarray]:
         """Changes of the motion and the force of one DOF, (n_samples,)."""
-        changes: dict[str, Any] = {}
-        spectra: list[Any] = [0.0 for _ in self.runs]
+        changes: dict[str, np.ndarray] = {}
+        spectra = [np.zeros((3, 1)) for _ in self.runs]
 
         for error, size in errors:
             if error.kind == "F" or self.clean:
@@ -178,15 +177,15 @@ class ChannelReadings:
         key = kind, dof, n_samples
         if key not in self._shares:
             omega = 2.0 * np.pi * rfftfreq(n_samples, self.step)
-            own, total = np.zeros(len(omega)), np.zeros(len(omega))
+            weight, total = np.zeros(len(omega)), np.zeros(len(omega))
             for power, channel in enumerate("xva"):
                 noise = self.noise.get(f"{channel}{dof}", 0.0)
                 if noise > 0:
-                    weight = (omega**power / noise) ** 2
-                    total += weight
-                    own = weight if channel == kind else own
+                    square = (omega**power / noise) ** 2
+                    total += square
+                    weight = square if channel == kind else weight
             self._shares[key] = np.where(
-                total > 0, own / np.where(total > 0, total, 1.0), 0.0
+                total > 0, weight / np.where(total > 0, total, 1.0), 0.0
             )
         return self._shares[key]
 

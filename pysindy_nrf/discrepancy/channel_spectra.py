@@ -7,7 +7,7 @@ the free run of a model. All channels together stand for one balance.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .bands import BANDS, InformativeBands, connected_bands, strongest_bands
 from .error_reduction import Powers
 from .folds import Split
 from .prepare import Band
-from .search_data import SearchData
+from .search_data import KnownForces, SearchData
 from .spectra import BalanceSpectra
 from .windows import ChannelWindows, Windows
 
@@ -64,10 +64,18 @@ class ChannelData(SearchData):
         known_masses: Mapping[int, float],
     ) -> None:
         n_samples = sum(segment.n_samples for segment in run.runs)
-        super().__init__(Dataset(run.runs, n_samples), *folds, known_masses)
+        data = Dataset(run.runs, n_samples)
+        searched = {block.segment for block in folds.search}
+        measured = KnownForces.of_records(data, sorted(searched))
+        super().__init__(
+            data,
+            folds,
+            known_masses,
+            # no equation asks for a force alone
+            forces=replace(measured, balances=np.ones_like(measured.balances)),
+        )
         self.run = run
         self.channels = channels
-        self.known = np.ones_like(self.known)
         self._dofs = np.eye(self.n_dof)
 
     def columns(
@@ -126,11 +134,11 @@ class ChannelSpectra(BalanceSpectra):
         def measured(records: tuple[int, ...]) -> np.ndarray:
             return np.hstack([run.measured[i] for i in records])
 
-        missed, whole = (
+        missed, reference = (
             np.einsum("fkii->fik", windows.products(windows.spectra(rows)))
             for rows in (gaps, measured)
         )
-        return Powers(missed, whole.sum(axis=0))
+        return Powers(missed, reference.sum(axis=0))
 
     def by_channel(self, power: np.ndarray) -> np.ndarray:
         """Power in the clear bands of each channel, (n_channels,)."""

@@ -34,11 +34,11 @@ CLAIMS = ClaimSettings()
 
 def why_no_claim(model: FittedModel) -> str:
     """Why nothing may be claimed of a model; empty if something may."""
-    left = model.errors_within
-    if np.nanmax(left) >= CLAIMS.hopeless:
-        worst = int(np.nanargmax(left))
+    errors = model.errors_within
+    if np.nanmax(errors) >= CLAIMS.hopeless:
+        worst = int(np.nanargmax(errors))
         return (
-            f"the best model leaves {left[worst]:.0f} % of the balance of DOF"
+            f"the best model leaves {errors[worst]:.0f} % of the balance of DOF"
             f" {worst + 1}"
         )
 

@@ -88,22 +88,22 @@ class Confirmation:
     ----------
     baseline, final : JudgedModel
         Without effects, and with all that are confirmed.
-    found : dict of Effect to FoundEffect
+    searched : dict of Effect to FoundEffect
     decisions : list of Decision
         In the order in which they were taken.
     """
 
     baseline: JudgedModel
     final: JudgedModel
-    found: dict[Effect, FoundEffect]
+    searched: dict[Effect, FoundEffect]
     decisions: list[Decision]
 
     @property
     def largest(self) -> FittedModel:
         """The model with all effects that were found."""
-        if not self.found:
+        if not self.searched:
             return self.baseline.model
-        return list(self.found.values())[-1].after
+        return list(self.searched.values())[-1].after
 
     @property
     def judged(self) -> list[JudgedModel]:
@@ -135,10 +135,10 @@ class Confirmer:
         largest.powers_on(self.heldout.heldout(largest.spectra))
 
         baseline = self.heldout.judged("baseline", self.result.first.model)
-        found = self._found_effects()
+        searched = self._found_effects()
         final = baseline
         decisions: dict[Effect, Decision] = {}
-        pending = list(found)
+        pending = list(searched)
 
         while pending:
             refused = []
@@ -164,18 +164,18 @@ class Confirmer:
                 refused = [effect for effect in refused if effect not in together]
             pending = refused
 
-        return Confirmation(baseline, final, found, list(decisions.values()))
+        return Confirmation(baseline, final, searched, list(decisions.values()))
 
     def _found_effects(self) -> dict[Effect, FoundEffect]:
         """Each effect as the search found it, beside all those found before it."""
-        found: dict[Effect, FoundEffect] = {}
+        searched: dict[Effect, FoundEffect] = {}
         model = self.result.first.model
         for effect in self.result.effects:
             # columns may depend on those of the model
             with suppress(NRFError):
-                found[effect] = self._with_effect(model, effect)
-                model = found[effect].after
-        return found
+                searched[effect] = self._with_effect(model, effect)
+                model = searched[effect].after
+        return searched
 
     def _with_effect(self, model: FittedModel, effect: Effect) -> FoundEffect:
         """A model without and with an effect; a fault only changes the records."""
@@ -183,7 +183,7 @@ class Confirmer:
             spectra = self.result.corrected[effect]
             if not model.spectra.windows.centred:
                 spectra = self.heldout.spectra_with_means(spectra)
-            return FoundEffect(effect, model, model.on(spectra))
+            return FoundEffect(effect, model, model.refitted(spectra))
         if effect.is_constant:
             model = self.heldout.with_means(model)
         return FoundEffect(effect, model, model.with_laws([(effect.site, effect.law)]))

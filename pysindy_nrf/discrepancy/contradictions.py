@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -74,16 +73,16 @@ def contradictions(records: PreparedRecords, data: SearchData) -> list[Contradic
     except NRFError:
         return []
 
-    found: list[Contradiction] = []
+    listed: list[Contradiction] = []
     for channel, row in table.iterrows():
         if not row["aligned"] and np.isfinite(row["gain"]):
             parts = [half.loc[channel] for half in halves]
-            found += _contradictions_of(str(channel), row, parts, data)
+            listed += _contradictions_of(str(channel), row, parts, data)
 
     # of several at one channel the largest
     by_place = {}
-    for one in sorted(found, key=lambda c: c.size):
-        by_place[one.order, one.site] = one
+    for contradiction in sorted(listed, key=lambda c: c.size):
+        by_place[contradiction.order, contradiction.site] = contradiction
     return sorted(by_place.values(), key=lambda c: -c.size)
 
 
@@ -135,7 +134,7 @@ def _gain_beyond_noise(gain: float, row: pd.Series) -> float:
     return abs(gain - 1.0)
 
 
-def _agree(values: Sequence[Any]) -> bool:
+def _agree(values: Sequence[float]) -> bool:
     """Whether no two values have different signs."""
     return not (any(x > 0 for x in values) and any(x < 0 for x in values))
 

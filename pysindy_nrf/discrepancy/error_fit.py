@@ -72,20 +72,22 @@ class ErrorFit:
     ) -> None:
         self.solver = model.solver
         self.limit = limit
-        self.spectra = model.rows[:, thin]
+        self.spectra = model.spectra_of_rows[:, thin]
         self.weights = model.weights
         self.n_bands = model.weights.shape[1]
         self.n_columns = model.spectra.windows.size
 
-        self.changes = np.array([one.change for one in changes])
-        self.rows = np.array([one.row for one in changes])
-        self.numbers = np.array([one.error for one in changes])
+        self.changes = np.array([change.change for change in changes])
+        self.rows = np.array([change.row for change in changes])
+        self.numbers = np.array([change.error for change in changes])
 
         # of each group of balances: its lowest balance, the rows in it, the changes of
         # these, and the columns in which its forces are known
         self.lowest = [group.dofs[0] - 1 for group in self.solver.groups]
-        self.own = [np.array(rows) for rows in self.solver.own]
-        self.inside = [np.flatnonzero(np.isin(self.rows, own)) for own in self.own]
+        self.rows_of_group = [np.array(rows) for rows in self.solver.own]
+        self.inside = []
+        for rows in self.rows_of_group:
+            self.inside.append(np.flatnonzero(np.isin(self.rows, rows)))
         self.used = np.empty((len(self.lowest), len(thin)))
         # of each column its band
         self.band = np.empty(len(thin), dtype=int)
@@ -147,8 +149,8 @@ class ErrorFit:
 
         Shape (n_groups, n_rows, n_rows).
         """
-        out = np.zeros((len(self.own), len(spectra), len(spectra)))
-        for group, rows in enumerate(self.own):
+        out = np.zeros((len(self.rows_of_group), len(spectra), len(spectra)))
+        for group, rows in enumerate(self.rows_of_group):
             heavy = spectra[rows] * self._column_weights(group, weights)
             out[group][rows[:, None], rows] = heavy @ spectra[rows].T
         return out
@@ -160,12 +162,12 @@ class ErrorFit:
         fit = self.solver.solve(self._products(spectra, weights)[None])
         residual, reference = self.solver.rows(*fit)
         power = self._power_by_band(residual[0], spectra)
-        whole = self._power_by_band(reference[0], spectra)
+        total = self._power_by_band(reference[0], spectra)
 
-        share = residual_share(power, whole)
+        share = residual_share(power, total)
         inside = (weights > 0) & np.isfinite(share)
         level = float(mean_reduction(share, np.ones_like(share), inside))
-        floored = power + REDUCTION.resolution**2 * whole
+        floored = power + REDUCTION.resolution**2 * total
         counts = inside & (floored > 0)
         new = np.where(counts, 1.0 / np.maximum(floored, 1e-300), 0.0)
         return new, level if np.isfinite(power).all() else np.inf
@@ -185,9 +187,9 @@ class ErrorFit:
         fits = self.solver.rows(*self.solver.solve(products))
         finite = np.isfinite(fits[0]).all(axis=(1, 2))
         # an error with which there is no fit changes nothing
-        kept = (finite & finite[0])[:, None, None]
+        usable = (finite & finite[0])[:, None, None]
         residuals, references = (
-            np.nan_to_num(np.where(kept, rows, rows[:1])) for rows in fits
+            np.nan_to_num(np.where(usable, rows, rows[:1])) for rows in fits
         )
         normal = self._normal_equations(residuals, references, spectra, weights)
         return self._credible(normal, errors) - errors
@@ -201,7 +203,7 @@ class ErrorFit:
         """
         products = self._products(spectra, weights)
         out = np.repeat(products[None], n_errors + 1, axis=0)
-        for group, (rows, inside) in enumerate(zip(self.own, self.inside)):
+        for group, (rows, inside) in enumerate(zip(self.rows_of_group, self.inside)):
             column_weights = ERROR_FIT.difference * self._column_weights(group, weights)
             cross = self.changes[inside] @ (spectra[rows] * column_weights).T
             error = self.numbers[inside, None] + 1
@@ -225,18 +227,18 @@ class ErrorFit:
         normal = np.zeros((len(residuals), len(residuals)))
         of_residual = self._combinations(residuals, spectra)
         of_reference = self._combinations(references, spectra)
-        for balance, (left, below) in enumerate(zip(of_residual, of_reference)):
+        for balance, (residual, reference) in enumerate(zip(of_residual, of_reference)):
             used = self.used[self.solver.judged[balance]]
-            reference = below.lines[-1] * used
-            inner = (below.lines * reference) @ self.in_band.T
+            line = reference.lines[-1] * used
+            inner = (reference.lines * line) @ self.in_band.T
             size = np.where(inner[-1] > 0, inner[-1], 1.0)
-            shrinks = below.mix[:-1] @ inner / size
+            shrinks = reference.mix[:-1] @ inner / size
 
-            by_band = left.lines[-1] * self.in_band
+            by_band = residual.lines[-1] * self.in_band
             scale = np.sqrt(weights[balance, self.band] * used)
-            lines = np.vstack([left.lines[:-1], by_band]) * scale
+            lines = np.vstack([residual.lines[:-1], by_band]) * scale
             of_bands = np.vstack([-shrinks, np.ones(self.n_bands)])
-            mix = np.hstack([left.mix[:, :-1], of_bands])
+            mix = np.hstack([residual.mix[:, :-1], of_bands])
             normal += mix @ (lines @ lines.T) @ mix.T
         return normal
 
@@ -247,16 +249,17 @@ class ErrorFit:
         # of masses and coefficients
         follow = (rows[1:] - rows[0]) / ERROR_FIT.difference
         for balance, group in enumerate(self.solver.judged):
-            own, inside = self.own[group], self.inside[group]
+            inside = self.inside[group]
+            in_group = self.rows_of_group[group]
             errors, place = np.unique(self.numbers[inside], return_inverse=True)
             factors = rows[self.numbers[inside] + 1, balance, self.rows[inside]]
             # with the model as it is
             direct = self._sums(inside, place, factors, len(errors))
-            lines = np.vstack([spectra[own], direct, rows[0, balance] @ spectra])
+            lines = np.vstack([spectra[in_group], direct, rows[0, balance] @ spectra])
 
             mix = np.zeros((len(rows), len(lines)))
-            mix[:-1, : len(own)] = follow[:, balance, own]
-            mix[errors, len(own) + np.arange(len(errors))] = 1.0
+            mix[:-1, : len(in_group)] = follow[:, balance, in_group]
+            mix[errors, len(in_group) + np.arange(len(errors))] = 1.0
             mix[-1, -1] = 1.0
             yield _Combination(mix, lines)
 
@@ -271,8 +274,8 @@ class ErrorFit:
         largest = sizes[-1]
 
         prior = max(self.n_bands / self.n_columns, 1e-12 * largest)
-        found = directions @ (pull / (sizes + prior))
-        while np.sum(found**2) > self.limit and prior < 1e12 * largest:
+        likeliest = directions @ (pull / (sizes + prior))
+        while np.sum(likeliest**2) > self.limit and prior < 1e12 * largest:
             prior *= ERROR_FIT.prior_growth
-            found = directions @ (pull / (sizes + prior))
-        return found
+            likeliest = directions @ (pull / (sizes + prior))
+        return likeliest

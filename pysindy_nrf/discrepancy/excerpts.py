@@ -8,9 +8,9 @@ import numpy as np
 from scipy.fft import next_fast_len
 
 from ..chain.sites import Site
+from ..diagnosis.period import mean_period
 from ..records.dataset import BlockRows, Dataset
-from .folds import FOLDS
-from .period import mean_period
+from .folds import FOLDS, Split
 from .prepare import PreparedRecords
 from .search_data import SearchData
 
@@ -60,7 +60,7 @@ def excerpts(
 
     dataset = Dataset(segments, n_rows)
     prepared = PreparedRecords(cut_records, dataset, fusion, clean=records.clean)
-    cut = SearchData(dataset, blocks, [], data.known_masses, full=data)
+    cut = SearchData(dataset, Split(blocks, []), data.known_masses, full=data)
     return prepared, cut
 
 

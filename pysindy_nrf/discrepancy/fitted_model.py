@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,8 @@ from .spectra import BalanceSpectra
 
 LawsBySite = Mapping[Site, Sequence[ForceLaw]]
 PlacedLaw = tuple[Site, ForceLaw]
+# Sites of further columns, and their number at each.
+SitesAndWidths = tuple[tuple[Site, int], ...]
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class FittedModel:
     coefficients: np.ndarray
     powers: Powers
     within: np.ndarray
-    solvers: dict[Any, ChainFit] = field(default_factory=dict, repr=False)
+    solvers: dict[SitesAndWidths, ChainFit] = field(default_factory=dict, repr=False)
 
     # -- what the model is made of ---------------------------------------------
 
@@ -107,14 +108,14 @@ class FittedModel:
         remaining.remove(law)
         return fit_model(self.spectra, self.base, {**self.laws, site: remaining})
 
-    def on(self, spectra: BalanceSpectra) -> FittedModel:
+    def refitted(self, spectra: BalanceSpectra) -> FittedModel:
         """The same laws fitted to other spectra."""
         return fit_model(spectra, self.base, self.laws)
 
     def on_motions(self, dataset: Dataset) -> FittedModel:
         """The same laws fitted to the same rows of other motions."""
         data = self.spectra.data.with_data(dataset)
-        return self.on(self.spectra.of_records(data))
+        return self.refitted(self.spectra.of_records(data))
 
     def spring_columns(self, sites: Iterable[Site]) -> np.ndarray:
         """Mask of the terms at some sites that are springs of positive stiffness."""
@@ -131,9 +132,9 @@ class FittedModel:
     # -- sums of the products --------------------------------------------------
 
     @cached_property
-    def rows(self) -> np.ndarray:
+    def spectra_of_rows(self) -> np.ndarray:
         """Spectra of the columns of the laws, then of accelerations and forces."""
-        return np.vstack(self.spectra.rows(self.layout))
+        return np.vstack(self.spectra.model_rows(self.layout))
 
     @cached_property
     def row_numbers(self) -> list[int]:
@@ -210,11 +211,11 @@ class FittedModel:
         products = spectra.products(self.layout)
         residual, reference = self.solver.rows(self.masses[:1], self.coefficients[:1])
         known = spectra.used_folds(self.solver)[:, self.solver.judged, None]
-        left = quadratic_forms(residual[0], products)
-        whole = quadratic_forms(reference[0], products)
+        residual_power = quadratic_forms(residual[0], products)
+        reference_power = quadratic_forms(reference[0], products)
         return Powers(
-            np.where(known, np.maximum(left, 0.0), 0.0),
-            np.where(known, whole, 0.0).sum(axis=0),
+            np.where(known, np.maximum(residual_power, 0.0), 0.0),
+            np.where(known, reference_power, 0.0).sum(axis=0),
         )
 
 
@@ -226,7 +227,7 @@ def fit_model(spectra: BalanceSpectra, chain: Chain, laws: LawsBySite) -> Fitted
     NRFError
         If the columns of the balances depend on each other.
     """
-    acting = {site: tuple(held) for site, held in laws.items() if held}
+    acting = {site: tuple(there) for site, there in laws.items() if there}
     layout = LawLayout(chain.with_links(acting), acting)
     products = spectra.products(layout)
     where = {s: range(rows.start, rows.stop) for s, rows in layout.slices.items()}
@@ -343,13 +344,13 @@ def solve_folds(
     solver: ChainFit, sums: np.ndarray, strict: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Masses and coefficients from all folds, then as if each had been left out."""
-    kept = FIT.weight_left_out
-    others = leave_one_out(sums) + kept * sums
+    weight = FIT.weight_left_out
+    others = leave_one_out(sums) + weight * sums
     masses, coefficients = solver.solve(
         np.concatenate([sums.sum(axis=0)[None], others]), strict
     )
     for values in (masses, coefficients):
-        values[1:] += kept / (1.0 - kept) * (values[1:] - values[0])
+        values[1:] += weight / (1.0 - weight) * (values[1:] - values[0])
     return masses, coefficients
 
 

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..diagnosis.period import mean_period
 from ..exceptions import ChannelError
 from ..records.dataset import BlockRows, Segment
-from .period import mean_period
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ def split(
     search = cells.cut(0.0, 1, 0).search
     if not cells.suffice(search):
         raise _too_short()
-    whole = [BlockRows(i, slice(0, segments[i].n_valid)) for i in heldout_records]
-    return Split(search, whole)
+    blocks = [BlockRows(i, slice(0, segments[i].n_valid)) for i in heldout_records]
+    return Split(search, blocks)
 
 
 def _most_even_cut(cells: _Cells) -> Split:
@@ -154,8 +154,9 @@ class _Cells:
             least = np.where(is_heldout & slow, period, FOLDS.shortest_piece)
             edges = _spaced(_edges(worth, widths), least)
             rows = (edges + 1) * self.samples[record]
-            for start, stop, held in zip(rows[:-1], rows[1:], is_heldout):
-                out[int(held)].append(BlockRows(record, slice(int(start), int(stop))))
+            for start, stop, aside in zip(rows[:-1], rows[1:], is_heldout):
+                block = BlockRows(record, slice(int(start), int(stop)))
+                out[int(aside)].append(block)
 
         return out
 
@@ -235,9 +236,7 @@ def _cells_of_a_period(segment: Segment, hop: int) -> int:
 def _pattern(
     count: int, share: float, pieces: int, shift: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Widths of folds and of the held-out pieces after some of them; which are held
-    out.
-    """
+    """Widths of folds and held-out pieces in turn, and which are held out."""
     pieces = min(pieces, count) if share else 0
     before_piece = set()
     for k in range(pieces):

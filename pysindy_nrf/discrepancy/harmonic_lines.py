@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.fft import next_fast_len
@@ -19,7 +18,7 @@ from .excerpts import EXCERPTS
 from .fitted_model import FittedModel
 from .search_data import LONG_RECORD, SearchData
 
-# Samples to a period of the highest frequency of the search that are kept.
+# Samples to a period of the highest frequency of the search, after thinning.
 SAMPLES_PER_PERIOD = 2.2
 # Multiple of the samples of a search from which on rows are thinned.
 THINNED_FROM = 3
@@ -36,13 +35,13 @@ def missing_lines(model: FittedModel, dof: int) -> list[float]:
     rows = np.zeros((model.first_fixed + 2 * data.n_dof, stretch.n_points))
 
     balance = slice(model.first_fixed + dof - 1, None, data.n_dof)
-    rows[balance] = _kept(data, dof, stretch, partial(_fixed, stretch, dof))
+    rows[balance] = _thinned_once(data, dof, stretch, partial(_fixed, stretch, dof))
 
     for site in model.layout.group((dof,)).sites:
         columns = []
         for law in model.laws[site]:
             features = partial(_features, stretch, site, law)
-            columns.append(_kept(data, (site, law), stretch, features))
+            columns.append(_thinned_once(data, (site, law), stretch, features))
         rows[model.layout.slices[site]] = np.vstack(columns)
 
     known = dof in data.known_masses
@@ -91,8 +90,8 @@ class _Stretch:
         rows = columns[self.rows].T * self.searched
         if self.n_points == self.size:
             return rows
-        kept = self.searched[np.arange(self.n_points) * self.size // self.n_points]
-        return resample(rows, self.n_points, axis=1) * kept
+        places = np.arange(self.n_points) * self.size // self.n_points
+        return resample(rows, self.n_points, axis=1) * self.searched[places]
 
 
 def _longest_stretch(data: SearchData, highest: float) -> _Stretch:
@@ -119,17 +118,17 @@ def _longest_stretch(data: SearchData, highest: float) -> _Stretch:
     return _Stretch(segment, slice(start, stop), longest, searched[start:], n_points)
 
 
-def _kept(
+def _thinned_once(
     data: SearchData,
-    name: Any,
+    name: int | tuple[Site, ForceLaw],
     stretch: _Stretch,
     columns: Callable[[], np.ndarray],
 ) -> np.ndarray:
-    """Thinned rows, made once for all models."""
-    key = name, stretch.n_points
-    if key not in data.made:
-        data.made[key] = stretch.thinned(columns())
-    return data.made[key]
+    """Thinned rows of a DOF or of a law at a site, made once for all models."""
+    thinned, key = data.thinned, (name, stretch.n_points)
+    if key not in thinned:
+        thinned[key] = stretch.thinned(columns())
+    return thinned[key]
 
 
 def _fixed(stretch: _Stretch, dof: int) -> np.ndarray:

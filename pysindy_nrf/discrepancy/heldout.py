@@ -98,8 +98,8 @@ class HeldoutJudge:
     def heldout(self, spectra: BalanceSpectra) -> BalanceSpectra:
         """The same windows and bands on the held-out samples."""
         if spectra not in self._heldout:
-            windows = spectra.windows.on(self._blocks(spectra))
-            self._heldout[spectra] = spectra.on(spectra.data, windows)
+            windows = spectra.windows.over(self._blocks(spectra))
+            self._heldout[spectra] = spectra.with_windows(spectra.data, windows)
         return self._heldout[spectra]
 
     def with_means(self, model: FittedModel) -> FittedModel:
@@ -107,7 +107,7 @@ class HeldoutJudge:
         if not model.spectra.windows.centred:
             return model
         with suppress(NRFError):
-            return model.on(self.spectra_with_means(model.spectra))
+            return model.refitted(self.spectra_with_means(model.spectra))
         return model
 
     def spectra_with_means(self, spectra: BalanceSpectra) -> BalanceSpectra:

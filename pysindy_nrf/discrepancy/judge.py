@@ -147,8 +147,8 @@ def share_of_force(model: FittedModel, without: FittedModel, site: Site) -> floa
     change = after - _coefficients_without(model, without, site)
 
     changed = max(float(change @ products @ change), 0.0)
-    whole = max(float(storey @ products @ storey), 0.0)
-    return float(np.sqrt(changed / whole)) if whole > 0 else 1.0
+    total = max(float(storey @ products @ storey), 0.0)
+    return float(np.sqrt(changed / total)) if total > 0 else 1.0
 
 
 def _products_of_balance(model: FittedModel, site: Site) -> np.ndarray:
@@ -201,7 +201,7 @@ def ranked(findings: Iterable[Finding], state: SearchState) -> list[RankedFindin
         reduction = reduction_over(finding, state)
         if reduction is not None:
             out.append(RankedFinding(finding, reduction))
-    return sorted(out, key=lambda one: -one.reduction.value)
+    return sorted(out, key=lambda finding: -finding.reduction.value)
 
 
 def _tied(

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import pandas as pd
 
 from ..chain.model import ChainModel
+from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
 from ..records.checks.channel_checks import Measured, measured
 from ..records.record import Record
 from . import wording
+from .audit import audit
 from .effects import RankedFinding
 from .heldout import JudgedModel
+from .intervals import parameter_intervals
 from .prepare import Band
-from .report import Step
+from .report import LoopReport, Step, WholeTable
+from .request import LoopRequest
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +61,55 @@ class Judgement:
         return wording.paragraph(self.stopped)
 
 
-def error_table(judgement: Judgement) -> pd.DataFrame:
+def report_of(
+    request: LoopRequest,
+    judgement: Judgement,
+    calibration: object,
+    visited: Mapping[Site, VisitedRegion] | None = None,
+) -> LoopReport:
+    """The report, as far as it does not depend on the equations.
+
+    Parameters
+    ----------
+    request : LoopRequest
+    judgement : Judgement
+    calibration : object
+        Errors of the channels that the loop reckoned with, for the settings.
+    visited : mapping of Site to VisitedRegion, optional
+        Regions of the (v, s) plane that the search reached.
+    """
+    models = _chain_models(judgement, visited)
+    return LoopReport(
+        judgement.steps,
+        _error_table(judgement),
+        judgement.stopped_because,
+        models[judgement.final],
+        judgement.band,
+        _candidate_table(judgement.last_findings),
+        models,
+        settings=audit(request, calibration),
+        bounds=parameter_intervals(judgement.final_model.model),
+        nothing_claimed=judgement.nothing_claimed,
+    )
+
+
+def _error_table(judgement: Judgement) -> pd.DataFrame:
     """Errors of the baseline and of the model with each effect, percent."""
     rows: dict[str, dict[str, float]] = {}
-    for one in judgement.judged:
-        name = one.name if one.name not in rows else f"{one.name} ({len(rows)})"
-        rows[name] = one.errors
+    for judged in judgement.judged:
+        name = judged.name
+        if name in rows:
+            name = f"{name} ({len(rows)})"
+        rows[name] = judged.errors
     table = pd.DataFrame.from_dict(rows, orient="index")
-    return table.assign(band=wording.band(judgement.band))
+    return WholeTable(table.assign(band=wording.band(judgement.band)))
 
 
-def chain_models(
-    judgement: Judgement, visited: Mapping[Any, VisitedRegion] | None = None
+def _chain_models(
+    judgement: Judgement, visited: Mapping[Site, VisitedRegion] | None = None
 ) -> list[ChainModel]:
     """The judged models; that with all confirmed effects records its origin."""
-    models = [one.model.chain_model() for one in judgement.judged]
+    models = [judged.model.chain_model() for judged in judgement.judged]
     band = judgement.band
     steps = [step for step in judgement.steps if step.confirmed]
     info = {
@@ -87,7 +124,7 @@ def chain_models(
     return models
 
 
-def candidate_table(findings: Sequence[RankedFinding]) -> pd.DataFrame:
+def _candidate_table(findings: Sequence[RankedFinding]) -> pd.DataFrame:
     """The candidates of the last round, best first."""
     rows = []
     for ranked in findings:

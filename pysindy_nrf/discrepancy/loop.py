@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, Protocol, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -11,47 +10,20 @@ from ..common.warn import warn_user
 from ..exceptions import BiasWarning
 from ..identification.regressor import NRFRegressor
 from .balance_loop import BalanceLoop
+from .catalogue import LawOrClass
 from .channel_loop import ChannelLoop
 from .prepare import Band
 from .report import LoopReport
-from .request import Progress, SearchLimits, read_request
-
-Records = TypeVar("Records")
-Folds = TypeVar("Folds")
-Start = TypeVar("Start")
-Found = TypeVar("Found")
-Concluded = TypeVar("Concluded")
-
-
-class Course(Protocol[Records, Folds, Start, Found, Concluded]):
-    """The steps of a loop: each takes what the one before it returned."""
-
-    def prepare(self) -> Records:
-        """Bring the records into the form that the equations read."""
-
-    def split(self, records: Records) -> Folds:
-        """Cut the records into folds, and put held-out pieces aside."""
-
-    def find_bands(self, folds: Folds) -> Start:
-        """Find the informative bands, and fit the declared model in them."""
-
-    def search(self, start: Start) -> Found:
-        """Find effects that the declared model lacks."""
-
-    def judge(self, found: Found) -> Concluded:
-        """Confirm effects on held-out data, and find how sure they are."""
-
-    def report(self, judgement: Concluded) -> LoopReport:
-        """Gather what the user reads."""
+from .request import Progress, RandomState, Records, SearchLimits, read_request
 
 
 def close_loop(
-    records: Any,
+    records: Records,
     baseline: NRFRegressor | None = None,
-    catalogue: Iterable[Any] | None = None,
-    heldout: Any = None,
+    catalogue: Iterable[LawOrClass] | None = None,
+    heldout: Records | None = None,
     band: Band | None = None,
-    random_state: Any = 0,
+    random_state: RandomState = 0,
     *,
     max_steps: int | None = None,
     calibration: Mapping[str, float] | None = None,
@@ -151,18 +123,8 @@ def close_loop(
     # the matrices are small: threads only get in each other's way
     with threadpool_limits(1):
         if request.lacks_motion:
-            return _follow(ChannelLoop(request))
-        return _follow(BalanceLoop(request))
-
-
-def _follow(course: Course[Records, Folds, Start, Found, Concluded]) -> LoopReport:
-    """All steps of a loop, one after the other."""
-    records = course.prepare()
-    folds = course.split(records)
-    start = course.find_bands(folds)
-    found = course.search(start)
-    judgement = course.judge(found)
-    return course.report(judgement)
+            return ChannelLoop(request).follow()
+        return BalanceLoop(request).follow()
 
 
 __all__ = ["close_loop"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,8 +19,9 @@ from .fitted_model import (
     solve_folds,
     weighted_sums,
 )
+from .spectra import ScanProducts
 
-# Numbers in the spectra of a scan that are held at once.
+# Numbers in the spectra of a scan that are in memory at once.
 NUMBERS_AT_ONCE = 500_000
 
 
@@ -136,7 +136,7 @@ class ModelExtension:
         ndarray of shape (n_folds, n_columns)
         """
         model, spectra = self.model, self.model.spectra
-        rows = spectra.rows(model.layout)
+        rows = spectra.model_rows(model.layout)
         products = spectra.windows.products(*rows, columns)
         used = spectra.used_folds(self.solver)
         sums = weighted_sums(products, model.weights, self.solver, used)
@@ -148,7 +148,7 @@ class ModelExtension:
     def fit_each(
         self,
         points: Sequence[tuple[ForceLaw, ...]],
-        kept: dict[Any, np.ndarray] | None = None,
+        known: ScanProducts | None = None,
     ) -> Extensions:
         """Fit the model with the laws of each point.
 
@@ -156,11 +156,11 @@ class ModelExtension:
         ----------
         points : sequence of tuple of ForceLaw
             A law for each site.
-        kept : dict, optional
+        known : dict, optional
             Products of the same points that an earlier model needed; those that are
             missing are added.
         """
-        products = self._all_products(points, {} if kept is None else kept)
+        products = self._all_products(points, {} if known is None else known)
         sums = self._sums(products)
         masses, coefficients = self.solver.solve(sums, self.model.spectra.strict)
         rows = np.concatenate(self.solver.rows(masses, coefficients), axis=1)
@@ -220,37 +220,36 @@ class ModelExtension:
         return coefficients[:, springs] * np.sqrt(squares)
 
     def _all_products(
-        self, points: Sequence[tuple[ForceLaw, ...]], kept: dict[Any, np.ndarray]
+        self, points: Sequence[tuple[ForceLaw, ...]], known: ScanProducts
     ) -> _Products:
-        """Products with all rows of the model; those that are kept are not made anew.
-
-        ``kept`` holds products with rows by their number, with each other by None.
-        """
+        """Products with all rows of the model; those that are missing are added."""
         model, windows = self.model, self.model.spectra.windows
         numbers = model.row_numbers
-        missing = [row for row in self._beside if numbers[row] not in kept]
-        if missing or None not in kept:
-            rows = self._rows if missing == self._beside else model.rows[missing]
+        missing = [row for row in self._beside if numbers[row] not in known]
+        if missing or None not in known:
+            rows = self._rows
+            if missing != self._beside:
+                rows = model.spectra_of_rows[missing]
             at_once = max(1, NUMBERS_AT_ONCE // (self.width * windows.size))
             with_rows, with_columns = [], []
             for start in range(0, len(points), at_once):
-                part = self._products(points[start : start + at_once], rows)
-                with_rows.append(part.with_rows)
-                with_columns.append(part.with_columns)
-            kept[None] = np.concatenate(with_columns)
+                batch = self._products(points[start : start + at_once], rows)
+                with_rows.append(batch.with_rows)
+                with_columns.append(batch.with_columns)
+            known[None] = np.concatenate(with_columns)
             new = np.concatenate(with_rows, axis=2)
-            kept.update(zip([numbers[row] for row in missing], new))
+            known.update(zip([numbers[row] for row in missing], new))
 
         shape = (len(windows.bands), len(numbers), len(points), self.width)
         cross = np.zeros(shape)
         for row in self._beside:
-            cross[:, row] = kept[numbers[row]]
-        return _Products(cross, kept[None])
+            cross[:, row] = known[numbers[row]]
+        return _Products(cross, known[None])
 
     @cached_property
     def _rows(self) -> np.ndarray:
         """Spectra of the rows beside which the columns stand."""
-        return self.model.rows[self._beside]
+        return self.model.spectra_of_rows[self._beside]
 
     def _products(
         self, points: Sequence[tuple[ForceLaw, ...]], rows: np.ndarray

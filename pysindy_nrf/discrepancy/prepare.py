@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ..diagnosis.motions import covariates_with_base
 from ..exceptions import ChannelError
 from ..records.dataset import Dataset
 from ..records.fusion.kinematic_smoother import KinematicSmoother
-from ..records.fusion.kinematics import (
-    FusedRecord,
-    base_acceleration_if_any,
-    base_motion,
-    fuse_record,
-)
+from ..records.fusion.kinematics import FusedRecord, fuse_record
 from ..records.input_arrays import segment_of
 from ..records.record import Record
 
@@ -52,9 +47,9 @@ class FusionRecipe:
     # Noise of each channel, SI rms; estimated where there is none.
     noise: dict[str, float]
     # Hz, where accelerations alone give a motion; None elsewhere.
-    band: Any = None
+    band: Band | str | None = None
     # Distances of the knots of each DOF, samples.
-    knots: Any = None
+    knots: Mapping[int, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +83,9 @@ class PreparedRecords:
 
 
 def prepare(
-    records: Any, heldout: Any = None, like: Sequence[FusionRecipe] | None = None
+    records: Record | Sequence[Record],
+    heldout: Record | Sequence[Record] | None = None,
+    like: Sequence[FusionRecipe] | None = None,
 ) -> PreparedRecords:
     """Fuse the channels of every record.
 
@@ -100,8 +97,8 @@ def prepare(
         from checked ones, and their channels are not checked again.
     """
     searched = as_records(records, "records")
-    kept = as_records(heldout, "heldout")
-    every = [_without_offset(rec) for rec in (*searched, *kept)]
+    not_searched = as_records(heldout, "heldout")
+    every = [_without_offset(rec) for rec in (*searched, *not_searched)]
     _require_one_chain(every)
 
     segments, fusion = [], []
@@ -114,15 +111,15 @@ def prepare(
         else:
             clean = False
 
-        segments.append(segment_of(record, fused, n_rows, _covariates(record)))
+        segments.append(segment_of(record, fused, n_rows, covariates_with_base(record)))
         n_rows += record.n_samples
         fusion.append(recipe)
 
-    held = list(range(len(searched), len(every))) if kept else None
-    return PreparedRecords(every, Dataset(segments, n_rows), fusion, held, clean)
+    numbers = list(range(len(searched), len(every))) if not_searched else None
+    return PreparedRecords(every, Dataset(segments, n_rows), fusion, numbers, clean)
 
 
-def as_records(records: Any, name: str) -> list[Record]:
+def as_records(records: object, name: str) -> list[Record]:
     """A list of records, or an error."""
     if isinstance(records, Record):
         return [records]
@@ -212,28 +209,3 @@ def _is_clean(record: Record, noise: dict[str, float]) -> bool:
         if not noise.get(name, np.inf) <= FUSION.clean_noise * size:
             return False
     return True
-
-
-def _covariates(record: Record) -> dict[str, np.ndarray]:
-    """Measured covariates, and the motion of the base as ``ag`` and ``vg``."""
-    out = dict(record.covariates)
-    if not record.base_moves:
-        return out
-
-    acceleration = base_acceleration_if_any(record)
-    assert acceleration is not None
-    out.setdefault("ag", acceleration)
-    out.setdefault("vg", _base_velocity(record, acceleration))
-    return out
-
-
-def _base_velocity(record: Record, acceleration: np.ndarray) -> np.ndarray:
-    """Velocity of the base as measured, or from its displacement or acceleration."""
-    if record.base_velocity is not None:
-        return record.base_velocity
-    if record.base_displacement is not None:
-        return base_motion(record, record)[0]
-
-    from ..records.fusion import integrate
-
-    return integrate(acceleration, record.dt)

@@ -245,9 +245,6 @@ class LoopReport:
     quality: tuple[QualityNote, ...] = ()
     nothing_claimed: bool = False
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "table", WholeTable(self.table))
-
     @property
     def final(self) -> pd.Series:
         """The row of the table that belongs to the model.

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -22,13 +21,15 @@ from ..laws.power_series import whole
 from ..laws.sensor import SensorFault
 from ..records.input_arrays import lacks_motion
 from ..records.record import Record
-from .catalogue import as_laws, default_catalogue, short_catalogue
+from .catalogue import LawOrClass, as_laws, default_catalogue, short_catalogue
 from .channel_errors import default_tolerances
 from .prepare import Band, as_records
 
 # Effects that are looked for at least, so that a search can end by itself.
 LEAST_EFFECTS = 4
 Progress = bool | Callable[[], object]
+Records = Record | Sequence[Record]
+RandomState = int | np.random.Generator | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ class LoopRequest:
     band: Band | None
     max_steps: int
     calibration: dict[str, float]
-    random_state: Any
+    random_state: RandomState
     rng: np.random.Generator
     progress: Progress
 
@@ -112,15 +113,15 @@ class SearchLimits:
 
     max_steps: int | None
     calibration: Mapping[str, float] | None
-    random_state: Any
+    random_state: RandomState
     progress: Progress
 
 
 def read_request(
-    records: Any,
-    heldout: Any,
+    records: Records,
+    heldout: Records | None,
     baseline: NRFRegressor | None,
-    catalogue: Iterable[Any] | None,
+    catalogue: Iterable[LawOrClass] | None,
     band: Band | None,
     limits: SearchLimits,
 ) -> LoopRequest:
@@ -132,18 +133,18 @@ def read_request(
         Naming the argument and the cure.
     """
     searched = as_records(records, "records")
-    kept = as_records(heldout, "heldout")
-    has_clock = all(rec.has_clock for rec in (*searched, *kept))
+    not_searched = as_records(heldout, "heldout")
+    has_clock = all(rec.has_clock for rec in (*searched, *not_searched))
     model = _baseline(baseline, has_clock)
     problem = model.problem(searched[0].n_dof)
     if not problem.needs_clock:
         searched = [rec.by_sample() for rec in searched]
-        kept = [rec.by_sample() for rec in kept]
+        not_searched = [rec.by_sample() for rec in not_searched]
 
-    every = [*searched, *kept]
+    every = [*searched, *not_searched]
     if lacks_motion(every):
-        given = {"calibration": limits.calibration}
-        refuse_arguments(given, "a search with fewer sensors")
+        arguments = {"calibration": limits.calibration}
+        refuse_arguments(arguments, "a search with fewer sensors")
     covariates = _shared_covariates(every)
     laws = _catalogue(catalogue, every, covariates)
     if not has_clock:
@@ -152,7 +153,7 @@ def read_request(
 
     return LoopRequest(
         searched,
-        kept,
+        not_searched,
         model,
         problem,
         laws,
@@ -201,7 +202,9 @@ def _max_steps(asked: int | None, n_dof: int) -> int:
 
 
 def _catalogue(
-    asked: Iterable[Any] | None, records: Sequence[Record], covariates: Sequence[str]
+    asked: Iterable[LawOrClass] | None,
+    records: Sequence[Record],
+    covariates: Sequence[str],
 ) -> list[ForceLaw]:
     """The laws that a user passed, or those that the records can show."""
     if asked is not None:

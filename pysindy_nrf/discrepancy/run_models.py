@@ -196,12 +196,12 @@ def judge_run(name: str, model: ChainModel, linear: FittedModel) -> JudgedModel:
     assert isinstance(spectra, ChannelSpectra)
     values = [model.coefficients[site] for site in linear.layout.slices]
     fixed = linear.coefficients[0, linear.first_fixed :]
-    own = np.concatenate([*values, fixed])
+    coefficients = np.concatenate([*values, fixed])
     powers = spectra.missed(spectra.windows)
     run = replace(
         linear,
         masses=np.vstack([model.masses, linear.masses[1:]]),
-        coefficients=np.vstack([own, linear.coefficients[1:]]),
+        coefficients=np.vstack([coefficients, linear.coefficients[1:]]),
         powers=powers,
     )
 
@@ -215,8 +215,8 @@ def judge_run(name: str, model: ChainModel, linear: FittedModel) -> JudgedModel:
         "free run": error,
     }
     missed = spectra.by_channel(heldout.residual)
-    whole = spectra.by_channel(heldout.reference)
-    shares = np.sqrt(missed / whole)
+    measured = spectra.by_channel(heldout.reference)
+    shares = np.sqrt(missed / measured)
     for channel, share in zip(spectra.data.channels, shares):
         errors[f"held-out dof {channel[1:]}"] = float(100 * share)
     return JudgedModel(name, run, heldout, errors)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,11 +12,42 @@ from ..equations.chain_solve import clock_of
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..records.dataset import BlockRows, Dataset, Segment, half_the_rate
-from ..records.zero_phase_filter import filters_of
+from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
+from .folds import Split
 from .residual import DiagnosedData
+from .residual.diagnosed_data import MotionColumns
 
-# Samples from which on motions and spectra are not kept, or kept in single precision.
+# Samples from which on motions are made anew, and spectra have single precision.
 LONG_RECORD = 100_000
+
+# A DOF, or a law at a site, and the samples of its rows after thinning.
+ThinnedRows = tuple[int | tuple[Site, ForceLaw], int]
+
+
+@dataclass(frozen=True, eq=False)
+class KnownForces:
+    """What is known of the forces of a search.
+
+    Attributes
+    ----------
+    forced : tuple of int
+        DOFs on which a force acts.
+    unknown : tuple of int
+        DOFs whose force is not known in any record.
+    balances : ndarray of bool, shape (n_records, n_dof)
+        Balances whose force is known.
+    """
+
+    forced: tuple[int, ...]
+    unknown: tuple[int, ...]
+    balances: np.ndarray
+
+    @classmethod
+    def of_records(cls, data: Dataset, searched: Sequence[int]) -> KnownForces:
+        """The forces of all records, and those of the records that are searched."""
+        records = Dataset([data.segments[i] for i in searched], data.n_samples)
+        balances = [~np.isnan(s.F[s.valid.start]) for s in data.segments]
+        return cls(records.forced, records.unknown, np.array(balances))
 
 
 class SearchData:
@@ -28,42 +57,59 @@ class SearchData:
     ----------
     data : Dataset
         Fused records.
-    search, heldout : sequence of BlockRows
-        Folds and held-out pieces, counted from the first valid row of a record.
+    folds : Split
+        Counted from the first valid row of each record.
     known_masses : mapping of int to float
         kg.
     full : SearchData, optional
         All samples, where these are excerpts of long records.
+    filters : sequence of ZeroPhaseFilter or None, optional
+        Of each record, through which residuals are diagnosed; no decision reads them.
+    forces : KnownForces, optional
+        As the records show them if None.
+
+    Attributes
+    ----------
+    thinned : dict
+        Rows in which spectral lines are looked for, made once for all models.
     """
 
     def __init__(
         self,
         data: Dataset,
-        search: Sequence[BlockRows],
-        heldout: Sequence[BlockRows],
+        folds: Split,
         known_masses: Mapping[int, float],
         full: SearchData | None = None,
+        filters: Sequence[ZeroPhaseFilter | None] | None = None,
+        forces: KnownForces | None = None,
     ) -> None:
         self.data = data
-        self.search = list(search)
-        self.heldout = list(heldout)
+        self.folds = folds
         self.known_masses = dict(known_masses)
-        # of each record, through which residuals are looked at; no decision reads them
-        self.filters: list[Any] = [None] * len(data.segments)
         self.n_dof = data.n_dof
-        self.searched = sorted({b.segment for b in search})
-
-        searched = [data.segments[i] for i in self.searched]
-        seen = Dataset(searched, data.n_samples)
-        self.forced = seen.forced
-        self.unknown = seen.unknown
-        # balances whose force is known, (n_records, n_dof)
-        self.known = np.array([~np.isnan(s.F[s.valid.start]) for s in data.segments])
-        # columns that do not depend on the model, by what they are made from
-        self.made: dict[Any, Any] = {}
+        self.searched = sorted({block.segment for block in folds.search})
+        self.filters = filters_of(None, data) if filters is None else list(filters)
+        self.thinned: dict[ThinnedRows, np.ndarray] = {}
+        self.forces = forces or KnownForces.of_records(data, self.searched)
         self._full = full
         self._motions: dict[tuple[Site, tuple[int, ...]], Motion] = {}
         self._scales: dict[Site, Scales] = {}
+        self._diagnosed_columns: MotionColumns = {}
+
+    @property
+    def search(self) -> list[BlockRows]:
+        """Folds of the search."""
+        return self.folds.search
+
+    @property
+    def heldout(self) -> list[BlockRows]:
+        """Pieces that only the last line sees."""
+        return self.folds.heldout
+
+    @property
+    def forced(self) -> tuple[int, ...]:
+        """DOFs on which a force acts."""
+        return self.forces.forced
 
     @property
     def full(self) -> SearchData:
@@ -77,29 +123,30 @@ class SearchData:
 
     # -- the same records in another way ---------------------------------------
 
-    def seen_through(self, band: tuple[float | None, float | None]) -> SearchData:
-        """The same records, residuals looked at in one frequency band, Hz."""
-        out = self.with_filters(filters_of(band, self.data))
-        if self._full is not None:
-            out._full = self._full.seen_through(band)
-        return out
-
-    def with_filters(self, filters: Sequence[Any]) -> SearchData:
-        """The same records, residuals looked at through a filter for each."""
-        out = copy(self)
-        out.filters = list(filters)
-        return out
+    def diagnosed_in(self, band: tuple[float | None, float | None]) -> SearchData:
+        """The same records, residuals diagnosed in one frequency band, Hz."""
+        full = None if self._full is None else self._full.diagnosed_in(band)
+        return SearchData(
+            self.data,
+            self.folds,
+            self.known_masses,
+            full,
+            filters_of(band, self.data),
+            self.forces,
+        )
 
     def with_data(self, data: Dataset) -> SearchData:
         """The same rows of other motions (of corrected channels), where valid."""
-        out = copy(self)
-        out.data = data
-        out.search = self._same_rows(self.search, data)
-        out.heldout = self._same_rows(self.heldout, data)
-        out.made = {}
-        out._motions = {}
-        out._scales = {}
-        return out
+        search = self._same_rows(self.search, data)
+        heldout = self._same_rows(self.heldout, data)
+        return SearchData(
+            data,
+            Split(search, heldout),
+            self.known_masses,
+            self._full,
+            self.filters,
+            forces=self.forces,
+        )
 
     def _same_rows(self, blocks: Sequence[BlockRows], data: Dataset) -> list[BlockRows]:
         """Blocks of rows counted from the first valid row of other records."""
@@ -115,16 +162,15 @@ class SearchData:
 
     def motion(self, site: Site, *records: int) -> Motion:
         """Motion that a law at a site sees in some records, one after the other."""
-        found = self._motions.get((site, records))
-        if found is not None:
-            return found
+        if (site, records) in self._motions:
+            return self._motions[site, records]
 
         segments = [self.data.segments[i] for i in records]
-        found = Motion.joined([seg.motion(site, seg.valid) for seg in segments])
+        motion = Motion.joined([seg.motion(site, seg.valid) for seg in segments])
         # of longer records excerpts are searched, and all samples are seldom asked for
-        if found.n_samples < LONG_RECORD or len(records) > 1:
-            self._motions[site, records] = found
-        return found
+        if motion.n_samples < LONG_RECORD or len(records) > 1:
+            self._motions[site, records] = motion
+        return motion
 
     def scales(self, site: Site) -> Scales:
         """Sizes of the motion at a site, from which shape parameters are searched."""
@@ -213,7 +259,7 @@ class SearchData:
             [i for i, _ in pieces],
             self.filters,
             self.known_masses,
-            self.made,
+            self._diagnosed_columns,
         )
 
 

@@ -142,11 +142,11 @@ class FaultSearch:
     def _witnessed(self, records: PreparedRecords, data: SearchData) -> list[Suspect]:
         """Faults of the catalogue that would reconcile the channels of one DOF."""
         suspects = []
-        for found in self.contradictions(records, data):
+        for contradiction in self.contradictions(records, data):
             for law in self.laws:
-                if law.order == found.order:
-                    fault = law.with_share(found.share)
-                    suspects.append(Suspect(fault, found.site, True))
+                if law.order == contradiction.order:
+                    fault = law.with_share(contradiction.share)
+                    suspects.append(Suspect(fault, contradiction.site, True))
         return suspects
 
     # -- faults that the balances alone show -----------------------------------
@@ -158,13 +158,13 @@ class FaultSearch:
         scans = [_Scan(state.model, s) for s in self._alone(state.records, data)]
         scans.sort(key=lambda scan: -scan.promise)
 
-        found = []
+        promising = []
         for scan in scans[: FAULTS.scans * FAULTS.suspects]:
             best = scan.best()
             if best is not None:
-                found.append(best)
-        found.sort(key=lambda pair: -pair[0])
-        return [suspect for _, suspect in found]
+                promising.append(best)
+        promising.sort(key=lambda pair: -pair[0])
+        return [suspect for _, suspect in promising]
 
     def _alone(self, records: PreparedRecords, data: SearchData) -> Iterator[Suspect]:
         """Channels that no other of their DOF can contradict, with possible faults."""
@@ -243,12 +243,12 @@ class _Scan:
         if self.promise < FAULTS.worth_scanning:
             return None
 
-        found = minimize_scalar(
+        best = minimize_scalar(
             lambda value: -max(self.gain(value), -LARGE_LOSS),
             bounds=sorted((0.0, self.sign * self.reach)),
             options={"maxiter": FAULTS.evaluations},
         )
-        value, gain = float(found.x), -float(found.fun)
+        value, gain = float(best.x), -float(best.fun)
         if gain < FAULTS.least_reduction or abs(value) < self.least:
             return None
         law = self.suspect.law.with_values([value])

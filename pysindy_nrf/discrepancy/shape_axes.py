@@ -148,12 +148,12 @@ class ShapeAxes:
             start = self._best_instant(gain, start)
             spacing = 0.1 * spacing
 
-        found, largest = self._climb(gain, start, reach * spacing, enough)
+        best, largest = self._climb(gain, start, reach * spacing, enough)
         if self.is_instant:
-            middle = np.mean(self.dated(found), axis=0)
+            middle = np.mean(self.dated(best), axis=0)
             if gain(self.laws_at(middle)) >= largest - AXES.loss_of_middle:
                 return middle
-        return found
+        return best
 
     def _best_instant(self, gain: Objective, start: np.ndarray) -> np.ndarray:
         """The best of the points about an instant."""
@@ -166,11 +166,11 @@ class ShapeAxes:
         self, gain: Objective, start: np.ndarray, step: np.ndarray, enough: float
     ) -> tuple[np.ndarray, float]:
         """The point to which a simplex climbs, and its gain."""
-        few = AXES.first_evaluations * len(start)
+        n_first = AXES.first_evaluations * len(start)
         gains: list[float] = []
 
         def loss(point: np.ndarray) -> float:
-            if len(gains) >= few and max(gains) < enough:
+            if len(gains) >= n_first and max(gains) < enough:
                 return LARGE_LOSS
             gains.append(gain(self.laws_at(point)))
             return -max(gains[-1], -LARGE_LOSS)

@@ -70,10 +70,10 @@ def turns_a_spring(
     forces = after.coefficients[0, : after.first_fixed] * np.sqrt(squares)
 
     for site in sites:
-        own = forces[after.layout.slices[site]]
+        at_site = forces[after.layout.slices[site]]
         springs = before.spring_columns([site])
         springs = springs[before.layout.slices.get(site, slice(0))]
-        old, new = own[: len(springs)], own[len(springs) :]
+        old, new = at_site[: len(springs)], at_site[len(springs) :]
         if (old[springs] < -SIGNS.wrong_share * np.abs(new).max()).any():
             return True
     return False

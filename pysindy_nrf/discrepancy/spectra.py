@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from copy import copy
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -21,16 +20,82 @@ from .error_reduction import Powers
 from .search_data import LONG_RECORD, SearchData
 from .windows import Windows
 
-# Spectra of laws of models that are kept for the next model, bytes.
+# Memory for the spectra of laws that the next model may need, bytes.
 CACHE_BYTES = 64_000_000
 
 
-@dataclass
-class ScanCache:
-    """The laws that a scan tries, and the products of their columns with each row."""
+# Products of the columns of a scan with each row by its number, and with each other by
+# None.
+ScanProducts = dict[int | None, np.ndarray]
+# A term of a law at a site, or the number of a row that no law changes.
+RowName = tuple[Site, ForceLaw, int] | int
 
-    points: Sequence[tuple[ForceLaw, ...]] = ()
-    products: dict[Any, np.ndarray] = field(default_factory=dict)
+
+@dataclass(frozen=True)
+class Scan:
+    """The laws that a scan tries, and the products of their columns."""
+
+    points: Sequence[tuple[ForceLaw, ...]]
+    products: ScanProducts = field(default_factory=dict)
+
+
+class SpectraCache:
+    """Spectra and products that later models of the same rows read again.
+
+    Attributes
+    ----------
+    fixed : ndarray of shape (n_fixed, size)
+        Spectra of the rows that no law changes.
+    scans : dict
+        By law and sites.
+    orders : dict
+        Solve orders by the sites with a law.
+    """
+
+    def __init__(self, fixed: np.ndarray) -> None:
+        self.fixed = fixed
+        self.scans: dict[tuple[ForceLaw, tuple[Site, ...]], Scan] = {}
+        self.orders: dict[tuple[Site, ...], SolveOrder] = {}
+        self._laws: dict[tuple[Site, ForceLaw], np.ndarray] = {}
+        self._row_numbers: dict[RowName, int] = {}
+        self._numbers: list[int] = []
+        self._products = np.empty(0)
+
+    def columns(
+        self, site: Site, law: ForceLaw, compute: Callable[[], np.ndarray]
+    ) -> np.ndarray:
+        """Spectra of the columns of a law, the latest of them in memory."""
+        spectra = self._laws.pop((site, law), None)
+        if spectra is None:
+            spectra = compute()
+        self._laws[site, law] = spectra
+
+        size = sum(rows.nbytes for rows in self._laws.values())
+        while len(self._laws) > 1 and size > CACHE_BYTES:
+            oldest = next(iter(self._laws))
+            size -= self._laws.pop(oldest).nbytes
+        return spectra
+
+    def forget_columns(self) -> None:
+        """Free the memory of the spectra of laws."""
+        self._laws.clear()
+
+    def row_numbers(self, names: Iterable[RowName]) -> list[int]:
+        """Numbers of rows by their names; hashes of laws take long."""
+        known = self._row_numbers
+        return [known.setdefault(name, len(known)) for name in names]
+
+    def products(
+        self, numbers: list[int], compute: Callable[[], np.ndarray]
+    ) -> np.ndarray:
+        """Products of some rows, from those of the last larger set if there is one."""
+        if not set(numbers) <= set(self._numbers):
+            self._numbers, self._products = numbers, compute()
+
+        if numbers == self._numbers:
+            return self._products
+        places = [self._numbers.index(number) for number in numbers]
+        return self._products[:, :, places][..., places]
 
 
 class BalanceSpectra:
@@ -46,6 +111,8 @@ class BalanceSpectra:
     strict : bool
         Refuse laws whose columns depend on others. In simulated records a law may not
         act, and is left out.
+    cache : SpectraCache, optional
+        Of the same data and windows.
     """
 
     def __init__(
@@ -54,6 +121,7 @@ class BalanceSpectra:
         windows: Windows,
         bands: InformativeBands | None = None,
         strict: bool = True,
+        cache: SpectraCache | None = None,
     ) -> None:
         self.data = data
         self.windows = windows
@@ -61,47 +129,42 @@ class BalanceSpectra:
         # what single precision loses of the spectra of long records is far below the
         # share that counts as zero
         self.precision: DTypeLike = float if windows.size < LONG_RECORD else np.float32
-        self.fixed = windows.spectra(data.fixed, self.precision)
         # (n_folds, n_dof)
-        self.known = data.known[[b.segment for b in windows.blocks]]
+        self.known = data.forces.balances[[b.segment for b in windows.blocks]]
         if bands is None:
             bands = InformativeBands.all(data.n_dof, len(windows.edges) - 1)
         self.bands = bands
-
-        self.scans: dict[Any, ScanCache] = {}
-        self._spectra: dict[tuple[Site, ForceLaw], np.ndarray] = {}
-        self._row_numbers: dict[Any, int] = {}
-        self._products: tuple[list[int], np.ndarray] = ([], np.empty(0))
-        self._orders: dict[tuple[Site, ...], SolveOrder] = {}
+        if cache is None:
+            cache = SpectraCache(windows.spectra(data.fixed, self.precision))
+        self.cache = cache
 
     # -- the same in another way -----------------------------------------------
 
     def with_bands(self, bands: InformativeBands) -> BalanceSpectra:
         """The same spectra, models judged in other bands."""
-        out = copy(self)
-        out.bands = bands
-        return out
+        return type(self)(self.data, self.windows, bands, self.strict, self.cache)
 
-    def on(self, data: SearchData, windows: Windows) -> BalanceSpectra:
+    def with_windows(self, data: SearchData, windows: Windows) -> BalanceSpectra:
         """Spectra of other records, or of other rows, with the same bands."""
         return BalanceSpectra(data, windows, self.bands)
 
     def of_records(self, data: SearchData) -> BalanceSpectra:
         """Spectra of the folds of other records with the same bands."""
-        windows = self.windows.on(data.search, data=data.data)
+        windows = self.windows.over(data.search, data=data.data)
         if len(windows.blocks) != len(self.windows.blocks):
             raise NRFError(
                 "The corrected channels are too short for a fold",
                 "Give longer records.",
             )
-        return self.on(data, windows)
+        return self.with_windows(data, windows)
 
     def of_all_samples(self) -> BalanceSpectra:
         """The same windows and bands on all samples of records searched by excerpts."""
         full = self.data.full
         # those of the excerpts are hardly asked for again
-        self._spectra = {}
-        return self.on(full, self.windows.on(full.search, data=full.data))
+        self.cache.forget_columns()
+        windows = self.windows.over(full.search, data=full.data)
+        return self.with_windows(full, windows)
 
     def with_means(self) -> BalanceSpectra:
         """The same with the mean of every column left in: it shows a constant force."""
@@ -124,49 +187,28 @@ class BalanceSpectra:
             )
         return spectra
 
-    def rows(self, layout: LawLayout) -> list[np.ndarray]:
+    def model_rows(self, layout: LawLayout) -> list[np.ndarray]:
         """Spectra of all rows of a model: its laws one by one, then the fixed ones."""
-        laws = [self._kept(site, law) for site, law in _placed(layout)]
-        return [*laws, self.fixed]
+        rows = []
+        for site, law in _placed(layout):
+            compute = partial(self.columns, site, [law], self.precision)
+            rows.append(self.cache.columns(site, law, compute))
+        return [*rows, self.cache.fixed]
 
     def row_numbers(self, layout: LawLayout) -> list[int]:
         """Numbers of the rows of a model, equal for equal rows of any model."""
-        names: list[Any] = []
+        names: list[RowName] = []
         for site, law in _placed(layout):
             names += [(site, law, k) for k in range(len(law.terms()))]
-        names += range(len(self.fixed))
-
-        # hashes of laws take long
-        known = self._row_numbers
-        return [known.setdefault(name, len(known)) for name in names]
+        names += range(len(self.cache.fixed))
+        return self.cache.row_numbers(names)
 
     def products(self, layout: LawLayout) -> np.ndarray:
-        """Products of the rows of a model by fold and band.
-
-        Taken from those of a larger model that came before, where there is one.
-        """
-        numbers = self.row_numbers(layout)
-        if not set(numbers) <= set(self._products[0]):
-            self._products = numbers, self.windows.products(*self.rows(layout))
-
-        known, products = self._products
-        if numbers == known:
-            return products
-        places = [known.index(number) for number in numbers]
-        return products[:, :, places][..., places]
-
-    def _kept(self, site: Site, law: ForceLaw) -> np.ndarray:
-        """Spectra of the columns of a law of a model, kept for the next model."""
-        spectra = self._spectra.pop((site, law), None)
-        if spectra is None:
-            spectra = self.columns(site, [law], self.precision)
-        self._spectra[site, law] = spectra
-
-        size = sum(rows.nbytes for rows in self._spectra.values())
-        while len(self._spectra) > 1 and size > CACHE_BYTES:
-            oldest = next(iter(self._spectra))
-            size -= self._spectra.pop(oldest).nbytes
-        return spectra
+        """Products of the rows of a model by fold and band."""
+        return self.cache.products(
+            self.row_numbers(layout),
+            lambda: self.windows.products(*self.model_rows(layout)),
+        )
 
     # -- solves ----------------------------------------------------------------
 
@@ -189,20 +231,20 @@ class BalanceSpectra:
         the balances before it found, as it is judged: laws that are found twice would
         be judged where the other one was not fitted.
         """
-        data = self.data
-        if layout.acting not in self._orders:
+        data, orders = self.data, self.cache.orders
+        if layout.acting not in orders:
             order = plan_solve_order(
                 layout.chain,
                 data.forced,
-                data.unknown,
+                data.forces.unknown,
                 dict(data.known_masses),
                 "sequential",
                 layout.acting,
             )
-            self._orders[layout.acting] = order.require_complete()
+            orders[layout.acting] = order.require_complete()
         return ChainFit(
             layout,
-            self._orders[layout.acting],
+            orders[layout.acting],
             data.known_masses,
             where,
             first_fixed,

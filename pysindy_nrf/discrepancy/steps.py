@@ -58,21 +58,21 @@ class StepDraft:
 
 
 def draft_step(
-    found: FoundEffect, decision: Decision, rivals: Sequence[Finding]
+    searched: FoundEffect, decision: Decision, rivals: Sequence[Finding]
 ) -> StepDraft:
     """The step of an effect without the certainty of its name.
 
     Parameters
     ----------
-    found : FoundEffect
+    searched : FoundEffect
         In the search, beside all effects that were found before it.
     decision : Decision
         On held-out data, beside all effects that were confirmed before it.
     rivals : sequence of Finding
         Candidates that explained the data as well.
     """
-    effect, model = found.effect, found.after
-    reduction = model.reduction_from(found.before)
+    effect, model = searched.effect, searched.after
+    reduction = model.reduction_from(searched.before)
     fitted, share = effect.law, float("nan")
     intervals: dict[str, Interval] = {}
     if not effect.is_fault:
@@ -94,7 +94,7 @@ def draft_step(
         error_after=decision.after.error,
         free_run_before=decision.before.free_run_error,
         free_run_after=decision.after.free_run_error,
-        validation_before=found.before.error,
+        validation_before=searched.before.error,
         gain=reduction.value,
         gain_error=reduction.standard_error,
         gain_least=reduction.least,

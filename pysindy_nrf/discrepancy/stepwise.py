@@ -111,7 +111,7 @@ class StepwiseSearch:
         self.errors = errors
         self.rng = rng
 
-    def run(self, first: SearchState, max_effects: int) -> SearchResult:
+    def add_effects(self, first: SearchState, max_effects: int) -> SearchResult:
         """Add effects until none is accepted, or there are enough of them."""
         result = SearchResult(first, first, Round(), {}, {})
 
@@ -190,8 +190,8 @@ class StepwiseSearch:
         assert finding.after is not None
         old = result.state.effects
         new = finding.new_effects(old)
-        kept = [effect for effect in finding.after.effects if effect not in new]
-        effects = (*kept, *_by_own_reduction(new, finding))
+        earlier = [effect for effect in finding.after.effects if effect not in new]
+        effects = (*earlier, *_by_own_reduction(new, finding))
         polished = self.search.polished(replace(finding.after, effects=effects))
 
         rivals = _rivals_of(polished.effects, new, old, result.rivals, this_round)
@@ -209,8 +209,8 @@ class StepwiseSearch:
     def on_all_samples(self, result: SearchResult) -> SearchResult:
         """Go over to all samples of long records that were searched by excerpts."""
         spectra = result.first.model.spectra.of_all_samples()
-        first = replace(result.first, model=result.first.model.on(spectra))
-        start = replace(result.state, model=result.state.model.on(spectra))
+        first = replace(result.first, model=result.first.model.refitted(spectra))
+        start = replace(result.state, model=result.state.model.refitted(spectra))
         state = self.search.polished(start)
         rivals = {}
         for old, new in zip(result.effects, state.effects):
@@ -293,7 +293,7 @@ def add_constants(
     if not candidates or not spectra.data.forced or means_are_cut:
         return state
     try:
-        model = state.model.on(spectra.with_means())
+        model = state.model.refitted(spectra.with_means())
     except NRFError:
         return state
 

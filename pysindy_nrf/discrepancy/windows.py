@@ -43,7 +43,7 @@ class _Batch:
     group: int
     # First sample of each window in the rows of the group, (n_windows, 1).
     starts: np.ndarray
-    # Lines of each transform that are kept.
+    # Lines of each transform that the bands read.
     lines: slice
     # Where their values stand in the row of all.
     places: slice
@@ -136,15 +136,16 @@ class Windows:
         return spans, [slice(start, stop) for start, stop in ends]
 
     def _alike_records(self) -> list[tuple[int, ...]]:
-        """Records whose rows stand side by side: those with the same windows, some
-        samples at a time.
+        """Records with the same windows, whose rows stand side by side.
+
+        Only so many at a time as the cache of the processor takes.
         """
         n_valid = [segment.n_valid for segment in self.data.segments]
-        part = np.cumsum(n_valid) // SAMPLES_AT_ONCE
+        batch = np.cumsum(n_valid) // SAMPLES_AT_ONCE
         alike: dict[tuple[int, ...], list[int]] = {}
         for record in dict.fromkeys(b.segment for b in self.blocks):
             lines = self._lines[record].tolist()
-            key = (self._samples[record], *lines, int(part[record]))
+            key = (self._samples[record], *lines, int(batch[record]))
             alike.setdefault(key, []).append(record)
         return [tuple(records) for records in alike.values()]
 
@@ -172,9 +173,9 @@ class Windows:
 
             every = np.concatenate(starts)
             n_batches = -(-len(every) * samples // SAMPLES_AT_ONCE)
-            for part in np.array_split(every, n_batches):
-                stop = begin + len(part) * n_lines
-                batches.append(_Batch(number, part, lines, slice(begin, stop)))
+            for batch in np.array_split(every, n_batches):
+                stop = begin + len(batch) * n_lines
+                batches.append(_Batch(number, batch, lines, slice(begin, stop)))
                 begin = stop
 
         return batches, order
@@ -227,13 +228,13 @@ class Windows:
                 f" {lowest:g} and {highest:g} Hz",
                 f"Give longer records, or a band wider than {1 / self.length:.3g} Hz.",
             )
-        return self.on(self.blocks, edges)
+        return self.over(self.blocks, edges)
 
     def up_to(self, band: int) -> Windows:
         """The same windows, spectra cut above a band."""
-        return self.on(self.blocks, self.edges[: band + 2])
+        return self.over(self.blocks, self.edges[: band + 2])
 
-    def on(
+    def over(
         self,
         blocks: Sequence[BlockRows],
         edges: np.ndarray | None = None,
@@ -270,15 +271,15 @@ class Windows:
         values = np.empty((at_once, self.size // 2), dtype=complex)
 
         for start in range(0, n_rows, at_once):
-            part = slice(start, min(start + at_once, n_rows))
-            lines = values[: part.stop - part.start]
-            samples = [np.asarray(held[part], dtype=float) for held in by_group]
+            chunk = slice(start, min(start + at_once, n_rows))
+            lines = values[: chunk.stop - chunk.start]
+            samples = [np.asarray(group[chunk], dtype=float) for group in by_group]
             for batch, windowed in self._windowed(samples):
                 into = lines[:, batch.places]
                 into = into.reshape(len(lines), len(batch.starts), -1)
                 spectrum = rfft(windowed, axis=-1, overwrite_x=True)
                 into[:] = spectrum[..., batch.lines]
-            out[part] = lines.take(self._order, axis=1)
+            out[chunk] = lines.take(self._order, axis=1)
 
         return out.view(kind)
 
@@ -309,7 +310,7 @@ class Windows:
         """
         by_band = []
         for band, *spans in zip(self.bands, *self.spans):
-            rows = np.vstack([part[:, band] for part in spectra])
+            rows = np.vstack([lines[:, band] for lines in spectra])
             rows = rows.astype(float, copy=False)
             by_fold = []
             for span in spans:
@@ -331,8 +332,8 @@ class Windows:
         """
         by_band = []
         for band in self.bands:
-            part = columns[..., band]
-            by_band.append(part @ part.swapaxes(1, 2))
+            in_band = columns[..., band]
+            by_band.append(in_band @ in_band.swapaxes(1, 2))
         return np.stack(by_band, axis=1)
 
 

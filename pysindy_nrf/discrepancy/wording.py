@@ -14,7 +14,7 @@ from .error_reduction import ErrorReduction
 
 if TYPE_CHECKING:
     from .report import Step
-    from .stepwise import Round
+    from .stepwise import Examination
 
 MEANS_LEFT_IN = (
     "The table leaves means in, so a row may lie above the one before it; steps were"
@@ -99,14 +99,27 @@ def step_sentence(step: Step) -> str:
 # -- why the search stopped ----------------------------------------------------
 
 
-def best_refused(last_round: Round) -> str:
-    """Why no further effect was added."""
-    if not last_round.findings:
+def best_refused(
+    findings: Sequence[RankedFinding], examination: Examination | None = None
+) -> str:
+    """Why no further effect was added.
+
+    Parameters
+    ----------
+    findings : sequence of RankedFinding
+        Of the last round, the best first.
+    examination : Examination, optional
+        Of the best.
+    """
+    if not findings:
         return "no law of the catalogue lowers the error at any site"
 
-    best = last_round.findings[0]
-    text = refused(best)
-    examination = last_round.examinations.get(0)
+    best = findings[0]
+    text = (
+        "no further effect is there and matters: the best candidate,"
+        f" {best.finding.candidate.name}, gains {best.reduction.value:.2g} dB"
+        f" {_errors_of(best.reduction)}"
+    )
     if examination is None:
         return text
     if examination.chance is not None:
@@ -117,15 +130,6 @@ def best_refused(last_round: Round) -> str:
     return (
         f"{text}; errors of the channels within their tolerances leave"
         f" {max(beyond.value, 0.0):.2g} dB of it"
-    )
-
-
-def refused(best: RankedFinding) -> str:
-    """The best of the candidates that were refused."""
-    return (
-        "no further effect is there and matters: the best candidate,"
-        f" {best.finding.candidate.name}, gains {best.reduction.value:.2g} dB"
-        f" {_errors_of(best.reduction)}"
     )
 
 
@@ -154,7 +158,7 @@ def not_in_catalogue(gains: Iterable[GeneralGain]) -> str:
 
 def channels_disagree(contradictions: Sequence[Contradiction]) -> str:
     """Channels of one DOF that do not show one motion."""
-    witnesses = [one.witness for one in contradictions[:MAX_CONTRADICTIONS]]
+    witnesses = [channels.witness for channels in contradictions[:MAX_CONTRADICTIONS]]
     listed = "; ".join(dict.fromkeys(witnesses))
     return (
         f"Channels contradict each other, and the fusion made the best of it: {listed}"

@@ -6,7 +6,6 @@ from simulated_cases import Plan
 
 from pysindy_nrf import Site, laws
 from pysindy_nrf.discrepancy import judge
-from pysindy_nrf.discrepancy.judge import JUDGE
 
 CATALOGUE = [
     laws.CoulombFriction(),
@@ -27,7 +26,7 @@ def hidden(kind, noise):
 def test_where_nothing_is_missing_nothing_gains(noise):
     state = first_state(Plan(3, (1, 2, 3), noise=noise, seed=75, n_samples=4000))
     for finding in findings_of(state, CATALOGUE):
-        assert finding.value < JUDGE.least_reduction
+        assert finding.value < judge.JUDGE.least_reduction
         assert not judge.accepts(finding, state)
 
 

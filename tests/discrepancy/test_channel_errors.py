@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-from loop_parts import first_state
+from loop_parts import first_state, freed_of_errors
 from simulated_cases import Plan, simulated
 
-from pysindy_nrf import Record, Site, close_loop, laws
-from pysindy_nrf.discrepancy.channel_errors import ChannelErrors
-from pysindy_nrf.discrepancy.effects import Effect
-from pysindy_nrf.discrepancy.judge import JUDGE
+from pysindy_nrf import Record, close_loop, laws
+from pysindy_nrf.discrepancy import judge
 
 GAINS = {"gain": 0.02}
 
@@ -36,21 +34,17 @@ def test_errors_undo_a_fault_that_was_found_at_a_wrong_size(is_known, undone):
     wrong = with_force_divided(state.model, 1.1)
     assert wrong.reduction_from(state.model).value < -10
 
-    fault = Effect(laws.GainError(0.1), Site("sensor F1"), laws.GainError())
-    known = (fault,) if is_known else ()
-    errors = ChannelErrors(wrong.spectra, state.records, GAINS, known)
-    freed = errors.freed(wrong).model
+    faults = [(laws.GainError(0.1), "F1")] if is_known else []
+    freed, _ = freed_of_errors(state, wrong, GAINS, faults)
     lost = -freed.reduction_from(state.model).value
-    assert (lost < JUDGE.least_reduction) is undone
+    assert (lost < judge.JUDGE.least_reduction) is undone
 
 
 def test_a_gain_common_to_all_forces_explains_nothing():
     """No mass is known: it scales the chain, and what is left of the force with it."""
     state = state_of(noise=0.01)
-    errors = ChannelErrors(state.model.spectra, state.records, GAINS, ())
-    sizes = errors.freed(state.model).sizes
-    forces = [x for error, x in zip(errors.errors, sizes) if error.kind == "F"]
-    assert len(forces) == 3
+    _, sizes = freed_of_errors(state, state.model, GAINS)
+    forces = [sizes[channel] for channel in ("F1", "F2", "F3")]
     # standard deviations
     assert np.abs(forces).max() < 0.2
 

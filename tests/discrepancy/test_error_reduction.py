@@ -1,19 +1,15 @@
 """Error reductions in dB, and what the judge makes of them."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from loop_parts import finding_of, reduction_between
 
 from pysindy_nrf import laws
 from pysindy_nrf.discrepancy import judge
-from pysindy_nrf.discrepancy.effects import RankedFinding
-from pysindy_nrf.discrepancy.error_reduction import ErrorReduction, Powers
 
 # two balances, three bands, five folds that are alike
-BEFORE = Powers(
-    np.tile([[8.0, 4.0, 1.0], [2.0, 2.0, 2.0]], (5, 1, 1)), np.full((2, 3), 40.0)
-)
+BEFORE = np.tile([[8.0, 4.0, 1.0], [2.0, 2.0, 2.0]], (5, 1, 1))
+REFERENCE = np.full((2, 3), 40.0)
 # the last band of the first balance is full of noise
 INFORMATIVE = np.array([[True, True, False], [True, True, True]])
 
@@ -22,24 +18,20 @@ def reduction_of(before, after, n_bands=1):
     """The error reduction of one balance, from powers of the residual by fold."""
     reference = np.full((1, n_bands), 1e3)
     informative = np.ones((1, n_bands), dtype=bool)
-    return ErrorReduction.between(
-        Powers(before, reference), Powers(after, reference), informative
-    )
+    return reduction_between(before, after, reference, informative)
 
 
 def test_a_reduction_is_the_mean_over_informative_bands():
     """10 dB in one of two bands; the band full of noise has no say."""
     change = np.array([[0.1, 1.0, 9.0], [1.0, 1.0, 1.0]])
-    after = Powers(BEFORE.folds * change, BEFORE.reference)
-    found = ErrorReduction.between(BEFORE, after, INFORMATIVE)
+    found = reduction_between(BEFORE, BEFORE * change, REFERENCE, INFORMATIVE)
     assert found.value == pytest.approx(5.0, abs=1e-3)
     assert found.standard_error == pytest.approx(0.0, abs=1e-9)
     assert found.least == pytest.approx(found.value)
 
 
 def test_a_model_without_a_fit_reduces_nothing():
-    after = Powers(BEFORE.folds * np.inf, BEFORE.reference)
-    found = ErrorReduction.between(BEFORE, after, INFORMATIVE)
+    found = reduction_between(BEFORE, BEFORE * np.inf, REFERENCE, INFORMATIVE)
     assert found.value == found.least == found.lower == -np.inf
 
 
@@ -86,8 +78,7 @@ def ranked(n_parameters, value, spread=0.3):
     """A finding of some size, its reduction scattered from fold to fold."""
     rng = np.random.default_rng(n_parameters)
     without_fold = value + spread * rng.standard_normal(10)
-    reduction = ErrorReduction(value, spread, without_fold, value, value)
-    return RankedFinding(SimpleNamespace(n_parameters=n_parameters), reduction)
+    return finding_of(value, without_fold, spread, n_parameters=n_parameters)
 
 
 def test_of_what_cannot_be_told_apart_the_simplest_is_taken():

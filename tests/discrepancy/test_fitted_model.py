@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loop_parts import findings_of, first_state, start_of
+from loop_parts import (
+    findings_of,
+    first_state,
+    general_promise,
+    refitted_to_a_draw,
+    scanned_reduction,
+    start_of,
+)
 from simulated_cases import Plan
 
 from pysindy_nrf import ChainModel, Site, excitation, laws, simulate
-from pysindy_nrf.discrepancy.candidate_search import general_promise
-from pysindy_nrf.discrepancy.fitted_model import fit_model, quadratic_forms
-from pysindy_nrf.discrepancy.model_extension import ModelExtension
-from pysindy_nrf.discrepancy.spectra import BalanceSpectra
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records import Dataset
 from pysindy_nrf.simulation import add_noise
@@ -21,41 +24,39 @@ STOREYS = [Site(f"storey {i}") for i in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
-def model():
+def state():
     """The linear chain of three floors."""
-    return first_state(SHORT).model
+    return first_state(SHORT)
 
 
-def test_kept_products_of_a_scan_serve_the_next_model(model):
+@pytest.fixture(scope="module")
+def model(state):
+    """Its model."""
+    return state.model
+
+
+def test_products_of_a_scan_serve_the_next_model(model):
     """Beside a further law they give the reductions of new products."""
-    cubic, kept = laws.CubicStiffness(), {}
+    cubic, known = laws.CubicStiffness(), {}
     with_friction = model.with_laws([(STOREYS[2], laws.CoulombFriction())])
-    for one in (model, with_friction, model):
-        extension = ModelExtension(one, [(STOREYS[1], cubic)])
-        anew = extension.fit_each([(cubic,)]).reductions
-        assert extension.fit_each([(cubic,)], kept).reductions == pytest.approx(
-            anew, rel=1e-9
-        )
+    for beside in (model, with_friction, model):
+        anew = scanned_reduction(beside, STOREYS[1], cubic)
+        again = scanned_reduction(beside, STOREYS[1], cubic, known)
+        assert again == pytest.approx(anew, rel=1e-9)
 
 
-def with_a_gap_that_is_never_closed(model):
-    site = STOREYS[1]
-    return {**model.laws, site: (*model.laws[site], laws.TwoSidedGap(gap=1e3))}
+NEVER_CLOSED = [(STOREYS[1], laws.TwoSidedGap(gap=1e3))]
 
 
 def test_a_law_that_does_not_act_is_refused(model):
     with pytest.raises(NRFError, match="depend on each other"):
-        fit_model(model.spectra, model.base, with_a_gap_that_is_never_closed(model))
+        model.with_laws(NEVER_CLOSED)
 
 
-def test_a_law_that_does_not_act_is_left_out_of_simulated_records(model):
-    measured = model.spectra
-    simulated = BalanceSpectra(
-        measured.data, measured.windows, measured.bands, strict=False
-    )
-    without = model.on(simulated)
-    with_gap = fit_model(simulated, model.base, with_a_gap_that_is_never_closed(model))
-    assert with_gap.powers.residual == pytest.approx(without.powers.residual, rel=1e-9)
+def test_a_law_that_does_not_act_is_left_out_of_simulated_records(state):
+    drawn = refitted_to_a_draw(state)
+    power = drawn.with_laws(NEVER_CLOSED).powers.residual
+    assert power == pytest.approx(drawn.powers.residual, rel=1e-9)
 
 
 def test_a_force_with_some_unknown_samples_counts_where_it_is_known(model):
@@ -66,9 +67,10 @@ def test_a_force_with_some_unknown_samples_counts_where_it_is_known(model):
     forces[segment.valid][:3, 0] = np.nan
     cut = Dataset([replace(segment, F=forces)], data.data.n_samples)
 
-    whole, found = (d.fixed([0])[data.n_dof] for d in (data, data.with_data(cut)))
-    assert not found[:3].any()
-    np.testing.assert_array_equal(found[3:], whole[3:])
+    measured = data.fixed([0])[data.n_dof]
+    used = data.with_data(cut).fixed([0])[data.n_dof]
+    assert not used[:3].any()
+    np.testing.assert_array_equal(used[3:], measured[3:])
 
 
 def test_every_balance_is_fitted_as_it_is_judged():
@@ -89,7 +91,7 @@ def test_every_balance_is_fitted_as_it_is_judged():
     true_rows, _ = model.solver.rows(np.array([[10.0, 12.0]]), values)
     rows, _ = model.solver.rows(model.masses[:1], model.coefficients[:1])
     fitted, true = (
-        (model.weights * quadratic_forms(x[0], model.summed)).sum(axis=1)
+        np.einsum("ik,ip,kpq,iq->i", model.weights, x[0], model.summed, x[0])
         for x in (rows, true_rows)
     )
     assert (fitted < 1.01 * true).all()

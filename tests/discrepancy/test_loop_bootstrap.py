@@ -2,23 +2,16 @@
 
 import numpy as np
 import pytest
-from loop_parts import first_state, start_of
+from loop_parts import first_state, refitted_to_a_draw, start_of
 from simulated_cases import Plan
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
-from pysindy_nrf.discrepancy.bootstrap import simulated
 from pysindy_nrf.simulation import add_noise
-
-
-def fitted_to_a_draw(state):
-    """The model of a state fitted to records that it would have produced."""
-    draws = simulated(state.records, state.model, np.random.default_rng(0))
-    return state.model.on(next(draws).spectra)
 
 
 def test_a_fit_to_them_finds_the_model_again():
     state = first_state(Plan(2, (1, 2), noise=0.02, seed=73))
-    again = fitted_to_a_draw(state)
+    again = refitted_to_a_draw(state)
     assert again.error == pytest.approx(state.model.error, rel=0.3)
     assert again.masses[0] == pytest.approx(state.model.masses[0], rel=0.02)
 
@@ -33,6 +26,6 @@ def test_they_leave_as_much_in_every_band_also_near_a_quarter_of_the_rate():
     exact = exact.replace(acceleration=None, velocity=None)
     state = start_of(add_noise(exact, 5e-4, random_state=1)).first
 
-    ratio = fitted_to_a_draw(state).powers.shares / state.model.powers.shares
+    ratio = refitted_to_a_draw(state).powers.shares / state.model.powers.shares
     assert state.model.spectra.band[1] > 75
     assert np.abs(np.log(ratio)).max() < 1

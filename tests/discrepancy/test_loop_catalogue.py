@@ -1,14 +1,10 @@
 """What the search tries, and where."""
 
 import pytest
+from loop_parts import tried_at
 
 from pysindy_nrf import Chain, laws
-from pysindy_nrf.discrepancy.catalogue import (
-    Experiment,
-    candidates,
-    default_catalogue,
-    with_all_storeys,
-)
+from pysindy_nrf.discrepancy import default_catalogue
 
 FIELD = """
 coulomb_friction stribeck_friction position_dependent_friction break_away_friction
@@ -32,8 +28,11 @@ def names_in(catalogue):
 def places_of(name, **test):
     """Sites of a chain of three floors at which a law is tried."""
     options = {"forced": (1,), **test}
-    experiment = Experiment(default_catalogue(), Chain(3), **options)
-    return {str(c.sites[0]) for c in candidates(experiment) if c.law.name == name}
+    places = set()
+    for candidate in tried_at(default_catalogue(), Chain(3), **options):
+        if candidate.law.name == name:
+            places |= set(map(str, candidate.sites))
+    return places
 
 
 def test_the_field_is_in_the_catalogue():
@@ -82,9 +81,7 @@ def test_a_structure_does_not_heal_between_two_tests(name):
 
 
 def test_a_law_of_the_storeys_is_tried_at_all_of_them_at_once():
-    chain = Chain(3)
-    laws_tried = [laws.CoulombFriction(), laws.ConstantForce()]
-    experiment = Experiment(laws_tried, chain, forced=(1,))
-    tried = with_all_storeys(candidates(experiment), chain.sites)
+    catalogue = [laws.CoulombFriction(), laws.ConstantForce()]
+    tried = tried_at(catalogue, Chain(3), forced=(1,))
     together = [c.law.name for c in tried if len(c.sites) == 3]
     assert together == ["coulomb_friction"]

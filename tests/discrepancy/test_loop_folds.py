@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from loop_parts import plain_segment
+from loop_parts import folds_of, plain_segment, window_length
 
-from pysindy_nrf.discrepancy.folds import split, window_length
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.records import BlockRows, Segment
 
@@ -37,7 +36,7 @@ def segment(request):
 
 
 def test_folds_and_heldout_pieces_do_not_overlap(segment):
-    folds = split([segment], window_length([segment]))
+    folds = folds_of(segment)
     rows = np.concatenate([rows_of(folds.search), rows_of(folds.heldout)])
     assert len(np.unique(rows)) == len(rows)
     assert len(folds.search) >= 3
@@ -45,13 +44,13 @@ def test_folds_and_heldout_pieces_do_not_overlap(segment):
 
 def test_heldout_pieces_last_a_window(segment):
     length = window_length([segment])
-    for block in split([segment], length).heldout:
+    for block in folds_of(segment).heldout:
         assert block.rows.stop - block.rows.start >= 2 * length / segment.dt
 
 
 def test_heldout_pieces_hold_their_share_of_the_energy(segment):
     """Also of each half of a sine: they see all of its phases."""
-    folds = split([segment], window_length([segment]))
+    folds = folds_of(segment)
     searched, heldout = rows_of(folds.search), rows_of(folds.heldout)
     used = np.concatenate([searched, heldout])
 
@@ -64,9 +63,8 @@ def test_heldout_pieces_hold_their_share_of_the_energy(segment):
 
 def test_a_channel_of_zeros_has_no_say_in_the_cut():
     drift = MOTIONS["a sine"][0]
-    length = window_length([plain_segment(drift, drift)])
-    with_force = split([plain_segment(drift, drift)], length)
-    without_force = split([plain_segment(drift, 0 * drift)], length)
+    with_force = folds_of(plain_segment(drift, drift))
+    without_force = folds_of(plain_segment(drift, 0 * drift))
     assert without_force == with_force
 
 
@@ -88,7 +86,7 @@ def test_cuts_seldom_lose_all_blows_on_a_floor():
     for _ in range(40):
         segment, blows = blows_on_four_floors(rng)
         length = window_length([segment])
-        search = split([segment], length).search
+        search = folds_of(segment).search
         for on_floor in blows:
             depths = [0]
             for block in search:
@@ -101,7 +99,7 @@ def test_cuts_seldom_lose_all_blows_on_a_floor():
 
 def test_records_held_out_whole_leave_the_others_to_the_search():
     segment = plain_segment(*MOTIONS["noise"])
-    folds = split([segment, segment], window_length([segment]), [1])
+    folds = folds_of(segment, segment, heldout=[1])
     assert {block.segment for block in folds.search} == {0}
     assert folds.heldout == [BlockRows(1, slice(0, len(T)))]
 
@@ -111,9 +109,9 @@ def test_records_too_short_are_named(n_samples):
     drift, force = MOTIONS["a sine"]
     short = plain_segment(drift[:n_samples], force[:n_samples])
     with pytest.raises(ChannelError, match="too short to be split"):
-        split([short], window_length([short]))
+        folds_of(short)
 
 
 def test_records_in_which_nothing_moves_are_named():
     with pytest.raises(ChannelError, match="Nothing moves"):
-        split([plain_segment(0 * T, 0 * T)], 1.0)
+        folds_of(plain_segment(0 * T, 0 * T))

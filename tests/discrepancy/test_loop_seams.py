@@ -7,26 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loop_parts import start_of
+from loop_parts import search_data, start_of
 from simulated_cases import Plan, simulated
 
 from pysindy_nrf import (
     ChainModel,
     Record,
-    Site,
     close_loop,
     excitation,
     laws,
     simulate,
 )
 from pysindy_nrf.cli import run
-from pysindy_nrf.discrepancy.catalogue import Experiment, candidates
-from pysindy_nrf.discrepancy.excerpts import EXCERPTS
-from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.discrepancy.residual import Location
+from pysindy_nrf.discrepancy import Location
 from pysindy_nrf.equations import nrmse
-from pysindy_nrf.report.figures.evidence import evidence_figures
-from pysindy_nrf.report.loop_content import chapters, lead
 from pysindy_nrf.simulation import add_noise
 
 
@@ -112,7 +106,7 @@ def test_a_long_record_is_searched_by_excerpts(long_record):
     folds = first.model.spectra.data.search
     n_rows = sum(fold.rows.stop - fold.rows.start for fold in folds)
     assert len(first.records.records) == len(folds)
-    assert EXCERPTS.n_samples <= 1.1 * n_rows < 0.5 * long_record.n_samples
+    assert 10_000 <= 1.1 * n_rows < 0.5 * long_record.n_samples
 
 
 def test_a_long_record_is_fitted_on_all_samples(long_record):
@@ -146,12 +140,11 @@ def test_the_best_of_the_last_round_are_listed(searched):
         laws.CoulombFriction(),
     ]
     report = close_loop(searched, catalogue=tried, max_steps=1)
-    experiment = Experiment(tried, report.model.chain, forced=(1, 2, 3))
-    possible = {(c.law.name, c.sites[0]) for c in candidates(experiment)}
+    storeys = {"storey 1", "storey 2", "storey 3"}
     assert len(report.candidates)
-    for law, sites in zip(report.candidates["law"], report.candidates["site"]):
-        for site in sites.split(", "):
-            assert (law, Site(site)) in possible
+    assert set(report.candidates["law"]) <= {law.name for law in tried}
+    for sites in report.candidates["site"]:
+        assert set(sites.split(", ")) <= storeys
 
 
 # -- evidence to report --------------------------------------------------------
@@ -171,8 +164,6 @@ def test_where_there_is_nothing_to_locate_no_site_is_named(report):
         sentence = evidence.sentences["localisation"]
         assert sentence.endswith("nothing to locate.")
         assert "storey" not in sentence and "dof" not in sentence
-    titles = [figure.title for figure in evidence_figures(last)]
-    assert "Localisation" not in " ".join(titles)
 
 
 def test_what_needs_no_answer_is_no_reason(report):
@@ -187,11 +178,8 @@ def test_what_needs_no_answer_is_no_reason(report):
 
 def test_every_verdict_reaches_the_pages_in_the_same_words(report):
     text = report.to_markdown()
-    for evidence, chapter in zip(report.evidence, chapters(report)):
-        facts, sentences = dict(chapter.facts), list(evidence.sentences.values())
-        asked = ("Is it noise?", "Where?", "What kind?")
-        assert [facts[question] for question in asked] == sentences
-        for sentence in sentences:
+    for evidence in report.evidence:
+        for sentence in evidence.sentences.values():
             assert sentence.replace("<", "&lt;") in text
     assert report.stopped_because in str(report)
     assert report.stopped_because in text
@@ -200,8 +188,9 @@ def test_every_verdict_reaches_the_pages_in_the_same_words(report):
 def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(found):
     (step,) = found.steps
     assert ("closest law" in step.sentence) == (not step.sure)
-    assert "cubic of mine at storey 2" in lead(found)
-    assert step.sentence in found.to_markdown()
+    text = found.to_markdown()
+    assert "cubic of mine at storey 2" in text
+    assert step.sentence in text
 
 
 # -- steps to table, files, model ----------------------------------------------
@@ -319,7 +308,7 @@ def test_channels_without_noise_are_used_where_the_rate_of_the_base_is_not_measu
         coordinates="absolute",
         fs=200.0,
     )
-    (segment,) = prepare([record]).data.segments
+    (segment,) = search_data(record).data.segments
     drift = np.diff(motion.displacement, axis=1, prepend=0.0)[segment.valid]
     tiny = 1e-3 * np.abs(drift).max()
     np.testing.assert_allclose(segment.s[segment.valid], drift, atol=tiny)

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from loop_parts import plain_segment
+from loop_parts import windows_of
 
-from pysindy_nrf.discrepancy.windows import Windows
 from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.records import BlockRows, Dataset
 
 N, DT = 6000, 0.01
 EDGES = [(0, 3200), (3200, N)]
@@ -19,9 +17,7 @@ def windows():
 
 
 def two_folds(centred):
-    data = Dataset([plain_segment(np.zeros(N), np.zeros(N), DT)], N)
-    blocks = [BlockRows(0, slice(low, high)) for low, high in EDGES]
-    return Windows(data, blocks, 2.0, centred=centred)
+    return windows_of(N, EDGES, 2.0, DT, centred)
 
 
 def spectra_of(windows, rows):
@@ -87,9 +83,8 @@ def test_a_band_that_is_given_leaves_no_line_outside():
     """Of 2 and 10 Hz the first leaves nothing between 5 and 20 Hz."""
     t = np.arange(8000) * DT
     slow, fast = np.sin(2 * np.pi * 2.0 * t), 0.01 * np.sin(2 * np.pi * 10.0 * t)
-    data = Dataset([plain_segment(slow, fast)], len(t))
     # the first band ends at 3 Hz
-    windows = Windows(data, [BlockRows(0, slice(0, len(t)))], 0.5)
+    windows = windows_of(len(t), [(0, len(t))], 0.5)
     within = windows.within(5.0, 20.0)
     assert within.edges[0] == 5.0 and within.edges[-1] <= 20.0
 

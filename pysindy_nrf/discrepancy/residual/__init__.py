@@ -3,7 +3,7 @@
 from .characterisation import Characterisation, characterise
 from .detection import Detection, detect
 from .diagnosed_data import DiagnosedData
-from .evidence import Evidence, look
+from .evidence import Evidence, evidence_of
 from .kinds import Dependence, Feature, Location, Obstacle, ResidualKind
 from .localisation import Localisation
 from .noise_floor import NoiseFloor
@@ -22,5 +22,5 @@ __all__ = [
     "ResidualKind",
     "characterise",
     "detect",
-    "look",
+    "evidence_of",
 ]

@@ -79,7 +79,7 @@ class Basis:
         Constant beyond the ends.
         """
         signal, knots = _signal(motion, axis), self._knots[axis, count]
-        hats = [np.interp(signal, knots, one) for one in np.eye(len(knots))]
+        hats = [np.interp(signal, knots, hat) for hat in np.eye(len(knots))]
         return np.column_stack(hats)
 
     def groups(self, motion: Motion) -> dict[str, np.ndarray]:
@@ -89,12 +89,12 @@ class Basis:
         """
         s, v = motion.s, motion.v
         x, y = s / self.drift, v / self.rate
-        sign, one = np.sign(v), np.ones(motion.n_samples)
+        sign, unity = np.sign(v), np.ones(motion.n_samples)
         linear = [s, v] if motion.a is None else [s, v, motion.a]
         rate_powers = [y * np.abs(y), y**2, y**3, y**4, y**5]
 
         groups = {
-            "constant": one[:, None],
+            "constant": unity[:, None],
             "linear": np.column_stack(linear),
             "powers": np.column_stack([x**2, x**3, x**4, x**5]),
             "drift": self._hats(motion, "s", KNOTS),
@@ -107,7 +107,7 @@ class Basis:
         groups["surface"] = np.column_stack([self._surface(motion), sign * x])
         groups["sliders"] = sliders(motion, self.drift, YIELD_DRIFTS)
 
-        carriers = np.column_stack([one, x, y, sign])
+        carriers = np.column_stack([unity, x, y, sign])
         for name, axis in self.changing.items():
             groups[name] = _products(self._hats(motion, *axis), carriers)
         return groups
@@ -121,8 +121,9 @@ class Basis:
 
 def _signal(motion: Motion, axis: str) -> np.ndarray:
     """Drift, rate, time or a covariate of a motion."""
-    own = getattr(motion, axis) if axis in ("s", "v", "t") else motion.covariates[axis]
-    return np.asarray(own, dtype=float)
+    if axis in ("s", "v", "t"):
+        return np.asarray(getattr(motion, axis), dtype=float)
+    return np.asarray(motion.covariates[axis], dtype=float)
 
 
 def _products(a: np.ndarray, b: np.ndarray) -> np.ndarray:

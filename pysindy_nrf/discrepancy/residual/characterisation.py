@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
 
-from ...diagnosis.residual import filtered
+from ...diagnosis.residual import Filters, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import ChannelError
 from ...laws.shape import Motion
@@ -86,7 +85,7 @@ def characterise(
     force: Sequence[np.ndarray],
     motions: Sequence[Motion],
     *,
-    filters: Sequence[Any] | None = None,
+    filters: Filters | None = None,
     beside: Sequence[np.ndarray] | None = None,
     noise: float | None = None,
 ) -> Characterisation:
@@ -104,12 +103,27 @@ def characterise(
     noise : float, optional
         Rms of the noise in the force, N.
 
+    Returns
+    -------
+    Characterisation
+
     Raises
     ------
     ChannelError
         If the force is not finite or too short.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy import characterise
+    >>> from pysindy_nrf.laws import Motion
+    >>> t = np.arange(4000) / 400
+    >>> s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
+    >>> v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
+    >>> characterise([20 * np.sign(v)], [Motion(s, v)]).dependence
+    <Dependence.RATE: 'v alone'>
     """
-    if not all(np.isfinite(part).all() for part in force):
+    if not all(np.isfinite(line).all() for line in force):
         raise ChannelError(
             "The force to characterise is not finite",
             "A balance above with an unknown force leaves no storey residual.",
@@ -128,7 +142,7 @@ def characterise(
     covariate = row.partition("covariate ")[2]
     dependence = Dependence.COVARIATE if covariate else Dependence(row)
 
-    odd, whole = regression.odd_share(row), np.concatenate(force)
+    odd, joined = regression.odd_share(row), np.concatenate(force)
     drift = np.concatenate([motion.s for motion in motions])
     rate = np.concatenate([motion.v for motion in motions])
     shares = table["share"]
@@ -140,11 +154,11 @@ def characterise(
         frequency=regression.frequency,
         features=regression.features(dependence, odd),
         curves={
-            "s": conditional_mean(drift, whole),
-            "v": conditional_mean(rate, whole),
+            "s": conditional_mean(drift, joined),
+            "v": conditional_mean(rate, joined),
         },
         covariate=covariate,
-        rms=float(np.sqrt(np.mean(whole**2))),
+        rms=float(np.sqrt(np.mean(joined**2))),
         noise=noise,
     )
 
@@ -165,7 +179,7 @@ class _ForceRegression:
         self,
         force: Sequence[np.ndarray],
         motions: Sequence[Motion],
-        filters: Sequence[Any],
+        filters: Filters,
         beside: Sequence[np.ndarray] | None,
     ) -> None:
         self.motions = motions
@@ -197,8 +211,8 @@ class _ForceRegression:
         groups: dict[str, list[np.ndarray]] = {name: [] for name in self.unfiltered[0]}
         for columns, filter_ in zip(self.unfiltered, self.filters):
             every = filtered(np.hstack(list(columns.values())), filter_)
-            for name, part in zip(groups, np.split(every, ends, axis=1)):
-                groups[name].append(part)
+            for name, group in zip(groups, np.split(every, ends, axis=1)):
+                groups[name].append(group)
         return groups
 
     def _line(
@@ -208,11 +222,11 @@ class _ForceRegression:
         known = {name: groups[name] for name in self.base}
         fit = Regression.of(known | {"force": list(force)})
         coefficients = fit.coefficients("force", self.base)
-        left = []
-        for i, part in enumerate(force):
+        residuals = []
+        for i, line in enumerate(force):
             explained = [groups[name][i] @ coefficients[name] for name in self.base]
-            left.append(part - sum(explained))
-        return spectral_line(left, self.motions)
+            residuals.append(line - sum(explained))
+        return spectral_line(residuals, self.motions)
 
     def _waves(self) -> list[np.ndarray]:
         """Sines and cosines of the line, with a phase of its own in every record."""

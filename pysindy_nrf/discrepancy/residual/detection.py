@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from ...chain.sites import Site
 from ...chain.structure import Chain
-from ...diagnosis.residual import Residual, filtered
+from ...diagnosis.residual import Filters, Residual, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import NRFError
 from ...records.dataset import Segment
@@ -52,6 +51,33 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
     residual : Residual
     floor : NoiseFloor, optional
         What noise alone would leave, if it is known.
+
+    Returns
+    -------
+    Detection
+
+    Raises
+    ------
+    NRFError
+        If it is no residual.
+
+    Examples
+    --------
+    Friction of which the model knows nothing:
+
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.diagnosis import residual_of
+    >>> from pysindy_nrf.discrepancy import detect
+    >>> linear = [laws.LinearElastic(4e4), laws.LinearViscous(30.0)]
+    >>> friction = [*linear, laws.CoulombFriction(20.0)]
+    >>> truth = ChainModel([10.0, 8.0], {1: linear, 2: friction})
+    >>> model = ChainModel([10.0, 8.0], {1: linear, 2: linear})
+    >>> F = excitation.band_limited_random(
+    ...     2, 10.0, 500.0, excited=2, rms=60.0, band=(1, 40), random_state=0
+    ... )
+    >>> residual = residual_of(model, simulate(truth, F, 1 / 500))
+    >>> detect(residual).verdicts.loc["storey 2", "verdict"]
+    <ResidualKind.NONLINEAR: 'nonlinear effect missing'>
     """
     if not isinstance(residual, Residual):
         raise NRFError(
@@ -60,14 +86,14 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
         )
 
     regressions = _Regressions(residual, floor)
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, object]] = {}
     for place, size in residual.sizes.iterrows():
         if not np.isfinite(size["rms"]):
             continue
         ratio = np.nan
         if floor is not None and floor.at(str(place)) > 0:
             ratio = size["rms"] / floor.at(str(place))
-        row = {
+        row: dict[str, object] = {
             "verdict": ResidualKind.NOISE,
             "percent": size["percent"],
             "floor ratio": ratio,
@@ -91,14 +117,14 @@ class _Regressions:
             every.append(thinning([seg.s[seg.valid, i] for seg in segments]))
         thin = min(every)
 
-        self.residual = _MotionRegression(residual, chain, thin)
-        self.noise: list[_MotionRegression] = []
+        self.residual = MotionRegression(residual, chain, thin)
+        self.noise: list[MotionRegression] = []
         if floor is not None:
             # the model of the draws may be one of fewer sites
-            made = [_MotionRegression(draw, chain, thin) for draw in floor.draws]
+            made = [MotionRegression(draw, chain, thin) for draw in floor.draws]
             self.noise = floor.motions.setdefault((chain.sites, thin), made)
 
-    def verdict(self, place: str, ratio: float) -> dict[str, Any]:
+    def verdict(self, place: str, ratio: float) -> dict[str, object]:
         """What one balance or storey holds."""
         laws = self.residual.law_groups(place)
         linear, is_linear = self._share(place, _LINEAR, [])
@@ -134,13 +160,13 @@ class _Regressions:
 
         of_noise = 0.0
         if explained:
-            left = max(fit.left(place, beside).sum(), 1e-300)
-            of_noise = max(float(np.mean(explained)), 0.0) / left
+            remaining = max(fit.left(place, beside).sum(), 1e-300)
+            of_noise = max(float(np.mean(explained)), 0.0) / remaining
         least = max(RESIDUAL.alike, RESIDUAL.sure_errors * error)
         return max(share, 0.0), share - of_noise > least
 
 
-class _MotionRegression:
+class MotionRegression:
     """Regression of a residual on drifts, rates, inputs and laws of the own motion."""
 
     def __init__(self, residual: Residual, chain: Chain, every: int) -> None:
@@ -161,8 +187,8 @@ class _MotionRegression:
     def fit(self, place: str) -> Regression:
         """The regression on all records in which a residual is known."""
         known = []
-        for i, left in enumerate(self.residual.at(place)):
-            if np.isfinite(left).all():
+        for i, residual in enumerate(self.residual.at(place)):
+            if np.isfinite(residual).all():
                 known.append(i)
 
         records = tuple(known)
@@ -179,7 +205,7 @@ class _MotionRegression:
         for name in self.residual.sizes.index:
             residual = self.residual.at(name)
             parts = [residual[i][:: self.every] for i in records]
-            if all(np.isfinite(part).all() for part in parts):
+            if all(np.isfinite(line).all() for line in parts):
                 targets[name] = parts
         return targets
 
@@ -200,7 +226,7 @@ class _MotionRegression:
         return groups
 
     def _filtered(
-        self, parts: Iterable[np.ndarray], filters: Sequence[Any]
+        self, parts: Iterable[np.ndarray], filters: Filters
     ) -> list[np.ndarray]:
         """Columns as the residual sees them, thinned."""
         out = []
@@ -216,22 +242,29 @@ class _MotionRegression:
         by the others.
         """
         forced = [j - 1 for j in self.residual.data.forced]
-        names = []
-        for name in segments[0].covariates:
-            shared = all(name in seg.covariates for seg in segments)
-            if shared and name not in ("ag", "vg"):
-                names.append(name)
-        shaken = all(seg.ag is not None for seg in segments)
+        names = _shared_covariates(segments)
+        bases = [seg.ag for seg in segments if seg.ag is not None]
+        shaken = len(bases) == len(segments)
 
         inputs = []
-        for seg in segments:
-            lines: list[Any] = [seg.a[:, forced]]
+        for number, seg in enumerate(segments):
+            lines = [seg.a[:, forced]]
             lines += [seg.covariates[name] for name in names]
             if shaken:
-                lines.append(seg.ag)
+                lines.append(bases[number])
             forces = np.nan_to_num(seg.F[:, forced])
             moving = np.column_stack([*lines, forces])[seg.valid].astype(float)
             slopes = np.gradient(moving[:, len(forced) :], axis=0)
             values = moving[:, : moving.shape[1] - len(forced)]
             inputs.append(np.hstack([values, slopes]))
         return inputs
+
+
+def _shared_covariates(segments: Sequence[Segment]) -> list[str]:
+    """Covariates that all records have, those of the base's motion aside."""
+    names = []
+    for name in segments[0].covariates:
+        shared = all(name in seg.covariates for seg in segments)
+        if shared and name not in ("ag", "vg"):
+            names.append(name)
+    return names

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
+from ...diagnosis.residual import Filters
 from ...records.dataset import Dataset, Segment
+from ...records.zero_phase_filter import ZeroPhaseFilter
+from .noise_floor import SitesAndThinning
 from .settings import RESIDUAL
+
+# Columns of the motion by group, for each record; by the numbers of the records, and
+# by the sites of the chain and the thinning.
+ColumnGroups = dict[str, list[np.ndarray]]
+MotionColumns = dict[SitesAndThinning, dict[tuple[int, ...], ColumnGroups]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,24 +31,24 @@ class DiagnosedData:
         Contiguous parts of the records.
     record : sequence of int
         Number of the record of each piece.
-    filters : sequence
+    filters : sequence of ZeroPhaseFilter or None
         Of each record; the residual passes it.
     known_masses : mapping of int to float
         kg.
-    made : dict
-        Columns that do not depend on the model, for the next one.
+    columns : dict
+        Columns of the motion, which do not depend on the model, for the next one.
     """
 
     records: Dataset
     pieces: Sequence[Segment]
     record: Sequence[int]
-    filters: Sequence[Any]
+    filters: Filters
     known_masses: Mapping[int, float] = field(default_factory=dict)
-    made: dict[Any, Any] = field(default_factory=dict)
+    columns: MotionColumns = field(default_factory=dict)
 
     def cut(
         self, n_samples: int = RESIDUAL.n_samples
-    ) -> tuple[Dataset, list[Any], list[int]]:
+    ) -> tuple[Dataset, list[ZeroPhaseFilter | None], list[int]]:
         """The pieces cut to so many samples in all, their filters and their records.
 
         Pieces much shorter than the longest of a record are left out.

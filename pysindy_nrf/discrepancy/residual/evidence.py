@@ -91,7 +91,7 @@ class Evidence:
         return "\n".join(self.sentences.values())
 
 
-def look(
+def evidence_of(
     data: DiagnosedData,
     model: ChainModel,
     name: str = "model",

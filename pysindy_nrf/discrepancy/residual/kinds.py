@@ -7,7 +7,21 @@ from enum import Enum
 
 
 class ResidualKind(Enum):
-    """What the residual of one balance or storey holds; the values are the words."""
+    """What the residual of one balance or storey holds; the values are the words.
+
+    Attributes
+    ----------
+    NOISE, LINEAR, NONLINEAR
+        Noise alone; an effect that is missing, linear or not.
+    UNMEASURED
+        An unmeasured force, or noise that is not known.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import ResidualKind
+    >>> ResidualKind("noise")
+    <ResidualKind.NOISE: 'noise'>
+    """
 
     NOISE = "noise"
     LINEAR = "linear effect missing"
@@ -16,17 +30,45 @@ class ResidualKind(Enum):
 
 
 class Location(Enum):
-    """What the signs of the balances show."""
+    """What the signs of the balances show.
 
-    # noise or rounding explains all balances
+    Attributes
+    ----------
+    NOTHING
+        Noise or rounding explains all balances.
+    EXPLAINS
+        A force at one site explains most.
+    ONE_BALANCE
+        All sites have one pattern of signs.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import Location
+    >>> Location.NOTHING.value
+    'nothing to locate'
+    """
+
     NOTHING = "nothing to locate"
     EXPLAINS = "explains"
-    # all sites have one pattern of signs
     ONE_BALANCE = "one balance"
 
 
 class Dependence(Enum):
-    """What a missing force depends on; the values name rows of the table of shares."""
+    """What a missing force depends on; the values name rows of the table of shares.
+
+    Attributes
+    ----------
+    CONSTANT, LINEAR, LINE, DRIFT, RATE, COVARIATE, TIME, SURFACE, PATH
+        Simplest first; the path is hysteresis.
+    NOTHING
+        None of them.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import Dependence
+    >>> Dependence("v alone")
+    <Dependence.RATE: 'v alone'>
+    """
 
     CONSTANT = "constant"
     LINEAR = "linear"
@@ -41,7 +83,21 @@ class Dependence(Enum):
 
 
 class Feature(Enum):
-    """Marks of the shape of a missing force."""
+    """Marks of the shape of a missing force.
+
+    Attributes
+    ----------
+    JUMP, KINK
+        Of friction, of a gap or contact.
+    HARDENING, SOFTENING
+        Of a smooth spring.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.discrepancy import Feature
+    >>> Feature.JUMP.value
+    'jump at v = 0'
+    """
 
     JUMP = "jump at v = 0"
     KINK = "kink"

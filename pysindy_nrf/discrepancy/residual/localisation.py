@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -86,10 +85,32 @@ def localise(
     known_masses : iterable of int
         DOFs whose mass is not corrected.
 
+    Returns
+    -------
+    Localisation
+
     Raises
     ------
     ChannelError
         If no balance is known in every record.
+
+    Examples
+    --------
+    Friction of which the model knows nothing:
+
+    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf.diagnosis import residual_of
+    >>> from pysindy_nrf.discrepancy import localise
+    >>> linear = [laws.LinearElastic(4e4), laws.LinearViscous(30.0)]
+    >>> friction = [*linear, laws.CoulombFriction(20.0)]
+    >>> truth = ChainModel([10.0, 8.0], {1: linear, 2: friction})
+    >>> model = ChainModel([10.0, 8.0], {1: linear, 2: linear})
+    >>> F = excitation.band_limited_random(
+    ...     2, 10.0, 500.0, excited=2, rms=60.0, band=(1, 40), random_state=0
+    ... )
+    >>> residual = residual_of(model, simulate(truth, F, 1 / 500))
+    >>> localise(residual).site
+    'storey 2'
     """
     return Localiser(residual, floor, known_masses).localise()
 
@@ -187,8 +208,8 @@ class Localiser:
         if not at_floor:
             least = table["share"].max() - 100 * RESIDUAL.alike
             near = [Site(site) for site in table.index[table["share"] >= least]]
-        own = self._own_shares(near, patterns)
-        table["own"] = [own.get(site, np.nan) for site in patterns]
+        own_shares = self._own_shares(near, patterns)
+        table["own"] = [own_shares.get(site, np.nan) for site in patterns]
         # equal patterns have equal shares; the force's own motion puts them in order
         table = table.sort_values(
             ["share", "own"], ascending=False, kind="stable", na_position="last"
@@ -204,12 +225,12 @@ class Localiser:
 
     def _shares(self, patterns: dict[Site, np.ndarray | None]) -> pd.DataFrame:
         """Share of the residual that a force at each site explains, percent."""
-        before = self.left(None)
+        before = self.remaining(None)
         shares: dict[bytes, np.ndarray] = {}
         for pattern in patterns.values():
             key = _key(pattern)
             if pattern is not None and key not in shares:
-                shares[key] = 100 * np.array(share_of(before, self.left(pattern)))
+                shares[key] = 100 * np.array(share_of(before, self.remaining(pattern)))
 
         unknown = np.full(2, np.nan)
         rows = [shares.get(_key(pattern), unknown) for pattern in patterns.values()]
@@ -223,19 +244,19 @@ class Localiser:
         A force at a DOF from outside is what follows none of the motions and channels
         with its pattern.
         """
-        own = {}
+        shares = {}
         for site in near:
             if site.kind != "dof":
-                own[site] = self.own(site, patterns[site])
+                shares[site] = self.own_share(site, patterns[site])
         for site in near:
             if site.kind == "dof":
                 alike = [0.0]
                 for other in near:
                     same = _key(patterns[other]) == _key(patterns[site])
                     if same and other.kind != "dof":
-                        alike.append(own[other])
-                own[site] = 100.0 - float(np.nanmax(alike))
-        return own
+                        alike.append(shares[other])
+                shares[site] = 100.0 - float(np.nanmax(alike))
+        return shares
 
     def _described(
         self, table: pd.DataFrame, patterns: dict[Site, np.ndarray | None]
@@ -272,7 +293,7 @@ class Localiser:
         expected = float(self.block_sizes.sum()) * of_noise
         if not expected > 0:
             return np.nan
-        beyond = float(self.left(None).sum()) / expected
+        beyond = float(self.remaining(None).sum()) / expected
         return float(np.sqrt(max(beyond + 1.0, 0.0)))
 
     @property
@@ -311,7 +332,7 @@ class Localiser:
         columns = {"baseline": free, "e": np.array([k])}
         return Regression(products[:, : k + 1, : k + 1], columns)
 
-    def left(self, b: np.ndarray | None) -> np.ndarray:
+    def remaining(self, b: np.ndarray | None) -> np.ndarray:
         """Squares left in every block beside a free force, without those of noise."""
         of_noise = float(np.trace(self._form(b) @ self.noise))
         return self.fit(b).left("e", ["baseline"]) - self.block_sizes * of_noise
@@ -319,16 +340,16 @@ class Localiser:
     def _pieces(self, b: np.ndarray | None) -> _Pieces:
         """The pieces into which a free force cuts the chain."""
         ties = self.owners[:, : -2 * self.n_dof]
-        seen = np.ones(len(self.known), dtype=bool)
+        uncut = np.ones(len(self.known), dtype=bool)
         if b is not None and np.count_nonzero(b) == 1:
-            seen = np.equal(b, 0)
+            uncut = np.equal(b, 0)
         elif b is not None:
             ties = np.column_stack([ties, b])
 
-        ties = np.abs(ties) * seen[:, None]
+        ties = np.abs(ties) * uncut[:, None]
         _, labels = connected_components(ties @ ties.T)
-        number = np.where(seen, labels, -1)
-        scaled = np.isin(number, number[self.forced & seen])
+        number = np.where(uncut, labels, -1)
+        scaled = np.isin(number, number[self.forced & uncut])
         return _Pieces(number, scaled)
 
     def _free_masses(self, b: np.ndarray | None) -> np.ndarray:
@@ -357,8 +378,8 @@ class Localiser:
         k = self.n_columns
         fit = self.fit(b)
         correction = np.zeros(k)
-        found = fit.coefficients("e", ["baseline"])["baseline"]
-        correction[fit.at["baseline"]] = found
+        baseline = fit.coefficients("e", ["baseline"])["baseline"]
+        correction[fit.at["baseline"]] = baseline
 
         weights = self.weight @ b / (b @ self.weight @ b)
         owners = self.owners[:, :k]
@@ -391,7 +412,7 @@ class Localiser:
         alone[k - n :] &= ~self.fixed_mass
         return alone
 
-    def own(self, site: Site, b: np.ndarray | None) -> float:
+    def own_share(self, site: Site, b: np.ndarray | None) -> float:
         """Share of the free force that its own motion explains, percent.
 
         Or a delay of its channel.
@@ -402,9 +423,9 @@ class Localiser:
         if not any(f.any() for f in missing.force):
             return np.nan
 
-        own, every = self._own_motion(site)
+        columns, every = self._own_motion(site)
         groups = {
-            "own": own,
+            "own": columns,
             "base": [x[::every] for x in missing.beside],
             "force": [x[::every] for x in missing.force],
         }
@@ -419,9 +440,9 @@ class Localiser:
 
         motions = [seg.motion(site, seg.valid) for seg in segments]
         every = thinning([motion.s for motion in motions])
-        own = own_columns(motions, filters, every)
+        of_laws = own_columns(motions, filters, every)
         columns = []
-        for motion, filter_, nonlinear in zip(motions, filters, own):
+        for motion, filter_, nonlinear in zip(motions, filters, of_laws):
             linear = np.column_stack([motion.s, motion.v])
             linear = filtered(linear, filter_)[::every]
             columns.append(np.hstack([linear, nonlinear]))
@@ -461,7 +482,7 @@ def all_sites(residual: Residual) -> list[Site]:
     are seen in one balance.
     """
     dofs = range(1, residual.n_dof + 1)
-    names: list[Any] = [*residual.model.chain.sites, *dofs]
+    names: list[Site | int | str] = [*residual.model.chain.sites, *dofs]
     for p in dofs:
         names += [f"link {p}-{q}" for q in range(1, p - 1)]
     for place in ("ground ", "dof ", "sensor a"):

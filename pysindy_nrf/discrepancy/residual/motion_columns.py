@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from ...diagnosis.residual import filtered
+from ...diagnosis.period import mean_period
+from ...diagnosis.residual import Filters, filtered
 from ...laws import Jenkins
 from ...laws.shape import Motion
-from ..period import mean_period
 
 # Every k-th sample is enough for the regressions, as long as so many are left in all
 # and in a period.
@@ -41,7 +40,7 @@ def sliders(motion: Motion, scale: float, yields: Sequence[float]) -> np.ndarray
 
 
 def own_columns(
-    motions: Sequence[Motion], filters: Sequence[Any], every: int = 1
+    motions: Sequence[Motion], filters: Filters, every: int = 1
 ) -> list[np.ndarray]:
     """Columns for friction, damping, springs and yielding of a site's own motion."""
     size = rms_of_all([motion.s for motion in motions])

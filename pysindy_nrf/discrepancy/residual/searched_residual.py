@@ -16,12 +16,12 @@ def residual_in(data: DiagnosedData, model: ChainModel) -> Residual:
     """
     pieces, filters, numbers = data.cut()
     if not model.has_memory:
-        return replace(residual_of(model, pieces, filters), columns=data.made)
+        return replace(residual_of(model, pieces, filters), columns=data.columns)
 
-    whole = model.site_forces(data.records)
+    along = model.site_forces(data.records)
     forces = []
     for number, piece in zip(numbers, pieces.segments):
         start = piece.valid.start - data.records.segments[number].valid.start
-        forces.append(whole[number][start : start + piece.n_valid])
+        forces.append(along[number][start : start + piece.n_valid])
     residual = residual_of(model, pieces, filters, forces)
-    return replace(residual, columns=data.made)
+    return replace(residual, columns=data.columns)

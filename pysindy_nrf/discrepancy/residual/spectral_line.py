@@ -21,13 +21,35 @@ END_LINES = 3
 FINE_POINTS = 81
 
 
-def spectral_line(parts: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
+def spectral_line(residuals: Sequence[np.ndarray], motions: Sequence[Motion]) -> float:
     """Frequency of the highest line of a residual that stands out, Hz.
 
     In the longest record. NaN if none does.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray of shape (n_samples,)
+        One for each record.
+    motions : sequence of Motion
+        With their times, s.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.discrepancy import spectral_line
+    >>> from pysindy_nrf.laws import Motion
+    >>> t = np.arange(1000) / 100
+    >>> noise = np.random.default_rng(0).standard_normal(1000)
+    >>> line = np.cos(2 * np.pi * 11.37 * t)
+    >>> round(spectral_line([line + 0.1 * noise], [Motion(t, t, t=t)]), 1)
+    11.4
     """
-    longest = int(np.argmax([len(part) for part in parts]))
-    residual, t = parts[longest], motions[longest].t
+    longest = int(np.argmax([len(residual) for residual in residuals]))
+    residual, t = residuals[longest], motions[longest].t
     n = len(residual)
     windowed = residual * np.hanning(n)
     power = np.abs(np.fft.rfft(windowed)) ** 2

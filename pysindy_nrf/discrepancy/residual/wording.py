@@ -50,11 +50,11 @@ def detection(detection: Detection, effect_follows: bool) -> str:
     explained = table[table["verdict"].isin(by_motion)]
     if not len(explained):
         return text
-    most = explained.loc[explained["nonlinear share"].idxmax()]
+    largest = explained.loc[explained["nonlinear share"].idxmax()]
     return (
-        f"{text} In {_listed([most.name])} drifts, rates and inputs explain"
-        f" {100 * most['linear share']:.0f} % of it linearly, and nonlinear laws of its"
-        f" own motion {100 * most['nonlinear share']:.0f} % of the rest."
+        f"{text} In {_listed([largest.name])} drifts, rates and inputs explain"
+        f" {100 * largest['linear share']:.0f} % of it linearly, and nonlinear laws of"
+        f" its own motion {100 * largest['nonlinear share']:.0f} % of the rest."
     )
 
 
@@ -131,70 +131,70 @@ def _own_motion(site: Site, share: float) -> str:
 # -- characterisation ----------------------------------------------------------
 
 
-def characterisation(found: Characterisation, site: str) -> str:
+def characterisation(kind: Characterisation, site: str) -> str:
     """What the force missing at a site depends on."""
-    sentence = characterised(found)
+    sentence = characterised(kind)
     return f"The force missing at {site} {sentence[0].lower()}{sentence[1:]}"
 
 
-def characterised(found: Characterisation) -> str:
+def characterised(kind: Characterisation) -> str:
     """What a force depends on."""
     noise = ""
-    if found.noise is not None and found.rms > 0:
-        share = min(100.0, 100 * (found.noise / found.rms) ** 2)
+    if kind.noise is not None and kind.rms > 0:
+        share = min(100.0, 100 * (kind.noise / kind.rms) ** 2)
         noise = f", noise is {share:.0f} %"
 
-    if found.dependence == Dependence.NOTHING:
-        most = max(float(found.shares["share"].max()), 0.0)
-        explained = f"(at most {most:.0f} % explained{noise})"
+    if kind.dependence == Dependence.NOTHING:
+        largest = max(float(kind.shares["share"].max()), 0.0)
+        explained = f"(at most {largest:.0f} % explained{noise})"
         return (
             f"Depends on nothing that was tried {explained}: noise, or a force from"
             " outside."
         )
-    chosen = found.shares.loc[found.shares["chosen"], "share"]
+    chosen = kind.shares.loc[kind.shares["chosen"], "share"]
     explained = f"{float(chosen.iloc[0]):.0f} % explained on data left out"
-    return f"{_kind(found)}; {explained}{noise}."
+    return f"{_description(kind)}; {explained}{noise}."
 
 
-def _kind(found: Characterisation) -> str:
+def _description(kind: Characterisation) -> str:
     """What a force depends on and what it is like, without numbers of the fit."""
-    dependence = found.dependence
+    dependence = kind.dependence
     if dependence == Dependence.CONSTANT:
         return "Is constant: an offset or a dead load"
     if dependence == Dependence.LINEAR:
         return "Is linear in s, v and a: a wrong stiffness, damping or mass"
     if dependence == Dependence.LINE:
-        frequency = f"{found.frequency:.4g} Hz"
+        frequency = f"{kind.frequency:.4g} Hz"
         return f"Is a spectral line at {frequency}: an unmeasured harmonic force"
     if dependence == Dependence.COVARIATE:
-        return f"Is modulated by {found.covariate}"
+        return f"Is modulated by {kind.covariate}"
     if dependence == Dependence.TIME:
         return "Changes in time: a drift or step of stiffness, damping or friction"
-    return _function_of_motion(found)
+    return _function_of_motion(kind)
 
 
-def _function_of_motion(found: Characterisation) -> str:
+def _function_of_motion(kind: Characterisation) -> str:
     """A force that depends on the drift, the rate, both, or the path."""
-    parity = _parity(found.odd)
-    if found.dependence == Dependence.RATE:
+    parity = _parity(kind.odd)
+    if kind.dependence == Dependence.RATE:
         start = f"Depends on v alone, {parity}"
-        if Feature.JUMP in found.features:
+        if Feature.JUMP in kind.features:
             return f"{start}, with a jump at v = 0: friction-like"
         return f"{start}, smooth: nonlinear damping"
 
-    if found.dependence == Dependence.DRIFT:
+    if kind.dependence == Dependence.DRIFT:
         start = f"Depends on s alone, {parity}"
-        if Feature.KINK in found.features:
+        if Feature.KINK in kind.features:
             sided = "contact on one side"
             if parity in ("odd", "even"):
                 sided = "gap- or contact-like"
             return f"{start}, with a kink: {sided}"
-        marks = ", ".join(mark.value for mark in found.features)
+        marks = ", ".join(mark.value for mark in kind.features)
         return f"{start}, smooth{f' ({marks})' if marks else ''}: a nonlinear spring"
 
-    if found.dependence == Dependence.PATH:
+    if kind.dependence == Dependence.PATH:
         return (
-            f"Depends on the path (memory adds {found.memory:.0f} points to any"
+            f"Depends on the path (memory adds {kind.memory:.0f} points to any"
             f" function of s and v), {parity}: hysteresis-like"
         )
     return f"Depends on s and v, {parity}, smooth: a force on the surface R(s, v)"

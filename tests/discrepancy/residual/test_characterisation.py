@@ -5,9 +5,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf.discrepancy.residual import Dependence, Feature, characterise
-from pysindy_nrf.discrepancy.residual.characterisation import conditional_mean
-from pysindy_nrf.discrepancy.residual.spectral_line import spectral_line
+from pysindy_nrf.discrepancy import Dependence, Feature, characterise, spectral_line
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.records import ZeroPhaseFilter
@@ -143,16 +141,16 @@ def test_columns_of_the_baseline_are_allowed_for():
 
 
 def test_several_records_are_read_together():
-    left, half = left_of(np.sign(V), 0.02), len(T) // 2
+    force, half = left_of(np.sign(V), 0.02), len(T) // 2
     forces, motions = [], []
-    for part in (slice(0, half), slice(half, None)):
-        forces.append(left[part])
-        motions.append(Motion(S[part], V[part], A[part], T[part] - T[part][0]))
+    for rows in (slice(0, half), slice(half, None)):
+        forces.append(force[rows])
+        motions.append(Motion(S[rows], V[rows], A[rows], T[rows] - T[rows][0]))
     assert characterise(forces, motions).dependence == Dependence.RATE
 
 
-def test_means_of_a_force_follow_another_signal():
-    curve = conditional_mean(V, 5 * np.sign(V), bins=20)
+def test_means_of_a_force_follow_the_rate():
+    curve = characterise([5 * np.sign(V)], [MOTION]).curves["v"]
     assert curve["count"].sum() == len(V)
     assert np.allclose(curve["mean"].iloc[[0, -1]], [-5, 5])
 
@@ -174,17 +172,6 @@ def test_a_force_linear_in_the_motion_is_no_spectral_line():
     found = characterise([3.0 * s + 0.5 * v], [Motion(s, v, t=t)])
     assert found.dependence == Dependence.LINEAR
     assert "wrong stiffness, damping or mass" in found.sentence
-
-
-def test_display_draws_shares_and_the_force_against_the_rate():
-    from pysindy_nrf.report.figures.evidence import dependence_figures
-
-    found = characterise([left_of(np.sign(V), 0.0)], [Motion(S, V, A, T)])
-    bars, drift, rate = dependence_figures(found)
-    assert (drift.x.label, drift.x.unit) == ("drift s", "m")
-    assert (rate.x.label, rate.x.unit) == ("rate v", "m/s")
-    assert list(bars.marks[0].values) == list(found.shares["share"].clip(lower=0))
-    assert list(rate.marks[0].y) == list(found.curves["v"]["mean"])
 
 
 # -- spectral lines ------------------------------------------------------------

@@ -4,23 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loop_parts import search_data
+from loop_parts import contradictions_in, evidence_in, noise_levels, search_data
 from report_cases import cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
 from pysindy_nrf.diagnosis import residual_of
-from pysindy_nrf.discrepancy.contradictions import contradictions
-from pysindy_nrf.discrepancy.prepare import prepare
-from pysindy_nrf.discrepancy.residual import (
+from pysindy_nrf.discrepancy import (
     Dependence,
-    Evidence,
     Feature,
     NoiseFloor,
     ResidualKind,
     detect,
-    look,
 )
-from pysindy_nrf.records.fusion.noise_levels import levels_of
 
 pytestmark = pytest.mark.slow
 
@@ -87,13 +82,13 @@ def spoilt():
 def test_channels_are_compared_on_rows_of_the_search(spoilt):
     rec, data, wrong = spoilt
     assert 0.6 < data.searched_rows(0).mean() < 0.9
-    assert contradictions(replace(prepare(rec), records=[wrong]), data) == []
+    assert contradictions_in(wrong, fused_as=rec, data=data) == []
 
 
 def test_noise_is_sized_on_rows_of_the_search(spoilt):
     rec, data, wrong = spoilt
-    searched = data.searched_rows(0)
-    assert levels_of(wrong, {}, searched) == levels_of(rec, {}, searched)
+    rows = data.searched_rows(0)
+    assert noise_levels(wrong, rows) == noise_levels(rec, rows)
 
 
 def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
@@ -104,7 +99,7 @@ def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
     F = excitation.band_limited_random(
         2, 6.0, 500.0, excited=2, rms=60.0, band=(0.5, 25), random_state=0
     )
-    found = look(search_data(simulate(truth, F, 2e-3)).diagnosed(), truth)
+    found = evidence_in(search_data(simulate(truth, F, 2e-3)), truth)
     assert found.sizes["percent"].max() < 1.0
 
 
@@ -120,7 +115,8 @@ def test_a_sensor_that_the_signs_do_not_show_can_be_chosen():
 
 
 def test_a_question_without_an_answer_says_why():
-    sentence = Evidence("baseline").sentences["detection"]
+    first = replace(loop_report(cubic).evidence[0], detection=None)
+    sentence = first.sentences["detection"]
     assert sentence.startswith("Detection is not possible because")
 
 

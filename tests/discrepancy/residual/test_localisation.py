@@ -9,8 +9,7 @@ from chains import band_limited, duffing, floor_of_noise, integrate, parameters
 
 from pysindy_nrf import NRFRegressor, Record, Site
 from pysindy_nrf.diagnosis import residual_of
-from pysindy_nrf.discrepancy.residual import Location
-from pysindy_nrf.discrepancy.residual.localisation import localise
+from pysindy_nrf.discrepancy import Location, localise
 from pysindy_nrf.records import from_arrays
 
 pytestmark = pytest.mark.slow
@@ -156,13 +155,3 @@ def test_where_nothing_is_missing_no_site_is_named(noise):
     left = left_of(None, "complete", noise=noise)
     found = localise(left.residual, left.floor)
     assert found.verdict == Location.NOTHING and found.site == ""
-
-
-def test_bars_show_the_best_site_on_top():
-    from pysindy_nrf.report.figures.evidence import localisation_figure
-
-    table = localise(left_of("storey 3", "complete").residual).table
-    figure = localisation_figure(table)
-    first = figure.y.ticks[0]
-    assert first.startswith("storey 3") and first.endswith("(-2, +3)")
-    assert figure.marks[0].values.iloc[0] == pytest.approx(100, abs=0.1)

@@ -10,12 +10,12 @@ PERIOD_AT_REST = 16.0
 LOWEST_FREQUENCY = 1e-6
 
 
-def mean_period(parts: Sequence[np.ndarray]) -> float:
-    """Samples of a period at the rms frequency of a signal."""
+def mean_period(signals: Sequence[np.ndarray]) -> float:
+    """Samples of a period at the rms frequency of a signal in stretches."""
     rate, size = 0.0, 0.0
-    for part in parts:
-        rate += float(np.sum(np.diff(part) ** 2))
-        size += float(np.sum((part - part.mean()) ** 2))
+    for signal in signals:
+        rate += float(np.sum(np.diff(signal) ** 2))
+        size += float(np.sum((signal - signal.mean()) ** 2))
 
     if not size > 0:
         return PERIOD_AT_REST

@@ -8,7 +8,7 @@ import warnings
 
 import numpy as np
 
-from pysindy_nrf import Chain, NRFRegressor, Record, Site
+from pysindy_nrf import Chain, NRFRegressor, Record, Site, laws
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
 from pysindy_nrf.discrepancy.prepare import prepare
 
@@ -229,6 +229,16 @@ def baseline(case: Case) -> NRFRegressor:
     return NRFRegressor(degree=case.degree, known_masses=known)
 
 
+def catalogue_of(case: Case) -> list | None:
+    """What a search of a case may try; a constant force only where there is one."""
+    if case.group == "withheld":
+        return withheld(case)
+    if any(effect.kind == "constant" for effect in case.effects):
+        covariates = ("ag", "vg") if case.base else ()
+        return [*default_catalogue(covariates), laws.ConstantForce()]
+    return None
+
+
 def withheld(case: Case) -> list:
     """The catalogue without the families of the case's effects."""
     gone = {FAMILY[e.kind] for e in case.effects}
@@ -310,7 +320,7 @@ def run_case(case: Case) -> dict:
             report = close_loop(
                 seen,
                 baseline(case),
-                withheld(case) if case.group == "withheld" else None,
+                catalogue_of(case),
                 heldout=unseen,
             )
         except Exception as error:  # a crash is a failure of the case, shown in its row

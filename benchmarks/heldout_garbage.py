@@ -41,7 +41,7 @@ FOUND = (
     "tied",
     "parameters",
     "intervals",
-    "gain",
+    "reduction",
     "reduction_error",
     "reduction_least",
     "share",

@@ -12,7 +12,7 @@ import search_path
 import numpy as np
 from harness import quietly
 
-from pysindy_nrf import Chain, NRFRegressor, Record, Site, close_loop
+from pysindy_nrf import Chain, NRFRegressor, Record, Site, close_loop, laws
 from pysindy_nrf.discrepancy.catalogue import default_catalogue
 from pysindy_nrf.discrepancy.prepare import prepare
 
@@ -83,13 +83,18 @@ def baseline(case: Case) -> NRFRegressor:
 
 
 def catalogue(case: Case) -> list | None:
-    """Laws to search: all, or those without the families of the case's effects."""
+    """Laws to search: all, or those without the families of the case's effects.
+
+    A constant force is searched for only where there is one.
+    """
+    covariates = ("ag", "vg") if case.base else ()
+    if any(effect.kind == "constant" for effect in case.effects):
+        return [*default_catalogue(covariates), laws.ConstantForce()]
     if case.group != "withheld":
         return None
     gone = {FAMILY[effect.kind] for effect in case.effects}
     if gone & ONE_CLASS:
         gone |= ONE_CLASS
-    covariates = ("ag", "vg") if case.base else ()
     return [law for law in default_catalogue(covariates) if law.family not in gone]
 
 

@@ -145,7 +145,8 @@ def residual_of(
     for segment, band, site_forces in zip(data.segments, filters, forces, strict=True):
         inertia = segment.a[segment.valid].astype(float) * model.masses
         force = segment.F[segment.valid].astype(float)
-        residual = force - inertia - site_forces @ incidence.T
+        driving = segment.driving_force[segment.valid].astype(float)
+        residual = driving - inertia - site_forces @ incidence.T
         residuals.append(filtered(residual, band))
         inertias.append(filtered(inertia, band))
         applied.append(filtered(force, band))

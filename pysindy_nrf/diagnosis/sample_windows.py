@@ -117,7 +117,7 @@ def windows(layout: LawLayout, data: Dataset, band: Band) -> Iterator[Window]:
         spans = _spans(segment.n_valid, size, every_window, n_passed)
         n_passed += len(spans)
         source = _Source(segment, layout, scales)
-        if band is None:
+        if band_filter is None:
             parts = source.raw_parts(spans, size)
         else:
             parts = source.filtered_parts(spans, band_filter)
@@ -154,6 +154,15 @@ def _spans(n_rows: int, size: int, every_window: int, n_passed: int) -> list[_Sp
     return spans
 
 
+def _filtered(probes: np.ndarray, band_filter: ZeroPhaseFilter) -> np.ndarray:
+    """Probe regressors of one site behind a filter."""
+    filtered = band_filter.apply(probes.T).T
+    if band_filter.sos is None:
+        # a constant stays: functions of a force without its mean have means
+        filtered[-LASTING:] = probes[-LASTING:]
+    return filtered
+
+
 _Part = tuple[Block, dict[Site, np.ndarray]]
 
 
@@ -174,7 +183,7 @@ class _Source:
         all_rows = _Span(slice(0, self.segment.n_valid), used=True)
         probes = list(self._probes(self.segment, all_rows))
         if band_filter is not None:
-            probes = [band_filter.apply(columns.T).T for columns in probes]
+            probes = [_filtered(columns, band_filter) for columns in probes]
 
         for span in spans:
             if span.used:

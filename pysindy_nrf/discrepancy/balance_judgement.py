@@ -129,7 +129,7 @@ class BalanceJudge:
         claims = not no_claim
         remainder = self._remainder(judged[final].model, drafts, claims)
         judgement = Judgement(
-            _finished(drafts, remainder),
+            _finished(drafts, remainder, self._has_filtered_channel()),
             judged,
             final,
             [*stopped, *self._remarks(remainder, claims)],
@@ -176,6 +176,11 @@ class BalanceJudge:
         general = general_reductions(on_excerpts, state, outcome.search.errors, asked)
         return Remainder(certainty, general, noise)
 
+    def _has_filtered_channel(self) -> bool:
+        """Whether a channel has passed a high-pass filter, which relaxes as laws do."""
+        notes = self.outcome.measured.data.quality
+        return any(note.kind == "corner" for note in notes)
+
     def _remarks(self, remainder: Remainder, claims: bool) -> list[str]:
         """What else a reader should know of the records and the model."""
         remarks = []
@@ -187,12 +192,19 @@ class BalanceJudge:
         return remarks
 
 
-def _finished(drafts: Sequence[StepDraft], remainder: Remainder) -> list[Step]:
-    """The steps with the certainty of their names; none is sure where a law lacks."""
+def _finished(
+    drafts: Sequence[StepDraft], remainder: Remainder, filtered: bool
+) -> list[Step]:
+    """The steps with the certainty of their names.
+
+    None is sure where a law lacks, nor one with memory beside a filtered channel.
+    """
     lacking = [general.site for general in remainder.lacking]
     steps = []
     for draft, certainty in zip(drafts, remainder.certainty.effects):
-        sure = certainty.sure and not lacks_a_law(draft.effect.site, lacking)
+        relaxes = filtered and draft.effect.law.has_memory
+        lacks = lacks_a_law(draft.effect.site, lacking)
+        sure = certainty.sure and not lacks and not relaxes
         steps.append(draft.finished(certainty.company, certainty.remainder, sure))
     return steps
 

@@ -23,7 +23,7 @@ from .effects import SearchState
 from .excerpts import excerpts
 from .fitted_model import FittedModel, fit_model
 from .folds import window_length
-from .prepare import PreparedRecords, prepare
+from .prepare import PreparedRecords, prepare, with_corrected_channels
 from .report import LoopReport
 from .search_data import SearchData
 from .spectra import BalanceSpectra
@@ -86,7 +86,8 @@ class BalanceLoop(
 
     def prepare(self) -> PreparedRecords:
         """Fuse the channels of every record to one motion."""
-        return prepare(self.request.records, self.request.heldout)
+        prepared = prepare(self.request.records, self.request.heldout)
+        return with_corrected_channels(prepared, self.request.problem)
 
     def split(self, records: PreparedRecords) -> SplitRecords:
         """Cut the records into folds, and put held-out pieces aside."""

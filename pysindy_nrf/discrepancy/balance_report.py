@@ -9,6 +9,7 @@ from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
 from ..diagnosis.facts import Alternative
+from ..diagnosis.offsets import with_offsets
 from ..diagnosis.residual import residual_of
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.unseen_drifts import unseen_drifts
@@ -36,7 +37,7 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
     remainder = concluded.remainder
     final = judgement.final_model.model
     noise = [recipe.noise for recipe in outcome.records.fusion]
-    pieces, filters, _ = final.spectra.data.diagnosed().cut()
+    pieces, filters, _ = final.data_with_offsets.diagnosed().cut()
 
     report = report_of(request, judgement, request.calibration, _visited(final))
     report = replace(
@@ -45,12 +46,12 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         measured=measured_records(outcome.records.records, noise, len(request.heldout)),
         loops=loops_of(report.model, pieces, filters),
         lack_of_fit=lack_of_fit(remainder.general),
-        free_runs=free_runs(report.model, _starts(outcome.measured)),
+        free_runs=free_runs(report.model, _starts(outcome.measured, final)),
         beyond_noise=remainder.certainty.beyond_noise,
         alternatives=_alternatives(request, outcome, report),
         unseen_drifts=unseen_drifts(outcome.measured.data),
         faults=suspect_channels(request.all_records),
-        quality=_quality(outcome),
+        quality=_quality(outcome, final),
     )
     return _with_wiring(report, request)
 
@@ -102,25 +103,29 @@ def _evidence(
     chosen = [step.site for step in judgement.steps]
     evidence = []
     for judged, model, site in zip(judgement.judged, models, [*chosen, ""]):
-        data = judged.model.spectra.data.diagnosed()
+        data = judged.model.data_with_offsets.diagnosed()
         evidence.append(evidence_of(data, model, judged.name, site, floor))
     return evidence
 
 
-def _starts(records: PreparedRecords) -> Dataset:
+def _starts(records: PreparedRecords, final: FittedModel) -> Dataset:
     """The starts of all records, which the final model runs alone."""
+    data = with_offsets(records.data, final.offsets)
     limit = FREE_RUN.searches_from_start * EXCERPTS.n_samples
     segments = []
-    for segment in records.data.segments:
+    for segment in data.segments:
         stop = min(segment.valid.stop, segment.valid.start + limit)
         rows = slice(segment.valid.start, stop)
         segments.append(replace(segment, valid=rows))
-    return Dataset(segments, records.data.n_samples)
+    return Dataset(segments, data.n_samples)
 
 
-def _quality(outcome: BalanceOutcome) -> tuple[QualityNote, ...]:
+def _quality(outcome: BalanceOutcome, final: FittedModel) -> tuple[QualityNote, ...]:
     """What is known of the quality of the records."""
-    notes = list(outcome.measured.data.quality)
+    data = outcome.measured.data
+    notes = list(data.quality)
+    for of_record in final.offsets.notes([segment.name for segment in data.segments]):
+        notes += of_record
     for contradiction in outcome.contradictions:
         kind: Kind = "delay"
         size = -contradiction.share

@@ -91,12 +91,16 @@ class _Source:
         self.rng = rng
         self.fusion = [records.fusion[i] for i in self.data.searched]
         self.templates = []
+        segments = model.data_with_offsets.data.segments
         for i in self.data.searched:
             record = records.records[i]
             searched = self.data.searched_rows(i)
             noise = levels_of(record, records.fusion[i].noise, searched)
             quiet = quiet_drive(record, noise)
-            segment = self.data.data.segments[i]
+            if segments[i].offsets is not None:
+                # the drawn records have no wrong zeros
+                quiet = quiet.replace(force=quiet.force - segments[i].offsets)
+            segment = replace(segments[i], offsets=None)
             self.templates.append(_Template(record, quiet, segment, noise))
 
     def draw(self, model: ChainModel) -> SimulatedRecords | None:

@@ -31,6 +31,9 @@ _LAWS_OF_COVARIATES: list[Callable[..., ForceLaw]] = [
 def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
     """All laws of the package that can be an undeclared effect.
 
+    A constant force is none: it is the unknown zero of a sensor, or a dead load, and a
+    search takes it out. Add :class:`~pysindy_nrf.laws.ConstantForce` to look for one.
+
     Parameters
     ----------
     covariates : sequence of str
@@ -82,7 +85,6 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.DampingDrift(),
         laws.Inerter(),
         laws.HarmonicForce(),
-        laws.ConstantForce(),
         laws.AddedMass(),
         laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
         laws.LinkSpringDashpot(),

@@ -12,6 +12,7 @@ from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.structure import Chain
+from ..diagnosis.offsets import Offsets, offsets_of, with_offsets
 from ..equations.chain_solve import Solution, model_of
 from ..equations.many_solves import CompiledChainSolve
 from ..equations.normal_equations import leave_one_out
@@ -19,6 +20,7 @@ from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
 from .error_reduction import REDUCTION, ErrorReduction, Powers, residual_share
+from .search_data import SearchData
 from .spectra import BalanceSpectra
 
 LawsBySite = Mapping[Site, Sequence[ForceLaw]]
@@ -182,6 +184,28 @@ class FittedModel:
         values = self.coefficients[0] if coefficients is None else coefficients
         by_site = {site: values[rows] for site, rows in self.layout.slices.items()}
         return Solution(dict(enumerate(masses.tolist(), 1)), by_site)
+
+    @cached_property
+    def offsets(self) -> Offsets:
+        """Constants that the model leaves in the equations of motion.
+
+        Of a record that is searched on the samples of the search, of any other on all:
+        the zeros of sensors differ from test to test.
+        """
+        data = self.spectra.data
+        pieces = data.pieces()
+        for i, segment in enumerate(data.data.segments):
+            if i not in data.searched:
+                pieces.append((i, segment))
+        return offsets_of(self.chain_model(), data.data, pieces)
+
+    @cached_property
+    def data_with_offsets(self) -> SearchData:
+        """The records with the constants that the model leaves as known offsets."""
+        data = self.spectra.data
+        if not self.offsets:
+            return data
+        return data.with_data(with_offsets(data.data, self.offsets))
 
     @property
     def errors_within(self) -> np.ndarray:

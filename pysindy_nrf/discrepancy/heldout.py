@@ -83,9 +83,9 @@ class HeldoutJudge:
         reference = model.spectra.bands.clear_power(model.powers.reference)
         errors["held-out"] = heldout.error(powers, reference)
 
-        data = model.spectra.data
+        records = model.data_with_offsets.data
         blocks = self._blocks(model.spectra)
-        errors["free run"] = free_run_error(model.chain_model(), data.data, blocks)
+        errors["free run"] = free_run_error(model.chain_model(), records, blocks)
 
         there = heldout.bands.clear_power(powers.reference) / heldout.windows.size
         usual = reference / model.spectra.windows.size

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..diagnosis.motions import covariates_with_base
 from ..exceptions import ChannelError
+from ..identification.displacement_drifts import without_drifts
+from ..identification.force_corners import without_force_corners
+from ..identification.problem import Problem, flexible_laws
+from ..records.checks.corners import without_corners
 from ..records.dataset import Dataset
 from ..records.fusion.kinematic_smoother import KinematicSmoother
 from ..records.fusion.kinematics import FusedRecord, fuse_record
@@ -59,7 +63,8 @@ class PreparedRecords:
     Attributes
     ----------
     records : list of Record
-        As measured; those held out whole stand last.
+        As measured, accelerations before the high-pass filters that were found; those
+        held out whole stand last.
     data : Dataset
         The fused motion; that of the base is among the covariates as ``ag``, ``vg``.
     fusion : list of FusionRecipe
@@ -101,13 +106,16 @@ def prepare(
     every = [_without_offset(rec) for rec in (*searched, *not_searched)]
     _require_one_chain(every)
 
-    segments, fusion = [], []
+    segments, fusion, as_used = [], [], []
     clean, n_rows = True, 0
     for number, record in enumerate(every):
         wanted = None if like is None else like[number]
         fused, recipe = _fused(record, wanted)
+        record = without_corners(record, fused.notes)
+        as_used.append(record)
         if _is_clean(record, recipe.noise):
-            fused = fuse_record(record, False, check=False)
+            notes = fused.notes
+            fused = replace(fuse_record(record, False, check=False), notes=notes)
         else:
             clean = False
 
@@ -116,7 +124,31 @@ def prepare(
         fusion.append(recipe)
 
     numbers = list(range(len(searched), len(every))) if not_searched else None
-    return PreparedRecords(every, Dataset(segments, n_rows), fusion, numbers, clean)
+    return PreparedRecords(as_used, Dataset(segments, n_rows), fusion, numbers, clean)
+
+
+def with_corrected_channels(
+    prepared: PreparedRecords, problem: Problem
+) -> PreparedRecords:
+    """The records with forces before their high-pass filters, and without slow drifts.
+
+    Asked beside general laws, so that a law that is missing is neither.
+    """
+    drifts = {}
+    for site in problem.chain.sites:
+        sizes = [seg.motion(site, seg.valid).s.std() for seg in prepared.data.segments]
+        drifts[site] = float(max(sizes))
+    general = problem.with_laws(flexible_laws(problem, drifts))
+
+    data = replace(prepared.data, records=tuple(prepared.records))
+    corrected = without_drifts(general, without_force_corners(general, data))
+    if corrected is data:
+        return prepared
+    return replace(
+        prepared,
+        records=list(corrected.records),
+        data=replace(corrected, records=()),
+    )
 
 
 def as_records(records: object, name: str) -> list[Record]:

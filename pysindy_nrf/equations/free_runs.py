@@ -50,7 +50,7 @@ def free_run_of(
     covariates = {name: line[chosen] for name, line in segment.covariates.items()}
     return integrator(
         model,
-        segment.F[chosen],
+        segment.driving_force[chosen],
         segment.step if dt is None else dt,
         x0=x0,
         v0=v0,

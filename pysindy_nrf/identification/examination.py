@@ -69,9 +69,11 @@ class Examination:
 
     @property
     def channels(self) -> list[str]:
-        """What is known of the channels, in sentences."""
+        """What is known of the channels, in sentences; without known offsets."""
         sentences = []
         for note in self.quality:
+            if note.kind == "offset":
+                continue
             where = f"Record {note.record!r}: " if self.n_records > 1 else ""
             sentences.append(where + note.message)
         return list(dict.fromkeys(sentences))

@@ -34,8 +34,9 @@ from .constraints import constrained
 from .examination import Finding, examined
 from .intervals import Resolver, least_squares_resolver
 from .joint_intervals import least_squares_biases
+from .offsets import least_squares_beside_offsets
 from .output_error import refine
-from .problem import Estimate, Problem, least_squares
+from .problem import Estimate, Problem
 from .result import IdentificationResult
 
 # What data may provide and methods may require, in the words of messages.
@@ -106,7 +107,8 @@ class LeastSquares(IdentificationMethod[Dataset]):
 
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
-        return examined_result(self.finding(least_squares(problem, data), data))
+        estimate, data = least_squares_beside_offsets(problem, data)
+        return examined_result(self.finding(estimate, data))
 
     def finding(self, estimate: Estimate, data: Dataset) -> Finding:
         """A least-squares estimate as what was found."""
@@ -131,7 +133,7 @@ class InstrumentalVariables(IdentificationMethod[Dataset]):
 
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
-        start = least_squares(problem, data)
+        start, data = least_squares_beside_offsets(problem, data)
         finding = self.refined(problem, start, data)
         _warn_of_doubts(finding)
         return examined_result(finding)
@@ -184,7 +186,7 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
 
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
-        start = least_squares(problem, data)
+        start, data = least_squares_beside_offsets(problem, data)
         if not _noise_matters(start, data):
             return examined_result(LeastSquares(self.asked).finding(start, data))
 

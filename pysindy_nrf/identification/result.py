@@ -176,7 +176,7 @@ class IdentificationResult:
         data = self.require_data("Fit again to see what the balances leave.")
         left_hand_sides = self.model.balance_forces(data)
         return [
-            segment.F[segment.valid] - force
+            segment.driving_force[segment.valid] - force
             for segment, force in zip(data.segments, left_hand_sides)
         ]
 

@@ -211,7 +211,8 @@ class ShapeDerivatives:
             coefficients[site] = values[: counts[site]]
         laws = dict(self.problem.laws)
         laws |= self.search.trial(self.u + self.steps(solution)).laws
-        masses = [solution.masses[j] for j in range(1, self.problem.chain.n_dof + 1)]
+        dofs = range(1, self.problem.chain.n_dof + 1)
+        masses = np.array([solution.masses[j] for j in dofs], dtype=float)
         valued = with_coefficients(laws, coefficients)
         return ChainModel(masses, valued, self.problem.chain)
 

@@ -82,7 +82,12 @@ class Shot:
             rows = segment.valid
             ag = None if segment.ag is None else segment.ag[rows]
             exact = linear_run(
-                matrices, segment.F[rows], segment.step, state, ag, self.hold
+                matrices,
+                segment.driving_force[rows],
+                segment.step,
+                state,
+                ag,
+                self.hold,
             )
             if exact is not None:
                 return dict(zip("xva", exact))

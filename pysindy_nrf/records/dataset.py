@@ -61,6 +61,9 @@ class Segment:
         Band of motion and forces, Hz, where a filter was applied.
     weights : ndarray of shape (n_samples,), optional
         Weights of the samples in least squares.
+    offsets : ndarray of shape (n_dof,), optional
+        Force, N, by which wrong zeros of sensors offset each equation of motion. The
+        means of its columns are then left out of all fits.
     noise : dict of str to float
         Noise of the measured motion channels, SI rms, where it is known.
     quality : tuple of QualityNote
@@ -82,6 +85,7 @@ class Segment:
     resolved: float | None = None
     band: tuple[float | None, float | None] | None = None
     weights: np.ndarray | None = None
+    offsets: np.ndarray | None = None
     noise: dict[str, float] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()
     known_extent: InitVar[Extent | None] = None
@@ -137,6 +141,14 @@ class Segment:
         n = self.n_dof
         dofs = range(1, n + 1)
         return tuple(j for j in dofs if self.extent.moves(3 * n + j - 1))
+
+    @property
+    def driving_force(self) -> np.ndarray:
+        """Forces, N, that drive the motion about the zeros at which its sensors read.
+
+        They are F less the offsets.
+        """
+        return self.F if self.offsets is None else self.F - self.offsets
 
     @property
     def base_moves(self) -> bool:

@@ -27,6 +27,7 @@ from .channels import (
     rows_text,
     sample_weights,
 )
+from .checks.corners import without_corners
 from .checks.motion_checks import motion_notes
 from .dataset import Dataset, Segment, feature_names
 from .extent import Extent
@@ -220,7 +221,7 @@ def _from_records(
 
     fusions, fuse_apart = _fusions_of(records, settings)
     n_dof = settings.n_dof or records[0].n_dof
-    segments = []
+    segments, as_used = [], []
     first_row = 0
     for record, fusion in zip(records, fusions, strict=True):
         if record.n_dof != n_dof:
@@ -232,11 +233,13 @@ def _from_records(
         if settings.fuse:
             fused = fuse_record(timed, fusion, settings.check)
             segments.append(segment_of(timed, fused, first_row))
+            record = without_corners(record, fused.notes)
         else:
             segments.append(_unfused(timed, first_row))
         first_row += record.n_samples
+        as_used.append(record)
 
-    return Dataset(tuple(segments), first_row, tuple(records), fuse_apart)
+    return Dataset(tuple(segments), first_row, tuple(as_used), fuse_apart)
 
 
 def _unfused(record: Record, first_row: int) -> Segment:

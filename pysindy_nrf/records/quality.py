@@ -8,6 +8,7 @@ from typing import Literal
 Kind = Literal[
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
+    "corner",  # of a first-order high-pass filter that it has passed, Hz
     "copied",  # the same as another channel
     "dead",  # does not move; share of the samples
     "delay",  # lags behind another channel, s
@@ -21,7 +22,7 @@ Kind = Literal[
     "incoherent",  # follows no other channel; the largest coherence
     "interpolated",  # made up between samples of a slower clock; share of the samples
     "noise",  # rms of its noise, in the channel's SI unit
-    "offset",  # its zero, in the channel's SI unit
+    "offset",  # its zero, in the channel's SI unit; of an equation of motion, N
     "quantised",  # moves in coarse steps
     "sign",  # points the other way; -1
     "spikes",  # samples that stand out; share of the samples
@@ -43,7 +44,8 @@ class QualityNote:
         The same in a sentence, for the user. Notes on several faults of one channel may
         share theirs.
     channel : str
-        Such as ``"a2"``; empty for the record as a whole.
+        Such as ``"a2"``, or ``"dof 2"`` for an equation of motion; empty for the record
+        as a whole.
     record : str
         Name of the record.
     size : float

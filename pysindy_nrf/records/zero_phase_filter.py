@@ -49,6 +49,8 @@ class ZeroPhaseFilter:
         Sampling rate, Hz.
     order : int
         Order of the filter; it acts twice.
+    centred : bool
+        Whether the mean of every column is taken out, too.
 
     Attributes
     ----------
@@ -78,9 +80,12 @@ class ZeroPhaseFilter:
     True
     """
 
-    def __init__(self, band: Band, fs: float, order: int = 4) -> None:
+    def __init__(
+        self, band: Band, fs: float, order: int = 4, centred: bool = False
+    ) -> None:
         self.fs = float(fs)
         self.order = order
+        self.centred = centred
         self.band = check_band(band, self.fs)
         is_integer = isinstance(order, (int, np.integer)) and not isinstance(
             order, bool
@@ -110,6 +115,8 @@ class ZeroPhaseFilter:
             If a column holds NaN or infinite samples besides.
         """
         array = np.asarray(columns, dtype=float)
+        if self.centred:
+            array = array - array.mean(axis=0)
         if self.sos is None or array.shape[0] < 2:
             return array.copy()
         matrix = array[:, None] if array.ndim == 1 else array
@@ -245,10 +252,19 @@ def _edge(sos: np.ndarray) -> int:
 
 
 def filters_of(band: Band, data: Dataset) -> list[ZeroPhaseFilter | None]:
-    """The filter of each record of a data set, or None for each."""
-    if band is None:
-        return [None] * len(data.segments)
-    return [_filter_of(band, segment) for segment in data.segments]
+    """The filter of each record of a data set, or None for each without a band.
+
+    Records with unknown zeros are freed of their means.
+    """
+    filters: list[ZeroPhaseFilter | None] = []
+    for segment in data.segments:
+        if band is not None:
+            filters.append(_filter_of(band, segment))
+        elif segment.offsets is not None:
+            filters.append(ZeroPhaseFilter(None, 1.0, centred=True))
+        else:
+            filters.append(None)
+    return filters
 
 
 def _filter_of(band: Band, segment: Segment) -> ZeroPhaseFilter:
@@ -266,7 +282,8 @@ def _filter_of(band: Band, segment: Segment) -> ZeroPhaseFilter:
             f"band= needs an even clock; the step changes after row {row}",
             "Split the record at gaps, or resample it.",
         )
-    return ZeroPhaseFilter(band, 1.0 / segment.dt)
+    centred = segment.offsets is not None
+    return ZeroPhaseFilter(band, 1.0 / segment.dt, centred=centred)
 
 
 # Noise of an integrated acceleration that may remain in a displacement, as a share of

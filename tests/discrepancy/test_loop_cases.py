@@ -177,10 +177,10 @@ def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain():
     acceleration = record.acceleration * [1.0, 1.0, 1.15]
     found = confirmed(loop(record.replace(velocity=None, acceleration=acceleration)))
     assert set(found) == {
-        ("reduction_error", "sensor a3"),
+        ("gain_error", "sensor a3"),
         ("cubic_stiffness", "storey 2"),
     }
-    gain = found["reduction_error", "sensor a3"].parameters
+    gain = found["gain_error", "sensor a3"].parameters
     assert gain["e"] == pytest.approx(0.15, abs=0.02)
 
 

@@ -13,8 +13,8 @@ quadratic_stiffness cubic_stiffness quintic_stiffness stiffness_step stiffness_d
 one_sided_gap two_sided_gap bilinear dead_zone
 jenkins iwan dahl lugre bouc_wen degrading_bouc_wen pinched_bouc_wen maxwell_branch
 backlash_friction hidden_oscillator
-harmonic_force constant_force link_spring_dashpot added_mass
-channel_delay reduction_error sensor_offset
+harmonic_force link_spring_dashpot added_mass
+channel_delay gain_error sensor_offset
 """.split()
 STOREYS = {"storey 1", "storey 2", "storey 3"}
 DOFS = {"dof 1", "dof 2", "dof 3"}
@@ -29,7 +29,8 @@ def places_of(name, **test):
     """Sites of a chain of three floors at which a law is tried."""
     options = {"forced": (1,), **test}
     places = set()
-    for candidate in tried_at(default_catalogue(), Chain(3), **options):
+    catalogue = [*default_catalogue(), laws.ConstantForce()]
+    for candidate in tried_at(catalogue, Chain(3), **options):
         if candidate.law.name == name:
             places |= set(map(str, candidate.sites))
     return places
@@ -37,6 +38,11 @@ def places_of(name, **test):
 
 def test_the_field_is_in_the_catalogue():
     assert names_in(default_catalogue()) >= set(FIELD)
+
+
+def test_a_constant_force_is_tried_only_if_it_is_asked_for():
+    """It is the zero of a sensor."""
+    assert "constant_force" not in names_in(default_catalogue())
 
 
 def test_laws_that_read_a_channel_are_tried_where_there_is_one():

@@ -275,7 +275,14 @@ def found_beside_noise(searched, heldout):
 def test_heldout_data_change_nothing_that_the_search_says(found, found_beside_noise):
     """The same steps, parameters, gains and search errors to the last digit."""
     (one,), (other,) = found.steps, found_beside_noise.steps
-    for name in ("law", "site", "parameters", "intervals", "gain", "reduction_error"):
+    for name in (
+        "law",
+        "site",
+        "parameters",
+        "intervals",
+        "reduction",
+        "reduction_error",
+    ):
         assert getattr(one, name) == getattr(other, name)
     assert one.share == other.share
     assert found.band == found_beside_noise.band

@@ -106,7 +106,7 @@ def test_the_faulty_sensor_is_found_and_measured(
 def test_a_small_gain_of_a_force_is_found_where_it_stands_out(noise):
     faulty = record(3, [1, 2, 3], noise, sensors={"sensor F2": laws.GainError(0.04)})
     step = close_loop(faulty, catalogue=RIVALS, max_steps=1).steps[0]
-    assert (step.law, step.site) == ("reduction_error", "sensor F2")
+    assert (step.law, step.site) == ("gain_error", "sensor F2")
     assert step.parameters["e"] == pytest.approx(0.04, rel=0.2)
 
 
@@ -120,7 +120,7 @@ def test_a_fault_that_a_user_wrote_is_tried_like_ours(left_out):
         report = close_loop(faulty, catalogue=[fault], max_steps=1)
         (found[fault.name],) = report.steps
 
-    ours, own = found["reduction_error"], found["own_gain_in_percent"]
+    ours, own = found["gain_error"], found["own_gain_in_percent"]
     assert own.site == ours.site
     assert own.parameters["e"] == pytest.approx(100 * ours.parameters["e"], rel=0.01)
 

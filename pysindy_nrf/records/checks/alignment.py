@@ -80,7 +80,14 @@ class ChannelComparison:
             faults["delay"] = fit.delay
         if abs(fit.gain - 1) > CLEAR_GAIN:
             faults["gain"] = fit.gain
+        if np.isfinite(fit.corner):
+            faults["corner"] = fit.corner
         return faults
+
+    @property
+    def filtered_channel(self) -> str:
+        """The channel that has passed a high-pass filter, if one has."""
+        return self.reference if self.transfer.corner_in_first else self.channel
 
     @property
     def aligned(self) -> bool:
@@ -104,8 +111,24 @@ class ChannelComparison:
                 f" follows {OF_LETTER[reference[0]]}: columns swapped, or a channel of"
                 " another floor"
             )
-        faults = ", ".join(self._phrase(kind) for kind in self.faults)
-        return f"{channel} {faults} against {reference}"
+        of_channel = [kind for kind in self.faults if kind != "corner"]
+        sentences = []
+        if of_channel:
+            faults = ", ".join(map(self._phrase, of_channel))
+            sentences.append(f"{channel} {faults} against {reference}")
+        if "corner" in self.faults:
+            sentences.append(self.corner_message)
+        return "; ".join(sentences)
+
+    @property
+    def corner_message(self) -> str:
+        """What a high-pass filter does to one of the two."""
+        filtered = self.filtered_channel
+        other = self.channel if filtered == self.reference else self.reference
+        return (
+            f"{filtered} has passed a high-pass filter of first order with its corner"
+            f" at {self.transfer.corner:.3g} Hz, as {other} shows"
+        )
 
     def _phrase(self, kind: Kind) -> str:
         if kind == "sign":
@@ -127,6 +150,7 @@ class ChannelComparison:
             "scatter": fit.scatter,
             "sign": fit.sign,
             "coherence": fit.coherence,
+            "corner": fit.corner,
             "aligned": self.aligned,
             "message": self.message,
         }
@@ -157,7 +181,8 @@ def channel_alignment(
         By channel: ``reference``, ``delay`` (s, positive = late), ``samples``,
         ``gain``, ``scatter`` (of the gain: how far it differs with frequency, and what
         noise may have made of it, as a share; infinite where too few lines are clear),
-        ``sign`` (+1 or -1), ``coherence``, ``aligned`` (bool) and ``message``.
+        ``sign`` (+1 or -1), ``coherence``, ``corner`` (Hz, of a high-pass filter that
+        one of the two has passed), ``aligned`` (bool) and ``message``.
 
     Raises
     ------

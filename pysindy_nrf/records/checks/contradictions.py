@@ -117,20 +117,40 @@ def _notes_on(
         )
         return [QualityNote("unit", message, channel, record, gain, reference)]
 
+    corner = _corner_notes(comparison, record)
     clear = {"delay": _is_late(comparison), "gain": _gain_is_clear(comparison)}
     if _is_certain(comparison):
-        return [
+        return corner + [
             QualityNote(kind, comparison.message, channel, record, size, reference)
             for kind, size in comparison.faults.items()
-            if clear.get(kind, True)
+            if clear.get(kind, kind != "corner")
         ]
     if clear["gain"]:
         message = (
             f"{channel} is {gain:.3g} times as large as {reference} says: is the"
             " calibration of one of them wrong?"
         )
-        return [QualityNote("gain", message, channel, record, gain, reference)]
-    return []
+        return [
+            *corner,
+            QualityNote("gain", message, channel, record, gain, reference),
+        ]
+    return corner
+
+
+def _corner_notes(comparison: ChannelComparison, record: str) -> list[QualityNote]:
+    """A note on the channel that has passed a high-pass filter, if one has."""
+    if "corner" not in comparison.faults:
+        return []
+    channel, witness = comparison.filtered_channel, comparison.channel
+    if channel == witness:
+        witness = comparison.reference
+    message = f"{comparison.corner_message}. "
+    if channel[0] == "a":
+        message += "The acceleration before it is used"
+    else:
+        message += "What it took away is lost: couple the sensor to DC"
+    size = comparison.transfer.corner
+    return [QualityNote("corner", message, channel, record, size, witness)]
 
 
 def _is_certain(comparison: ChannelComparison) -> bool:

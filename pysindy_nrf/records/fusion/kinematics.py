@@ -12,6 +12,7 @@ import pandas as pd
 from ...common.warn import warn_user
 from ...exceptions import ChannelError, DataQualityWarning
 from ..checks.channel_checks import channel_notes
+from ..checks.corners import without_corners
 from ..quality import QualityNote, messages
 from ..record import Record
 from ..zero_phase_filter import Band, ZeroPhaseFilter, check_band
@@ -65,7 +66,8 @@ class FusedRecord:
         True if the DOFs improved each other, which leaves their noise dependent on the
         motion.
     notes : tuple of QualityNote
-        What is wrong with the measured channels.
+        What is wrong with the measured channels. Accelerations are those before the
+        high-pass filters that notes name.
     """
 
     motion: np.ndarray
@@ -134,6 +136,7 @@ def fuse_record(
             f"smooth={smooth!r} is unknown", "Give True, False or a KinematicSmoother."
         )
     notes = _checked(record) if check else ()
+    record = without_corners(record, notes)
     if smooth is False:
         return _as_measured(record, notes)
     smoother = KinematicSmoother(band="auto") if smooth is True else smooth
@@ -148,6 +151,7 @@ class TwoWayFusion:
 
     def __init__(self) -> None:
         self._dof_by_dof: Sequence[list[FusedMotion]] | None = None
+        self._corners: tuple[QualityNote, ...] = ()
 
     def joint(self, record: Record, check: bool = True) -> FusedRecord:
         """The record with motions that its DOFs improved for each other."""
@@ -161,6 +165,9 @@ class TwoWayFusion:
         _require_motion(record)
         first = self._dof_by_dof is None
         notes = _checked(record) if check and first else ()
+        if first:
+            self._corners = notes
+        record = without_corners(record, self._corners)
         settings = FusionSettings(band="auto", joint=joint)
         table = ChannelTable.from_record(record)
         fused = fuse_channels(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -110,7 +110,12 @@ def prepare(
         wanted = None if like is None else like[number]
         fused, recipe = _fused(record, wanted)
         if _is_clean(record, recipe.noise):
-            fused = fuse_record(record, False, check=False)
+            as_measured = fuse_record(record, False, check=False)
+            fused = replace(
+                as_measured,
+                notes=tuple(note for note in fused.notes if not note.is_fault),
+                simulation_method=fused.simulation_method,
+            )
         else:
             clean = False
 

@@ -8,6 +8,7 @@ from typing import Literal
 Kind = Literal[
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
+    "computed",  # obeys a rule of integration, which is no fault
     "copied",  # the same as another channel
     "dead",  # does not move; share of the samples
     "delay",  # lags behind another channel, s
@@ -58,6 +59,11 @@ class QualityNote:
     record: str = ""
     size: float = float("nan")
     witness: str = ""
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is to be mended, rather than only to be known."""
+        return self.kind != "computed"
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

@@ -399,8 +399,7 @@ def quality_notes(facts: Facts) -> list[Reason]:
     several_records = facts.n_records > 1 or len(named) > 1
     reasons = []
     for note in facts.quality:
-        # zeros that were taken out do no harm
-        if note.kind == "offset" or _repeats_a_fault(note.message, facts):
+        if not note.is_fault or _repeats_a_fault(note.message, facts):
             continue
         message = note.message
         if several_records:

@@ -114,8 +114,12 @@ def prepare(
         record = without_corners(record, fused.notes)
         as_used.append(record)
         if _is_clean(record, recipe.noise):
-            notes = fused.notes
-            fused = replace(fuse_record(record, False, check=False), notes=notes)
+            as_measured = fuse_record(record, False, check=False)
+            fused = replace(
+                as_measured,
+                notes=fused.notes,
+                simulation_method=fused.simulation_method,
+            )
         else:
             clean = False
 

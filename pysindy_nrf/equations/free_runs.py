@@ -66,12 +66,14 @@ def free_run_by_either(
 ) -> Record:
     """The free run, by Newmark's method where that of variable steps fails.
 
-    It also fails where it exceeds a hundred times the measured motion.
+    It also fails where it exceeds a hundred times the measured motion. A record that
+    was computed by Newmark's method is followed by it.
     """
     with suppress(NRFError):
         x = np.cumsum(segment.s[rows], axis=1)
         limit = DIVERGED * float(np.abs(x).max()) or 1e100
-        run = free_run_of(model, segment, rows, dt, limit=limit)
+        method = segment.simulation_method
+        run = free_run_of(model, segment, rows, dt, limit=limit, method=method)
         if np.isfinite(np.asarray(run.displacement, dtype=float)).all():
             return run
     return free_run_of(model, segment, rows, dt, method="newmark")
@@ -124,6 +126,6 @@ def _run_over(model: ChainModel, segment: Segment, rows: slice) -> Record | None
     if segment.dt is None or too_short or np.isnan(segment.F[rows.start]).any():
         return None
     try:
-        return free_run_of(model, segment, rows)
+        return free_run_of(model, segment, rows, method=segment.simulation_method)
     except NRFError:
         return None

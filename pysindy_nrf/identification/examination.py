@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 import pandas as pd
 
@@ -69,11 +70,9 @@ class Examination:
 
     @property
     def channels(self) -> list[str]:
-        """What is known of the channels, in sentences; without known offsets."""
+        """Faults of the channels, in sentences."""
         sentences = []
-        for note in self.quality:
-            if note.kind == "offset":
-                continue
+        for note in filter(attrgetter("is_fault"), self.quality):
             where = f"Record {note.record!r}: " if self.n_records > 1 else ""
             sentences.append(where + note.message)
         return list(dict.fromkeys(sentences))

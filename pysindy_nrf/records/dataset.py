@@ -68,6 +68,9 @@ class Segment:
         Noise of the measured motion channels, SI rms, where it is known.
     quality : tuple of QualityNote
         What is known of the channels, the clock and the units.
+    simulation_method : str
+        The method of :func:`~pysindy_nrf.simulate` that follows the record: Newmark's
+        if it was computed by it.
     known_extent : Extent, optional
         Range of the channels inside the NaN edges, where it was computed before.
     """
@@ -88,6 +91,7 @@ class Segment:
     offsets: np.ndarray | None = None
     noise: dict[str, float] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()
+    simulation_method: str = "default"
     known_extent: InitVar[Extent | None] = None
 
     def __post_init__(self, known_extent: Extent | None) -> None:

@@ -311,6 +311,7 @@ def segment_of(
         band=fused.band,
         noise=dict(fused.noise),
         quality=fused.notes,
+        simulation_method=fused.simulation_method,
     )
     return _with_valid_rows(segment, feature_names(fused.n_dof), fused.motion)
 

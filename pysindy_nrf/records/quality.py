@@ -9,6 +9,7 @@ Kind = Literal[
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
     "corner",  # of a first-order high-pass filter that it has passed, Hz
+    "computed",  # obeys a rule of integration, which is no fault
     "copied",  # the same as another channel
     "dead",  # does not move; share of the samples
     "delay",  # lags behind another channel, s
@@ -60,6 +61,11 @@ class QualityNote:
     record: str = ""
     size: float = float("nan")
     witness: str = ""
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is to be mended, rather than only to be known."""
+        return self.kind not in ("computed", "offset")
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

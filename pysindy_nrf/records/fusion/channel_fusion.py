@@ -21,9 +21,10 @@ from ..zero_phase_filter import (
     check_band,
     lowest_frequency,
 )
-from .block_fusion import ChannelSet, fuse_motions
+from .block_fusion import ChannelSet, FusedMotions, fuse_motions
 from .channel_table import MOTION_NAME, TIME_NAMES, ChannelTable
 from .dof_fusion import DofKnowledge, FusedMotion
+from .integration_rules import IntegrationRule, computed_motions
 
 MIN_SAMPLES = 8
 # Lower edge of a band over the corner of the fusion: 1 / (1 + (1/8)^4) of the motion at
@@ -71,6 +72,9 @@ class FusedChannels:
         Rows at each end that the filter spoils.
     dof_by_dof : tuple of list of FusedMotion
         What each DOF by itself gave; empty unless it was to be kept.
+    rule : IntegrationRule or None
+        The rule by which the channels were computed: they are taken as they are. None
+        if they are fused.
     """
 
     dofs: list[int]
@@ -84,6 +88,7 @@ class FusedChannels:
     band: Band
     edge: int = 0
     dof_by_dof: tuple[list[FusedMotion], ...] = ()
+    rule: IntegrationRule | None = None
 
     def columns(self) -> dict[str, np.ndarray]:
         """``a1.., v1.., x1..``, then the other channels."""
@@ -151,7 +156,16 @@ def fuse_channels(
     dofs = list(table.motions)
     channels = ChannelSet([table.channels_of(j) for j in dofs], list(units.values()))
     known = [_knowledge(table, j, settings, band, noise) for j in dofs]
-    fused = fuse_motions(channels, known, settings.joint, keep, dof_by_dof)
+    levels = np.array([knowledge.noise for knowledge in known])
+    computed = None
+    # where the base has a displacement, accelerometers were integrated to give all of
+    # them: what obeys a rule is the processing, not the motion
+    if "xg" not in table.measured:
+        computed = computed_motions(channels, _drives(table), levels)
+    if computed is None:
+        fused = fuse_motions(channels, known, settings.joint, keep, dof_by_dof)
+    else:
+        fused = FusedMotions(computed.motions)
 
     a, v, x = _in_si_units(fused.motions, table)
     others = table.other_channels
@@ -176,6 +190,7 @@ def fuse_channels(
         band,
         edge,
         fused.dof_by_dof,
+        None if computed is None else computed.rule,
     )
 
 
@@ -307,6 +322,14 @@ def _knowledge(
     if spacing is not None and not spacing > 1.0:
         spacing = None
     return DofKnowledge(levels, corner, spacing)
+
+
+def _drives(table: ChannelTable) -> list[list[np.ndarray]]:
+    """Force on each DOF, and the acceleration of the base."""
+    others = table.other_channels
+    base = [table.base] if table.base.any() else []
+    forces = [[others[f"F{j}"]] if f"F{j}" in others else [] for j in table.motions]
+    return [force + base for force in forces]
 
 
 def _in_si_units(

@@ -66,8 +66,11 @@ class FusedRecord:
         True if the DOFs improved each other, which leaves their noise dependent on the
         motion.
     notes : tuple of QualityNote
-        What is wrong with the measured channels. Accelerations are those before the
-        high-pass filters that notes name.
+        What is wrong with the measured channels, or to be known of them. Accelerations
+        are those before the high-pass filters that notes name.
+    simulation_method : str
+        The method of :func:`~pysindy_nrf.simulate` that follows the record: Newmark's
+        if it was computed by it.
     """
 
     motion: np.ndarray
@@ -80,6 +83,7 @@ class FusedRecord:
     spacing: Mapping[int, float] = field(default_factory=dict)
     joint: bool = False
     notes: tuple[QualityNote, ...] = ()
+    simulation_method: str = "default"
 
     @property
     def n_dof(self) -> int:
@@ -220,6 +224,7 @@ def _from_channels(
     band = None if fused.band is None else check_band(fused.band, record.fs)
     with_motion = fused.as_record(record)
     coarse = max(fused.spacing.values()) > 1.0
+    rule = fused.rule
     return FusedRecord(
         _motion(record, with_motion, smooth=True),
         with_motion.force,
@@ -230,8 +235,21 @@ def _from_channels(
         noise=fused.noise,
         spacing=fused.spacing,
         joint=joint and coarse and not _passed_on(record, with_motion),
-        notes=notes,
+        notes=(*notes, *_computed_notes(record, fused)),
+        simulation_method="default" if rule is None else rule.simulation_method,
     )
+
+
+def _computed_notes(record: Record, fused: FusedChannels) -> tuple[QualityNote, ...]:
+    """A note on channels that were computed, and are taken as they are."""
+    rule = fused.rule
+    if rule is None:
+        return ()
+    message = (
+        f"The displacements follow from the accelerations by {rule.name}: the channels"
+        " were computed, and are taken as they are, without fusion."
+    )
+    return (QualityNote("computed", message, record=record.name),)
 
 
 def _motion(record: Record, fused: Record, smooth: bool) -> np.ndarray:

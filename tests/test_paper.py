@@ -1,12 +1,12 @@
 """The paper's results beside ours: what benchmarks/paper_tables.py prints must hold."""
 
-import importlib.util
 import warnings
 from pathlib import Path
 
 import numpy as np
 import paper_cases as cases
 import paper_published as published
+import paper_tables as tables
 import pytest
 
 from pysindy_nrf import NRFRegressor
@@ -15,16 +15,6 @@ from pysindy_nrf.laws import Motion
 
 ROOT = Path(__file__).parents[1]
 PAPER_M1 = 9.85  # kg, incomplete and noise-free, section 3.3.1
-
-
-@pytest.fixture(scope="module")
-def tables():
-    spec = importlib.util.spec_from_file_location(
-        "paper_tables", ROOT / "benchmarks" / "paper_tables.py"
-    )
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 # -- the printed numbers -------------------------------------------------------
@@ -144,7 +134,7 @@ def test_the_papers_integrator_gives_the_same_result():
 
 
 @pytest.mark.slow
-def test_force_level_is_the_calibrated_one(tables):
+def test_force_level_is_the_calibrated_one():
     sweep = tables.level_sweep(quick=True)
     assert sweep.loc[345, "m1 incomplete"] == pytest.approx(PAPER_M1, abs=0.03)
     assert (
@@ -161,7 +151,7 @@ def test_force_level_is_the_calibrated_one(tables):
 
 
 @pytest.mark.slow
-def test_two_dof_frame(tables):
+def test_two_dof_frame():
     table = tables.two_dof(quick=True)
     clean, noisy = table.xs("0%", axis=1, level=1), table.xs("5%", axis=1, level=1)
     assert clean.loc["m2"].tolist() == pytest.approx([cases.MASS] * 2, rel=1e-6)
@@ -180,7 +170,7 @@ def test_two_dof_frame(tables):
     assert table.loc["warned"].all()
 
 
-def test_second_storey_found_twice(tables):
+def test_second_storey_found_twice():
     twice = tables.second_storey_twice()
     assert twice.loc["s", "balance 2"] == pytest.approx(cases.STIFFNESS, rel=1e-6)
     # the balance that holds the damper knows it less well, in the paper as here
@@ -191,14 +181,14 @@ def test_second_storey_found_twice(tables):
 # -- section 4 -----------------------------------------------------------------
 
 
-def test_linear_frame_within_one_percent(tables):
+def test_linear_frame_within_one_percent():
     table = tables.linear_frame(quick=True)
     ours = table[table.index.get_level_values(1) != "paper"]
     assert len(ours) == 6 and (ours.abs() < 1.0).all(axis=None)
 
 
 @pytest.mark.slow
-def test_the_calibrated_frame_gives_what_the_paper_prints(tables):
+def test_the_calibrated_frame_gives_what_the_paper_prints():
     """Eqs. (18) and (22) at 1 % noise: masses, k_4, c_4 and energy within 3 %, no force
     where there is no damper.
     """
@@ -213,7 +203,7 @@ def test_the_calibrated_frame_gives_what_the_paper_prints(tables):
 
 
 @pytest.mark.slow
-def test_damped_frame_cubic_is_biased_and_says_so_dahl_law_cures_it(tables):
+def test_damped_frame_cubic_is_biased_and_says_so_dahl_law_cures_it():
     table = tables.damped_frame(quick=True)
     assert (table["independent"] < 1e-6).all()
     assert table["warned"].all() and not table["still warned"].any()
@@ -228,7 +218,7 @@ def test_damped_frame_cubic_is_biased_and_says_so_dahl_law_cures_it(tables):
 
 
 @pytest.mark.slow
-def test_stiffness_loss_found_located_and_sized(tables):
+def test_stiffness_loss_found_located_and_sized():
     table = tables.damage(quick=True)
     assert table.loc[(0, 2), "found in"] == ""
     assert table.loc[(2, 2), "found in"] == "storey 2"
@@ -236,7 +226,7 @@ def test_stiffness_loss_found_located_and_sized(tables):
 
 
 @pytest.mark.slow
-def test_onset_found_in_time_place_and_size(tables):
+def test_onset_found_in_time_place_and_size():
     table = tables.onset(quick=True)
     assert table["effects"].tolist() == ["", "stiffness_step at storey 2"]
     assert table.loc[(2, 20.7), "onset (s)"] == pytest.approx(20.7, abs=0.5)

@@ -12,6 +12,8 @@ from ..records.dataset import Dataset, Segment
 # two and three floors with 1 % noise, a ratio of 0.6 leaves masses within 0.3 %; from 2
 # on they are within 2 % or gone.
 HIDDEN = 1.5
+# Noise of a displacement over its rms from which on it is none, but another channel.
+MAX_NOISE = 0.2
 
 
 def unseen_drifts(data: Dataset) -> dict[int, float]:
@@ -22,12 +24,23 @@ def unseen_drifts(data: Dataset) -> dict[int, float]:
     dict of int to float
         Noise of the measured drift over the rms of the fused one, by storey.
     """
+    if any(_is_contradicted(segment) for segment in data.segments):
+        return {}
     ratios = np.min([_ratios(segment) for segment in data.segments], axis=0)
     return {
         storey: float(ratio)
         for storey, ratio in enumerate(ratios, start=1)
         if ratio > HIDDEN
     }
+
+
+def _is_contradicted(segment: Segment) -> bool:
+    """Whether what other channels of a floor contradict was taken for noise."""
+    x = np.cumsum(segment.s[segment.valid].astype(float), axis=1)
+    for dof, rms in enumerate(np.std(x, axis=0), start=1):
+        if segment.noise.get(f"x{dof}", 0.0) > MAX_NOISE * rms:
+            return True
+    return False
 
 
 def _ratios(segment: Segment) -> list[float]:

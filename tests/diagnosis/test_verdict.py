@@ -28,7 +28,7 @@ from pysindy_nrf.diagnosis.facts import ShapeAtEnd
 from pysindy_nrf.records import QualityNote
 from pysindy_nrf.simulation import add_noise
 
-GOOD = Facts(unexplained={1: 2.0, 2: 3.0}, free_run=FreeRunFacts(4.0))
+GOOD = Facts(unexplained={1: 2.0, 2: 3.0}, free_run=FreeRunFacts(8.0))
 LATE = QualityNote("delay", "v1 is late.", "v1", "monday")
 
 
@@ -47,7 +47,7 @@ def test_a_model_that_closes_and_follows_is_green():
     verdict = verdict_from(GOOD)
     assert verdict.state == "green"
     assert verdict.reasons == ()
-    assert "predicts the motion to 4 %" in verdict.sentence
+    assert "predicts the motion to 8 %" in verdict.sentence
 
 
 @pytest.mark.parametrize(
@@ -92,11 +92,18 @@ def test_what_makes_a_verdict_amber(facts, kind, place):
     assert verdict.reasons == (verdict.grounds[0].message,)
 
 
-def test_a_mode_that_grows_is_a_doubt_unless_the_free_run_follows():
+@pytest.mark.parametrize("run", [FreeRunFacts(), FreeRunFacts(4.0)])
+def test_a_mode_that_grows_is_a_doubt_even_where_the_free_run_follows(run):
     growing = GrowingMode(1, -0.02)
-    strays = replace(GOOD, growing_mode=growing, free_run=FreeRunFacts())
-    assert kinds(verdict_from(strays)) == [("damping", "mode 1")]
-    assert verdict_from(replace(GOOD, growing_mode=growing)).state == "green"
+    verdict = verdict_from(replace(GOOD, growing_mode=growing, free_run=run))
+    assert kinds(verdict) == [("damping", "mode 1")]
+
+
+def test_what_equations_leave_is_noise_where_the_free_run_follows():
+    facts = replace(GOOD, unexplained={1: 60.0, 2: 3.0})
+    assert verdict_from(facts).state == "red"
+    follows = replace(facts, free_run=FreeRunFacts(1.0))
+    assert verdict_from(follows).state == "green"
 
 
 def test_a_free_run_that_drifts_later_is_judged_over_some_periods():

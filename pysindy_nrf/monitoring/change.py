@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Unpack
+from dataclasses import dataclass, replace
+from typing import Any, Unpack
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,10 @@ from ..identification.regressor import NRFRegressor
 from ..records.dataset import Dataset, Segment
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
-from .force_change import Comparison, Cut, MeasuredTest, cut_of, in_words
+from .comparison import Comparison, in_words
+from .differences import Differences
+from .explanations import ExplanationSearch
+from .force_change import Cut, MeasuredTest, cut_of
 
 # (X, F), or records.
 TestData = tuple[object, object] | Record | Sequence[Record]
@@ -58,6 +61,8 @@ class ChangeReport:
         or of the mass.
     before, after : ChainModel
     comparison : Comparison
+    rivals : tuple of DataFrame
+        Other explanations that leave as little, each as ``changed``.
     """
 
     changed: pd.DataFrame
@@ -67,11 +72,12 @@ class ChangeReport:
     before: ChainModel
     after: ChainModel
     comparison: Comparison
+    rivals: tuple[pd.DataFrame, ...] = ()
 
     @property
     def storeys(self) -> list[str]:
         """Storeys whose forces were compared."""
-        return [cut.place for cut in self.comparison.cuts]
+        return [cut.place for cut in self.comparison.differences.cuts]
 
     @property
     def damaged(self) -> list[str]:
@@ -118,13 +124,13 @@ class ChangeReport:
             ``visited``.
         """
         site = self.before.chain.site(storey)
-        domain = self.comparison.cut(str(site)).domain
+        domain = self.comparison.differences.cut(str(site)).domain
         rates, drifts = grid(domain.low.tolist(), domain.high.tolist(), size)
         v, s = rates.ravel(), drifts.ravel()
 
         change, error, n_terms = self.comparison.map(str(site), v, s)
         # all points of a map together: it has as many directions as terms (Bonferroni)
-        freedom = self.comparison.freedom
+        freedom = self.comparison.differences.freedom
         critical = -special.stdtrit(freedom, self.level / n_terms / 2)
         is_changed = str(site) in set(self.changed["place"])
         visited = self.before.visited[site].contains(v, s)
@@ -141,30 +147,58 @@ class ChangeReport:
             }
         )
 
-    def __str__(self) -> str:
-        lines = []
-        for row in self.changed.itertuples():
-            of = "" if row.term == "m" else " of its spring force"
-            half_width = OF_95_PERCENT * row.error
-            lines.append(
-                f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} +-"
-                f" {half_width:.2f} %{of} ({row.amount:.3g} {row.unit}, p ="
-                f" {row.p:.1g})."
+    @property
+    def assumption(self) -> str:
+        """What no comparison of two tests can show."""
+        if (self.changed["term"] == "gain").any():
+            return (
+                "Assumed: masses, stiffnesses and damping did not all change by one"
+                " factor, which would look like another gain of all forces."
             )
+        return (
+            "Assumed: sensors have the same gains in both tests. Another gain of all"
+            " forces would look like masses, stiffnesses and damping that all changed"
+            " by one factor."
+        )
+
+    def __str__(self) -> str:
+        lines = [_sentence(row) for row in self.changed.itertuples()]
         if not lines:
             lines.append(
                 f"Nothing changed by more than {self.least:g} % at the"
                 f" {100 * self.level:g} % level."
             )
+        for rival in self.rivals:
+            changes = [
+                f"{in_words(row.term).lower()} of {row.place} by {row.change:+.2f} %"
+                for row in rival.itertuples()
+            ]
+            lines.append(f"As well explained by {', '.join(changes)}.")
+        lines += self._explained_in_words()
+        return "\n".join([*lines, self.assumption])
+
+    def _explained_in_words(self) -> list[str]:
+        """Parameters that differ by the amplitude alone, a sentence for each storey."""
+        lines = []
         for storey, rows in self.explained.groupby("storey"):
             terms = [f"{row.term} by {row.change:+.2f} %" for row in rows.itertuples()]
-            ratio = self.comparison.cut(storey).domain.ratio
+            ratio = self.comparison.differences.cut(storey).domain.ratio
             lines.append(
                 f"{storey.capitalize()}: fitted apart, the tests differ in"
                 f" {', '.join(terms)}. The amplitude alone explains it (rms drift"
                 f" {ratio:.2f} times): one force holds where both moved."
             )
-        return "\n".join(lines)
+        return lines
+
+
+def _sentence(row: Any) -> str:
+    """What changed at one place."""
+    of = " of its spring force" if row.place.startswith("storey") else ""
+    return (
+        f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} +-"
+        f" {OF_95_PERCENT * row.error:.2f} %{of} ({row.amount:.3g} {row.unit}, p ="
+        f" {row.p:.1g})."
+    )
 
 
 def compare_tests(
@@ -184,10 +218,13 @@ def compare_tests(
     and a term of a storey, or a mass, counts as changed if its difference is
     significant and large: then no amplitude, and no law that the regressor lacks,
     explains it. A declared law with a state or a shape is compared on its own
-    parameters. Standard errors come from leaving out one of ``n_blocks`` consecutive
-    pieces of a test at a time (jackknife). Masses are equal in both tests unless one
-    changed. Give Records where channels are noisy: their DOFs are fused one by one, and
-    errors are then not alike.
+    parameters. Rival explanations are compared: by stiffness, damping, or masses alone,
+    by one factor of all stiffnesses, by the gain of all forces. The one with the fewest
+    changes that leaves nothing significant to another is reported, the others that
+    leave as little are ``rivals``. Standard errors come from leaving out one of
+    ``n_blocks`` consecutive pieces of a test at a time (jackknife). Masses are equal in
+    both tests unless one changed. Give Records where channels are noisy: their DOFs are
+    fused one by one, and errors are then not alike.
 
     Parameters
     ----------
@@ -253,12 +290,14 @@ def compare_tests(
     options = options or DataOptions()
     fits = [_Fit.of_test(estimator, test, options) for test in (before, after)]
     _require_same_dofs(fits)
-    masses = np.mean([fit.model.masses for fit in fits], axis=0)
-    comparison = Comparison(
-        _cuts(fits, masses, n_blocks), masses, _free_masses(fits[0].problem)
-    )
-    comparison.search(level, least)
+    masses = np.array([fit.model.masses for fit in fits])
+    cuts = _cuts(fits, masses.mean(axis=0), n_blocks)
+    differences = Differences(cuts, masses, _free_masses(fits[0].problem))
+    explanations = ExplanationSearch(differences, level, least).sufficient()
+    comparison, *rivals = [Comparison(differences, e) for e in explanations or [()]]
 
+    gain = comparison.gain_of_forces
+    fits[1] = replace(fits[1], data=_with_forces_over(fits[1].data, gain))
     apart = []
     for fit, masses_of_test in zip(fits, comparison.masses_of_tests()):
         known = {j: float(mass) for j, mass in enumerate(masses_of_test, 1)}
@@ -272,6 +311,7 @@ def compare_tests(
         apart[0].model,
         apart[1].model,
         comparison,
+        tuple(rival.table() for rival in rivals),
     )
 
 
@@ -355,6 +395,14 @@ def _cuts(fits: list[_Fit], masses: np.ndarray, n_blocks: int) -> list[Cut]:
             "Measure the force on every floor above a storey.",
         )
     return cuts
+
+
+def _with_forces_over(data: Dataset, gain: float) -> Dataset:
+    """The data with forces divided by a gain."""
+    if gain == 1.0:
+        return data
+    segments = [replace(segment, F=segment.F / gain) for segment in data.segments]
+    return replace(data, segments=segments)
 
 
 def _fitted_with_masses(fit: _Fit, known: dict[int, float], n_blocks: int) -> _Apart:

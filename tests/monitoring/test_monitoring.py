@@ -5,7 +5,15 @@ import pytest
 from paper_cases import model_agreement
 from three_floors import FS, chain, features, noisy, run
 
-from pysindy_nrf import Chain, ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import (
+    Chain,
+    ChainModel,
+    NRFRegressor,
+    Record,
+    excitation,
+    laws,
+    simulate,
+)
 from pysindy_nrf.exceptions import ChainError, ChannelError
 from pysindy_nrf.monitoring import compare_tests, track
 from pysindy_nrf.simulation import add_noise
@@ -99,6 +107,82 @@ def test_added_mass_is_no_damage():
     assert report.changed["change"].iloc[0] == pytest.approx(8.0, abs=0.3)
     added = report.after.masses - report.before.masses
     assert added == pytest.approx([0.0, 0.8, 0.0], abs=0.03)
+
+
+# -- rival explanations --------------------------------------------------------
+
+
+MASSES = np.array([12.0, 9.0, 10.0, 8.0])
+STIFFNESSES = np.array([8e4, 6e4, 7e4, 5e4])
+
+
+def four_floors(stiffness=1.0, mass=1.0, damping=1.0):
+    """Four unlike floors, all changed by factors."""
+    storeys = {}
+    for i, k in enumerate(STIFFNESSES * stiffness, 1):
+        storeys[i] = [laws.LinearElastic(k), laws.LinearViscous(50.0 * damping)]
+    return ChainModel(MASSES * mass, storeys)
+
+
+def compared_floors(excited, noise=0.005, gain=1.0, **factors):
+    """A comparison of four floors before and after a change."""
+    tests = []
+    for seed, model in enumerate((four_floors(), four_floors(**factors))):
+        exact = run(model, excited, duration=24.0, seed=seed).record
+        tests.append(add_noise(exact, noise, random_state=seed))
+    before, after = tests
+    misread = Record(
+        force=gain * after.force,
+        acceleration=after.acceleration,
+        velocity=after.velocity,
+        displacement=after.displacement,
+        fs=FS,
+    )
+    return compared(before, misread)
+
+
+@pytest.mark.parametrize("excited", [[1], [4], [1, 2, 3, 4]])
+@pytest.mark.parametrize("loss", [0.03, 0.15])
+def test_a_loss_in_all_storeys_is_no_added_mass(excited, loss):
+    report = compared_floors(excited, stiffness=1 - loss)
+    assert changed_terms(report) == [[f"storey {i}", "k"] for i in (1, 2, 3, 4)]
+    assert report.damaged == [f"storey {i}" for i in (1, 2, 3, 4)]
+    assert report.changed["change"].to_numpy() == pytest.approx(-100 * loss, abs=0.2)
+    assert np.allclose(report.after.masses, report.before.masses)
+
+
+def test_mass_added_to_all_floors_is_no_loss_of_stiffness():
+    report = compared_floors([1, 2, 3, 4], mass=1.06)
+    assert set(report.changed["term"]) == {"m"}
+    assert report.damaged == []
+    assert report.changed["change"].to_numpy() == pytest.approx(6.0, abs=0.2)
+
+
+def test_another_gain_of_the_forces_is_no_change_of_the_structure():
+    """Masses and stiffnesses that are fitted apart differ by 7 %."""
+    report = compared_floors([4], gain=1.07)
+    assert changed_terms(report) == [["all forces", "gain"]]
+    assert report.damaged == []
+    assert report.changed["change"].iloc[0] == pytest.approx(7.0, abs=0.3)
+    stiffness = report.table[report.table["term"] == "k"]
+    assert stiffness["change"].abs().max() < 0.5
+
+
+def test_a_gain_that_two_tests_cannot_show_is_an_assumption():
+    """Heavier and stiffer by one factor, it moves as under smaller forces."""
+    report = compared_floors([4], stiffness=1.07, mass=1.07, damping=1.07)
+    assert changed_terms(report) == [["all forces", "gain"]]
+    assert report.changed["change"].iloc[0] == pytest.approx(7.0, abs=0.3)
+    assert "Assumed" in str(report)
+
+
+def test_explanations_that_leave_as_little_are_rivals():
+    """At 4 % noise a loss of 2 % in all storeys may be mass on all floors."""
+    report = compared_floors([1], noise=0.04, stiffness=0.98)
+    assert report.damaged == [f"storey {i}" for i in (1, 2, 3, 4)]
+    (rival,) = report.rivals
+    assert set(rival["term"]) == {"m"}
+    assert "As well explained by mass" in str(report)
 
 
 # -- laws with a state ---------------------------------------------------------

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Protocol
 
 import numpy as np
 
 from ..chain.identifiability import SolveOrder, Step
+from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..equations.errors import residual_weights
 from ..equations.normal_equations import NormalEquations
@@ -36,18 +36,6 @@ LEAST_SIGNAL = 0.1
 
 # A mass by its DOF, or a coefficient by its site and number there.
 Parameter = int | tuple[Site, int]
-
-
-class Estimated(Protocol):
-    """Masses and coefficients of all columns, such as those of a ChainModel."""
-
-    @property
-    def masses(self) -> np.ndarray:
-        """Of shape (n_dof,), kg."""
-
-    @property
-    def coefficients(self) -> Mapping[Site, np.ndarray]:
-        """By site, SI units."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +154,7 @@ class _System:
 
 
 def noise_bias(
-    model: Estimated,
+    model: ChainModel,
     solve_order: SolveOrder,
     grams: NormalEquations,
     shares: Mapping[str, float],
@@ -175,7 +163,7 @@ def noise_bias(
 
     Parameters
     ----------
-    model : Estimated
+    model : ChainModel
     solve_order : SolveOrder
     grams : NormalEquations
         Of all data.
@@ -202,7 +190,7 @@ def noise_bias(
 
 
 def _system_of(
-    model: Estimated,
+    model: ChainModel,
     step: Step,
     grams: NormalEquations,
     shares: Mapping[str, float],

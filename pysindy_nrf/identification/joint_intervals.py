@@ -18,7 +18,6 @@ from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..diagnosis.facts import ShapeAtEnd
-from ..diagnosis.noise_bias import NoiseBias, noise_bias, noise_shares
 from ..equations.accumulation import Whitener
 from ..equations.normal_equations import NormalEquations
 from ..exceptions import NRFError, RankWarning
@@ -208,50 +207,3 @@ def _leaving(resolver: JointResolver) -> set[tuple[Site, int, str]]:
             site, number, shape = resolver.shapes.search.free[k]
             places.add((site, number, shape.name))
     return places
-
-
-@dataclass(frozen=True)
-class _WithSteps:
-    """Masses, and coefficients with the steps of shape parameters, which are zero."""
-
-    masses: np.ndarray
-    coefficients: dict[Site, np.ndarray]
-
-
-def least_squares_biases(
-    declared: Problem | None,
-    problem: Problem,
-    order: SolveOrder,
-    model: ChainModel,
-    sums: NormalEquations,
-    data: Dataset,
-) -> list[NoiseBias]:
-    """What noise in the motion does to least squares, also by the shape parameters.
-
-    Parameters
-    ----------
-    declared : Problem, optional
-        With the shape parameters that are free, if there are any.
-    problem : Problem
-        With values for all of them.
-    order : SolveOrder
-    model : ChainModel
-    sums : NormalEquations
-        Of the problem.
-    data : Dataset
-    """
-    shares = noise_shares(data, problem.filters(data))
-    biases = noise_bias(model, order, sums, shares)
-    if declared is None:
-        return biases
-    joint = joint_resolver(declared, problem, order, data, model.coefficients)
-    if joint is None:
-        return biases
-
-    coefficients = {}
-    for site, width in joint.shapes.layout.counts.items():
-        coefficients[site] = np.zeros(width)
-        of_laws = model.coefficients.get(site, np.zeros(0))
-        coefficients[site][: len(of_laws)] = of_laws
-    extended = _WithSteps(model.masses, coefficients)
-    return noise_bias(extended, order, joint.pieces.sum(), shares)

@@ -33,11 +33,11 @@ from ..records.zero_phase_filter import Band
 from .constraints import constrained
 from .examination import Finding, examined
 from .intervals import Resolver, least_squares_resolver
-from .joint_intervals import least_squares_biases
 from .offsets import least_squares_beside_offsets
 from .output_error import refine
 from .problem import Estimate, Problem
 from .result import IdentificationResult
+from .shape_derivatives import shapes_of_motion
 
 # What data may provide and methods may require, in the words of messages.
 EVERY_FLOOR = "a sensor on every floor"
@@ -208,15 +208,14 @@ def _warn_of_doubts(finding: Finding) -> None:
 
 
 def _noise_matters(estimate: Estimate, data: Dataset) -> bool:
-    """Whether noise in the motion biases least squares beyond its standard errors."""
-    biases = least_squares_biases(
-        estimate.declared,
-        estimate.problem,
-        estimate.order,
-        estimate.model,
-        estimate.grams,
-        data,
-    )
+    """Whether noise in the motion biases least squares beyond its standard errors.
+
+    Of shape parameters of the motion it is not known how much any noise biases them.
+    """
+    shares = bias.noise_shares(data, estimate.problem.filters(data))
+    biases = bias.noise_bias(estimate.model, estimate.order, estimate.grams, shares)
+    if biases and shapes_of_motion(estimate.declared):
+        return True
     return max((balance.errors for balance in biases), default=0.0) > bias.NEGLIGIBLE
 
 

@@ -77,6 +77,25 @@ def shape_derivatives(
     return ShapeDerivatives(problem, search, u, half_span, numbers)
 
 
+def shapes_of_motion(declared: Problem | None) -> list[str]:
+    """Free shape parameters of the motion, with their sites; not those of a clock.
+
+    Parameters
+    ----------
+    declared : Problem, optional
+    """
+    if declared is None:
+        return []
+    names = []
+    for site, group in declared.laws.items():
+        for law in group:
+            for shape in law.shapes:
+                of_clock = shape.instant or shape.is_frequency
+                if law.shape[shape.name] is None and not of_clock:
+                    names.append(f"{shape.name} in {site}")
+    return names
+
+
 def _values_of(problem: Problem, search: ShapeSearch) -> np.ndarray:
     values = []
     for site, number, shape in search.free:

@@ -27,6 +27,8 @@ DRIVEN_FROM = 1e-3
 # Edge of the filter over that frequency: it takes 0.4 % there, and next to nothing an
 # octave above.
 EDGE = 0.5
+# Samples from which on neighbouring ones are averaged: a drift is slow.
+MAX_SAMPLES = 16384
 # Cycles of that frequency in a record, fewer of which say nothing.
 MIN_CYCLES = 8
 # Rms of a drift over that of the displacement, from which on it is looked at. White
@@ -111,19 +113,29 @@ def _slow_part(segment: Segment, record: Record) -> Drift | None:
     if segment.dt is None or segment.n_valid < 2 or segment.band is not None:
         return None
     rows = segment.valid
-    driven = [*segment.a[rows].T, *(segment.F[rows, j - 1] for j in segment.forced)]
-    lowest = min(_driven_from(line, segment.dt) for line in driven)
+    n_averaged = max(1, segment.n_valid // MAX_SAMPLES)
+    dt = n_averaged * segment.dt
+    forces = segment.F[rows][:, [j - 1 for j in segment.forced]]
+    driven = _averaged(np.hstack([segment.a[rows], forces]), n_averaged)
+    lowest = min(_driven_from(line, dt) for line in driven.T)
     if not lowest * segment.n_valid * segment.dt > MIN_CYCLES:
         return None
 
     edge = EDGE * lowest
-    displacements = np.cumsum(segment.s[rows].astype(float), axis=1)
+    displacements = np.cumsum(_averaged(segment.s[rows], n_averaged), axis=1)
     sizes = {}
     for j, line in enumerate(displacements.T, 1):
-        slow = _rms_below(line, edge, segment.dt)
+        slow = _rms_below(line, edge, dt)
         if f"x{j}" in record.measured and slow > LEAST_SHARE * line.std():
             sizes[j] = slow
     return Drift(edge, sizes) if sizes else None
+
+
+def _averaged(columns: np.ndarray, n_averaged: int) -> np.ndarray:
+    """Means of so many neighbouring samples."""
+    n_means = len(columns) // n_averaged
+    rows = np.asarray(columns[: n_means * n_averaged], dtype=float)
+    return rows.reshape(n_means, n_averaged, -1).mean(axis=1)
 
 
 def _powers(line: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,9 @@ from .displacement_drifts import without_drifts
 from .force_corners import without_force_corners
 from .problem import Estimate, Problem, least_squares
 
+# Samples of a record that are enough to see a constant.
+MAX_SAMPLES = 10_000
+
 
 def least_squares_beside_offsets(
     problem: Problem, data: Dataset
@@ -28,7 +31,7 @@ def least_squares_beside_offsets(
     estimate = least_squares(problem, data)
     if not data.records or not _shows_offsets(problem):
         return estimate, data
-    if not offsets_of(estimate.model, data):
+    if not offsets_of(estimate.model, _thinned(data, problem)):
         return estimate, data
 
     try:
@@ -43,6 +46,17 @@ def least_squares_beside_offsets(
     if _pooled_error(beside) >= _pooled_error(estimate):
         return estimate, data
     return beside, _with_notes(with_constants, offsets)
+
+
+def _thinned(data: Dataset, problem: Problem) -> Dataset:
+    """Samples that are enough to see a constant, unless laws need all of them."""
+    if problem.layout.has_memory:
+        return data
+    segments = []
+    for segment in data.segments:
+        step = max(1, segment.n_valid // MAX_SAMPLES)
+        segments.append(segment.every(step))
+    return replace(data, segments=tuple(segments))
 
 
 def _centred(data: Dataset) -> Dataset:

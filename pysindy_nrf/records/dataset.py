@@ -199,6 +199,16 @@ class Segment:
             valid=slice(0, n_rows),
         )
 
+    def every(self, step: int) -> Segment:
+        """One valid row in so many."""
+        if step == 1:
+            return self
+        rows = slice(self.valid.start, self.valid.stop, step)
+        n_rows = len(range(rows.start, rows.stop, step))
+        thinned = self.part(rows, 0)
+        valid = slice(0, n_rows)
+        return replace(thinned, rows=valid, valid=valid)
+
     def strongest(self, rows: slice, size: int) -> int:
         """First row of the stretch of ``size`` rows with most energy, among valid rows.
 

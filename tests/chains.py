@@ -296,7 +296,9 @@ def same(model, reference, tolerance: float = 1e-12) -> None:
         found = model.restoring_forces_[site].coefficients / scale
         expected = law.coefficients / scale
         assert np.allclose(found, expected, atol=10 * tolerance, rtol=tolerance)
-    assert np.allclose(model.errors_["error"], reference.errors_["error"], rtol=1e-8)
+    # what squares leave of round-off, percent
+    errors = model.errors_["error"]
+    assert np.allclose(errors, reference.errors_["error"], rtol=1e-8, atol=1e-5)
     assert model.n_samples_ == reference.n_samples_
 
 

@@ -106,7 +106,9 @@ def prepare(
     every = [_without_offset(rec) for rec in (*searched, *not_searched)]
     _require_one_chain(every)
 
-    segments, fusion, as_used = [], [], []
+    segments = []
+    fusion = []
+    as_used = []
     clean, n_rows = True, 0
     for number, record in enumerate(every):
         wanted = None if like is None else like[number]

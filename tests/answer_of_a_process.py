@@ -38,7 +38,7 @@ def numbers_of_fits(record):
         "coefficients": np.concatenate([force.coefficients for force in forces]),
         "intervals": plain.confidence_intervals()[["lower", "upper"]],
         "modes": plain.modes(),
-        "free run": simulate(with_law, F.to_numpy()[:800], dt=1e-3).displacement,
+        "free run": simulate(with_law.model_, F.to_numpy()[:800], dt=1e-3).displacement,
     }
 
 

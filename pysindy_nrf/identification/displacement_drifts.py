@@ -18,7 +18,7 @@ from ..records.checks.transfer_function import detrended, hann
 from ..records.dataset import Dataset, Segment
 from ..records.quality import QualityNote
 from ..records.record import Record
-from ..records.zero_phase_filter import ZeroPhaseFilter
+from ..records.zero_phase_filter import ZeroPhaseFilter, edges_of
 from .problem import Problem, least_squares
 
 # Share of the power of an acceleration or a force below the frequency from which on
@@ -79,7 +79,7 @@ def displacement_drifts(problem: Problem, data: Dataset) -> dict[int, Drift]:
     data : Dataset
         Records whose displacements are measured.
     """
-    low = None if problem.band is None else problem.band[0]
+    low = None if problem.band is None else edges_of(problem.band)[0]
     drifts: dict[int, Drift] = {}
     for number, (segment, record) in enumerate(zip(data.segments, data.records)):
         drift = None if low else _slow_part(segment, record)

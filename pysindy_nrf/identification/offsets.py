@@ -10,6 +10,7 @@ from ..diagnosis.offsets import Offsets, offsets_of, with_offsets
 from ..equations.errors import balance_errors
 from ..exceptions import NRFError
 from ..records.dataset import Dataset
+from ..records.zero_phase_filter import edges_of
 from .displacement_drifts import without_drifts
 from .force_corners import without_force_corners
 from .problem import Estimate, Problem, least_squares
@@ -68,7 +69,7 @@ def _centred(data: Dataset) -> Dataset:
 
 def _shows_offsets(problem: Problem) -> bool:
     """Whether constants reach the equations, and no declared law stands for them."""
-    low = None if problem.band is None else problem.band[0]
+    low = None if problem.band is None else edges_of(problem.band)[0]
     declared = any(law.variable == "1" for law in problem.every_law)
     return not low and not declared
 

@@ -158,7 +158,7 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
     nyquist = check_rate(fs) / 2
     if band is None:
         return None, None
-    low, high = _edges(band)
+    low, high = edges_of(band)
     _require_below_nyquist(high, nyquist, "Lower it, or give None for no upper edge.")
     _require_below_nyquist(low, nyquist, "Lower it.")
     if high is not None and high <= (low or 0.0):
@@ -169,7 +169,7 @@ def check_band(band: Band, fs: float) -> tuple[float | None, float | None]:
     return low, high
 
 
-def _edges(
+def edges_of(
     band: tuple[float | None, float | None],
 ) -> tuple[float | None, float | None]:
     """Lower and upper edge as numbers; None for 0 and infinity."""

@@ -167,7 +167,13 @@ class ForceLawLibrary(BaseFeatureLibrary):
         return self
 
     def layout_of(self, n_dof: int) -> LawLayout:
-        """Which of the terms belong to which site."""
+        """Which of the terms belong to which site.
+
+        Parameters
+        ----------
+        n_dof : int
+            Degrees of freedom of the data.
+        """
         chain = chain_of(self.chain, n_dof)
         return LawLayout(chain, self._laws(chain))
 

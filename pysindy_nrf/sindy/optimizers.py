@@ -218,7 +218,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """The layout of a library that makes features of the kind that is needed."""
         what = f"The library makes features of inputs={library.inputs!r}"
         _require(library.inputs == self._inputs, what, f"It needs {self._inputs!r}.")
-        return library._layout_of(n_dof)
+        return library.layout_of(n_dof)
 
     def _require_same_chain(
         self, library: ForceLawLibrary, layout: Layout, n_dof: int

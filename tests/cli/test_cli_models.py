@@ -227,7 +227,7 @@ def test_a_force_of_the_wrong_sign_is_named(flipped):
     text = " ".join(flipped.split())
     assert "RED: Do not use this model." in text
     assert "all forces reversed" in text
-    assert "m1 = -8.0" in text
+    assert "m1 = -8" in text
     assert "Next:" not in text
 
 

@@ -272,6 +272,7 @@ class Clipped(laws.ForceLaw):
     """A law that calls its column "s" and means another."""
 
     name = "test_clipped"
+    family = "stiffness"
     columns = (laws.Term("k", "s", "N/m"),)
 
     @staticmethod

@@ -18,7 +18,7 @@ from ..records.checks.transfer_function import detrended, hann
 from ..records.dataset import Dataset, Segment
 from ..records.quality import QualityNote
 from ..records.record import Record
-from ..records.zero_phase_filter import ZeroPhaseFilter, edges_of
+from ..records.zero_phase_filter import ZeroPhaseFilter
 from .problem import Problem, least_squares
 
 # Share of the power of an acceleration or a force below the frequency from which on
@@ -79,10 +79,13 @@ def displacement_drifts(problem: Problem, data: Dataset) -> dict[int, Drift]:
     data : Dataset
         Records whose displacements are measured.
     """
-    low = None if problem.band is None else edges_of(problem.band)[0]
     drifts: dict[int, Drift] = {}
+    filters = problem.filters(data)
     for number, (segment, record) in enumerate(zip(data.segments, data.records)):
-        drift = None if low else _slow_part(segment, record)
+        band_filter = filters[number]
+        if band_filter is not None and band_filter.band[0]:
+            continue
+        drift = _slow_part(segment, record)
         if drift is not None:
             drifts[number] = drift
     if not drifts:

@@ -14,6 +14,8 @@ from ..identification.regressor import NRFRegressor
 from .feature_library import ForceLawLibrary
 from .optimizers import StateSpaceChainOptimizer, equation_rows
 
+__all__ = ["from_sindy", "to_sindy"]
+
 
 class IdentifiedChain(StateSpaceChainOptimizer):
     """An optimizer whose fit is done: it has the coefficients of a chain model."""

@@ -38,6 +38,11 @@ MATERIAL = 0.1
 # Share of the residual that an alternative may leave and still be no better: in records
 # of 6,000 samples without a fault, noise makes it 0.85 at least.
 MUCH_BETTER = 0.8
+# Share of the residual up to which an alternative explains the data as well, and below
+# which dashpots to the ground explain a part of it: of 100 clean simulated tests noise
+# makes it 0.985 at least, Rayleigh damping 0.9 at most.
+AS_WELL = 1.02
+A_PART = 0.97
 # Share of the residual from which on an alternative that matters is the better model.
 BETTER_MODEL = 0.5
 # Percent of an equation of motion that is explained as well as any sensor allows.
@@ -271,8 +276,10 @@ def _matters(alternative: Alternative) -> bool:
     change = abs(alternative.change)
     if alternative.parameter.startswith("damping"):
         # dampings are never determined well: the change itself must be sure
-        return change - alternative.half_width > MATERIAL
-    return max(change, alternative.half_width) > MATERIAL
+        is_sure = change - alternative.half_width > MATERIAL
+        return is_sure and alternative.left < A_PART
+    is_as_good = alternative.left < AS_WELL
+    return is_as_good and max(change, alternative.half_width) > MATERIAL
 
 
 def _of_alternative(alternative: Alternative, fits_better: bool) -> str:

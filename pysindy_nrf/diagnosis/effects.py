@@ -175,6 +175,8 @@ def effect_words(
     name = plain_name(law).removeprefix("ground ")
     if law == "coulomb_friction":
         name = "dry friction"
+    if law == "harmonic_force":
+        values, intervals = _amplitude(values, intervals)
     place = _place(site)
 
     for key, value in values.items():
@@ -188,6 +190,22 @@ def effect_words(
             text += f" ({digits(low, high)}{unit})"
         return f"{text} {place}"
     return f"{name} {place}"
+
+
+def _amplitude(
+    values: Mapping[str, float | None], intervals: Mapping[str, Interval]
+) -> tuple[dict[str, float | None], dict[str, Interval]]:
+    """The amplitude of a harmonic force and its interval, as parameter A.
+
+    A and B are the coefficients of its cosine and sine; their errors are independent.
+    """
+    parts = np.array([values.get("A") or 0.0, values.get("B") or 0.0])
+    amplitude = float(np.hypot(*parts))
+    unknown = (np.nan, np.nan)
+    ends = np.array([intervals.get(name, unknown) for name in ("A", "B")])
+    half_widths = np.diff(ends, axis=1)[:, 0] / 2
+    half_width = float(np.hypot(*(parts * half_widths)) / max(amplitude, 1e-300))
+    return {"A": amplitude}, {"A": (amplitude - half_width, amplitude + half_width)}
 
 
 def _place(site: str) -> str:

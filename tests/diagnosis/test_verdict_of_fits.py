@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
-from pysindy_nrf.diagnosis import Facts, verdict_from
+from pysindy_nrf.diagnosis import Facts, effect_words, verdict_from
 from pysindy_nrf.simulation import add_noise
 
 
@@ -97,3 +97,12 @@ def test_blows_that_only_push_accuse_neither_force_nor_channels(milliseconds):
     verdict = NRFRegressor(degree=1).fit(add_noise(sampled, 0.003)).verdict()
     assert not kinds(verdict) & {"quality", "channel", "wiring", "alternative"}
     assert verdict.state != "red"
+
+
+def test_a_harmonic_force_is_named_by_its_amplitude():
+    """3 N of the cosine and 4 N of the sine are 5 N, known as well as they are."""
+    values = {"A": 3.0, "B": 4.0, "frequency": 2.0}
+    intervals = {"A": (2.9, 3.1), "B": (3.9, 4.1)}
+    units = {"A": "N", "B": "N"}
+    words = effect_words("harmonic_force", "dof 2", values, intervals, units)
+    assert words == "harmonic force of 5 N (4.9 to 5.1 N) on floor 2"

@@ -51,6 +51,8 @@ EXPLAINED = 1.0
 # from which on it is worth a word. Four draws of noise scatter by a third at most.
 ABOVE_NOISE = 3.0
 NOTICED = 5.0
+# Relative change of a parameter beyond which its size says nothing more.
+BEYOND_MEANING = 10.0
 # Alternatives that are named, those that leave least.
 MAX_ALTERNATIVES = 3
 # Factor by which a free run may get worse with an effect.
@@ -283,12 +285,7 @@ def _matters(alternative: Alternative) -> bool:
 
 
 def _of_alternative(alternative: Alternative, fits_better: bool) -> str:
-    change = f"{100 * abs(alternative.change):.2g} %"
-    side = "larger" if alternative.change > 0 else "smaller"
-    effect = f"{alternative.parameter} is then {change} {side}"
-    if 100 * abs(alternative.change) < 1.0:
-        width = f"{100 * alternative.half_width:.2g} %"
-        effect = f"{alternative.parameter} is then known to {width} only"
+    effect = _change_of_parameter(alternative)
     name = capitalised(alternative.description)
     if fits_better:
         left = f"{100 * alternative.left:.2g} %"
@@ -300,6 +297,18 @@ def _of_alternative(alternative: Alternative, fits_better: bool) -> str:
         f"{name} would explain these data as well; {effect}. Excite more modes, or rule"
         " it out on the structure."
     )
+
+
+def _change_of_parameter(alternative: Alternative) -> str:
+    """What an alternative does to the parameter that it moves most."""
+    change = abs(alternative.change)
+    if change < alternative.half_width:
+        width = f"{100 * alternative.half_width:.2g} %"
+        return f"{alternative.parameter} is then known to {width} only"
+    side = "larger" if alternative.change > 0 else "smaller"
+    if change > BEYOND_MEANING:
+        return f"{alternative.parameter} is then many times as large"
+    return f"{alternative.parameter} is then {100 * change:.2g} % {side}"
 
 
 def undefined_errors(facts: Facts) -> list[Reason]:

@@ -21,6 +21,8 @@ its words:
 Asked: at most 1 % of the mistakes silent, at least 97 % of the clean tests green, at
 most 1 % of them accused. One gain of all motions, or of all forces, scales masses and
 laws alike and cannot be known from the test: such tests are a row by themselves.
+Measured with ``--seed 100``, which chose no constant: 0.0 % of 344, 97.0 % and 0.0 % of
+200. The constants of the rules were chosen with seed 0.
 """
 
 from __future__ import annotations

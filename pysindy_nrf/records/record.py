@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -491,12 +492,41 @@ def require_coordinates(coordinates: str) -> None:
 
 
 def _matrices(values: Mapping[str, ArrayLike | None]) -> dict[str, np.ndarray]:
-    """What was given of motions and forces, one column for each DOF."""
-    return {
-        key: as_matrix(value, MATRICES[key], what=key)
-        for key, value in values.items()
-        if value is not None
-    }
+    """What was given of motions and forces, one column for each DOF.
+
+    Columns of tables that are named ``F1``, ``F2``, .. are put in this order.
+    """
+    given = {key: value for key, value in values.items() if value is not None}
+    _require_one_time(given)
+    matrices = {}
+    for key, value in given.items():
+        in_order = _in_order_of_dofs(value, MATRICES[key])
+        matrices[key] = as_matrix(in_order, MATRICES[key], what=key)
+    return matrices
+
+
+def _in_order_of_dofs(value: ArrayLike, letter: str) -> ArrayLike:
+    """A table with its columns from DOF 1 up, if they are named by DOFs."""
+    if not isinstance(value, pd.DataFrame):
+        return value
+    names = [f"{letter}{j}" for j in range(1, value.shape[1] + 1)]
+    return value[names] if set(names) == set(value.columns) else value
+
+
+def _require_one_time(values: Mapping[str, ArrayLike]) -> None:
+    """Refuse tables of equal length whose index holds different times."""
+    timed: list[tuple[str, pd.Index]] = []
+    for key, value in values.items():
+        if isinstance(value, pd.DataFrame):
+            if not isinstance(value.index, pd.RangeIndex):
+                timed.append((key, value.index))
+
+    for (first, times), (second, others) in pairwise(timed):
+        if len(times) == len(others) and not times.equals(others):
+            raise ChannelError(
+                f"The tables of {first} and {second} have other times in their index",
+                "Bring them to one clock (records.checks.alignment.resampled).",
+            )
 
 
 def _lines(values: Mapping[str, ArrayLike | None]) -> dict[str, np.ndarray]:

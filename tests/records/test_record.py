@@ -213,3 +213,19 @@ def test_honest_channels_are_left_alone(line):
     with warnings.catch_warnings(action="error"):
         rows, _ = fillers(np.array(line, dtype=float))
     assert len(rows) == 0
+
+
+def test_columns_of_a_table_are_taken_by_their_names():
+    motion = np.random.default_rng(0).standard_normal((50, 3))
+    names = ["F3", "F1", "F2"]
+    force = pd.DataFrame(np.eye(50, 3), columns=names)
+    record = Record(force=force, acceleration=motion, fs=100.0)
+    np.testing.assert_array_equal(record.force, force[["F1", "F2", "F3"]])
+
+
+def test_tables_of_different_times_are_refused():
+    time = np.arange(50) / 100
+    force = pd.DataFrame(np.ones((50, 1)), index=time)
+    late = pd.DataFrame(np.ones((50, 1)), index=time + 1.0)
+    with pytest.raises(ChannelError, match="times"):
+        Record(force=force, acceleration=late, fs=100.0)

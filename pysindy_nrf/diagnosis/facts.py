@@ -105,6 +105,22 @@ class ShapeAtEnd:
 
 
 @dataclass(frozen=True)
+class Move:
+    """What an alternative does to a value of a model.
+
+    Parameters
+    ----------
+    change : float
+        SI units.
+    half_width : float
+        Of the 95 % interval beside it, SI units.
+    """
+
+    change: float
+    half_width: float = 0.0
+
+
+@dataclass(frozen=True)
 class Alternative:
     """Something that the data allow beside a model.
 
@@ -122,6 +138,10 @@ class Alternative:
         Half-width of the 95 % interval of that parameter beside it, as a share.
     left : float
         Residual beside it, as a share of that of the model.
+    moves : mapping of str to Move
+        What it does to each mass and coefficient.
+    model, compared : ChainModel, optional
+        The estimate beside it, and that without it from the same data.
     """
 
     description: str
@@ -130,6 +150,38 @@ class Alternative:
     change: float
     half_width: float
     left: float
+    moves: Mapping[str, Move] = field(default_factory=dict)
+    model: ChainModel | None = None
+    compared: ChainModel | None = None
+
+
+@dataclass(frozen=True)
+class AmbiguousInterval:
+    """An interval that an alternative to the model moves or widens.
+
+    Parameters
+    ----------
+    parameter : str
+        Such as ``"m2"`` or ``"storey 2: s"``.
+    low, high : float
+        What the model and the alternatives span together, SI units.
+    by : tuple of str
+        The alternatives, as they are described.
+    withheld : bool
+        Whether the span says too little to be given as an interval.
+    """
+
+    parameter: str
+    low: float
+    high: float
+    by: tuple[str, ...]
+    withheld: bool
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Ends of the interval that is given; NaN if it is withheld."""
+        unknown = float("nan")
+        return (unknown, unknown) if self.withheld else (self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -173,6 +225,8 @@ class Facts:
         Shape parameters that ended where their search ends.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
+    ambiguous_intervals : tuple of AmbiguousInterval
+        Intervals that alternatives widen, or that are withheld for them.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
     nothing_claimed : str
@@ -202,6 +256,7 @@ class Facts:
     unseen_drifts: Mapping[int, float] = field(default_factory=dict)
     shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
     noise_is_known: bool = True
     nothing_claimed: str = ""
     wiring: str = ""
@@ -423,6 +478,10 @@ class Loop(Protocol):
         """What the data allow beside the model."""
 
     @property
+    def ambiguous_intervals(self) -> tuple[AmbiguousInterval, ...]:
+        """Intervals that alternatives widen, or that are withheld for them."""
+
+    @property
     def unseen_drifts(self) -> Mapping[int, float]:
         """Noise over rms of the drift of each storey that noise hides."""
 
@@ -444,16 +503,14 @@ def facts_of_loop(report: Loop) -> Facts:
         model, report.bounds, report.free_runs, known_masses, over_periods
     )
 
-    unexplained = {}
-    for j in dofs:
-        unexplained[j] = float(report.final.get(f"held-out dof {j}", np.nan))
     confirmed = [step for step in report.steps if step.confirmed]
     return replace(
         of_model,
-        unexplained=unexplained,
+        unexplained=unexplained_by(report),
         beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
         left_over=_left_over(report),
         alternatives=report.alternatives,
+        ambiguous_intervals=report.ambiguous_intervals,
         unseen_drifts=report.unseen_drifts,
         holds=tuple(map(described, confirmed)),
         channel_faults=report.faults,
@@ -463,6 +520,14 @@ def facts_of_loop(report: Loop) -> Facts:
         noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def unexplained_by(report: Loop) -> dict[int, float]:
+    """Share of each equation of motion that the model leaves, percent, held out."""
+    shares = {}
+    for j in range(1, report.model.n_dof + 1):
+        shares[j] = float(report.final.get(f"held-out dof {j}", np.nan))
+    return shares
 
 
 def _left_over(report: Loop) -> dict[int, LeftOver]:

@@ -45,6 +45,11 @@ class FreeRunFacts:
         Why a run is missing.
     floats : bool
         Whether the chain has hardly a spring to the ground, so that it may drift.
+    by_newmark : bool
+        Whether the default method of :func:`pysindy_nrf.simulate` failed and Newmark's
+        computed the run.
+    diverges_by_default : bool
+        Whether it failed because the motion grew beyond all measure.
     """
 
     error: float = float("nan")
@@ -52,6 +57,8 @@ class FreeRunFacts:
     diverges: bool = False
     why_not: str = ""
     floats: bool = True
+    by_newmark: bool = False
+    diverges_by_default: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,7 +144,9 @@ class Alternative:
     half_width : float
         Half-width of the 95 % interval of that parameter beside it, as a share.
     left : float
-        Residual beside it, as a share of that of the model.
+        Residual of all equations of motion beside it, as a share of that of the model.
+    left_by_equation : float
+        The same with every residual as a share of its own: the rms over the equations.
     moves : mapping of str to Move
         What it does to each mass and coefficient.
     model, compared : ChainModel, optional
@@ -150,6 +159,7 @@ class Alternative:
     change: float
     half_width: float
     left: float
+    left_by_equation: float
     moves: Mapping[str, Move] = field(default_factory=dict)
     model: ChainModel | None = None
     compared: ChainModel | None = None
@@ -336,6 +346,8 @@ def _free_run_facts(
         diverges=runs.failed or not is_finite,
         why_not=runs.why_not,
         floats=_floats(runs, modes),
+        by_newmark=runs.by_newmark,
+        diverges_by_default=runs.diverges_by_default,
     )
 
 

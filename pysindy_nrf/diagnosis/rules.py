@@ -343,6 +343,23 @@ def _leaves_the_motion(run: FreeRunFacts) -> bool:
     return run.error > DIVERGED and not run.floats and not follows_at_first
 
 
+def diverging_by_default(facts: Facts) -> list[Reason]:
+    """A free run that the default integrator could not finish for its size.
+
+    Where a mode grows, the model itself does so.
+    """
+    run = facts.free_run
+    if not run.diverges_by_default or run.diverges:
+        return []
+    severity: Severity = "amber" if facts.growing_mode is None else "red"
+    message = (
+        "The model alone grows beyond a hundred times the measured motion by the"
+        f" default method of simulate. Newmark's method, which misses the motion by"
+        f" {run.error:.3g} %, does not resolve what grows between samples."
+    )
+    return [Reason("free run", severity, message, size=run.error)]
+
+
 def growing_mode(facts: Facts) -> list[Reason]:
     """A mode that grows by itself."""
     mode = facts.growing_mode
@@ -523,6 +540,7 @@ RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     open_alternatives,
     undefined_errors,
     diverging_free_run,
+    diverging_by_default,
     growing_mode,
     straying_free_run,
     nothing_claimed,

@@ -182,7 +182,7 @@ class _Comparison:
             ", ".join(more),
             _Numbers(here, there, pd.Series(_QUANTILE * spread, here.index)),
             watched,
-            float(squares.sum(axis=0) @ self.weights),
+            squares,
             estimate.model,
         )
 
@@ -192,26 +192,29 @@ class _Comparison:
         place: str,
         numbers: _Numbers,
         watched: pd.Index,
-        squares: float,
+        squares: np.ndarray,
         model: ChainModel,
     ) -> Alternative:
         """What an alternative does to the number that it moves most.
 
-        ``squares`` are its squared residuals, those of all equations by their weights.
+        ``squares`` are its squared residuals by piece and equation, N^2.
         """
         size = numbers.here[watched].abs()
         relative_change = (numbers.there - numbers.here)[watched] / size
         relative_width = numbers.half_width[watched] / size
         reach = np.maximum(relative_change.abs(), relative_width)
         parameter = str(reach.idxmax())
-        n_equations = np.count_nonzero(self.squares.sum(axis=0))
+        left, before = squares.sum(axis=0), self.squares.sum(axis=0)
+        unsolved = before > 0
+        ratios = left[unsolved] / before[unsolved]
         return Alternative(
             description,
             place,
             parameter,
             float(relative_change[parameter]),
             float(relative_width[parameter]),
-            float(np.sqrt(max(squares, 0.0) / max(int(n_equations), 1))),
+            float(np.sqrt(left.sum() / before.sum())) if unsolved.any() else 1.0,
+            float(np.sqrt(ratios.mean())) if unsolved.any() else 1.0,
             numbers.moves,
             model,
             self.model,
@@ -365,7 +368,7 @@ def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None
         change.place,
         _Numbers(here, at_best.values, _QUANTILE * rate.abs() * spread),
         comparison.masses_and_stiffnesses,
-        float(at_best.squares.sum(axis=0) @ weights),
+        at_best.squares,
         at_best.model,
     )
 
@@ -460,7 +463,7 @@ def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
             f"sensor {channel}",
             _Numbers(here, comparison.parameters(model), 0.0 * here),
             comparison.masses_and_stiffnesses,
-            float(squares.sum(axis=0) @ comparison.weights),
+            squares,
             model,
         )
 

@@ -367,8 +367,20 @@ class Evidence(Protocol):
         """Questions without an answer."""
 
 
+class Identified(Protocol):
+    """The result of an identification."""
+
+    @property
+    def facts(self) -> Facts:
+        """What is known of its model and of its data."""
+
+
 class Loop(Protocol):
     """What a verdict reads of a report of the loop."""
+
+    @property
+    def identified(self) -> Identified | None:
+        """The final estimate of the model, if it has one of its own."""
 
     @property
     def model(self) -> ChainModel:
@@ -436,33 +448,42 @@ def facts_of_loop(report: Loop) -> Facts:
 
     ``wiring`` is left out: a verdict asks for it where the other facts make it likely.
     """
-    model = report.model
-    dofs = range(1, model.n_dof + 1)
-    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
-    over_periods = float(report.final["free run"])
-    of_model = facts_of_model(
-        model, report.bounds, report.free_runs, known_masses, over_periods
-    )
-
-    unexplained = {}
-    for j in dofs:
-        unexplained[j] = float(report.final.get(f"held-out dof {j}", np.nan))
+    of_model = _facts_of_estimate(report)
     confirmed = [step for step in report.steps if step.confirmed]
     return replace(
         of_model,
-        unexplained=unexplained,
         beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
         left_over=_left_over(report),
         alternatives=report.alternatives,
         unseen_drifts=report.unseen_drifts,
         holds=tuple(map(described, confirmed)),
         channel_faults=report.faults,
-        quality=tuple(report.quality),
+        quality=tuple(dict.fromkeys([*report.quality, *of_model.quality])),
         effects=tuple(report.steps),
         unanswered=_unanswered(report.evidence),
         noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def _facts_of_estimate(report: Loop) -> Facts:
+    """What is known of the model of a loop as an estimate."""
+    over_periods = float(report.final["free run"])
+    if report.identified is not None:
+        facts = report.identified.facts
+        run = replace(facts.free_run, over_periods=over_periods)
+        return replace(facts, free_run=run)
+
+    model = report.model
+    dofs = range(1, model.n_dof + 1)
+    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
+    unexplained = {}
+    for j in dofs:
+        unexplained[j] = float(report.final.get(f"held-out dof {j}", np.nan))
+    facts = facts_of_model(
+        model, report.bounds, report.free_runs, known_masses, over_periods
+    )
+    return replace(facts, unexplained=unexplained)
 
 
 def _left_over(report: Loop) -> dict[int, LeftOver]:

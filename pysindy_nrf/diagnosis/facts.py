@@ -16,6 +16,7 @@ from ..chain.model import ChainModel
 from ..chain.restoring_force import RestoringForce
 from ..chain.visited_region import VisitedRegion
 from ..records.quality import QualityNote
+from .assumptions import Assumption
 from .effects import Bounds, Effect, described
 from .free_run import FreeRuns
 
@@ -237,6 +238,8 @@ class Facts:
         What the data allow beside the model, the one that leaves least first.
     ambiguous_intervals : tuple of AmbiguousInterval
         Intervals that alternatives widen, or that are withheld for them.
+    assumptions : tuple of Assumption
+        What the model takes for granted; no reason against it.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
     nothing_claimed : str
@@ -267,6 +270,7 @@ class Facts:
     shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
     noise_is_known: bool = True
     nothing_claimed: str = ""
     wiring: str = ""
@@ -434,8 +438,20 @@ class Evidence(Protocol):
         """Questions without an answer."""
 
 
+class Identified(Protocol):
+    """The result of an identification."""
+
+    @property
+    def facts(self) -> Facts:
+        """What is known of its model and of its data."""
+
+
 class Loop(Protocol):
     """What a verdict reads of a report of the loop."""
+
+    @property
+    def identified(self) -> Identified | None:
+        """The final estimate of the model, if it has one of its own."""
 
     @property
     def model(self) -> ChainModel:
@@ -507,18 +523,10 @@ def facts_of_loop(report: Loop) -> Facts:
 
     ``wiring`` is left out: a verdict asks for it where the other facts make it likely.
     """
-    model = report.model
-    dofs = range(1, model.n_dof + 1)
-    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
-    over_periods = float(report.final["free run"])
-    of_model = facts_of_model(
-        model, report.bounds, report.free_runs, known_masses, over_periods
-    )
-
+    of_model = _facts_of_estimate(report)
     confirmed = [step for step in report.steps if step.confirmed]
     return replace(
         of_model,
-        unexplained=unexplained_by(report),
         beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
         left_over=_left_over(report),
         alternatives=report.alternatives,
@@ -526,12 +534,29 @@ def facts_of_loop(report: Loop) -> Facts:
         unseen_drifts=report.unseen_drifts,
         holds=tuple(map(described, confirmed)),
         channel_faults=report.faults,
-        quality=tuple(report.quality),
+        quality=tuple(dict.fromkeys([*report.quality, *of_model.quality])),
         effects=tuple(report.steps),
         unanswered=_unanswered(report.evidence),
         noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def _facts_of_estimate(report: Loop) -> Facts:
+    """What is known of the model of a loop as an estimate."""
+    over_periods = float(report.final["free run"])
+    if report.identified is not None:
+        facts = report.identified.facts
+        run = replace(facts.free_run, over_periods=over_periods)
+        return replace(facts, free_run=run)
+
+    model = report.model
+    dofs = range(1, model.n_dof + 1)
+    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
+    facts = facts_of_model(
+        model, report.bounds, report.free_runs, known_masses, over_periods
+    )
+    return replace(facts, unexplained=unexplained_by(report))
 
 
 def unexplained_by(report: Loop) -> dict[int, float]:

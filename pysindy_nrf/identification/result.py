@@ -54,6 +54,7 @@ from .joint_intervals import (
     joint_resolver,
     shapes_at_ends,
 )
+from .noise_floor import BesideNoise, beside_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
@@ -403,6 +404,17 @@ class IdentificationResult:
             return ()
 
     @cached_property
+    def beside_noise(self) -> BesideNoise:
+        """What the model leaves of each equation, beside what noise would leave."""
+        if self.data is None or self.motions:
+            return BesideNoise()
+        try:
+            return beside_noise(self.problem, self.model, self.data)
+        except NRFError:
+            # a stretch of these records is no record by itself
+            return BesideNoise()
+
+    @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:
         """Kinds of the nonlinear forces of power series that the data show, by site.
 
@@ -456,6 +468,8 @@ class IdentificationResult:
         return replace(
             facts_of_model(self.model, bounds, runs, known),
             unexplained=self.unexplained,
+            beyond_noise=self.beside_noise.beyond(self.unexplained),
+            left_over=self.beside_noise.left_over,
             holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,

@@ -8,14 +8,20 @@ from dataclasses import replace
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
-from ..diagnosis.facts import Alternative
+from ..diagnosis.facts import Alternative, unexplained_by
 from ..diagnosis.offsets import with_offsets
+from ..diagnosis.open_alternatives import (
+    OpenAlternatives,
+    ambiguous_intervals,
+    with_ambiguity,
+)
 from ..diagnosis.residual import residual_of
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import DOUBTFUL, FreeRuns, free_runs, suspect_channels
 from ..exceptions import NRFError
 from ..identification.alternatives import alternatives_of
+from ..identification.intervals import parameters_of
 from ..identification.wiring import wiring_error
 from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
@@ -62,7 +68,21 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         faults=suspect_channels(request.all_records),
         quality=_quality(outcome, final),
     )
-    return _with_wiring(report, request)
+    return _with_wiring(_with_ambiguity(report), request)
+
+
+def _with_ambiguity(report: LoopReport) -> LoopReport:
+    """The report with intervals that hold what open alternatives do."""
+    if report.identified is not None:
+        # those of the estimate hold it already
+        return replace(
+            report, ambiguous_intervals=report.identified.ambiguous_intervals
+        )
+    among = OpenAlternatives.among(report.alternatives, unexplained_by(report))
+    values = parameters_of(report.model).to_dict()
+    ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.better)
+    bounds = with_ambiguity(report.bounds, ambiguous)
+    return replace(report, bounds=bounds, ambiguous_intervals=ambiguous)
 
 
 def _records_of_estimate(

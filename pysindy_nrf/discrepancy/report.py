@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..diagnosis.facts import Alternative
+from ..diagnosis.facts import Alternative, AmbiguousInterval
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
 from ..identification.result import IdentificationResult
@@ -186,6 +186,8 @@ class LoopReport:
         percent.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
+    ambiguous_intervals : tuple of AmbiguousInterval
+        Intervals of ``bounds`` that alternatives widen, or that are withheld for them.
     unseen_drifts : dict of int to float
         Noise over rms of the drift of each storey that noise hides.
     wiring, faults : str, dict of str to bool
@@ -251,6 +253,7 @@ class LoopReport:
     free_runs: FreeRuns | None = None
     beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
     alternatives: tuple[Alternative, ...] = ()
+    ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
     unseen_drifts: dict[int, float] = field(default_factory=dict)
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)

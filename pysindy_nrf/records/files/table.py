@@ -18,6 +18,30 @@ MAX_NAME_LENGTH = 80  # characters of a name in a message
 
 
 @dataclass(frozen=True)
+class Clock:
+    """An even clock of one variable.
+
+    Parameters
+    ----------
+    fs : float
+        Sampling rate, Hz.
+    start : float
+        Time of the first sample, s: from the origin, else on a clock that all variables
+        share.
+    origin : numpy.datetime64, optional
+        A time of day from which the start counts.
+    """
+
+    fs: float
+    start: float = 0.0
+    origin: np.datetime64 | None = None
+
+    def end(self, n_samples: int) -> float:
+        """Time of the last sample, s."""
+        return self.start + (n_samples - 1) / self.fs
+
+
+@dataclass(frozen=True)
 class Table:
     """Variables of one file by name, as in the file (no unit converted).
 
@@ -38,6 +62,11 @@ class Table:
         Sampling rate, Hz, where the file states one and has no time.
     decimal : str
         Decimal mark of columns that are still text.
+    clocks : dict of str to Clock
+        By variable, where the file states rates and starts.
+    files : tuple of str
+        Names of the files of one test, without their ends; variables are called
+        ``file.variable``. Empty for one file.
     """
 
     path: Path
@@ -48,6 +77,13 @@ class Table:
     attributes: Attributes | None = None
     fs: float | None = None
     decimal: str = "."
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
+
+    def file_of(self, variable: str) -> str:
+        """The file of a variable, among those of one test."""
+        matching = [stem for stem in self.files if variable.startswith(f"{stem}.")]
+        return max(matching, key=len, default="")
 
     @property
     def in_words(self) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from ...exceptions import FileFormatError, NRFError
 from .attributes import Attributes
@@ -173,6 +174,30 @@ def reading_as(path: Path, kind: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise unreadable(path, kind, error) from error
+
+
+def without_empty_rows(
+    frame: pd.DataFrame, has_time: bool
+) -> tuple[pd.DataFrame, list[str]]:
+    """A table without rows in which every cell is empty, and a note on them.
+
+    Empty rows between others are kept where no time would show that samples are missing
+    there.
+    """
+    is_empty = frame.isna().all(axis=1).to_numpy()
+    filled = np.flatnonzero(~is_empty)
+    if not is_empty.any() or not filled.size:
+        return frame, []
+
+    inside = slice(filled[0], filled[-1] + 1)
+    kept = frame.iloc[inside]
+    if has_time:
+        kept = kept[~is_empty[inside]]
+    n_dropped = len(frame) - len(kept)
+    if not n_dropped:
+        return frame, []
+    rows = "row" if n_dropped == 1 else "rows"
+    return kept.infer_objects(), [f"{n_dropped} empty {rows} left out"]
 
 
 def two_columns_of_one_name(path: Path, name: str) -> FileFormatError:

@@ -24,7 +24,10 @@ Kind = Literal[
     "interpolated",  # made up between samples of a slower clock; share of the samples
     "noise",  # rms of its noise, in the channel's SI unit
     "offset",  # its zero, in the channel's SI unit; of an equation of motion, N
+    "overlap",  # time that all channels cover, s
     "quantised",  # moves in coarse steps
+    "resampled",  # brought to a slower clock; ratio of the rates
+    "shifted",  # started after the channel that is the witness, s; moved to its clock
     "sign",  # points the other way; -1
     "spikes",  # samples that stand out; share of the samples
     "swapped",  # looks like a channel of another place
@@ -65,7 +68,13 @@ class QualityNote:
     @property
     def is_fault(self) -> bool:
         """Whether it is to be mended, rather than only to be known."""
-        return self.kind not in ("computed", "offset")
+        return self.kind not in (
+            "computed",
+            "offset",
+            "overlap",
+            "resampled",
+            "shifted",
+        )
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

@@ -18,6 +18,7 @@ from .clock import clock_of, time_in_index
 from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
+from .quality import QualityNote
 
 LARGEST_VALUE = 1e100  # SI units; its square is still a double
 # Attributes with one column for each DOF, and the letter of their channels.
@@ -30,6 +31,7 @@ MATRICES = {
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
+FEW_DOFS = 10  # of a chain; a shorter record of more is an array that lies on its side
 COORDINATES = ("relative", "absolute")
 
 
@@ -72,6 +74,8 @@ class Record:
     time : ndarray of shape (n_samples,)
         Seconds, as they were given; from 0 if only a rate was. A window of a record
         keeps its times.
+    quality : tuple of QualityNote
+        What reading the record has changed: channels that were moved to one clock.
 
     Raises
     ------
@@ -150,6 +154,7 @@ class Record:
         self.base_velocity = bases.get("base velocity vg")
         self.base_displacement = bases.get("base displacement xg")
         self.covariates = others
+        self.quality: tuple[QualityNote, ...] = ()
         _require_usable_values(self.channels(), self.name)
 
     def channels(self) -> dict[str, np.ndarray]:
@@ -435,6 +440,15 @@ class Record:
         """
         return self._with_attributes(t0=t0)
 
+    def with_quality(self, notes: Sequence[QualityNote]) -> Record:
+        """The same channels with notes on their quality.
+
+        Parameters
+        ----------
+        notes : sequence of QualityNote
+        """
+        return self._with_attributes(quality=tuple(notes))
+
     def _with_attributes(self, **attributes: object) -> Record:
         """A copy with other attributes; its channels are not checked again."""
         out = copy.copy(self)
@@ -460,7 +474,7 @@ class Record:
         }
         if self.has_clock:
             arguments["fs"] = self.fs
-        changed = Record(**arguments | changes)
+        changed = Record(**arguments | changes).with_quality(self.quality)
         if changes.get("time") is None:
             return changed.starting_at(self.t0)
         return changed
@@ -598,6 +612,13 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
         )
 
     n_samples = next(iter(lengths.values()))
+    widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
+    if n_samples < widest and widest > FEW_DOFS:
+        raise ChannelError(
+            f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
+            " transposed",
+            "Give one row per sample and one column per DOF (array.T).",
+        )
     if n_samples < 2:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples", "At least two are needed."

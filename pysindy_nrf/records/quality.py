@@ -19,6 +19,7 @@ Kind = Literal[
     "frame",  # relative to the base and not absolute, or the reverse
     "gain",  # ratio to what another channel says
     "gain_drift",  # relative change of that ratio over the record
+    "hold",  # the course of the forces between the samples, which is no fault
     "hum",  # of the mains; share of the rms
     "incoherent",  # follows no other channel; the largest coherence
     "interpolated",  # made up between samples of a slower clock; share of the samples
@@ -65,7 +66,7 @@ class QualityNote:
     @property
     def is_fault(self) -> bool:
         """Whether it is to be mended, rather than only to be known."""
-        return self.kind not in ("computed", "offset")
+        return self.kind not in ("computed", "hold", "offset")
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

@@ -33,6 +33,7 @@ from .dataset import Dataset, Segment, feature_names
 from .extent import Extent
 from .fusion import KinematicSmoother
 from .fusion.kinematics import FusedRecord, Fusion, TwoWayFusion, fuse_record
+from .hold import BAND_LIMITED
 from .named_columns import MotionColumns, force_matrix, motion_columns, table_time
 from .quality import messages
 from .record import Record, row_times, seconds_of
@@ -312,8 +313,12 @@ def segment_of(
         noise=dict(fused.noise),
         quality=record.quality + fused.notes,
         simulation_method=fused.simulation_method,
+        hold=fused.hold or record.hold,
     )
-    return _with_valid_rows(segment, feature_names(fused.n_dof), fused.motion)
+    segment = _with_valid_rows(segment, feature_names(fused.n_dof), fused.motion)
+    if fused.as_measured or segment.hold in (None, BAND_LIMITED):
+        return segment
+    return segment.with_band_limited_forces(segment.hold)
 
 
 def _base_motions_in_band(

@@ -19,6 +19,7 @@ Kind = Literal[
     "frame",  # relative to the base and not absolute, or the reverse
     "gain",  # ratio to what another channel says
     "gain_drift",  # relative change of that ratio over the record
+    "hold",  # the course of the forces between the samples, which is no fault
     "hum",  # of the mains; share of the rms
     "incoherent",  # follows no other channel; the largest coherence
     "interpolated",  # made up between samples of a slower clock; share of the samples
@@ -34,6 +35,8 @@ Kind = Literal[
     "unit",  # ratio that a known unit would explain, or a peak too large for the unit
     "other",
 ]
+# Kinds that are to be known, and are no fault.
+_ONLY_KNOWN = ("computed", "hold", "offset", "overlap", "resampled", "shifted")
 
 
 @dataclass(frozen=True)
@@ -68,13 +71,7 @@ class QualityNote:
     @property
     def is_fault(self) -> bool:
         """Whether it is to be mended, rather than only to be known."""
-        return self.kind not in (
-            "computed",
-            "offset",
-            "overlap",
-            "resampled",
-            "shifted",
-        )
+        return self.kind not in _ONLY_KNOWN
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

@@ -18,6 +18,7 @@ from .clock import clock_of, time_in_index
 from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
+from .hold import require_hold
 from .quality import QualityNote
 
 LARGEST_VALUE = 1e100  # SI units; its square is still a double
@@ -65,6 +66,11 @@ class Record:
         Reference of ``velocity`` and ``displacement``: the base, or a fixed point.
     time : array-like of shape (n_samples,), optional
         Time of the samples, s, equally spaced.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of forces, base acceleration and covariates between the samples:
+        band-limited, as what passes an anti-aliasing filter; straight; or held, as a
+        D/A converter does. If None it is not known: free runs take the channels as
+        band-limited, unless the motion follows another course clearly better.
 
     Attributes
     ----------
@@ -111,8 +117,12 @@ class Record:
         base_velocity: ArrayLike | None = None,
         coordinates: str = "relative",
         time: ArrayLike | None = None,
+        hold: str | None = None,
     ) -> None:
         require_coordinates(coordinates)
+        if hold is not None:
+            require_hold(hold)
+        self.hold = hold
         self.coordinates = coordinates
         # the name of a file may be no text
         self.name = str(name).encode("utf-8", "backslashreplace").decode()
@@ -256,6 +266,7 @@ class Record:
         *,
         name: str = "record",
         coordinates: str = "relative",
+        hold: str | None = None,
     ) -> Record:
         """Record from a table with columns a1.., v1.., x1.., F1.., ag and a time.
 
@@ -267,7 +278,7 @@ class Record:
             so. Other columns become covariates.
         fs : float, optional
             Sampling rate, Hz, if the table has no time.
-        name, coordinates : str
+        name, coordinates, hold
             As for :class:`Record`.
 
         Raises
@@ -292,6 +303,7 @@ class Record:
             covariates=covariates,
             name=name,
             coordinates=coordinates,
+            hold=hold,
         )
 
     @classmethod
@@ -304,6 +316,7 @@ class Record:
         covariates: Mapping[str, ArrayLike] | None = None,
         name: str = "record",
         coordinates: str = "relative",
+        hold: str | None = None,
     ) -> Record:
         """Record from channels by name.
 
@@ -313,7 +326,7 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
             ``vg``, ``xg``. A motion that is not among them was not measured, a force
             does not act.
-        fs, time, covariates, name, coordinates
+        fs, time, covariates, name, coordinates, hold
             As for :class:`Record`.
 
         Examples
@@ -335,6 +348,7 @@ class Record:
             covariates=covariates,
             name=name,
             coordinates=coordinates,
+            hold=hold,
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -471,6 +485,7 @@ class Record:
             "covariates": self.covariates,
             "name": self.name,
             "coordinates": self.coordinates,
+            "hold": self.hold,
         }
         if self.has_clock:
             arguments["fs"] = self.fs

@@ -217,8 +217,8 @@ def _write(report: LoopReport, folder: Path, figures: bool) -> list[Path]:
     """Write the model, its story, tables, figures and the page."""
     from .. import report as pages
     from ..common.files import atomic_write
+    from ..drawing.matplotlib_renderer import save
     from ..records.files import write_table
-    from ..report.figures.matplotlib_renderer import save
     from ..report.loop_content import pictures
 
     model, story = folder / "closed_loop.json", folder / "closed_loop.md"

@@ -10,13 +10,13 @@ import pandas as pd
 from .. import report
 from ..chain.model import ChainModel
 from ..diagnosis.site_loops import loops_of
+from ..drawing import matplotlib_renderer
+from ..drawing.matplotlib_renderer import save
 from ..records.files import write_table
 from ..records.record import Record
 from ..records.zero_phase_filter import filters_of
-from ..report.figures import matplotlib_renderer
 from ..report.figures.forces import loop_figures
-from ..report.figures.matplotlib_renderer import save
-from ..report.figures.motion import free_run_figure, response_figures
+from ..report.figures.motion import free_run_figures, response_figures
 from ..report.model_content import identification_of
 from ..report.words import band_text
 from .exit_codes import ExitCode
@@ -134,7 +134,7 @@ def _figures(outcome: Outcome, folder: Path) -> list[Path]:
     written = save(
         folder / "restoring_forces.png", loop_figures(model, loops), columns=2
     )
-    return written + save(folder / "free_run.png", free_run_figure(outcome.free))
+    return written + save(folder / "free_run.png", free_run_figures(outcome.free)[:1])
 
 
 def _page(outcome: Outcome, path: Path, records: Sequence[Record]) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,13 +15,18 @@ from ..chain.sites import Site
 from ..diagnosis.facts import Alternative
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
+from ..drawing.matplotlib_renderer import Drawing
 from ..records.checks.channel_checks import Measured
 from ..records.quality import QualityNote
 from ..report import write_html
+from ..report.loop_content import pictures
 from ..report.markdown import markdown
 from ..report.notebook import loop_html
 from . import wording
 from .residual import Evidence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -276,6 +282,23 @@ class LoopReport:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)]
         lines = lines or ["No effect was added."]
         return "\n".join([*lines, f"Stopped: {self.stopped_because}."])
+
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Drawing:
+        """Draw errors before and after, the missing force and the free run.
+
+        The missing force is drawn with the law that was found over it (matplotlib).
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            New ones if None.
+
+        Returns
+        -------
+        Drawing
+            With ``ax_`` and ``figure_``.
+        """
+        return Drawing(pictures(self)).plot(ax)
 
     def to_markdown(self) -> str:
         """The report as Markdown.

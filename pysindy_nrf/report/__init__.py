@@ -8,11 +8,18 @@ apart from how they are drawn: on matplotlib's axes (:class:`Drawing`) or by plo
 from ..common.lazy import public_names
 
 _NAMES = {
-    "Axis": "figures.figure",
-    "Bars": "figures.figure",
-    "Drawing": "figures.matplotlib_renderer",
-    "Figure": "figures.figure",
-    "Line": "figures.figure",
+    "Axis": ".drawing.figure",
+    "Bars": ".drawing.figure",
+    "Drawing": ".drawing.matplotlib_renderer",
+    "Figure": ".drawing.figure",
+    "FreeRunDisplay": "displays",
+    "HysteresisDisplay": "displays",
+    "IntervalsDisplay": "displays",
+    "ModesDisplay": "displays",
+    "ResidualDisplay": "displays",
+    "RestoringForceDisplay": "displays",
+    "StepsDisplay": "displays",
+    "Line": ".drawing.figure",
     "as_html": "page",
     "as_plotly": "figures.plotly_renderer",
     "available": "page",

@@ -37,6 +37,7 @@ def finish(
     figures: bool,
     records: Sequence[Record] = (),
     truth: ChainModel | None = None,
+    excel: bool = False,
 ) -> ExitCode:
     """Write what was found, then print it.
 
@@ -50,6 +51,8 @@ def finish(
         Empty for frequency responses.
     truth : ChainModel, optional
         The model behind a simulated record.
+    excel : bool
+        Whether a workbook is written.
 
     Returns
     -------
@@ -60,6 +63,8 @@ def finish(
     outcome.estimator.model_.info.update(session.provenance())
     with session.writing() as folder:
         written = write_outcome(outcome, folder, figures, records)
+        if excel:
+            written.append(_workbook(outcome, folder / "model.xlsx"))
     session.finish(outcome_data(outcome, records), written)
 
     if figures and not matplotlib_renderer.available():
@@ -135,6 +140,16 @@ def _figures(outcome: Outcome, folder: Path) -> list[Path]:
         folder / "restoring_forces.png", loop_figures(model, loops), columns=2
     )
     return written + save(folder / "free_run.png", free_run_figures(outcome.free)[:1])
+
+
+def _workbook(outcome: Outcome, path: Path) -> Path:
+    """Write the workbook, over the data of the fit."""
+    result = outcome.estimator.result_
+    data = result.require_data("Fit again to write its forces.")
+    loops = loops_of(result.model, data, result.problem.filters(data))
+    return report.write_workbook(
+        path, result.summary(), result.model, loops, data.quality
+    )
 
 
 def _page(outcome: Outcome, path: Path, records: Sequence[Record]) -> Path:

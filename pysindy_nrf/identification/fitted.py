@@ -26,6 +26,7 @@ from ..records.named_columns import forces_by_name
 from ..records.record import Record
 from ..report.figures.forces import loop_figures
 from ..report.figures.motion import free_run_figures
+from ..report.summary import Summary
 from ..simulation.api import simulate
 from .intervals import AskedFor
 from .problem import Problem, blocks_of
@@ -366,13 +367,21 @@ class FittedChain:
         check_is_fitted(self)
         return self.model_.to_latex()
 
-    def summary(self) -> str:
-        """The verdict with its reasons, the masses and the equations, as text."""
-        return f"{self.verdict()}\n{self.model_}"
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares, and how they were found.
+
+        Returns
+        -------
+        Summary
+            ``str`` prints it as statsmodels does; ``to_frame``, ``as_html``,
+            ``as_latex``.
+        """
+        check_is_fitted(self)
+        return self.result_.summary()
 
     def print(self) -> None:
-        """Print :meth:`summary`."""
-        print(self.summary())
+        """Print the equations, then :meth:`summary`."""
+        print(self.model_, self.summary(), sep="\n\n")
 
     def plot(self, ax: Axes | np.ndarray | None = None) -> Drawing:
         """Draw the force of every site over its drift, and the free run (matplotlib).

@@ -473,6 +473,14 @@ class IntervalMaker:
         error = np.sqrt(self.repeats) * self._standard_errors(influences)
         return estimate - quantile * error, estimate + quantile * error
 
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of masses and coefficients by noise, by parameter."""
+        resolver = self.resolver
+        statistic = statistic_of("parameters", resolver.known_masses, resolver.layout)
+        names = statistic(self.model).index
+        errors = self._standard_errors(resolver.influences(statistic))
+        return dict(zip(map(str, names), np.sqrt(self.repeats) * errors))
+
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
         """Standard errors; correlated neighbours count if they increase them."""
         record = self.resolver.record

@@ -22,11 +22,13 @@ _NAMES = {
     "Line": ".drawing.figure",
     "as_html": "page",
     "as_plotly": "figures.plotly_renderer",
+    "Summary": "summary",
     "available": "page",
     "content_of": "page",
     "identification_of": "model_content",
     "order_figure": "figures.motion",
     "write_html": "page",
+    "write_workbook": "workbook",
 }
 __all__ = [*_NAMES]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,11 @@ from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
 from .hold import require_hold
 from .quality import QualityNote
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..drawing.matplotlib_renderer import Drawing
 
 LARGEST_VALUE = 1e100  # SI units; its square is still a double
 # Attributes with one column for each DOF, and the letter of their channels.
@@ -493,6 +498,40 @@ class Record:
         if changes.get("time") is None:
             return changed.starting_at(self.t0)
         return changed
+
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Drawing:
+        """Draw every channel over time (matplotlib).
+
+        Channels in doubt are red: those that :func:`~pysindy_nrf.records.channel_notes`
+        calls faulty.
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            One for each channel that moves or acts; new ones if None.
+
+        Returns
+        -------
+        Drawing
+            With ``ax_`` and ``figure_``.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib, which the extra ``plot`` brings.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import datasets
+        >>> drawn = datasets.load_demo().plot()
+        >>> [axes.get_ylabel() for axes in drawn.ax_][:2]
+        ['F2 (N)', 'a1 (m/s²)']
+        """
+        from ..drawing.matplotlib_renderer import Column
+        from .checks.channel_checks import doubts_by_channel
+        from .figures import time_figures
+
+        return Column(time_figures(self, doubts_by_channel(self))).plot(ax)
 
     def _repr_html_(self) -> str:
         from .files.summary import record_html

@@ -21,34 +21,26 @@ from .effects import (
     plain_name,
 )
 from .facts import Alternative, Facts, FreeRunFacts
+from .open_alternatives import (
+    EXPLAINED,
+    FAR_BETTER_FIT,
+    MATERIAL,
+    OpenAlternatives,
+    matters,
+)
 from .wiring import LARGE, OPEN
 
 # Percent of the measured motion by which a free run may miss it.
 ASTRAY = 20.0
-# Percent of the measured motion by which a free run may miss it and still follow.
-# Chosen on clean tests of benchmarks/verdicts.py with seed 0: accelerations alone,
-# sampled at 200 Hz, leave right models 3.4 and 4.4 %.
-FOLLOWS = 5.0
+# Percent of the measured motion by which a free run may miss it and still be as close
+# as sensors measure. Chosen on clean tests of benchmarks/verdicts.py with seed 0:
+# accelerations alone, sampled at 200 Hz, leave right models 3.4 and 4.4 %.
+GOOD_RUN = 5.0
 # Percent from which on a free run has nothing to do with the measured motion: half of
 # its energy is then missed.
 DIVERGED = 70.0
 # Percent from which on a size says nothing more.
 BEYOND_NUMBERS = 1e3
-# Share of a mass, a stiffness or a damping ratio that matters to an engineer.
-MATERIAL = 0.1
-# Share of the residual that an alternative may leave and still be no better. Chosen on
-# three records of 6,000 samples of a right model, where noise made it 0.85 at least.
-MUCH_BETTER = 0.8
-# Share of the residual up to which an alternative explains the data as well, and below
-# which dashpots to the ground explain a part of it. Chosen on tests of
-# benchmarks/verdicts.py with seed 0: right models 0.988 at least, six with Rayleigh
-# damping 0.895 at most.
-AS_WELL = 1.02
-A_PART = 0.97
-# Share of the residual from which on an alternative that matters is the better model.
-BETTER_MODEL = 0.5
-# Percent of an equation of motion that is explained as well as any sensor allows.
-EXPLAINED = 1.0
 # Times what noise leaves from which on a residual is none, and the percent of the force
 # from which on it is worth a word. Four draws of noise scatter by a third at most.
 ABOVE_NOISE = 3.0
@@ -139,7 +131,7 @@ def _follows(run: FreeRunFacts) -> bool:
     What its equations leave is then noise of the measured motion, which a free run does
     not read.
     """
-    return run.error < FOLLOWS
+    return run.error < GOOD_RUN
 
 
 def noisy_equations(facts: Facts) -> list[Reason]:
@@ -260,36 +252,25 @@ def unseen_drifts(facts: Facts) -> list[Reason]:
 
 def open_alternatives(facts: Facts) -> list[Reason]:
     """Other structures and channels that the data do not exclude."""
-    is_explained = max(facts.unexplained.values(), default=0.0) < EXPLAINED
+    among = OpenAlternatives.among(facts.alternatives, facts.unexplained)
     reasons = []
-    for alternative in facts.alternatives:
-        fits_better = alternative.left < MUCH_BETTER and not is_explained
-        if fits_better or _matters(alternative):
-            message = _of_alternative(alternative, fits_better)
-            place, size = alternative.place, alternative.change
-            kind: Kind = "alternative" if fits_better else "ambiguity"
-            severity: Severity = "amber"
-            if fits_better and _matters(alternative):
-                severity = "red" if alternative.left < BETTER_MODEL else "amber"
-            reasons.append(Reason(kind, severity, message, place, size))
+    for alternative in among.alternatives:
+        is_better = alternative.description in among.better
+        message = _of_alternative(alternative, is_better)
+        message += _of_intervals(alternative, facts)
+        place, size = alternative.place, alternative.change
+        kind: Kind = "alternative" if is_better else "ambiguity"
+        severity: Severity = "amber"
+        if is_better and matters(alternative) and alternative.left < FAR_BETTER_FIT:
+            severity = "red"
+        reasons.append(Reason(kind, severity, message, place, size))
     return reasons[:MAX_ALTERNATIVES]
 
 
-def _matters(alternative: Alternative) -> bool:
-    """Whether an alternative changes a number that an engineer uses."""
-    change = abs(alternative.change)
-    if alternative.parameter.startswith("damping"):
-        # dampings are never determined well: the change itself must be sure
-        is_sure = change - alternative.half_width > MATERIAL
-        return is_sure and alternative.left < A_PART
-    is_as_good = alternative.left < AS_WELL
-    return is_as_good and max(change, alternative.half_width) > MATERIAL
-
-
-def _of_alternative(alternative: Alternative, fits_better: bool) -> str:
+def _of_alternative(alternative: Alternative, is_better: bool) -> str:
     effect = _change_of_parameter(alternative)
     name = capitalised(alternative.description)
-    if fits_better:
+    if is_better:
         left = f"{100 * alternative.left:.2g} %"
         return (
             f"{name} leaves {left} of the residual; {effect}. Declare it, or check the"
@@ -299,6 +280,21 @@ def _of_alternative(alternative: Alternative, fits_better: bool) -> str:
         f"{name} would explain these data as well; {effect}. Excite more modes, or rule"
         " it out on the structure."
     )
+
+
+def _of_intervals(alternative: Alternative, facts: Facts) -> str:
+    """What an alternative does to intervals, as a further sentence."""
+    withheld: list[str] = []
+    widened: list[str] = []
+    for interval in facts.ambiguous_intervals:
+        if alternative.description in interval.by:
+            names = withheld if interval.withheld else widened
+            names.append(interval.parameter)
+    if withheld:
+        return f" Intervals of {', '.join(withheld)} are withheld for it."
+    if widened:
+        return f" Intervals of {', '.join(widened)} hold it."
+    return ""
 
 
 def _change_of_parameter(alternative: Alternative) -> str:
@@ -346,6 +342,23 @@ def _leaves_the_motion(run: FreeRunFacts) -> bool:
     """Whether a run is lost, though a spring holds the chain, from its start on."""
     follows_at_first = run.over_periods < ASTRAY
     return run.error > DIVERGED and not run.floats and not follows_at_first
+
+
+def diverging_by_default(facts: Facts) -> list[Reason]:
+    """A free run that the default integrator could not finish for its size.
+
+    Where a mode grows, the model itself does so.
+    """
+    run = facts.free_run
+    if not run.diverges_by_default or run.diverges:
+        return []
+    severity: Severity = "amber" if facts.growing_mode is None else "red"
+    message = (
+        "The model alone grows beyond a hundred times the measured motion by the"
+        f" default method of simulate. Newmark's method, which misses the motion by"
+        f" {run.error:.3g} %, does not resolve what grows between samples."
+    )
+    return [Reason("free run", severity, message, size=run.error)]
 
 
 def growing_mode(facts: Facts) -> list[Reason]:
@@ -528,6 +541,7 @@ RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     open_alternatives,
     undefined_errors,
     diverging_free_run,
+    diverging_by_default,
     growing_mode,
     straying_free_run,
     nothing_claimed,

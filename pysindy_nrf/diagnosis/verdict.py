@@ -118,7 +118,8 @@ def _what_it_holds(facts: Facts, reasons: Sequence[Reason]) -> str:
     error = judged_error(run)
     if np.isfinite(error):
         over = " over ten periods" if error < run.error else ""
-        holds += f"; the free run predicts the motion to {error:.2g} %{over}"
+        by = " by Newmark's method" if run.by_newmark else ""
+        holds += f"; the free run predicts the motion to {error:.2g} %{over}{by}"
     return f"{capitalised(holds)}."
 
 

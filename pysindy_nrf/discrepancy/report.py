@@ -11,9 +11,10 @@ import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..diagnosis.facts import Alternative
+from ..diagnosis.facts import Alternative, AmbiguousInterval
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
+from ..identification.result import IdentificationResult
 from ..records.checks.channel_checks import Measured
 from ..records.quality import QualityNote
 from ..report import write_html
@@ -152,7 +153,7 @@ class LoopReport:
         pooled, and free-run error beside the confirmed ones; the band.
     stopped_because : str
     model : ChainModel
-        With the effects in it, fitted to the search data.
+        With the confirmed effects in it, as finally estimated.
     band : tuple or None
         Hz.
     candidates : DataFrame
@@ -176,7 +177,7 @@ class LoopReport:
         gain at each storey beside the final model, dB: what no law of the catalogue
         explains.
     bounds : dict of str to (float, float)
-        95 % intervals of masses and coefficients, from fold to fold, by the names of
+        95 % intervals of masses and coefficients, by the names of
         ``confidence_intervals``.
     free_runs : FreeRuns or None
         The model alone under the measured forces of all records.
@@ -185,6 +186,8 @@ class LoopReport:
         percent.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
+    ambiguous_intervals : tuple of AmbiguousInterval
+        Intervals of ``bounds`` that alternatives widen, or that are withheld for them.
     unseen_drifts : dict of int to float
         Noise over rms of the drift of each storey that noise hides.
     wiring, faults : str, dict of str to bool
@@ -196,6 +199,10 @@ class LoopReport:
     nothing_claimed : bool
         Whether the model is too far from the data for any claim; ``stopped_because``
         gives the reason.
+    identified : IdentificationResult or None
+        The final estimate, by the method that :class:`~pysindy_nrf.NRFRegressor`
+        chooses for the laws of ``model`` in the band of the search; None where its
+        method cannot fit them, and the estimates are those of the search.
 
     Examples
     --------
@@ -246,11 +253,13 @@ class LoopReport:
     free_runs: FreeRuns | None = None
     beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
     alternatives: tuple[Alternative, ...] = ()
+    ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
     unseen_drifts: dict[int, float] = field(default_factory=dict)
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()
     nothing_claimed: bool = False
+    identified: IdentificationResult | None = None
 
     @property
     def final(self) -> pd.Series:

@@ -127,6 +127,24 @@ def _modes_of(model: ChainModel) -> pd.Series:
     return pd.Series(values, dtype=float)
 
 
+def forces_at(points: Points, model: ChainModel) -> pd.Series:
+    """Forces of sites at points (v, s), N, by name."""
+    forces: dict[str, float] = {}
+    for site, pair in points.items():
+        place = model.chain.site(site)
+        v, s = np.broadcast_arrays(*(np.asarray(x, float) for x in pair))
+        force = model.restoring_forces[place](v.ravel(), s.ravel())
+        names = _names_of_points(place, v.ravel(), s.ravel())
+        forces |= dict(zip(names, force.tolist(), strict=True))
+    return pd.Series(forces)
+
+
+def _names_of_points(site: Site, v: np.ndarray, s: np.ndarray) -> list[str]:
+    return [
+        f"{site} at v = {rate:.4g} m/s, s = {drift:.4g} m" for rate, drift in zip(v, s)
+    ]
+
+
 def statistic_of(
     of: AskedFor,
     known_masses: Mapping[int, float],
@@ -140,6 +158,8 @@ def statistic_of(
         has_site = values.index.str.contains(":")
         return values[has_site == (of == "coefficients")]
 
+    if isinstance(of, Mapping):
+        return lambda model: forces_at(of, model)
     if callable(of):
         return lambda model: pd.Series(of(model), dtype=float)
     if of == "parameters":
@@ -385,14 +405,11 @@ class IntervalMaker:
                     f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m."
                 )
             forces = self.forces(site, pair[0], pair[1], level)
-            name = self.model.chain.site(site)
+            place = self.model.chain.site(site)
             table = forces[["force", "lower", "upper"]]
             table = table.rename(columns={"force": "estimate"})
-            where = [
-                f"{name} at v = {v:.4g} m/s, s = {s:.4g} m"
-                for v, s in zip(forces["v"], forces["s"])
-            ]
-            table.insert(0, "parameter", where)
+            rates, drifts = forces["v"].to_numpy(), forces["s"].to_numpy()
+            table.insert(0, "parameter", _names_of_points(place, rates, drifts))
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 

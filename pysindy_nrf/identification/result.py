@@ -15,9 +15,16 @@ from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
-from ..diagnosis.facts import Alternative, Facts, ShapeAtEnd, facts_of_model
+from ..diagnosis.facts import (
+    Alternative,
+    AmbiguousInterval,
+    Facts,
+    ShapeAtEnd,
+    facts_of_model,
+)
 from ..diagnosis.free_run import FreeRuns, free_runs
-from ..diagnosis.rules import FOLLOWS
+from ..diagnosis.open_alternatives import OpenAlternatives
+from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
 from ..diagnosis.wiring import suspect_channels
@@ -30,6 +37,7 @@ from ..exceptions import (
 )
 from ..records.dataset import Dataset
 from .alternatives import alternatives_of
+from .ambiguity import ambiguous_in, table_with_ambiguity
 from .examination import Examination
 from .intervals import (
     AskedFor,
@@ -284,6 +292,8 @@ class IdentificationResult:
         """Intervals; see :meth:`NRFRegressor.confidence_intervals`."""
         intervals = self.intervals
         table = intervals.parameters(of, level, self.data)
+        ambiguous = self.ambiguous_in(table, of, level)
+        table = table_with_ambiguity(table, ambiguous)
         if calibration is None:
             return table
         if isinstance(of, Mapping):
@@ -303,6 +313,28 @@ class IdentificationResult:
             half = np.hypot(table[end] - table["estimate"], quantile * spread)
             table[f"combined_{end}"] = table["estimate"] + sign * half
         return table
+
+    def ambiguous_in(
+        self, table: pd.DataFrame, of: AskedFor, level: float
+    ) -> tuple[AmbiguousInterval, ...]:
+        """Intervals of a table that alternatives widen, or that they forbid."""
+        among = OpenAlternatives.among(self.alternatives, self.unexplained)
+        if not among.alternatives or table["lower"].isna().all():
+            return ()
+        known_masses = self.intervals.resolver.known_masses
+        statistic = statistic_of(of, known_masses, self.problem.layout, self.data)
+        return ambiguous_in(table, among, statistic, level)
+
+    @cached_property
+    def ambiguous_intervals(self) -> tuple[AmbiguousInterval, ...]:
+        """95 % intervals of parameters that alternatives widen, or that they forbid."""
+        if self.intervals_withheld:
+            return ()
+        try:
+            table = self.intervals.parameters("parameters", 0.95, self.data)
+        except NRFError:
+            return ()
+        return self.ambiguous_in(table, "parameters", 0.95)
 
     @cached_property
     def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
@@ -349,12 +381,18 @@ class IdentificationResult:
         data = self.require_data("Fit again to run the model over its data.")
         return free_runs(self.model, data, self.problem.filters(data))
 
+    @property
+    def unexplained(self) -> dict[int, float]:
+        """Share of each equation of motion that the model leaves, percent NRMSE."""
+        errors = self.errors["error"].drop("pooled")
+        return {int(str(name)[4:]): float(error) for name, error in errors.items()}
+
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """What the data allow beside the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
-        follows = self.free_runs.error < FOLLOWS
+        follows = self.free_runs.error < GOOD_RUN
         try:
             return alternatives_of(
                 self.problem, self.data, self.model if follows else None
@@ -406,11 +444,10 @@ class IdentificationResult:
 
         kinds = self.kinds_of_nonlinearity
         holds = nonlinear_parts(self.model, shares, bounds, kinds)
-        balances = self.errors["error"].drop("pooled")
         known = self.problem.known_masses
         return replace(
             facts_of_model(self.model, bounds, runs, known),
-            unexplained={int(name[4:]): float(e) for name, e in balances.items()},
+            unexplained=self.unexplained,
             holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,
@@ -418,6 +455,7 @@ class IdentificationResult:
             unseen_drifts=hidden,
             shapes_at_ends=ends,
             alternatives=self.alternatives,
+            ambiguous_intervals=self.ambiguous_intervals,
             noise_or_law=tuple(noise_or_law),
             doubts=(*examined.forces, *examined.records, *no_bounds),
         )

@@ -112,7 +112,7 @@ def test_a_negative_mass_is_red_and_named():
     report = loop_report()
     masses = [-1.0, 2.0, 3.0]
     model = ChainModel(masses, report.model.laws, report.model.chain)
-    verdict = replace(report, model=model).verdict
+    verdict = replace(report, model=model, identified=None).verdict
     assert verdict.state == "red"
     assert "m1 = -1 kg" in verdict.sentence
 

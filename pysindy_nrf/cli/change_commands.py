@@ -120,8 +120,8 @@ def _draw_forces(
 ) -> list[Path]:
     """Draw the loops of all sites and the energy."""
     from ..diagnosis.site_loops import loops_of
+    from ..drawing.matplotlib_renderer import save
     from ..report.figures.forces import energy_figure, loop_figures
-    from ..report.figures.matplotlib_renderer import save
 
     model, filters = estimator.model_, estimator.problem_.filters(data)
     loops = loop_figures(model, loops_of(model, data, filters))
@@ -201,7 +201,7 @@ def damage(
 
 def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
     """Draw where the force of each storey changed, in the same colours."""
-    from ..report.figures.matplotlib_renderer import save
+    from ..drawing.matplotlib_renderer import save
     from ..report.figures.motion import change_figure
 
     maps = {site: report.map(site) for site in report.storeys}

@@ -95,9 +95,9 @@ def select_order(
       pysindy-nrf select-order shaker.csv
       pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3
     """
+    from ..drawing.matplotlib_renderer import save
     from ..records.files import write_table
     from ..records.files.summary import summary
-    from ..report.figures.matplotlib_renderer import save
     from ..selection import select_order as selected_order
 
     session = Session(as_json)

@@ -145,6 +145,11 @@ def was_given(option: str) -> bool:
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of words."
 )
+excel_option = click.option(
+    "--excel/--no-excel",
+    default=False,
+    help="Write an Excel workbook: masses, coefficients, forces, quality.",
+)
 figures_option = click.option(
     "--figures/--no-figures", default=True, help="Draw figures (needs matplotlib)."
 )

@@ -43,15 +43,21 @@ class SimulationOptions(opt.ExcitationOptions):
     type=PATH,
     help="Propose a channel for every column, in a new TOML file.",
 )
+@click.option(
+    "--html",
+    type=PATH,
+    help="Draw the channels on a page: over time, spectra, coherence.",
+)
 @opt.json_option
 def inspect(
     files: tuple[Path, ...],
     as_json: bool,
     write_mapping: Path | None,
+    html: Path | None,
     **options: Unpack[opt.RecordOptions],
 ) -> None:
-    """Say what a file holds and how it was understood. Nothing is solved, nothing is
-    written.
+    """Say what a file holds and how it was understood. Nothing is solved; nothing is
+    written but the mapping and the page that are asked for.
 
     For each FILE: clock, channels with their size in SI units and where each came from,
     columns that were not used, and what looks wrong (units, signs and delays that
@@ -62,7 +68,7 @@ def inspect(
       pysindy-nrf inspect shaker.csv
       pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
       pysindy-nrf inspect tower.csv --write-mapping tower.toml
-      pysindy-nrf inspect --mapping campaign.toml
+      pysindy-nrf inspect --mapping campaign.toml --html campaign.html
     """
     from ..records.checks.channel_checks import data_warnings
     from ..records.files import describe
@@ -72,14 +78,28 @@ def inspect(
         _propose(session, files, write_mapping)
         files, options["mapping_file"] = (), write_mapping
 
+    readings = _readings(session, files, options)
     records = []
-    for reading in _readings(session, files, options):
+    for reading in readings:
         with session.listening():
             doubts = data_warnings(reading.record)
         lines = [f"  take care: {doubt}" for doubt in doubts]
         session.say(describe(reading), *(lines or ["  nothing looks wrong"]), "")
         records.append(_data_of_reading(reading, doubts))
-    session.emit({"records": records})
+    if html is not None:
+        _draw(session, [reading.record for reading in readings], html)
+    session.emit({"records": records}, [html] if html else [])
+
+
+def _draw(session: Session, records: Sequence[Record], path: Path) -> None:
+    """Write a page of records; no file is lost."""
+    from ..report import write_html
+
+    if path.exists() and not path.read_bytes()[:15].startswith(b"<!doctype html>"):
+        raise NRFError(f"{path} is no page, and would be lost", "Give another name.")
+    with session.listening("drawing"):
+        write_html(path, list(records))
+    session.say(f"Drawn: {path}   (open it in a browser)")
 
 
 def _readings(

@@ -293,7 +293,8 @@ def _of_alternative(alternative: Alternative, is_better: bool) -> str:
 
 def _of_intervals(alternative: Alternative, facts: Facts) -> str:
     """What an alternative does to intervals, as a further sentence."""
-    withheld, widened = [], []
+    withheld: list[str] = []
+    widened: list[str] = []
     for interval in facts.ambiguous_intervals:
         if alternative.description in interval.by:
             names = withheld if interval.withheld else widened

@@ -16,6 +16,7 @@ from scipy import stats
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
+from ..chain.model import parameters_of as parameters_of
 from ..chain.sites import Site
 from ..common import number_of
 from ..common.warn import warn_user
@@ -56,21 +57,6 @@ AskedFor = str | Callable[[ChainModel], pd.Series | Mapping[str, float]] | Point
 
 
 # -- statistics of a model -----------------------------------------------------------
-
-
-def parameters_of(
-    model: ChainModel, known_masses: Mapping[int, float] | None = None
-) -> pd.Series:
-    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
-    known = known_masses or {}
-    values = {
-        f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
-    }
-    for site, force in model.restoring_forces.items():
-        if force.laws:
-            for term, coefficient in force.coefficients.items():
-                values[f"{site}: {term}"] = coefficient
-    return pd.Series(values, dtype=float)
 
 
 def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
@@ -508,6 +494,14 @@ class IntervalMaker:
             if self.repeats == 1.0:
                 raise
             return self.resolver.influences(statistic, removed=0.5)
+
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of masses and coefficients by noise, by parameter."""
+        resolver = self.resolver
+        statistic = statistic_of("parameters", resolver.known_masses, resolver.layout)
+        names = statistic(self.model).index
+        errors = self._standard_errors(self._influences(statistic))
+        return dict(zip(map(str, names), np.sqrt(self.repeats) * errors))
 
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
         """Standard errors; correlated neighbours count if they increase them."""

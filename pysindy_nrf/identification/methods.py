@@ -140,7 +140,8 @@ class InstrumentalVariables(IdentificationMethod[Dataset]):
 
     def refined(self, problem: Problem, start: Estimate, data: Dataset) -> Finding:
         """What this method makes of a least-squares estimate; it warns of nothing."""
-        refinement = refine(self.refinement, problem, start, _fused_apart(data))
+        same_terms = replace(problem, optimizer=start.problem.optimizer)
+        refinement = refine(self.refinement, same_terms, start, _fused_apart(data))
         if refinement.resolver is None:
             by_least_squares = LeastSquares(self.asked).finding(start, data)
             return replace(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from ..drawing.tables import Table
 from .content import Chapter
 from .loop_content import band_and_source, chapters, effects, errors, lead
 from .results import Loop
-from .tables import Table, texts
+from .tables import texts
 
 
 def markdown(report: Loop) -> str:

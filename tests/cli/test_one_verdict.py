@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
 from pysindy_nrf import (
     ChainModel,
@@ -13,10 +12,10 @@ from pysindy_nrf import (
     close_loop,
     excitation,
     laws,
-    read_record,
     simulate,
 )
-from pysindy_nrf.cli import main
+from pysindy_nrf.cli import run
+from pysindy_nrf.records.files import read_record
 from pysindy_nrf.simulation import add_noise
 
 FS = 250.0
@@ -42,11 +41,11 @@ def file_of(record, path):
     return str(path)
 
 
-def said(command, file, folder):
-    options = ["--degree", "1", "--json", "-o", str(folder / command), "--no-figures"]
-    answer = CliRunner().invoke(main, [command, file, *options])
-    assert answer.exit_code in (0, 4), answer.output
-    return json.loads(answer.stdout)["verdict"]
+def said(command, file, folder, capsys):
+    """The verdict of a command, as its JSON has it."""
+    options = ["--degree", "1", "--json", "--no-figures", "-o", str(folder / command)]
+    assert run([command, file, *options]) in (0, 4)
+    return json.loads(capsys.readouterr().out)["verdict"]
 
 
 @pytest.mark.slow
@@ -54,13 +53,15 @@ def said(command, file, folder):
     ("fault", "state"),
     [({}, "green"), ({"gain": 1.15}, "amber"), ({"unmeasured": 60.0}, "amber")],
 )
-def test_a_file_has_one_verdict(fault, state, tmp_path):
+def test_a_file_has_one_verdict(fault, state, tmp_path, capsys):
     file = file_of(measured(**fault), tmp_path / "test.csv")
     record = read_record(file)
     fit = NRFRegressor(degree=1).fit(record).verdict()
     report = close_loop(record)
-    assert said("identify", file, tmp_path)["reasons"] == list(fit.reasons)
-    assert said("run", file, tmp_path)["reasons"] == list(report.verdict.reasons)
+    assert said("identify", file, tmp_path, capsys)["reasons"] == list(fit.reasons)
+    assert said("run", file, tmp_path, capsys)["reasons"] == list(
+        report.verdict.reasons
+    )
 
     assert fit.state == state
     if not report.steps:

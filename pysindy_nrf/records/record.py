@@ -37,7 +37,8 @@ MATRICES = {
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
-FEW_DOFS = 10  # of a chain; a shorter record of more is an array that lies on its side
+# A record with so many times more DOFs than samples is an array that lies on its side.
+ON_ITS_SIDE = 20
 COORDINATES = ("relative", "absolute")
 
 
@@ -667,7 +668,7 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
 
     n_samples = next(iter(lengths.values()))
     widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
-    if n_samples < widest and widest > FEW_DOFS:
+    if widest > ON_ITS_SIDE * n_samples:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
             " transposed",

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
 
-from ...exceptions import ChannelError, FileFormatError
+from ...common.warn import warn_user
+from ...exceptions import ChannelError, DataQualityWarning, FileFormatError
 from ..channels import channel_of
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
 from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
+from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, si_factor, si_unit
+from .units import dimension_of, kind_of_unit, si_factor, si_unit
 
 MAX_CHANNELS_SHOWN = 4  # of one length, in a message
 _MOTIONS = ("length", "velocity", "acceleration")
@@ -271,13 +273,39 @@ def understand(
         lines, clock, name or stated_name, coordinates or stated_coordinates
     )
 
-    return Reading(
-        record,
-        table,
-        sources,
-        unused=_unused_variables(table, sources, clock),
-        clock=clock.in_words(record),
-    )
+    unused = _unused_variables(table, sources, clock)
+    for warning in _overlooked(table, sources, unused):
+        warn_user(warning)
+    return Reading(record, table, sources, unused, clock=clock.in_words(record))
+
+
+def _overlooked(
+    table: Table, sources: Mapping[str, Source], unused: Sequence[str]
+) -> Iterator[DataQualityWarning]:
+    """Warnings of a force, or a motion of the base, that no channel uses.
+
+    Only where none is mapped, so that it would be taken as zero.
+    """
+    used = [name for source in sources.values() for name in source.columns]
+    lengths = {table.variables[name].shape[:1] for name in used}
+    candidates = [name for name in unused if table.variables[name].shape[:1] in lengths]
+    has_force = any(dimension_of(channel) == "force" for channel in sources)
+    has_base = any(channel in sources for channel in BASES.values())
+    for name in candidates:
+        letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
+        is_of_base = names_one_of(name, WORDS_OF_BASE)
+        if letter == "F" and not has_force:
+            yield DataQualityWarning(
+                f"The column {name!r} seems to be a force, and no channel uses it: all"
+                " floors are taken as unforced",
+                "Map it (F1 = name), or leave it out of the file.",
+            )
+        elif letter in ("a", "v", "x") and is_of_base and not has_base:
+            yield DataQualityWarning(
+                f"The column {name!r} seems to be a motion of the base, and no channel"
+                " uses it: the base is taken at rest",
+                "Map it (ag = name), or leave it out of the file.",
+            )
 
 
 def _stated_in_file(table: Table) -> tuple[str, str]:

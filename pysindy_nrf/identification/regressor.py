@@ -70,8 +70,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ``"joint"``: all balances at once with shared laws, each over the residual that
         it leaves by itself; ``"complete"``: each by itself, the paper's way (eq. 3);
         both only where every DOF is forced (in one record or another). ``"auto"``:
-        joint there, but complete with an ``optimizer``, which chooses terms balance by
-        balance, and where two balances contradict each other; elsewhere sequential.
+        joint there, but sequential with an ``optimizer``, which chooses the terms
+        storey by storey, and complete where two balances contradict each other;
+        elsewhere sequential.
     optimizer : PySINDy optimizer, optional
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if
         None.

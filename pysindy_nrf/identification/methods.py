@@ -104,7 +104,9 @@ class LeastSquares(IdentificationMethod[Dataset]):
     name = "ls"
     label = "least squares"
     requires = frozenset({EVERY_FLOOR})
-    uses = frozenset({"sample_weight", "optimizer", "strategy", "constraints", "band"})
+    uses = frozenset(
+        {"sample_weight", "optimizer", "strategy", "constraints", "band", "varying"}
+    )
 
     def read(self, passed: Input, settings: InputSettings) -> Dataset:
         """Motions of all floors."""

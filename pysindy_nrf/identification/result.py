@@ -59,6 +59,7 @@ from .noise_floor import BesideNoise, beside_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
+from .time_variation.variation import TimeVariation
 from .wiring import records_of, wiring_error
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
@@ -126,6 +127,8 @@ class IdentificationResult:
         Free runs that the fit compared with the measured channels.
     declared : Problem, optional
         The problem as declared, where it has free shape parameters.
+    time_variation : TimeVariation, optional
+        Courses of coefficients in time, where they were asked for.
     """
 
     model: ChainModel
@@ -148,6 +151,7 @@ class IdentificationResult:
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
     declared: Problem | None = None
+    time_variation: TimeVariation | None = None
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result

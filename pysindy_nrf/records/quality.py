@@ -64,7 +64,7 @@ class QualityNote:
 
     @property
     def is_fault(self) -> bool:
-        """Whether it is to be mended, rather than only to be known."""
+        """Whether it asks for a correction."""
         return self.kind not in ("computed", "offset")
 
 

@@ -88,9 +88,9 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
 @opt.choice(
     "--estimation",
     ["auto", "ls", "iv", "simulation"],
-    "Least squares; instrumental variables, which noise in the motion does not bias; or"
-    " these and then the free run fitted to the motion; auto takes the first where the"
-    " measured noise is negligible, else the second: see docs/noise.md.",
+    "ls: least squares. iv: instrumental variables, which noise in the motion does not"
+    " bias. simulation: iv, then the free run fitted to the motion. auto: ls where the"
+    " measured noise is negligible, else iv. See docs/noise.md.",
     "auto",
 )
 @click.option(

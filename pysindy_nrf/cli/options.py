@@ -181,8 +181,7 @@ rate_option = click.option(
 coordinates_option = choice(
     "--coordinates",
     ["relative", "absolute"],
-    "Whether velocities and displacements are relative to the base (what you get if"
-    " nothing is said).",
+    "Whether velocities and displacements are relative to the base (the default).",
 )
 mapping_option = click.option(
     "--mapping",

@@ -81,13 +81,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     coordinates : {"relative", "absolute"}
         X holds inter-storey motion v, s (eq. 8), or motion xdot, x of the DOFs.
     estimation : {"auto", "ls", "iv", "simulation"}
-        ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own
-        free run, which noise in the motion does not bias, also of shapes that were
-        searched; give records, or motions made with ``KinematicSmoother(joint=False)``.
-        ``"auto"``: the first where the noise that fusion measured leaves its bias below
-        half a standard error, and of arrays; else the second where it is possible.
-        ``"simulation"``: the free run fitted to the motion, started from ``"iv"`` and
-        kept where it predicts better. See :mod:`pysindy_nrf.identification`.
+        ``"ls"``: least squares. ``"iv"``: instrumental variables from the free run of
+        the model, without the bias by noise in the motion, also for searched shape
+        parameters; give records, or motions of ``KinematicSmoother(joint=False)``.
+        ``"auto"``: ``"ls"`` for arrays, and where the noise of the channels biases no
+        parameter by half a standard error; else ``"iv"``. ``"simulation"``: the free
+        run fitted to the motion, started from ``"iv"`` and kept where it predicts
+        better. See :mod:`pysindy_nrf.identification`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof
         j"`` sites join the chain. Shape parameters without a value are estimated; those
@@ -283,7 +283,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             If nothing scales the chain: no force and no known mass.
         IdentifiabilityError
             If the excitation reaches no balance that can be solved, or the data cannot
-            tell the terms apart.
+            separate the terms.
         ChainError
             If a setting is unknown or has no part in the method, or a site or DOF is
             not in the chain.

@@ -146,9 +146,9 @@ def select_sparsity(
 ) -> SparsitySelection:
     """Leave out the terms of the power series that held-out data do not miss.
 
-    The samples are read once. In each step the term goes whose absence raises the
-    balance error least. The steps end where the folds can tell the error from the least
-    so far: by more than one standard error of the difference, and by more than 2 %.
+    The samples are read once. Each step removes the term whose absence raises the
+    balance error least. The steps end where the error exceeds the least so far by more
+    than one standard error of the difference, over the folds, and by more than 2 %.
     Each storey keeps one term at least. No threshold is needed, and none would fit all
     storeys.
 
@@ -204,7 +204,7 @@ def select_sparsity(
 
 
 class _Elimination:
-    """Terms go one by one, until the folds can tell."""
+    """Terms go one by one, until the error of the folds rises."""
 
     def __init__(self, sums: OrderSums, degree: Degree) -> None:
         self.sums = sums

@@ -16,6 +16,7 @@ from ..chain.model import ChainModel
 from ..chain.restoring_force import RestoringForce
 from ..chain.visited_region import VisitedRegion
 from ..records.quality import QualityNote
+from .assumptions import Assumption
 from .effects import Bounds, Effect, described
 from .free_run import FreeRuns
 
@@ -237,6 +238,8 @@ class Facts:
         What the data allow beside the model, the one that leaves least first.
     ambiguous_intervals : tuple of AmbiguousInterval
         Intervals that alternatives widen, or that are withheld for them.
+    assumptions : tuple of Assumption
+        What the model takes for granted; no reason against it.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
     nothing_claimed : str
@@ -267,6 +270,7 @@ class Facts:
     shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
     noise_is_known: bool = True
     nothing_claimed: str = ""
     wiring: str = ""

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
+from ..diagnosis.assumptions import Assumption, scale_of
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
 from ..diagnosis.facts import (
@@ -456,6 +457,13 @@ class IdentificationResult:
             return {}
 
     @cached_property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """What sets the scale of the model, though nothing in the data checks it."""
+        if self.data is None:
+            return ()
+        return scale_of(self.data.forced, self.problem.known_masses)
+
+    @cached_property
     def facts(self) -> Facts:
         """What is known of the model and of its data."""
         bounds, no_bounds = self.bounds
@@ -496,6 +504,7 @@ class IdentificationResult:
             shapes_at_ends=ends,
             alternatives=self.alternatives,
             ambiguous_intervals=self.ambiguous_intervals,
+            assumptions=self.assumptions,
             noise_or_law=tuple(noise_or_law),
             doubts=(*examined.forces, *examined.records, *no_bounds),
         )

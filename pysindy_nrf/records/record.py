@@ -18,6 +18,8 @@ from .clock import clock_of, time_in_index
 from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
+from .hold import require_hold
+from .quality import QualityNote
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,6 +37,7 @@ MATRICES = {
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
+FEW_DOFS = 10  # of a chain; a shorter record of more is an array that lies on its side
 COORDINATES = ("relative", "absolute")
 
 
@@ -68,6 +71,11 @@ class Record:
         Reference of ``velocity`` and ``displacement``: the base, or a fixed point.
     time : array-like of shape (n_samples,), optional
         Time of the samples, s, equally spaced.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of forces, base acceleration and covariates between the samples:
+        band-limited, as what passes an anti-aliasing filter; straight; or held, as a
+        D/A converter does. If None it is not known: free runs take the channels as
+        band-limited, unless the motion follows another course clearly better.
 
     Attributes
     ----------
@@ -77,6 +85,8 @@ class Record:
     time : ndarray of shape (n_samples,)
         Seconds, as they were given; from 0 if only a rate was. A window of a record
         keeps its times.
+    quality : tuple of QualityNote
+        What reading the record has changed: channels that were moved to one clock.
 
     Raises
     ------
@@ -112,8 +122,12 @@ class Record:
         base_velocity: ArrayLike | None = None,
         coordinates: str = "relative",
         time: ArrayLike | None = None,
+        hold: str | None = None,
     ) -> None:
         require_coordinates(coordinates)
+        if hold is not None:
+            require_hold(hold)
+        self.hold = hold
         self.coordinates = coordinates
         # the name of a file may be no text
         self.name = str(name).encode("utf-8", "backslashreplace").decode()
@@ -155,6 +169,7 @@ class Record:
         self.base_velocity = bases.get("base velocity vg")
         self.base_displacement = bases.get("base displacement xg")
         self.covariates = others
+        self.quality: tuple[QualityNote, ...] = ()
         _require_usable_values(self.channels(), self.name)
 
     def channels(self) -> dict[str, np.ndarray]:
@@ -256,6 +271,7 @@ class Record:
         *,
         name: str = "record",
         coordinates: str = "relative",
+        hold: str | None = None,
     ) -> Record:
         """Record from a table with columns a1.., v1.., x1.., F1.., ag and a time.
 
@@ -267,7 +283,7 @@ class Record:
             so. Other columns become covariates.
         fs : float, optional
             Sampling rate, Hz, if the table has no time.
-        name, coordinates : str
+        name, coordinates, hold
             As for :class:`Record`.
 
         Raises
@@ -292,6 +308,7 @@ class Record:
             covariates=covariates,
             name=name,
             coordinates=coordinates,
+            hold=hold,
         )
 
     @classmethod
@@ -304,6 +321,7 @@ class Record:
         covariates: Mapping[str, ArrayLike] | None = None,
         name: str = "record",
         coordinates: str = "relative",
+        hold: str | None = None,
     ) -> Record:
         """Record from channels by name.
 
@@ -313,7 +331,7 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
             ``vg``, ``xg``. A motion that is not among them was not measured, a force
             does not act.
-        fs, time, covariates, name, coordinates
+        fs, time, covariates, name, coordinates, hold
             As for :class:`Record`.
 
         Examples
@@ -335,6 +353,7 @@ class Record:
             covariates=covariates,
             name=name,
             coordinates=coordinates,
+            hold=hold,
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -440,6 +459,15 @@ class Record:
         """
         return self._with_attributes(t0=t0)
 
+    def with_quality(self, notes: Sequence[QualityNote]) -> Record:
+        """The same channels with notes on their quality.
+
+        Parameters
+        ----------
+        notes : sequence of QualityNote
+        """
+        return self._with_attributes(quality=tuple(notes))
+
     def _with_attributes(self, **attributes: object) -> Record:
         """A copy with other attributes; its channels are not checked again."""
         out = copy.copy(self)
@@ -462,10 +490,11 @@ class Record:
             "covariates": self.covariates,
             "name": self.name,
             "coordinates": self.coordinates,
+            "hold": self.hold,
         }
         if self.has_clock:
             arguments["fs"] = self.fs
-        changed = Record(**arguments | changes)
+        changed = Record(**arguments | changes).with_quality(self.quality)
         if changes.get("time") is None:
             return changed.starting_at(self.t0)
         return changed
@@ -637,6 +666,13 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
         )
 
     n_samples = next(iter(lengths.values()))
+    widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
+    if n_samples < widest and widest > FEW_DOFS:
+        raise ChannelError(
+            f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
+            " transposed",
+            "Give one row per sample and one column per DOF (array.T).",
+        )
     if n_samples < 2:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples", "At least two are needed."

@@ -17,6 +17,7 @@ def markdown(report: Loop) -> str:
     verdict = report.verdict
     lines += [f"**{verdict.state.upper()}: {_safe(verdict.sentence)}**", ""]
     lines += _items(verdict.reasons)
+    lines += _items(f"Assumed: {text}" for text in verdict.assumptions)
     lines += [_safe(lead(report)), ""]
     lines += _steps(report)
     lines += [f"Stopped: {_safe(report.stopped_because)}.", ""]

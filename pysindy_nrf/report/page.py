@@ -139,8 +139,9 @@ def _is_loop(subject: object) -> TypeGuard[Loop]:
 
 
 def _are_records(subject: object) -> TypeGuard[Sequence[Record]]:
-    is_list = isinstance(subject, (list, tuple)) and len(subject) > 0
-    return is_list and all(isinstance(record, Record) for record in subject)
+    if not isinstance(subject, (list, tuple)) or not subject:
+        return False
+    return all(isinstance(record, Record) for record in subject)
 
 
 def _is_fitted(subject: object) -> TypeGuard[Fitted]:

@@ -7,8 +7,10 @@ import numpy as np
 import pandas as pd
 
 from ..channels import finite_span
+from ..quality import messages
 from ..record import BASES, Record
-from .reading import Reading, Source
+from .file_clock import Source
+from .reading import Reading
 from .table import Table, short
 from .units import si_unit
 
@@ -67,6 +69,7 @@ def _describe_reading(reading: Reading) -> str:
         f"  read as {table.in_words}",
         f"  clock: {reading.clock}",
     ]
+    lines += [f"    {sentence}" for sentence in messages(record.quality)]
 
     # a force that is not in the file is not shown: it is known to be zero
     assumed = {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from ...exceptions import FileFormatError
+from ..clock import rate_of
 from .formats import format_of
-from .table import MAX_BYTES, Table, check_file
-from .units import si_factor
+from .table import MAX_BYTES, Clock, Table, check_file
 
 AnyPath = str | PathLike[str]
 
@@ -64,7 +65,7 @@ def read_table(
 
     file = Path(path)
     check_file(file, max_bytes)
-    table = format_of(file).read(file, max_bytes)
+    table = _with_stated_rate(format_of(file).read(file, max_bytes))
     if all(values.size <= 1 for values in table.variables.values()):
         raise FileFormatError(
             f"{file} holds no channel of numbers",
@@ -76,34 +77,39 @@ def read_table(
 def _join(tables: Sequence[Table]) -> Table:
     """One table of the channels of one test in several files."""
     _require_different_files(tables)
-    first = tables[0]
-    fs = _common_rate(tables)
-
     variables: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
+    clocks: dict[str, Clock] = {}
     notes: list[str] = []
     for table in tables:
         stem = table.path.stem
         variables |= {f"{stem}.{name}": line for name, line in table.variables.items()}
         units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}
+        clocks |= {f"{stem}.{name}": clock for name, clock in _stated_clocks(table)}
         notes += [f"{stem}: {note}" for note in table.notes]
-
-    if all("t" in table.variables for table in tables):
-        _require_one_time(tables)
-        variables["t"] = first.variables["t"]
-        if "t" in first.units:
-            units["t"] = first.units["t"]
 
     kinds = ", ".join(dict.fromkeys(table.kind for table in tables))
     return Table(
-        first.path,
+        tables[0].path,
         f"{kinds} ({len(tables)} files)",
         variables,
         units,
         tuple(notes),
-        fs=fs,
+        fs=_common_rate(tables),
         decimal=_decimal_mark(tables),
+        clocks=clocks,
+        files=tuple(table.path.stem for table in tables),
     )
+
+
+def _stated_clocks(table: Table) -> Iterator[tuple[str, Clock]]:
+    """Variables of a file with the clocks that it states."""
+    for name, values in table.variables.items():
+        clock = table.clocks.get(name)
+        if clock is not None:
+            yield name, clock
+        elif table.fs is not None and values.ndim:
+            yield name, Clock(table.fs)
 
 
 def _decimal_mark(tables: Sequence[Table]) -> str:
@@ -124,30 +130,34 @@ def _require_different_files(tables: Sequence[Table]) -> None:
 
 
 def _common_rate(tables: Sequence[Table]) -> float | None:
-    """The sampling rate, Hz, that the files state; None if none does."""
-    rates = {table.path.name: table.fs for table in tables if table.fs is not None}
-    if len(set(rates.values())) > 1:
-        shown = ", ".join(f"{name} {fs:g} Hz" for name, fs in rates.items())
-        raise FileFormatError(
-            f"The files are sampled differently: {shown}", "Resample them to one clock."
-        )
-    return next(iter(rates.values()), None)
+    """The sampling rate, Hz, that all files state; None if there is not one."""
+    rates = {table.fs for table in tables}
+    return rates.pop() if len(rates) == 1 else None
 
 
-def _require_one_time(tables: Sequence[Table]) -> None:
-    """Refuse files whose times differ, or have different units."""
-    first = tables[0]
-    for table in tables[1:]:
-        if not np.array_equal(table.variables["t"], first.variables["t"]):
-            raise FileFormatError(
-                f"The times of the files {first.path.stem!r} and {table.path.stem!r}"
-                " differ",
-                "Resample them to one clock.",
-            )
+# Names by which a number beside arrays is their sampling rate, Hz, or step, s.
+_RATE_NAMES = ("fs", "samplerate", "samplingrate", "samplingfrequency", "samplefreq")
+_STEP_NAMES = ("dt", "deltat", "ts", "timestep", "samplinginterval")
 
-    units = {table.units.get("t", "s") for table in tables}
-    if len({si_factor(unit, "t") for unit in units}) > 1:
-        raise FileFormatError(
-            f"The times of the files have different units: {', '.join(sorted(units))}",
-            "Export them in one unit.",
-        )
+
+def _with_stated_rate(table: Table) -> Table:
+    """The table with the sampling rate that a number of the file states."""
+    if table.fs is not None or table.clocks or table.attributes is not None:
+        return table
+
+    rates = {}
+    for name, values in table.variables.items():
+        plain = name.rpartition(".")[2].lower().replace("_", "")
+        if values.size != 1 or values.dtype.kind not in "iuf":
+            continue
+        number = float(values.reshape(()))
+        if plain in _STEP_NAMES and number > 0:
+            rates[name] = rate_of(number)
+        elif plain in _RATE_NAMES and number > 0:
+            rates[name] = number
+
+    if len(set(rates.values())) != 1:
+        return table
+    name, rate = next(iter(rates.items()))
+    note = f"the number {name!r} is its sampling rate, {rate:g} Hz"
+    return replace(table, fs=rate, notes=(*table.notes, note))

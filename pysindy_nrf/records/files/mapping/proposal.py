@@ -15,6 +15,7 @@ import numpy as np
 from ...channels import channel_of
 from ..table import Table
 from ..units import kind_of_unit, si_unit, split_suffix
+from .expression import as_name
 from .words import WORDS_OF_BASE, WORDS_OF_TOP, letter_named, names_one_of
 
 # Numbers in names count floors if none is larger than this many times the columns.
@@ -113,7 +114,7 @@ def _columns_of_variable(
         return
 
     doubts = _doubts(bare, unit, letter)
-    text = f'"{name}"' if re.search(r"[\[\]*@]|^-", name) else name
+    text = as_name(name)
     if values.ndim == 1:
         yield _Column(letter, bare, text, doubts)
         return

@@ -157,6 +157,7 @@ def identify(
             raise click.UsageError(f"--{name} goes with --frf only.")
     from .outcome import identify_records
     from .outcome_files import finish
+    from .what_run_finds import what_run_finds
 
     records = opt.records_of(session, options, files)
     _require_one_chain(records)
@@ -167,11 +168,8 @@ def identify(
 
     outcome = identify_records(records, estimator, options["raw"])
     code = finish(session, outcome, options["figures"], records, excel=options["excel"])
-    if code == 0 and outcome.estimator.missing_terms_["biased"].any():
-        session.say(
-            "\nNext: pysindy-nrf close-loop, with the same files and channels, looks"
-            " for the missing law."
-        )
+    if code or outcome.estimator.missing_terms_["biased"].any():
+        session.headed("What run finds", what_run_finds(records, options))
     return code
 
 

@@ -211,6 +211,7 @@ def _next_step(proposals: Sequence[Proposal], path: Path, without_clock: bool) -
 
 @click.command("laws", short_help="List the force laws that storeys may have.")
 @click.argument("words", nargs=-1)
+@opt.laws_option
 @opt.json_option
 def list_laws(words: tuple[str, ...], as_json: bool) -> None:
     """List the force laws: name for --law, family, formula, and what it describes.
@@ -264,6 +265,7 @@ def _data_of_law(law: type[ForceLaw]) -> dict[str, str]:
 @opt.unit_option
 @opt.rate_option
 @opt.mapping_option
+@opt.laws_option
 @opt.choice(
     "--method",
     ["default", "newmark"],

@@ -144,6 +144,7 @@ class Content:
     chapters: list[Chapter] = field(default_factory=list)
     effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
+    results: list[Figure | Table] = field(default_factory=list)
 
 
 # -- the model -----------------------------------------------------------------

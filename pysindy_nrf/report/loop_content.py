@@ -51,7 +51,10 @@ _QUESTIONS = {
 
 def loop_content(report: Loop, title: str | None = None) -> Content:
     """The page of a closed loop."""
-    by_site = {step.site: described(step) for step in confirmed(report)}
+    by_site: dict[str, str] = {}
+    for step in confirmed(report):
+        before = f"{by_site[step.site]}; " if step.site in by_site else ""
+        by_site[step.site] = before + described(step)
     open_dofs = []
     for j in range(1, report.model.n_dof + 1):
         if report.final.get(f"held-out dof {j}", 0.0) > OPEN:

@@ -27,11 +27,20 @@ from .figures.plotly_renderer import as_plotly
 from .loop_content import loop_content
 from .model_content import Fitted, Identification, identification_of, model_content
 from .results import Loop
+from .results_page import ResultsPage, results_content
 from .tables import cells
 from .words import Band
 
 # What a page is about.
-Subject = Loop | Fitted | ChainModel | Identification | Record | Sequence[Record]
+Subject = (
+    Loop
+    | Fitted
+    | ChainModel
+    | Identification
+    | ResultsPage
+    | Record
+    | Sequence[Record]
+)
 
 _PURPOSE = "The HTML report"
 # A literal of a script that is at least this long is the program of the street maps.
@@ -120,6 +129,8 @@ def content_of(
         subject = identification_of(subject, record, band)
     if isinstance(subject, Record):
         subject = [subject]
+    if isinstance(subject, ResultsPage):
+        return results_content(subject, title)
     if _are_records(subject):
         return data_content(subject, title, notes)
     if isinstance(subject, Identification):

@@ -353,4 +353,16 @@ def change_figure(
     )
     index = index_of(site)
     x, y = Axis(f"drift s_{{{index}}}", "m"), Axis(f"rate v_{{{index}}}", "m/s")
-    return Figure(f"Change of the force of {site}", [mark], x, y, heading=str(site))
+    largest_change = float(np.nan_to_num(np.abs(change)).max())
+    return Figure(
+        f"Change of the force of {site}",
+        [mark],
+        x,
+        y,
+        alt=(
+            f"Change of the force of {site} over drift and rate; the largest is"
+            f" {largest_change:.3g} N."
+        ),
+        caption="On the page only what is significant is coloured.",
+        heading=str(site),
+    )

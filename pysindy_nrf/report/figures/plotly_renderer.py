@@ -13,7 +13,7 @@ from typing import TypedDict, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...drawing.figure import Axis, Bars, Figure, Line, Surface
+from ...drawing.figure import Axis, Bars, Figure, Line, Map, Surface
 
 _INK, _MUTED = "var(--ink)", "var(--muted)"
 _MARKERS = {"|": "line-ns-open", "ring": "circle-open", "s": "square"}
@@ -107,7 +107,7 @@ def _stacked_domains(n_panels: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _traces(figure: Figure, scales: list[float]) -> list[Spec]:
-    """What plotly draws of each mark; a map is for the sheet only."""
+    """What plotly draws of each mark."""
     traces = []
     for mark in figure.marks:
         if isinstance(mark, Bars):
@@ -116,6 +116,8 @@ def _traces(figure: Figure, scales: list[float]) -> list[Spec]:
             traces.append(_line(mark, scales))
         elif isinstance(mark, Surface):
             traces.append(_surface(mark, scales))
+        else:
+            traces.append(_map(mark, scales))
     return traces
 
 
@@ -288,6 +290,24 @@ def _surface(surface: Surface, scales: list[float]) -> Spec:
         "opacity": 0.28,
         "hoverinfo": "skip",
         "colorscale": [[0, _MUTED], [1, _MUTED]],
+    }
+
+
+def _map(field: Map, scales: list[float]) -> Spec:
+    """Values by colour; what is in doubt is left out."""
+    values = np.where(field.hatched, np.nan, np.asarray(field.values, dtype=float))
+    colours = [[0.0, "var(--orange)"], [0.5, "var(--card)"], [1.0, "var(--blue)"]]
+    return {
+        "type": "heatmap",
+        "x": rounded(scales[0] * np.asarray(field.x)[0]),
+        "y": rounded(scales[1] * np.asarray(field.y)[:, 0]),
+        "z": rounded(values, DIGITS_OF_SURFACES),
+        "name": plain(field.label),
+        "zmin": -field.limit,
+        "zmax": field.limit,
+        "colorscale": colours,
+        "showscale": field.bar,
+        "colorbar": {"title": {"text": plain(field.label), "side": "right"}},
     }
 
 

@@ -238,6 +238,16 @@
     redraw();
   });
 
+  // the first screen, the first figures and the numbers, as one page of paper
+  document.addEventListener("click", (event) => {
+    if (!event.target.closest("[data-print]")) { return; }
+    document.documentElement.dataset.onepage = "";
+    window.addEventListener("afterprint", () => {
+      delete document.documentElement.dataset.onepage;
+    }, { once: true });
+    window.print();
+  });
+
   // -- numbers in sentences as printed ones: 1.5e+09 is 1.5×10⁹
 
   const PROSE = ".sentence, .lead, .about, .frame p, .care li, .facts dd";

@@ -12,6 +12,7 @@ from sklearn.base import clone
 
 from ..chain.layout import LawLayout
 from ..chain.sites import Site
+from ..drawing.tables import table
 from ..equations.errors import pooled_error
 from ..exceptions import NRFError
 from ..identification.regressor import NRFRegressor
@@ -19,7 +20,6 @@ from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
 from ..report.content import Chapter
 from ..report.page import content_of, write_content
-from ..report.tables import table
 from .held_out import errors_on_folds
 from .inclusion import Draws, inclusion_table
 from .one_se_rule import Degree, choose, standard_error

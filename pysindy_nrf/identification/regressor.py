@@ -114,6 +114,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     result_ : IdentificationResult
         Everything that the fit found, from which the other attributes are taken. They
         are the same after every kind of fit; what does not apply is empty.
+        ``result_.smaller_order`` is the smallest degree that does as well; a
+        RankWarning names it where the data cannot tell the terms apart.
     masses_ : ndarray of shape (n_dof,)
         kg.
     restoring_forces_ : RestoringForces

@@ -48,6 +48,7 @@ from .joint_intervals import (
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
+from .smaller_order import SmallerOrder, smaller_order
 from .wiring import records_of, wiring_error
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
@@ -179,6 +180,15 @@ class IdentificationResult:
             segment.driving_force[segment.valid] - force
             for segment, force in zip(data.segments, left_hand_sides)
         ]
+
+    @cached_property
+    def smaller_order(self) -> SmallerOrder | None:
+        """The smallest degree of the power series that leaves as little as that fitted.
+
+        None if there is none below it.
+        """
+        error = float(self.errors.loc["pooled", "error"])
+        return smaller_order(self.problem, self.order, self.sums, error)
 
     # -- intervals -------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
+from ..common.plain_tables import PlainState
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
 from ..diagnosis.facts import Alternative, Facts, ShapeAtEnd, facts_of_model
@@ -59,7 +60,7 @@ _NO_DATA = "Fit again, or ask for intervals before saving."
 
 
 @dataclass(frozen=True, eq=False)
-class IdentificationResult:
+class IdentificationResult(PlainState):
     """What an identification found.
 
     Intervals, free runs and the verdict are computed when they are asked for. A result
@@ -133,7 +134,7 @@ class IdentificationResult:
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
-        state = vars(self) | {"data": None}
+        state = super().__getstate__() | {"data": None}
         state.pop("free_runs", None)
         return state
 

@@ -589,6 +589,21 @@ def as_segments(
     return model.segments(X, F, **options)
 
 
+def parameters_of(
+    model: ChainModel, known_masses: Mapping[int, float] | None = None
+) -> pd.Series:
+    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
+    known = known_masses or {}
+    values = {
+        f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
+    }
+    for site, force in model.restoring_forces.items():
+        if force.laws:
+            for term, coefficient in force.coefficients.items():
+                values[f"{site}: {term}"] = coefficient
+    return pd.Series(values, dtype=float)
+
+
 def storey_names(model: ChainModel) -> list[str]:
     """``storey 1`` .. ``storey n``."""
     return [f"storey {i}" for i in range(1, model.n_dof + 1)]

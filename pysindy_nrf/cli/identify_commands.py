@@ -34,6 +34,7 @@ class IdentifyOptions(opt.FitOptions):
     kind: str
     output: Path
     figures: bool
+    excel: bool
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")
@@ -114,6 +115,7 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     "With --frf: acceleration, velocity or displacement over force.",
     "accelerance",
 )
+@opt.excel_option
 @opt.written_options
 def identify(
     files: tuple[Path, ...],
@@ -155,6 +157,7 @@ def identify(
             raise click.UsageError(f"--{name} goes with --frf only.")
     from .outcome import identify_records
     from .outcome_files import finish
+    from .what_run_finds import what_run_finds
 
     records = opt.records_of(session, options, files)
     _require_one_chain(records)
@@ -164,12 +167,9 @@ def identify(
     say_what_is_identifiable(session, estimator, chain, forced, unknown)
 
     outcome = identify_records(records, estimator, options["raw"])
-    code = finish(session, outcome, options["figures"], records)
-    if code == 0 and outcome.estimator.missing_terms_["biased"].any():
-        session.say(
-            "\nNext: pysindy-nrf close-loop, with the same files and channels, looks"
-            " for the missing law."
-        )
+    code = finish(session, outcome, options["figures"], records, excel=options["excel"])
+    if code or outcome.estimator.missing_terms_["biased"].any():
+        session.headed("What run finds", what_run_finds(records, options))
     return code
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
 import click
 
 from . import parameters
+from .own_laws import take_laws
 from .parameters import PATH, Band, Degree
 from .session import FORCE, NAMED_FILES, Session, working
 
@@ -145,6 +146,11 @@ def was_given(option: str) -> bool:
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of words."
 )
+excel_option = click.option(
+    "--excel/--no-excel",
+    default=False,
+    help="Write an Excel workbook: masses, coefficients, forces, quality.",
+)
 figures_option = click.option(
     "--figures/--no-figures", default=True, help="Draw figures (needs matplotlib)."
 )
@@ -187,8 +193,26 @@ mapping_option = click.option(
         " Options go before it."
     ),
 )
+laws_option = click.option(
+    "--laws",
+    "laws_files",
+    multiple=True,
+    type=PATH,
+    is_eager=True,
+    expose_value=False,
+    callback=take_laws,
+    help=(
+        "A Python file with force laws of your own, which is run: for --law, the"
+        " search and saved models."
+    ),
+)
 record_options = together(
-    map_option, unit_option, rate_option, coordinates_option, mapping_option
+    map_option,
+    unit_option,
+    rate_option,
+    coordinates_option,
+    mapping_option,
+    laws_option,
 )
 files_options = together(
     click.argument("files", nargs=-1, metavar="FILE...", type=PATH), record_options
@@ -227,7 +251,10 @@ order_option = keyed(
 model_options = together(law_option, mass_option, band_option)
 
 # Options that stand for arguments of the library, which its errors name.
-OPTIONS_OF_ARGUMENTS = {"known_masses": "--known-mass DOF=KG"}
+OPTIONS_OF_ARGUMENTS = {
+    "known_masses": "--known-mass DOF=KG",
+    "laws": "--laws FILE.py",
+}
 
 
 # -- what the options describe -------------------------------------------------

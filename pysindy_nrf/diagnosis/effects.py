@@ -182,7 +182,7 @@ def effect_words(
     for key, value in values.items():
         if value is None or key not in units:
             continue
-        unit = units[key].replace("^2", "²").replace("^3", "³")
+        unit = unit_in_words(units[key], values)
         unit = f" {unit}" if unit else ""
         low, high = intervals.get(key, (np.nan, np.nan))
         text = f"{name} of {digits(low, high, float(value))}{unit}"
@@ -190,6 +190,21 @@ def effect_words(
             text += f" ({digits(low, high)}{unit})"
         return f"{text} {place}"
     return f"{name} {place}"
+
+
+def unit_in_words(unit: str, values: Mapping[str, float | None]) -> str:
+    """A unit with raised numbers, and with the exponent n by its value.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.diagnosis.effects import unit_in_words
+    >>> unit_in_words("N s^n/m^n", {"n": 0.45}), unit_in_words("N/m^3", {})
+    ('N (s/m)^0.45', 'N/m³')
+    """
+    exponent = values.get("n")
+    if exponent is not None:
+        unit = unit.replace("s^n/m^n", f"(s/m)^{exponent:.2g}")
+    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def _amplitude(

@@ -74,10 +74,8 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
 def _with_ambiguity(report: LoopReport) -> LoopReport:
     """The report with intervals that hold what open alternatives do."""
     if report.identified is not None:
-        # those of the estimate hold it already
-        return replace(
-            report, ambiguous_intervals=report.identified.ambiguous_intervals
-        )
+        ambiguous = report.identified.ambiguous_intervals
+        return replace(report, ambiguous_intervals=ambiguous)
     among = OpenAlternatives.among(report.alternatives, unexplained_by(report))
     values = parameters_of(report.model).to_dict()
     ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.better)

@@ -177,10 +177,8 @@ def _noisy_motion(
         F=np.nan_to_num(quiet.force),
         ag=base_acceleration_if_any(quiet),
     )
-    # a force that is linear between samples has lost a tenth of itself at a fifth of
-    # the sampling rate
     start = (rest, rest) if at_rest else None
-    run = free_run_of(model, driven, rows, record.dt, start, hold="cubic")
+    run = free_run_of(model, driven, rows, record.dt, start)
 
     changes: dict[str, np.ndarray] = {}
     for kind, key in _MOTIONS.items():

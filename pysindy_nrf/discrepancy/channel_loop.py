@@ -101,7 +101,7 @@ class ChannelLoop(
             problem, shots[:n_searched], problem.known_masses
         )
         hold = fit.shots[0].hold
-        heldout = [replace(shot, hold=hold) for shot in shots[n_searched:]]
+        heldout = [shot.with_hold(hold) for shot in shots[n_searched:]]
         return FittedRuns([*fit.shots, *heldout], solution.model, notes)
 
     def split(self, records: FittedRuns) -> SplitRuns:

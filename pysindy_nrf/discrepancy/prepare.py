@@ -11,6 +11,7 @@ from ..diagnosis.motions import covariates_with_base
 from ..exceptions import ChannelError
 from ..identification.displacement_drifts import without_drifts
 from ..identification.force_corners import without_force_corners
+from ..identification.force_courses import with_force_courses
 from ..identification.problem import Problem, flexible_laws
 from ..records.checks.corners import without_corners
 from ..records.dataset import Dataset
@@ -121,6 +122,7 @@ def prepare(
                 as_measured,
                 notes=fused.notes,
                 simulation_method=fused.simulation_method,
+                hold=fused.hold,
             )
         else:
             clean = False
@@ -148,6 +150,8 @@ def with_corrected_channels(
 
     data = replace(prepared.data, records=tuple(prepared.records))
     corrected = without_drifts(general, without_force_corners(general, data))
+    if not general.has_free_shapes:
+        corrected = with_force_courses(general, corrected)
     if corrected is data:
         return prepared
     return replace(

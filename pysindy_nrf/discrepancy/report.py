@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,14 +15,21 @@ from ..chain.sites import Site
 from ..diagnosis.facts import Alternative, AmbiguousInterval
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
+from ..drawing.matplotlib_renderer import Drawing
 from ..identification.result import IdentificationResult
 from ..records.checks.channel_checks import Measured
 from ..records.quality import QualityNote
 from ..report import write_html
+from ..report.loop_content import pictures
 from ..report.markdown import markdown
 from ..report.notebook import loop_html
+from ..report.summary import Summary, summary_of
+from ..report.words import band_text
 from . import wording
 from .residual import Evidence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -285,6 +293,43 @@ class LoopReport:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)]
         lines = lines or ["No effect was added."]
         return "\n".join([*lines, f"Stopped: {self.stopped_because}."])
+
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares of the forces.
+
+        Returns
+        -------
+        Summary
+            ``str`` prints it; ``to_frame``, ``as_html``, ``as_latex``. Where the final
+            estimate is that of the search, intervals are from fold to fold, without
+            standard errors.
+        """
+        if self.identified is not None:
+            return replace(self.identified.summary(), verdict=self.verdict)
+        n_forces = sum(bool(laws) for laws in self.model.laws.values())
+        return Summary(
+            f"Closed loop: {self.model.n_dof} masses and {n_forces} restoring forces",
+            [("band", band_text(self.band))],
+            summary_of(self.model, self.bounds, {}, {}, {}),
+            self.verdict,
+        )
+
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Drawing:
+        """Draw errors before and after, the missing force and the free run.
+
+        The missing force is drawn with the law that was found over it (matplotlib).
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            New ones if None.
+
+        Returns
+        -------
+        Drawing
+            With ``ax_`` and ``figure_``.
+        """
+        return Drawing(pictures(self)).plot(ax)
 
     def to_markdown(self) -> str:
         """The report as Markdown.

@@ -36,8 +36,10 @@ def free_run_of(
     """The model alone under the forces and base motion of some rows of a record.
 
     It starts from the measured state of the first row, or from ``start``:
-    displacements (m) and velocities (m/s) relative to the base.
+    displacements (m) and velocities (m/s) relative to the base. Between the samples
+    the forces take the course of the record, unless ``hold`` says another.
     """
+    options.setdefault("hold", segment.course)
     chosen = segment.valid if rows is None else rows
     if start is None:
         x0 = np.cumsum(segment.s[chosen.start].astype(float))

@@ -281,7 +281,7 @@ def _rivals(models: Sequence[ChainModel]) -> list[str]:
 def _with_best_hold(trial: Trial) -> Trial:
     """The estimate under the course of the force that predicts the channels best."""
     fit = trial.fit.with_best_hold(trial.solution.model)
-    if fit.shots[0].hold != trial.fit.shots[0].hold:
+    if [shot.hold for shot in fit.shots] != [shot.hold for shot in trial.fit.shots]:
         again = solved(fit, trial.solution.u, SETTINGS.max_steps)
         if again is not None:
             return again

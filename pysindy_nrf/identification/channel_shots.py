@@ -51,6 +51,7 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
         ag=ag,
         covariates=dict(record.covariates),
         valid=rows,
+        hold=record.hold,
     )
     measured = np.column_stack([channel[rows] for channel in channels.values()])
     return Shot(
@@ -60,7 +61,6 @@ def shot_of(record: Record, number: int, n: int) -> Shot:
         channels=tuple(channels),
         measured=measured,
         weights=np.ones((len(measured), 1)),
-        hold="linear",
     )
 
 

@@ -16,6 +16,7 @@ from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.limits import Diagnosis, diagnose
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import Verdict
+from ..drawing.matplotlib_renderer import Drawing
 from ..equations.errors import explained_accelerations, judge
 from ..exceptions import ChannelError
 from ..records.channels import require_two_dimensions, sample_weights
@@ -24,8 +25,8 @@ from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
 from ..records.named_columns import forces_by_name
 from ..records.record import Record
 from ..report.figures.forces import loop_figures
-from ..report.figures.matplotlib_renderer import Drawing
-from ..report.figures.motion import free_run_figure
+from ..report.figures.motion import free_run_figures
+from ..report.summary import Summary
 from ..simulation.api import simulate
 from .intervals import AskedFor
 from .problem import Problem, blocks_of
@@ -366,13 +367,21 @@ class FittedChain:
         check_is_fitted(self)
         return self.model_.to_latex()
 
-    def summary(self) -> str:
-        """The verdict with its reasons, the masses and the equations, as text."""
-        return f"{self.verdict()}\n{self.model_}"
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares, and how they were found.
+
+        Returns
+        -------
+        Summary
+            ``str`` prints it as statsmodels does; ``to_frame``, ``as_html``,
+            ``as_latex``.
+        """
+        check_is_fitted(self)
+        return self.result_.summary()
 
     def print(self) -> None:
-        """Print :meth:`summary`."""
-        print(self.summary())
+        """Print the equations, then :meth:`summary`."""
+        print(self.model_, self.summary(), sep="\n\n")
 
     def plot(self, ax: Axes | np.ndarray | None = None) -> Drawing:
         """Draw the force of every site over its drift, and the free run (matplotlib).
@@ -390,7 +399,8 @@ class FittedChain:
         check_is_fitted(self)
         data = self.fit_data("Fit again to draw the model over its data.")
         loops = loops_of(self.model_, data, self.problem_.filters(data))
-        figures = loop_figures(self.model_, loops) + free_run_figure(self.free_runs())
+        free_runs = free_run_figures(self.free_runs())[:1]
+        figures = loop_figures(self.model_, loops) + free_runs
         return Drawing(figures).plot(ax)
 
     def simulate(

@@ -18,10 +18,11 @@ from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
 from ..exceptions import NRFError
 from ..records.dataset import Segment
+from ..records.hold import BAND_LIMITED, HOLDS
 from ..records.zero_phase_filter import Band
 from .noise_spectra import NoiseModel, corrected, noise_model
 from .parameter_vector import Rebuild
-from .shots import FORCE_HOLDS, Shot
+from .shots import Shot
 from .spectra import common_band
 from .whitened_runs import (
     MIN_ROWS,
@@ -50,6 +51,9 @@ DAMPING_DOWN = 10.0
 MAX_DAMPING = 1e9
 # Largest change of a logarithm in a step.
 MAX_LOGARITHMIC_STEP = 2.0
+# Share of the squared error with band-limited forces that another course of them must
+# stay below, else it makes no difference that matters.
+CLEARLY_LESS = 0.7
 # Residual that counts as one where a run is exact.
 LEAST_UNIT = 1e-12
 # Largest logarithm of a ratio of likelihoods; exp of more is no double.
@@ -183,13 +187,25 @@ class FreeRunFit:
         return replace(self, noise=noise, forces=forces)
 
     def with_best_hold(self, model: ChainModel) -> FreeRunFit:
-        """The same fit with the course of the force that predicts the motion best."""
-        fits = []
-        for hold in FORCE_HOLDS:
-            shots = [replace(shot, hold=hold) for shot in self.shots]
-            fits.append(replace(self, shots=shots))
-        errors = [fit.error(model, fit.all_rows).weighted for fit in fits]
-        return fits[int(np.argmin(errors))]
+        """The same fit with the course of the forces that predicts the motion best.
+
+        Records that say their own keep it. The forces of the others are band-limited,
+        unless another course leaves clearly less.
+        """
+        if all(shot.segment.hold is not None for shot in self.shots):
+            return self
+
+        fits = {}
+        errors = {}
+        for hold in HOLDS:
+            shots = [shot.with_hold(hold) for shot in self.shots]
+            fits[hold] = replace(self, shots=shots)
+            errors[hold] = fits[hold].error(model, self.all_rows).weighted
+
+        best = min(HOLDS, key=errors.__getitem__)
+        if errors[best] < CLEARLY_LESS * errors[BAND_LIMITED]:
+            return fits[best]
+        return fits[BAND_LIMITED]
 
     def begun_from(self, solution: Solution) -> FreeRunFit:
         """The same fit, whose shots begin from the initial states of a solution."""

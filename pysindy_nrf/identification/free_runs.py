@@ -89,7 +89,6 @@ def simulated(
         segment,
         integrator=integrator_for(model, segment.step),
         rtol=INSTRUMENT_RTOL,
-        hold="cubic",
     )
     a = np.asarray(run.acceleration)
     v = np.diff(np.asarray(run.velocity), axis=1, prepend=0.0)

@@ -16,6 +16,7 @@ from scipy import stats
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
+from ..chain.model import parameters_of as parameters_of
 from ..chain.sites import Site
 from ..common import number_of
 from ..common.warn import warn_user
@@ -56,21 +57,6 @@ AskedFor = str | Callable[[ChainModel], pd.Series | Mapping[str, float]] | Point
 
 
 # -- statistics of a model -----------------------------------------------------------
-
-
-def parameters_of(
-    model: ChainModel, known_masses: Mapping[int, float] | None = None
-) -> pd.Series:
-    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
-    known = known_masses or {}
-    values = {
-        f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
-    }
-    for site, force in model.restoring_forces.items():
-        if force.laws:
-            for term, coefficient in force.coefficients.items():
-                values[f"{site}: {term}"] = coefficient
-    return pd.Series(values, dtype=float)
 
 
 def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
@@ -239,10 +225,17 @@ class Resolver:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
-    def influences(self, statistic: Statistic) -> np.ndarray:
+    def influences(self, statistic: Statistic, removed: float = 1.0) -> np.ndarray:
         """Influence of each piece, shape (n_pieces, n_statistics).
 
         It is what the statistics are without the piece, less their mean.
+
+        Parameters
+        ----------
+        statistic : callable
+        removed : float
+            Share of each piece that is left out; of less than one the influence is
+            extrapolated.
 
         Raises
         ------
@@ -259,7 +252,8 @@ class Resolver:
             )
         try:
             models = [
-                self.weighted_model(weights) for weights in 1.0 - np.eye(n_pieces)
+                self.weighted_model(weights)
+                for weights in 1.0 - removed * np.eye(n_pieces)
             ]
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
@@ -268,7 +262,8 @@ class Resolver:
             ) from error
 
         values = np.array([statistic(model).to_numpy(float) for model in models])
-        return (values - values.mean(axis=0)) * np.sqrt((n_pieces - 1) / n_pieces)
+        scale = np.sqrt((n_pieces - 1) / n_pieces) / removed
+        return (values - values.mean(axis=0)) * scale
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife with neighbours."""
@@ -482,10 +477,31 @@ class IntervalMaker:
             unknown = np.full(len(estimate), np.nan)
             return unknown, unknown.copy()
 
-        influences = self.resolver.influences(statistic)
+        influences = self._influences(statistic)
         quantile = stats.t.ppf(0.5 + level / 2, _degrees_of_freedom(influences))
         error = np.sqrt(self.repeats) * self._standard_errors(influences)
         return estimate - quantile * error, estimate + quantile * error
+
+    def _influences(self, statistic: Statistic) -> np.ndarray:
+        """Influences of the pieces; of their halves where one blow is all there is.
+
+        The rest then hides most of the error that the blow makes, unless there is none
+        but of arithmetic.
+        """
+        try:
+            return self.resolver.influences(statistic)
+        except IdentifiabilityError:
+            if self.repeats == 1.0:
+                raise
+            return self.resolver.influences(statistic, removed=0.5)
+
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of masses and coefficients by noise, by parameter."""
+        resolver = self.resolver
+        statistic = statistic_of("parameters", resolver.known_masses, resolver.layout)
+        names = statistic(self.model).index
+        errors = self._standard_errors(self._influences(statistic))
+        return dict(zip(map(str, names), np.sqrt(self.repeats) * errors))
 
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
         """Standard errors; correlated neighbours count if they increase them."""

@@ -13,6 +13,7 @@ from ..records.dataset import Dataset
 from ..records.zero_phase_filter import edges_of
 from .displacement_drifts import without_drifts
 from .force_corners import without_force_corners
+from .force_courses import with_force_courses
 from .problem import Estimate, Problem, least_squares
 
 # Samples of a record that are enough to see a constant.
@@ -30,6 +31,10 @@ def least_squares_beside_offsets(
     """
     data = without_drifts(problem, without_force_corners(problem, data))
     estimate = least_squares(problem, data)
+    driven = with_force_courses(estimate.problem, data)
+    if driven is not data:
+        data = driven
+        estimate = least_squares(problem, data)
     if not data.records or not _shows_offsets(problem):
         return estimate, data
     if not offsets_of(estimate.model, _thinned(data, problem)):

@@ -145,7 +145,7 @@ def output_error(
         if noisy_fit is None:
             exact = "the free run is exact to round-off"
             return OutputErrorResult(error_before=0.0, error_after=0.0, reason=exact)
-        return _fit_if_better(noisy_fit.with_best_hold(start), start, halves)
+        return _fit_if_better(noisy_fit, start, halves)
     except SimulationError as error:
         return _start_kept(error.what)
 

@@ -23,6 +23,7 @@ from .door import (
     PIECES,
     choose_method,
     form_of,
+    refuse_arguments,
     refuse_unused,
 )
 from .fitted import FittedChain
@@ -44,6 +45,7 @@ from .streaming import (
     identified,
     with_records,
 )
+from .time_variation import VaryingSetting, with_time_variation
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -70,8 +72,9 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ``"joint"``: all balances at once with shared laws, each over the residual that
         it leaves by itself; ``"complete"``: each by itself, the paper's way (eq. 3);
         both only where every DOF is forced (in one record or another). ``"auto"``:
-        joint there, but complete with an ``optimizer``, which chooses terms balance by
-        balance, and where two balances contradict each other; elsewhere sequential.
+        joint there, but sequential with an ``optimizer``, which chooses the terms
+        storey by storey, and complete where two balances contradict each other;
+        elsewhere sequential.
     optimizer : PySINDy optimizer, optional
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if
         None.
@@ -92,6 +95,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         given values (to fix one: ``constraints``).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
+    varying : "auto" or mapping of str to sequence of str, optional
+        Coefficients that may change while the structure shakes, by storey: ``{"storey
+        2": ["s", "v"]}``. Each follows a penalised spline in time, with steps where the
+        data prefer them. ``"auto"`` tests stiffness, damping and the terms of further
+        laws of every storey. One record with a clock, by least squares; the courses are
+        ``time_variation_``. See :mod:`pysindy_nrf.identification.time_variation`.
     massless : bool
         An element tested by itself (a damper, a connection), whose force is measured
         and whose inertia is none: all masses are zero. With laws of the drift alone its
@@ -143,6 +152,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         units, a wrong known mass), a force whose channel is not linear or steady,
         records of unlike structures; ``"masses"``, which are not positive or not
         determined against noise.
+    time_variation_ : TimeVariation or None
+        With ``varying``: courses of the coefficients with 95 % bands, their changes,
+        and the masses beside them. ``model_`` is then still the constant structure that
+        fits best, and a BiasWarning is raised if something changes.
     model_ : ChainModel
     problem_ : Problem
         The problem solved: chain, laws with their shape parameters, known masses, band,
@@ -199,6 +212,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         chain: Chain | None = None,
         constraints: Mapping[str, Parameter] | None = None,
         massless: bool = False,
+        varying: VaryingSetting | None = None,
     ) -> None:
         self.degree = degree
         self.orders = orders
@@ -213,6 +227,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.chain = chain
         self.constraints = constraints
         self.massless = massless
+        self.varying = varying
 
     def fit(
         self,
@@ -297,6 +312,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             )
         data = method.read(passed, self._input_settings(X))
         result = method.identify(self.problem(data.n_dof), data)
+        if self.varying is not None:
+            result = with_time_variation(result, self.varying)
         one_force = form is ARRAYS and y is not None and np.ndim(passed.F) == 1
         return self._publish(result, column_names(X), one_force)
 
@@ -318,6 +335,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         arguments = self._arguments(passed)
         form = form_of(X)
         refuse_unused(arguments, form, choose_method("ls", form))
+        refuse_arguments({"varying": self.varying}, "partial_fit")
 
         sums = with_records(self._sums, StreamSettings.of_estimator(self), passed)
         result = identified(lambda kind: sums, sums.kind)
@@ -366,6 +384,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             "optimizer": self.optimizer,
             "constraints": self.constraints,
             "band": self.band,
+            "varying": self.varying,
         }
         names = [name for name, value in values.items() if value is not None]
         if self.coordinates != "relative":
@@ -417,6 +436,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.jump_bias_ = result.examination.jump_bias
         self.data_warnings_ = result.data_warnings
         self.motions_ = result.motions
+        self.time_variation_ = result.time_variation
 
         self.n_features_in_ = (
             3 * result.model.n_dof if columns is None else len(columns)

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
+from ..diagnosis.assumptions import Assumption, scale_of
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
 from ..diagnosis.facts import (
@@ -36,6 +37,8 @@ from ..exceptions import (
     NRFWarning,
 )
 from ..records.dataset import Dataset
+from ..report.summary import Summary, summary_of
+from ..report.words import band_text
 from .alternatives import alternatives_of
 from .ambiguity import ambiguous_in, table_with_ambiguity
 from .examination import Examination
@@ -45,7 +48,6 @@ from .intervals import (
     Resolver,
     calibration_spread,
     least_squares_resolver,
-    parameters_of,
     statistic_of,
 )
 from .joint_intervals import (
@@ -53,9 +55,11 @@ from .joint_intervals import (
     joint_resolver,
     shapes_at_ends,
 )
+from .noise_floor import BesideNoise, beside_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
+from .time_variation.variation import TimeVariation
 from .wiring import records_of, wiring_error
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
@@ -63,6 +67,14 @@ from .wiring import records_of, wiring_error
 _EXACT = 0.01
 _CURE_OF_NOISE = "Give the Records themselves, with estimation='auto' or 'iv'."
 _NO_DATA = "Fit again, or ask for intervals before saving."
+
+
+# Names of the methods as a summary prints them.
+METHODS_IN_WORDS = {
+    "ls": "least squares",
+    "iv": "instrumental variables",
+    "simulation": "free run fitted to the motion",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +127,8 @@ class IdentificationResult:
         Free runs that the fit compared with the measured channels.
     declared : Problem, optional
         The problem as declared, where it has free shape parameters.
+    time_variation : TimeVariation, optional
+        Courses of coefficients in time, where they were asked for.
     """
 
     model: ChainModel
@@ -137,6 +151,7 @@ class IdentificationResult:
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
     declared: Problem | None = None
+    time_variation: TimeVariation | None = None
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
@@ -351,25 +366,56 @@ class IdentificationResult:
             for row in table.itertuples()
         }, []
 
-    def summary(self) -> pd.DataFrame:
-        """Estimates with their 95 % intervals.
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of masses and coefficients by noise, where they are known."""
+        if self.intervals_withheld:
+            return {}
+        try:
+            with warnings.catch_warnings(action="ignore", category=NRFWarning):
+                return self.intervals.standard_errors()
+        except NRFError:
+            return {}
+
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares, and how they were found.
 
         Returns
         -------
-        DataFrame
-            One row for each mass and coefficient: ``estimate``, ``lower``, ``upper``
-            (NaN where no interval can be given) and ``unit``.
+        Summary
+            ``str`` prints it; ``to_frame``, ``as_html``, ``as_latex``.
         """
-        estimates = parameters_of(self.model)
-        units = {f"m{j}": "kg" for j in range(1, self.model.n_dof + 1)}
-        for site, force in self.model.restoring_forces.items():
-            for term, unit in zip(force.coefficients.index, force.units):
-                units[f"{site}: {term}"] = unit
-        unknown = (np.nan, np.nan)
-        ends = [self.bounds[0].get(name, unknown) for name in estimates.index]
-        table = pd.DataFrame(ends, columns=["lower", "upper"], index=estimates.index)
-        table.insert(0, "estimate", estimates)
-        return table.assign(unit=pd.Series(units)).rename_axis("parameter")
+        model = self.model
+        shares = {} if self.data is None else shares_of(model, self.data)
+        known = self.problem.known_masses
+        table = summary_of(model, self.bounds[0], self.standard_errors(), shares, known)
+        n_forces = sum(bool(laws) for laws in model.laws.values())
+        return Summary(
+            f"Identification of {model.n_dof} masses and {n_forces} restoring forces",
+            self._head_of_summary(),
+            table,
+            self.verdict,
+            self.bounds[1],
+        )
+
+    def _head_of_summary(self) -> list[tuple[str, str]]:
+        """Method, data, band and errors, by name."""
+        head = [
+            ("method", METHODS_IN_WORDS.get(self.method, self.method)),
+            ("strategy", self.order.strategy),
+            ("samples", str(self.n_samples)),
+        ]
+        if self.data is not None:
+            rate = 1.0 / self.data.dt if self.data.dt else float("nan")
+            head.append(("records", str(len(self.data.segments))))
+            head.append(("sampling rate", f"{rate:.5g} Hz"))
+        head.append(("band", band_text(self.problem.band)))
+        if len(self.condition):
+            head.append(("condition number", f"{self.condition.max():.3g}"))
+        pooled = self.errors.loc["pooled", "error"]
+        head.append(("balance error", f"{pooled:.3g} % NRMSE"))
+        if self.data is not None and np.isfinite(self.free_runs.error):
+            head.append(("free-run error", f"{self.free_runs.error:.3g} % NRMSE"))
+        return head
 
     # -- free runs and the verdict ---------------------------------------------------
 
@@ -402,6 +448,17 @@ class IdentificationResult:
             return ()
 
     @cached_property
+    def beside_noise(self) -> BesideNoise:
+        """What the model leaves of each equation, beside what noise would leave."""
+        if self.data is None or self.motions:
+            return BesideNoise()
+        try:
+            return beside_noise(self.problem, self.model, self.data)
+        except NRFError:
+            # a stretch of these records is no record by itself
+            return BesideNoise()
+
+    @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:
         """Kinds of the nonlinear forces of power series that the data show, by site.
 
@@ -414,6 +471,13 @@ class IdentificationResult:
         except NRFError:
             # the data are gone, or too few pieces for a test
             return {}
+
+    @cached_property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """What sets the scale of the model, though nothing in the data checks it."""
+        if self.data is None:
+            return ()
+        return scale_of(self.data.forced, self.problem.known_masses)
 
     @cached_property
     def facts(self) -> Facts:
@@ -448,6 +512,8 @@ class IdentificationResult:
         return replace(
             facts_of_model(self.model, bounds, runs, known),
             unexplained=self.unexplained,
+            beyond_noise=self.beside_noise.beyond(self.unexplained),
+            left_over=self.beside_noise.left_over,
             holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,
@@ -456,6 +522,7 @@ class IdentificationResult:
             shapes_at_ends=ends,
             alternatives=self.alternatives,
             ambiguous_intervals=self.ambiguous_intervals,
+            assumptions=self.assumptions,
             noise_or_law=tuple(noise_or_law),
             doubts=(*examined.forces, *examined.records, *no_bounds),
         )

@@ -1,5 +1,7 @@
 """Shots: stretches of records of which a free run is compared with the channels."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,8 +18,6 @@ from .spectra import relative_velocities
 # Largest number of samples of a shot, unless a law remembers the path: an error of the
 # initial state fades within it, and its spectra fit into memory.
 MAX_SAMPLES_PER_SHOT = 32768
-# Course of the force between its samples.
-FORCE_HOLDS = ("cubic", "linear", "zero")
 # Relative tolerance of the integration; sensitivities are differences of runs.
 RTOL = 1e-9
 
@@ -41,8 +41,6 @@ class Shot:
     measured : ndarray of shape (n_samples, n_channels)
     weights : ndarray of shape (n_samples, 1)
         Of the rows; a fit does not read those of weight zero.
-    hold : str
-        Course of the force between its samples.
     """
 
     segment: Segment
@@ -51,12 +49,22 @@ class Shot:
     channels: tuple[str, ...]
     measured: np.ndarray
     weights: np.ndarray
-    hold: str = FORCE_HOLDS[0]
 
     @property
     def n_samples(self) -> int:
         """Valid rows."""
         return self.segment.n_valid
+
+    @property
+    def hold(self) -> str:
+        """Course of the forces between the samples."""
+        return self.segment.course
+
+    def with_hold(self, hold: str) -> Shot:
+        """The shot with a course of the forces, unless the record says its own."""
+        if self.segment.hold is not None:
+            return self
+        return replace(self, segment=replace(self.segment, hold=hold))
 
     def motion(
         self,
@@ -98,7 +106,6 @@ class Shot:
             start=(state[0], state[1]),
             integrator=integrator_for(model, segment.step),
             rtol=RTOL,
-            hold=self.hold,
         )
         return {
             "x": np.asarray(run.displacement),

@@ -12,6 +12,7 @@ import numpy as np
 from ..exceptions import ChannelError
 from ..laws.shape import Motion
 from .extent import Extent
+from .hold import BAND_LIMITED, band_limited
 from .quality import QualityNote
 from .record import Record
 
@@ -71,6 +72,8 @@ class Segment:
     simulation_method : str
         The method of :func:`~pysindy_nrf.simulate` that follows the record: Newmark's
         if it was computed by it.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of the forces between the samples; None if it is not known.
     known_extent : Extent, optional
         Range of the channels inside the NaN edges, where it was computed before.
     """
@@ -92,6 +95,7 @@ class Segment:
     noise: dict[str, float] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()
     simulation_method: str = "default"
+    hold: str | None = None
     known_extent: InitVar[Extent | None] = None
 
     def __post_init__(self, known_extent: Extent | None) -> None:
@@ -153,6 +157,11 @@ class Segment:
         They are F less the offsets.
         """
         return self.F if self.offsets is None else self.F - self.offsets
+
+    @property
+    def course(self) -> str:
+        """Course of the forces between the samples, band-limited if not known."""
+        return self.hold or BAND_LIMITED
 
     @property
     def base_moves(self) -> bool:
@@ -220,6 +229,12 @@ class Segment:
         energy = np.append(0.0, np.cumsum((channels**2 / variance).sum(axis=1)))
         of_stretches = energy[size:] - energy[: len(energy) - size]
         return rows.start + int(np.argmax(of_stretches))
+
+    def with_band_limited_forces(self, hold: str) -> Segment:
+        """The record with the band-limited forces that act like those of a course."""
+        force = np.array(self.F, dtype=float)
+        force[self.valid] = band_limited(force[self.valid], hold)
+        return replace(self, F=force, hold=BAND_LIMITED)
 
     def moved(self, dof: int, **changes: np.ndarray) -> Segment:
         """The record with changes of ``x``, ``v``, ``a`` or ``F`` of one DOF.

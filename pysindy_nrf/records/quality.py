@@ -19,18 +19,24 @@ Kind = Literal[
     "frame",  # relative to the base and not absolute, or the reverse
     "gain",  # ratio to what another channel says
     "gain_drift",  # relative change of that ratio over the record
+    "hold",  # the course of the forces between the samples, which is no fault
     "hum",  # of the mains; share of the rms
     "incoherent",  # follows no other channel; the largest coherence
     "interpolated",  # made up between samples of a slower clock; share of the samples
     "noise",  # rms of its noise, in the channel's SI unit
     "offset",  # its zero, in the channel's SI unit; of an equation of motion, N
+    "overlap",  # time that all channels cover, s
     "quantised",  # moves in coarse steps
+    "resampled",  # brought to a slower clock; ratio of the rates
+    "shifted",  # started after the channel that is the witness, s; moved to its clock
     "sign",  # points the other way; -1
     "spikes",  # samples that stand out; share of the samples
     "swapped",  # looks like a channel of another place
     "unit",  # ratio that a known unit would explain, or a peak too large for the unit
     "other",
 ]
+# Kinds that are to be known, and are no fault.
+_ONLY_KNOWN = ("computed", "hold", "offset", "overlap", "resampled", "shifted")
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,7 @@ class QualityNote:
     @property
     def is_fault(self) -> bool:
         """Whether it asks for a correction."""
-        return self.kind not in ("computed", "offset")
+        return self.kind not in _ONLY_KNOWN
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

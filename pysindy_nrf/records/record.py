@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +18,13 @@ from .clock import clock_of, time_in_index
 from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
+from .hold import require_hold
+from .quality import QualityNote
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..drawing.matplotlib_renderer import Drawing
 
 LARGEST_VALUE = 1e100  # SI units; its square is still a double
 # Attributes with one column for each DOF, and the letter of their channels.
@@ -30,6 +37,8 @@ MATRICES = {
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
+# A record with so many times more DOFs than samples is an array that lies on its side.
+ON_ITS_SIDE = 20
 COORDINATES = ("relative", "absolute")
 
 
@@ -63,6 +72,11 @@ class Record:
         Reference of ``velocity`` and ``displacement``: the base, or a fixed point.
     time : array-like of shape (n_samples,), optional
         Time of the samples, s, equally spaced.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of forces, base acceleration and covariates between the samples:
+        band-limited, as what passes an anti-aliasing filter; straight; or held, as a
+        D/A converter does. If None it is not known: free runs take the channels as
+        band-limited, unless the motion follows another course clearly better.
 
     Attributes
     ----------
@@ -72,6 +86,8 @@ class Record:
     time : ndarray of shape (n_samples,)
         Seconds, as they were given; from 0 if only a rate was. A window of a record
         keeps its times.
+    quality : tuple of QualityNote
+        What reading the record has changed: channels that were moved to one clock.
 
     Raises
     ------
@@ -107,8 +123,12 @@ class Record:
         base_velocity: ArrayLike | None = None,
         coordinates: str = "relative",
         time: ArrayLike | None = None,
+        hold: str | None = None,
     ) -> None:
         require_coordinates(coordinates)
+        if hold is not None:
+            require_hold(hold)
+        self.hold = hold
         self.coordinates = coordinates
         # the name of a file may be no text
         self.name = str(name).encode("utf-8", "backslashreplace").decode()
@@ -150,6 +170,7 @@ class Record:
         self.base_velocity = bases.get("base velocity vg")
         self.base_displacement = bases.get("base displacement xg")
         self.covariates = others
+        self.quality: tuple[QualityNote, ...] = ()
         _require_usable_values(self.channels(), self.name)
 
     def channels(self) -> dict[str, np.ndarray]:
@@ -251,6 +272,7 @@ class Record:
         *,
         name: str = "record",
         coordinates: str = "relative",
+        hold: str | None = None,
     ) -> Record:
         """Record from a table with columns a1.., v1.., x1.., F1.., ag and a time.
 
@@ -262,7 +284,7 @@ class Record:
             so. Other columns become covariates.
         fs : float, optional
             Sampling rate, Hz, if the table has no time.
-        name, coordinates : str
+        name, coordinates, hold
             As for :class:`Record`.
 
         Raises
@@ -287,6 +309,7 @@ class Record:
             covariates=covariates,
             name=name,
             coordinates=coordinates,
+            hold=hold,
         )
 
     @classmethod
@@ -299,6 +322,7 @@ class Record:
         covariates: Mapping[str, ArrayLike] | None = None,
         name: str = "record",
         coordinates: str = "relative",
+        hold: str | None = None,
     ) -> Record:
         """Record from channels by name.
 
@@ -308,7 +332,7 @@ class Record:
             ``F1..`` (N), ``a1..`` (m/s^2), ``v1..`` (m/s), ``x1..`` (m), ``ag``,
             ``vg``, ``xg``. A motion that is not among them was not measured, a force
             does not act.
-        fs, time, covariates, name, coordinates
+        fs, time, covariates, name, coordinates, hold
             As for :class:`Record`.
 
         Examples
@@ -330,6 +354,7 @@ class Record:
             covariates=covariates,
             name=name,
             coordinates=coordinates,
+            hold=hold,
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -435,6 +460,15 @@ class Record:
         """
         return self._with_attributes(t0=t0)
 
+    def with_quality(self, notes: Sequence[QualityNote]) -> Record:
+        """The same channels with notes on their quality.
+
+        Parameters
+        ----------
+        notes : sequence of QualityNote
+        """
+        return self._with_attributes(quality=tuple(notes))
+
     def _with_attributes(self, **attributes: object) -> Record:
         """A copy with other attributes; its channels are not checked again."""
         out = copy.copy(self)
@@ -457,13 +491,48 @@ class Record:
             "covariates": self.covariates,
             "name": self.name,
             "coordinates": self.coordinates,
+            "hold": self.hold,
         }
         if self.has_clock:
             arguments["fs"] = self.fs
-        changed = Record(**arguments | changes)
+        changed = Record(**arguments | changes).with_quality(self.quality)
         if changes.get("time") is None:
             return changed.starting_at(self.t0)
         return changed
+
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Drawing:
+        """Draw every channel over time (matplotlib).
+
+        Channels in doubt are red: those that :func:`~pysindy_nrf.records.channel_notes`
+        calls faulty.
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            One for each channel that moves or acts; new ones if None.
+
+        Returns
+        -------
+        Drawing
+            With ``ax_`` and ``figure_``.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib, which the extra ``plot`` brings.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import datasets
+        >>> drawn = datasets.load_demo().plot()
+        >>> [axes.get_ylabel() for axes in drawn.ax_][:2]
+        ['F2 (N)', 'a1 (m/s²)']
+        """
+        from ..drawing.matplotlib_renderer import Column
+        from .checks.channel_checks import doubts_by_channel
+        from .figures import time_figures
+
+        return Column(time_figures(self, doubts_by_channel(self))).plot(ax)
 
     def _repr_html_(self) -> str:
         from .files.summary import record_html
@@ -598,6 +667,13 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
         )
 
     n_samples = next(iter(lengths.values()))
+    widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
+    if widest > ON_ITS_SIDE * n_samples:
+        raise ChannelError(
+            f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
+            " transposed",
+            "Give one row per sample and one column per DOF (array.T).",
+        )
     if n_samples < 2:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples", "At least two are needed."

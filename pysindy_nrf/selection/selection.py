@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from ..chain.sites import Site
+from ..drawing.figure import Figure
+from ..drawing.matplotlib_renderer import Drawing
 from ..equations.measured_motion import require_moving
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..identification.problem import LEAST_SQUARES, law_list
@@ -19,8 +21,6 @@ from ..identification.regressor import NRFRegressor
 from ..laws.power_series import exponents_of
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
-from ..report.figures.figure import Figure
-from ..report.figures.matplotlib_renderer import Drawing
 from ..report.figures.motion import order_figure
 from .held_out import SCORES, errors_on_folds, scores_on_folds
 from .one_se_rule import Degree, choose, complexity_of, errors_of, standard_error

@@ -12,6 +12,7 @@ from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common import number_of, positive
 from ..exceptions import SimulationError
+from ..records.hold import BAND_LIMITED
 from ..records.record import Record
 from . import newmark, runge_kutta
 from .balance import Drive, Output
@@ -78,7 +79,7 @@ class _Options:
     v0: npt.ArrayLike | None = None
     base_acceleration: npt.ArrayLike | None = None
     covariates: Mapping[str, npt.ArrayLike] | None = None
-    hold: str = "linear"
+    hold: str = BAND_LIMITED
     rtol: float = 1e-10
     t0: float = 0.0
     limit: float = 1e100
@@ -113,6 +114,7 @@ class _FinishedRun:
     out: Output
     outcome: Outcome
     options: _Options
+    hold: str | None
 
     def record(self, name: str) -> Record:
         """The motion as a Record."""
@@ -127,6 +129,7 @@ class _FinishedRun:
             base_acceleration=self.samples[:, n].copy() if base_moves else None,
             covariates=self.options.covariates,
             name=name,
+            hold=self.hold,
         )
         return record.starting_at(self.t0)
 
@@ -151,7 +154,7 @@ def simulate(
     v0: npt.ArrayLike | None = None,
     base_acceleration: npt.ArrayLike | None = None,
     covariates: Mapping[str, npt.ArrayLike] | None = None,
-    hold: str = "linear",
+    hold: str = BAND_LIMITED,
     rtol: float = 1e-10,
     t0: float = 0.0,
     name: str = "simulation",
@@ -179,12 +182,11 @@ def simulate(
         m/s^2.
     covariates : mapping of str to array-like of shape (n_samples,), optional
         Channels that the laws read.
-    hold : {"linear", "zero", "cubic"}
-        Course of forces, base acceleration and covariates between the samples: straight
-        lines, steps, or a cubic spline (for band-limited signals). With straight lines
-        and steps, accelerations above a tenth of the sampling rate contradict the
-        displacements by some percent, and a fit of the fused record finds masses as
-        much too high.
+    hold : {"cubic", "linear", "zero"}
+        Course of forces, base acceleration and covariates between the samples: a cubic
+        spline (measured channels, which are band-limited), straight lines, or steps (a
+        D/A converter). With straight lines and steps, accelerations above a tenth of
+        the sampling rate contradict the displacements by some percent.
     rtol : float
         Error of a step of the default method as a share of the largest motion so far.
     t0 : float
@@ -309,11 +311,13 @@ def _integrate(
         force, options.base_acceleration, options.covariates, layout.covariates
     )
     last, n_inputs = len(samples) - 1, samples.shape[1]
+    hold = None
     if method == "newmark":
         drive = Drive(samples, samples, 0, last, n_inputs, dt)
         out, outcome = newmark.integrate(system, drive, start)
     else:
-        courses = courses_between(samples, options.hold)
+        hold = options.hold
+        courses = courses_between(samples, hold)
         drive = Drive(courses, samples, len(courses) - 1, last, n_inputs, dt)
         covariates = np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0)
         jumps = jumping_sites(model.laws, layout, covariates)
@@ -323,4 +327,4 @@ def _integrate(
             system, drive, start, jumps, rule(rtol, limit), adaptive
         )
     outcome.require_done(dt)
-    return _FinishedRun(samples, dt, t0, system, layout, out, outcome, options)
+    return _FinishedRun(samples, dt, t0, system, layout, out, outcome, options, hold)

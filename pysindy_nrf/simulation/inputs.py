@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from ..exceptions import ChannelError
 from ..records.channels import as_matrix, rows_text
+from ..records.hold import require_hold
 
 
 def force_matrix(
@@ -100,11 +101,11 @@ def courses_between(samples: np.ndarray, hold: str) -> np.ndarray:
     -------
     ndarray of shape (order + 1, n_samples - 1, n_inputs)
     """
+    require_hold(hold)
     if hold == "linear":
         return np.stack([samples[:-1], np.diff(samples, axis=0)])
     if hold == "zero":
         return samples[None, :-1].copy()
-    if hold == "cubic":
-        spline = CubicSpline(np.arange(len(samples)), samples)
-        return np.ascontiguousarray(spline.c[::-1])
-    raise ChannelError(f"hold={hold!r} is unknown", "Choose 'linear', 'zero', 'cubic'.")
+    # not-a-knot: the ends are extrapolated by the nearest cubic, not made straight
+    spline = CubicSpline(np.arange(len(samples)), samples)
+    return np.ascontiguousarray(spline.c[::-1])

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 from scipy.signal import lfilter
 
+from ..records.hold import BAND_LIMITED
 from .inputs import courses_between
 
 # Condition of the mode shapes above which modes count as one.
@@ -22,7 +23,7 @@ def linear_run(
     dt: float,
     start: np.ndarray,
     base_acceleration: np.ndarray | None = None,
-    hold: str = "linear",
+    hold: str = BAND_LIMITED,
 ) -> Motion | None:
     """Motion of a linear structure, exact for the course of the forces.
 
@@ -38,7 +39,7 @@ def linear_run(
         Displacement and velocity relative to the base.
     base_acceleration : ndarray of shape (n_samples,), optional
         m/s^2.
-    hold : {"linear", "zero", "cubic"}
+    hold : {"cubic", "linear", "zero"}
         Course of the forces between the samples.
 
     Returns

@@ -1,10 +1,12 @@
 """Free runs against independent integrators, exact solutions and conservation laws."""
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 from pysindy_nrf import Chain, ChainModel, Site, laws
@@ -45,15 +47,18 @@ def assert_close(found, expected, share):
 
 
 def by_scipy(rate, F, y0):
-    """States at the samples, with straight lines between the forces."""
+    """States at the samples, with SciPy's spline through the forces."""
+    times = DT * np.arange(len(F))
+    course = CubicSpline(times, F)
     path = [np.asarray(y0, dtype=float)]
-    for f0, f1 in zip(F[:-1], F[1:]):
-
-        def field(t, y, f0=f0, f1=f1):
-            return rate(y, f0 + (f1 - f0) * t / DT)
-
+    for interval in pairwise(times):
         run = solve_ivp(
-            field, (0, DT), path[-1], method="DOP853", rtol=1e-12, atol=1e-15
+            lambda t, y: rate(y, course(t)),
+            interval,
+            path[-1],
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-15,
         )
         path.append(run.y[:, -1])
     return np.array(path)
@@ -132,7 +137,7 @@ def test_floating_chain_keeps_its_momentum():
     F = top_force(100.0, 500)
     storey = (LINEAR, laws.Dahl(sigma=1e4, Fd=20.0))
     model = ChainModel(masses, {2: storey}, chain=Chain(2, ground="free"))
-    record = simulate(model, F, DT)
+    record = simulate(model, F, DT, hold="linear")
     impulses = 0.5 * DT * (F[1:, 1] + F[:-1, 1])
     momentum = np.concatenate([[0.0], np.cumsum(impulses)])
     assert_close(record.velocity @ masses, momentum, 1e-11)
@@ -375,13 +380,14 @@ def changing():
 @METHODS
 def test_a_run_that_is_continued_finds_the_clock_of_its_laws(changing, method):
     model, F = changing
-    whole = simulate(model, F, 0.005, method=method)
+    whole = simulate(model, F, 0.005, method=method, hold="linear")
     go_on = partial(
         simulate,
         model,
         F[500:],
         0.005,
         method=method,
+        hold="linear",
         x0=whole.displacement[500],
         v0=whole.velocity[500],
     )
@@ -397,3 +403,46 @@ def test_energies_are_on_the_clock_of_the_run(changing):
     model, F = changing
     energy = free_run(model, F, 0.005, t0=2.5).energy
     assert energy.index[0] == 2.5
+
+
+# -- between the samples -------------------------------------------------------
+
+
+FREQUENCY = 60.0  # Hz, of a force that is sampled at 400 Hz
+
+
+def motion_of_a_cosine_force():
+    """One floor under 100 N cos(wt), from the motion in steady state; and its run."""
+    t = np.arange(800) / 400
+    w = 2 * np.pi * FREQUENCY
+    answer = 100.0 / (1e5 - 10.0 * w**2 + 1j * w * 100.0)
+    x = (answer * np.exp(1j * w * t)).real
+    v = (1j * w * answer * np.exp(1j * w * t)).real
+    F = 100.0 * np.cos(w * t)[:, None]
+    return F, x, v
+
+
+def test_a_measured_force_is_band_limited_from_the_first_sample_to_the_last():
+    """A spline loses 0.13 % of a cosine of 6.7 samples, straight lines 7 %: the fourth
+    powers of sinc over the sum of their images, and its square. A spline that were
+    straight at its ends would start as badly.
+    """
+    F, x, v = motion_of_a_cosine_force()
+    run = simulate(one_floor(LINEAR), F, 1 / 400, x0=x[:1], v0=v[:1])
+    np.testing.assert_allclose(run.displacement[:, 0], x, atol=0.03 * x.max())
+    np.testing.assert_allclose(
+        run.displacement[-100:, 0], x[-100:], atol=2e-3 * x.max()
+    )
+    first, last = slice(0, 5), slice(-5, None)
+    for ends in (first, last):
+        np.testing.assert_allclose(
+            run.velocity[ends, 0], v[ends], atol=0.01 * np.abs(v).max()
+        )
+
+
+def test_a_force_that_is_said_to_be_held_is_run_so():
+    F = top_force(100.0, 400, n_dof=1)
+    model = one_floor(LINEAR)
+    for hold in ("cubic", "linear", "zero"):
+        assert simulate(model, F, DT, hold=hold).hold == hold
+    assert simulate(model, F, DT, method="newmark").hold is None

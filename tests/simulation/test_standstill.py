@@ -20,7 +20,7 @@ def test_a_slip_that_ends_within_one_step():
     """12 N that fall to 0 in a sample move 1 kg against 10 N by dt^2 / 27."""
     F = np.zeros((6, 1))
     F[0] = 12.0
-    run = free_run(ChainModel([1.0], {1: RUBBING}), F, DT)
+    run = free_run(ChainModel([1.0], {1: RUBBING}), F, DT, hold="linear")
     np.testing.assert_allclose(run.record.displacement[1:, 0], DT**2 / 27, rtol=1e-6)
     assert not run.record.velocity.any()
     assert run.energy_gap < 1e-9
@@ -76,7 +76,8 @@ def test_a_slip_between_two_samples(sign):
 
 
 def test_straight_lines_between_these_samples_slip_nowhere():
-    run = free_run(ChainModel([10.0], {1: SPRING}), force_between_samples(1.0), DT)
+    F = force_between_samples(1.0)
+    run = free_run(ChainModel([10.0], {1: SPRING}), F, DT, hold="linear")
     assert not run.record.displacement.any()
 
 

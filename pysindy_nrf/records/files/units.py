@@ -33,7 +33,11 @@ class Quantity:
 
 QUANTITIES = {
     "x": Quantity(
-        "length", "a displacement", "m", "m, mm, in", {"mil": "thou", "mils": "thou"}
+        "length",
+        "a displacement",
+        "m",
+        "m, mm, in",
+        {"mil": "thou", "mils": "thou", "zoll": "inch", "Zoll": "inch"},
     ),
     "v": Quantity("velocity", "a velocity", "m/s", "m/s, mm/s, in/s"),
     "a": Quantity(
@@ -43,7 +47,12 @@ QUANTITIES = {
         "m/s^2, g, cm/s^2",
         {
             "g": "standard_gravity",
+            "gs": "standard_gravity",
+            "g's": "standard_gravity",
+            "G's": "standard_gravity",
+            "gn": "standard_gravity",
             "mg": "millistandard_gravity",
+            "µg": "microstandard_gravity",
             "gal": "galileo",
             "gals": "galileo",
         },
@@ -56,6 +65,8 @@ QUANTITIES = {
         {
             "lb": "lbf",
             "lbs": "lbf",
+            "pounds": "lbf",
+            "klb": "kip",
             "kp": "kgf",
             "n": "N",
             "kn": "kN",
@@ -220,23 +231,54 @@ def split_unit(column: str) -> tuple[str, str | None]:
     return name, text[opening + 1 : -1].strip() or None
 
 
-_SPELLINGS = {"⁻¹": "^-1", "⁻²": "^-2", "²": "^2", "·": "*", "**": "^", "μ": "µ"}
+_SPELLINGS = {"·": "*", "⋅": "*", "×": "*", "**": "^", "μ": "µ", "’": "'"}
+_RAISED = str.maketrans("⁻⁺¹²³⁴", "-+1234")
+# Units of Russian files: millimetre, metre, second, newton.
+_CYRILLIC = str.maketrans("мсНкг", "msNkg")
+_PER_SECOND = re.compile(r"(mm|cm|m|in|i|ft|f)ps(?:\^?(2))?")
 
 
 def _one_spelling(unit: str) -> str:
     """One spelling of powers, products and brackets; SI as ``m/s^2``."""
-    text = unit.strip().strip("[]()").strip()
+    text = _without_brackets(unit.strip())
     if len(text) > 2 * MAX_UNIT_LENGTH:
         return text
 
+    text = re.sub(
+        r"\^?([⁻⁺¹²³⁴]+)", lambda match: "^" + match[1].translate(_RAISED), text
+    )
     for old, new in _SPELLINGS.items():
         text = text.replace(old, new)
+    if re.search("[мсН]", text):
+        text = text.translate(_CYRILLIC)
     text = re.sub(r"\s*([*/^])\s*", r"\1", text)
-    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s|m/\(s\^2\)", text):
+    text = _without_points(text)
+    text = re.sub(r"/\((\w+\^?\d?)\)", r"/\1", text)
+
+    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s", text):
         return "m/s^2"
     if re.fullmatch(r"m\*?\s*s\^?-1", text):
         return "m/s"
+    return _PER_SECOND.sub(_quotient, text) if _PER_SECOND.fullmatch(text) else text
+
+
+def _without_brackets(text: str) -> str:
+    """A unit without the brackets around it."""
+    while text[:1] in ("[", "(") and text[-1:] in ("]", ")"):
+        text = text[1:-1].strip()
     return text
+
+
+def _without_points(text: str) -> str:
+    """A unit whose points are products, ``m.s-2``, or end an abbreviation, ``mm.``."""
+    text = re.sub(r"(?<=[A-Za-zµ\d])\.(?=[A-Za-zµ])", "*", text)
+    return re.sub(r"(?<=[A-Za-z])\.(?=$|/)|(?<=[A-Za-z]\d)\.$", "", text)
+
+
+def _quotient(match: re.Match) -> str:
+    """``mps2`` as ``m/s^2``, ``ips`` as ``in/s``."""
+    length = {"i": "in", "f": "ft"}.get(match[1], match[1])
+    return f"{length}/s^2" if match[2] else f"{length}/s"
 
 
 def _readings(text: str, quantity: Quantity) -> Iterator[str]:

@@ -71,6 +71,11 @@ class FusedRecord:
     simulation_method : str
         The method of :func:`~pysindy_nrf.simulate` that follows the record: Newmark's
         if it was computed by it.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of the forces between the samples, if the channels show how they were
+        computed; else None.
+    as_measured : bool
+        Whether the channels are as they are, without fusion.
     """
 
     motion: np.ndarray
@@ -84,6 +89,8 @@ class FusedRecord:
     joint: bool = False
     notes: tuple[QualityNote, ...] = ()
     simulation_method: str = "default"
+    hold: str | None = None
+    as_measured: bool = False
 
     @property
     def n_dof(self) -> int:
@@ -214,7 +221,9 @@ def _as_measured(record: Record, notes: tuple[QualityNote, ...]) -> FusedRecord:
     _require_every_channel(record)
     motion = _motion(record, record, smooth=False)
     ag = base_acceleration_if_any(record)
-    return FusedRecord(motion, record.force, ag, record.time, notes=notes)
+    return FusedRecord(
+        motion, record.force, ag, record.time, notes=notes, as_measured=True
+    )
 
 
 def _from_channels(
@@ -237,6 +246,8 @@ def _from_channels(
         joint=joint and coarse and not _passed_on(record, with_motion),
         notes=(*notes, *_computed_notes(record, fused)),
         simulation_method="default" if rule is None else rule.simulation_method,
+        hold=None if rule is None else rule.hold,
+        as_measured=rule is not None,
     )
 
 

@@ -12,8 +12,18 @@ from numpy.typing import ArrayLike
 from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
 from ...diagnosis.site_loops import SiteLoop
+from ...drawing.figure import (
+    CYCLE,
+    DASHES,
+    Axis,
+    Figure,
+    Line,
+    Mark,
+    Surface,
+    Table,
+    rms,
+)
 from ...exceptions import NRFError
-from .figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Surface, Table, rms
 
 _TURN = "Drag to turn, or use the arrow keys."
 # Points along each side of a surface on the page, and the share by which it goes beyond

@@ -34,6 +34,18 @@ DEFINITIONS = """
     g           a1  9.80665
     G           a1  9.80665
     mg          ag  9.80665e-3
+    g's         a1  9.80665
+    m.s-2       a1  1
+    m.s^-2      a1  1
+    m.s⁻²       a1  1
+    m·s⁻²       ag  1
+    m/(s^2)     a1  1
+    mps2        a1  1
+    м/с²        a1  1
+    cm/sec2.    a1  0.01
+    ips         v1  0.0254
+    mm.         x1  1e-3
+    Zoll        x1  0.0254
     Gal         a1  0.01
     cm/s^2      a1  0.01
     CM/SEC/SEC  a1  0.01

@@ -16,7 +16,7 @@ from ....common.lazy import require
 from ....exceptions import FileFormatError
 from ...clock import rate_of
 from ..attributes import Attributes
-from ..table import MAX_BYTES, Table, check_size, reading_as, unreadable
+from ..table import MAX_BYTES, Clock, Table, check_size, reading_as, unreadable
 from ..units import si_unit
 
 if TYPE_CHECKING:
@@ -200,19 +200,15 @@ def _measured_channels(
     n_skipped: int,
 ) -> Table:
     """The table of a file of another program."""
-    lengths = sorted({len(history["data"]) for history in histories})
-    if len(lengths) > 1:
-        raise FileFormatError(
-            f"{path}: its time histories have {', '.join(map(str, lengths))} points",
-            "Export those of one test into one file.",
-        )
-
-    fs, times = _clock(path, histories)
+    times = _times_of_uneven(path, histories)
     variables = {} if times is None else {"t": times}
     implied, notes_on_units = _units_of_file(systems)
     units: dict[str, str] = {}
+    clocks: dict[str, Clock] = {}
     notes: list[str] = []
     for channel in _channels(histories):
+        if times is None:
+            clocks[channel.name] = _clock_of(path, channel.history)
         samples = _samples(channel.history)
         variables[channel.name] = -samples if channel.is_reversed else samples
         stated = _text(channel.history.get("ordinate_axis_units_lab", ""))
@@ -224,7 +220,9 @@ def _measured_channels(
     if n_skipped:
         notes.append(f"{n_skipped} other data sets are left out")
     notes += notes_on_units
-    return Table(path, "UFF 58", variables, units, tuple(notes), fs=fs)
+    rates = {clock.fs for clock in clocks.values()}
+    fs = rates.pop() if len(rates) == 1 else None
+    return Table(path, "UFF 58", variables, units, tuple(notes), fs=fs, clocks=clocks)
 
 
 def _units_of_file(systems: Sequence[DataSet]) -> tuple[dict[str, str], list[str]]:
@@ -238,19 +236,22 @@ def _units_of_file(systems: Sequence[DataSet]) -> tuple[dict[str, str], list[str
     return {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force}, []
 
 
-def _clock(
-    path: Path, histories: Sequence[DataSet]
-) -> tuple[float | None, np.ndarray | None]:
-    """Sampling rate of even histories, or times of uneven ones; all share them."""
+def _clock_of(path: Path, history: DataSet) -> Clock:
+    """The clock of an even history."""
+    step = float(history.get("abscissa_inc", 0.0))
+    if step <= 0:
+        raise FileFormatError(
+            f"{path}: {history['id1'].strip()!r} has no sampling interval",
+            "Export it again.",
+        )
+    start = float(history.get("abscissa_min", 0.0))
+    return Clock(rate_of(step, RATE_TOLERANCE), start)
+
+
+def _times_of_uneven(path: Path, histories: Sequence[DataSet]) -> np.ndarray | None:
+    """Times that uneven histories share; None if all are even."""
     if all(int(history["abscissa_spacing"]) for history in histories):
-        steps = {float(history.get("abscissa_inc", 0.0)) for history in histories}
-        if len(steps) > 1 or min(steps) <= 0:
-            shown = ", ".join(f"{step:g}" for step in sorted(steps))
-            raise FileFormatError(
-                f"{path}: its time histories are sampled every {shown} s",
-                "Export those of one clock into one file.",
-            )
-        return rate_of(steps.pop(), RATE_TOLERANCE), None
+        return None
 
     times = np.asarray(histories[0]["x"], dtype=float)
     for history in histories[1:]:
@@ -259,7 +260,7 @@ def _clock(
                 f"{path}: the times of its time histories differ",
                 "Export histories with one clock.",
             )
-    return None, times
+    return times
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
 
@@ -293,8 +294,6 @@ def readings_of(
     needed : bool
         Whether no file at all is a usage error.
     """
-    from ..records.files import inspect_record
-
     mapping, how = mapping_of(options)
     coordinates = options["coordinates"] or mapping.coordinates
     files = list(files or mapping.files)
@@ -303,15 +302,36 @@ def readings_of(
             "Missing argument 'FILE...': give a file with the channels of a test."
         )
 
-    tests: list[AnyPath | list[AnyPath]] = [*files]
-    if mapping.together and files:
-        tests = [[*files]]
+    given = replace(mapping, files=tuple(files), coordinates=coordinates)
+    with working("reading"):
+        return read_tests(given, how)
+
+
+def read_tests(
+    mapping: MappingFile, how: ReadingOptions | None = None
+) -> list[Reading]:
+    """The tests of a mapping file, each as a record.
+
+    Parameters
+    ----------
+    mapping : MappingFile
+    how : ReadingOptions, optional
+        Channels, units and clock; those of the mapping file if None.
+    """
+    from ..records.files import inspect_record
+
+    if how is None:
+        how = {"mapping": mapping.channels, "units": mapping.units, "fs": mapping.fs}
+    tests: list[AnyPath | list[AnyPath]] = [*mapping.files]
+    if mapping.together and mapping.files:
+        tests = [[*mapping.files]]
     name = mapping.name if len(tests) == 1 else None
     readings = []
-    with working("reading"):
-        for test in tests:
-            reading = inspect_record(test, name=name, coordinates=coordinates, **how)
-            readings.append(reading)
+    for test in tests:
+        reading = inspect_record(
+            test, name=name, coordinates=mapping.coordinates, **how
+        )
+        readings.append(reading)
     return readings
 
 

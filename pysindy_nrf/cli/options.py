@@ -317,12 +317,21 @@ def settings_of_preparation(
     options: RecordOptions, mapping: MappingFile
 ) -> dict[str, float | bool]:
     """Settings of the preparation: those of the options go before the file's."""
+    numbers = {
+        "from": options["from"],
+        "to": options["to"],
+        "resample": options["resample"],
+    }
+    switches = {
+        "drop_blank": options["drop_blank"],
+        "relative_acceleration": options["relative_acceleration"],
+    }
     settings = dict(mapping.prepare)
-    for key in ("from", "to", "resample"):
-        if options[key] is not None:
-            settings[key] = options[key]
-    for key in ("drop_blank", "relative_acceleration"):
-        if options[key]:
+    for key, number in numbers.items():
+        if number is not None:
+            settings[key] = number
+    for key, is_on in switches.items():
+        if is_on:
             settings[key] = True
     return settings
 

@@ -49,6 +49,8 @@ MIN_GAIN_DRIFT = 0.05
 
 def unit_notes(record: Record) -> tuple[QualityNote, ...]:
     """Notes on channels whose size suggests a wrong unit."""
+    if record.rotates:
+        return ()  # an angle, or its rate, has no usual size
     notes = []
     for name, values in record.channels().items():
         base = name in ("ag", "vg", "xg")

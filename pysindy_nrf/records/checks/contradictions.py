@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...exceptions import ChannelError
-from ..files.file_clock import SLOW
+from ..files.mapping.column_facts import SLOW
 from ..quality import QualityNote
 from ..record import Record
 from .alignment import ChannelComparison, compare_channels

@@ -26,7 +26,7 @@ LEAST_DISTANCE = 8
 # (Kass and Raftery, Journal of the American Statistical Association 90, 1995).
 STRONG = 10.0
 # Intervals of the splines of all coefficients at once, by which the noise is seen.
-FEW_INTERVALS = 6
+FEW_INTERVALS = 20
 # Share of the noise that these splines leave in a short record, at least.
 LEAST_LEFT = 0.25
 # Passes in which equations are weighted, and the dispersion is estimated.

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 
 from ...chain.sites import Site, SiteName
+from ...drawing.matplotlib_renderer import Drawing
 from ...exceptions import ChainError
 from ...report.figures.courses import course_figures
-from ...report.figures.matplotlib_renderer import Drawing
 
 if TYPE_CHECKING:
-    from ...report.figures.figure import Figure
+    from ...drawing.figure import Figure
 
 # Kinds of ``changes``.
 CONSTANT = "constant"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from .figure import Axis, Figure, Line, Mark
+from ...drawing.figure import Axis, Figure, Line, Mark
 
 
 def course_figures(table: pd.DataFrame, instants: pd.DataFrame) -> list[Figure]:

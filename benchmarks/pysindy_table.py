@@ -232,9 +232,10 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     """Print the table; put it into the page."""
     parser = options_of(__doc__, quick="one short chain")
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--chains", type=int, default=6)
     parser.add_argument("--raw", action="store_true", help="noisy channels as they are")
     options = parser.parse_args(arguments)
-    size = (1, 1000, (0.02,)) if options.quick else (6, 6000, (0.0, 0.02))
+    size = (1, 1000, (0.02,)) if options.quick else (options.chains, 6000, (0.0, 0.02))
     table = quietly(comparison, *size, options.raw)
     print(markdown(table))
     if options.write:

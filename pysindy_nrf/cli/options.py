@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..identification.regressor import NRFRegressor
     from ..laws.base import ForceLaw
     from ..records.files.mapping import MappingFile
+    from ..records.files.preparation import Preparation
     from ..records.files.reading import Reading
     from ..records.files.tables import AnyPath
     from ..records.record import Record
@@ -45,7 +46,19 @@ class ExcitationOptions(ReadingOptions):
     mapping_file: Path | None
 
 
-class RecordOptions(ExcitationOptions):
+PreparationOptions = TypedDict(
+    "PreparationOptions",
+    {
+        "from": float | None,
+        "to": float | None,
+        "resample": float | None,
+        "drop_blank": bool,
+        "relative_acceleration": bool,
+    },
+)
+
+
+class RecordOptions(ExcitationOptions, PreparationOptions):
     """How records are read."""
 
     coordinates: str | None
@@ -206,11 +219,31 @@ laws_option = click.option(
         " search and saved models."
     ),
 )
+preparation_options = together(
+    click.option("--from", "from", type=float, help="First second that is used."),
+    click.option("--to", "to", type=float, help="Second up to which is used."),
+    click.option(
+        "--resample",
+        type=float,
+        help="Lower sampling rate in Hz to which records are brought, band-limited.",
+    ),
+    click.option(
+        "--drop-blank",
+        is_flag=True,
+        help="Leave out rows in which a channel that is used is empty.",
+    ),
+    click.option(
+        "--relative-acceleration",
+        is_flag=True,
+        help="Accelerations were measured relative to the base: ag is added.",
+    ),
+)
 record_options = together(
     map_option,
     unit_option,
     rate_option,
     coordinates_option,
+    preparation_options,
     mapping_option,
     laws_option,
 )
@@ -279,6 +312,28 @@ def mapping_of(options: ExcitationOptions) -> tuple[MappingFile, ReadingOptions]
     return mapping, how
 
 
+def preparation_of(options: RecordOptions, mapping: MappingFile) -> Preparation:
+    """What is done to channels, by the options and the mapping file."""
+    from ..records.files.preparation import Preparation
+
+    said = mapping.prepare
+    given = {
+        "from": options["from"],
+        "to": options["to"],
+        "resample": options["resample"],
+        "drop_blank": options["drop_blank"] or None,
+        "relative_acceleration": options["relative_acceleration"] or None,
+    }
+    chosen = {**said, **{key: x for key, x in given.items() if x is not None}}
+    return Preparation(
+        start=chosen.get("from"),
+        stop=chosen.get("to"),
+        fs=chosen.get("resample"),
+        drop_blank=bool(chosen.get("drop_blank")),
+        relative_acceleration=bool(chosen.get("relative_acceleration")),
+    )
+
+
 def readings_of(
     files: Sequence[Path], options: RecordOptions, needed: bool = True
 ) -> list[Reading]:
@@ -296,6 +351,7 @@ def readings_of(
 
     mapping, how = mapping_of(options)
     coordinates = options["coordinates"] or mapping.coordinates
+    preparation = preparation_of(options, mapping)
     files = list(files or mapping.files)
     if not files and needed:
         raise click.UsageError(
@@ -309,7 +365,9 @@ def readings_of(
     readings = []
     with working("reading"):
         for test in tests:
-            reading = inspect_record(test, name=name, coordinates=coordinates, **how)
+            reading = inspect_record(
+                test, name=name, coordinates=coordinates, preparation=preparation, **how
+            )
             readings.append(reading)
     return readings
 

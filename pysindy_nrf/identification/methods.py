@@ -323,6 +323,8 @@ def examined_result(finding: Finding) -> IdentificationResult:
     error = float(result.errors.loc["pooled", "error"])
     examination = examined(finding, estimate, error)
     examination.warn_of_bias()
+    if finding.estimate.solution.dependent and result.smaller_order is not None:
+        warn_user(f"The model has too many terms: {result.smaller_order}", RankWarning)
     return replace(result, examination=examination)
 
 

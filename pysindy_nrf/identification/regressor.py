@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..chain.sites import as_mapping
 from ..chain.structure import Chain, chain_of
+from ..common.plain_tables import plain, restored
 from ..equations.inner_optimizer import Optimizer
 from ..exceptions import ChainError, ChannelError
 from ..records.channels import column_names, require_two_dimensions
@@ -122,6 +123,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     result_ : IdentificationResult
         Everything that the fit found, from which the other attributes are taken. They
         are the same after every kind of fit; what does not apply is empty.
+        ``result_.smaller_order`` is the smallest degree that does as well; a
+        RankWarning names it where the data cannot tell the terms apart.
     masses_ : ndarray of shape (n_dof,)
         kg.
     restoring_forces_ : RestoringForces
@@ -447,6 +450,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             del self.feature_names_in_
         self._one_force = one_force
         return self
+
+    def __getstate__(self) -> dict[str, object]:
+        state = super().__getstate__()
+        return {name: plain(value) for name, value in state.items()}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        super().__setstate__({name: restored(value) for name, value in state.items()})
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "result_")

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
+from ..common.plain_tables import PlainState
 from ..diagnosis.assumptions import Assumption, scale_of
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
@@ -59,6 +60,7 @@ from .noise_floor import BesideNoise, beside_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
+from .smaller_order import SmallerOrder, smaller_order
 from .time_variation.variation import TimeVariation
 from .wiring import records_of, wiring_error
 
@@ -78,7 +80,7 @@ METHODS_IN_WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class IdentificationResult:
+class IdentificationResult(PlainState):
     """What an identification found.
 
     Intervals, free runs and the verdict are computed when they are asked for. A result
@@ -155,7 +157,7 @@ class IdentificationResult:
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
-        state = vars(self) | {"data": None}
+        state = super().__getstate__() | {"data": None}
         state.pop("free_runs", None)
         return state
 
@@ -202,6 +204,15 @@ class IdentificationResult:
             segment.driving_force[segment.valid] - force
             for segment, force in zip(data.segments, left_hand_sides)
         ]
+
+    @cached_property
+    def smaller_order(self) -> SmallerOrder | None:
+        """The smallest degree of the power series that leaves as little as that fitted.
+
+        None if there is none below it.
+        """
+        error = float(self.errors.loc["pooled", "error"])
+        return smaller_order(self.problem, self.order, self.sums, error)
 
     # -- intervals -------------------------------------------------------------------
 

@@ -539,6 +539,14 @@ class Record:
 
         return record_html(self)
 
+    def __array__(self, *args: object, **kwargs: object) -> np.ndarray:
+        """Refused: scikit-learn's searches ask for it where they are given a record."""
+        cure = (
+            "Pass X, F = record.to_features(), or a list of records: [record, ...], or"
+            " the parts of one, [record.window(0, 10), record.window(10, 20)]."
+        )
+        raise ChannelError("A Record is no array of samples", cure)
+
     def __repr__(self) -> str:
         if self.has_clock:
             clock = f" at {self.fs:g} Hz ({self.n_samples / self.fs:.4g} s)"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
 
@@ -312,25 +313,40 @@ def mapping_of(options: ExcitationOptions) -> tuple[MappingFile, ReadingOptions]
     return mapping, how
 
 
-def preparation_of(options: RecordOptions, mapping: MappingFile) -> Preparation:
-    """What is done to channels, by the options and the mapping file."""
-    from ..records.files.preparation import Preparation
-
-    said = mapping.prepare
-    given = {
+def settings_of_preparation(
+    options: RecordOptions, mapping: MappingFile
+) -> dict[str, float | bool]:
+    """Settings of the preparation: those of the options go before the file's."""
+    numbers = {
         "from": options["from"],
         "to": options["to"],
         "resample": options["resample"],
-        "drop_blank": options["drop_blank"] or None,
-        "relative_acceleration": options["relative_acceleration"] or None,
     }
-    chosen = {**said, **{key: x for key, x in given.items() if x is not None}}
+    switches = {
+        "drop_blank": options["drop_blank"],
+        "relative_acceleration": options["relative_acceleration"],
+    }
+    settings = dict(mapping.prepare)
+    for key, number in numbers.items():
+        if number is not None:
+            settings[key] = number
+    for key, is_on in switches.items():
+        if is_on:
+            settings[key] = True
+    return settings
+
+
+def preparation_of(mapping: MappingFile) -> Preparation:
+    """What a mapping file says is done to channels."""
+    from ..records.files.preparation import Preparation
+
+    settings = mapping.prepare
     return Preparation(
-        start=chosen.get("from"),
-        stop=chosen.get("to"),
-        fs=chosen.get("resample"),
-        drop_blank=bool(chosen.get("drop_blank")),
-        relative_acceleration=bool(chosen.get("relative_acceleration")),
+        start=settings.get("from"),
+        stop=settings.get("to"),
+        fs=settings.get("resample"),
+        drop_blank=bool(settings.get("drop_blank")),
+        relative_acceleration=bool(settings.get("relative_acceleration")),
     )
 
 
@@ -347,28 +363,53 @@ def readings_of(
     needed : bool
         Whether no file at all is a usage error.
     """
-    from ..records.files import inspect_record
-
     mapping, how = mapping_of(options)
     coordinates = options["coordinates"] or mapping.coordinates
-    preparation = preparation_of(options, mapping)
     files = list(files or mapping.files)
     if not files and needed:
         raise click.UsageError(
             "Missing argument 'FILE...': give a file with the channels of a test."
         )
 
-    tests: list[AnyPath | list[AnyPath]] = [*files]
-    if mapping.together and files:
-        tests = [[*files]]
+    asked = replace(
+        mapping,
+        files=tuple(files),
+        coordinates=coordinates,
+        prepare=settings_of_preparation(options, mapping),
+    )
+    with working("reading"):
+        return read_tests(asked, how)
+
+
+def read_tests(
+    mapping: MappingFile, how: ReadingOptions | None = None
+) -> list[Reading]:
+    """The tests of a mapping file, each as a record.
+
+    Parameters
+    ----------
+    mapping : MappingFile
+    how : ReadingOptions, optional
+        Channels, units and clock; those of the mapping file if None.
+    """
+    from ..records.files import inspect_record
+
+    if how is None:
+        how = {"mapping": mapping.channels, "units": mapping.units, "fs": mapping.fs}
+    tests: list[AnyPath | list[AnyPath]] = [*mapping.files]
+    if mapping.together and mapping.files:
+        tests = [[*mapping.files]]
     name = mapping.name if len(tests) == 1 else None
     readings = []
-    with working("reading"):
-        for test in tests:
-            reading = inspect_record(
-                test, name=name, coordinates=coordinates, preparation=preparation, **how
-            )
-            readings.append(reading)
+    for test in tests:
+        reading = inspect_record(
+            test,
+            name=name,
+            coordinates=mapping.coordinates,
+            preparation=preparation_of(mapping),
+            **how,
+        )
+        readings.append(reading)
     return readings
 
 

@@ -116,7 +116,7 @@ def unexplained_equations(facts: Facts) -> list[Reason]:
         if beyond > OPEN:
             message = open_balance(j, percent)
             reasons.append(Reason("unexplained", "red", message, place, percent))
-        elif beyond > LARGE:
+        elif beyond > LARGE and not _is_missing(facts.left_over.get(j)):
             message = (
                 f"{percent:.3g} % of the force in the balance of DOF {j} is"
                 " unexplained: a law is missing, or the channels are noisy."
@@ -149,14 +149,20 @@ def residuals_above_noise(facts: Facts) -> list[Reason]:
         remedy = "no effect of the catalogue explains them."
     reasons = []
     for j, left in facts.left_over.items():
-        above = left.rms > ABOVE_NOISE * left.noise
-        if above and left.percent > NOTICED:
+        if _is_missing(left):
             message = (
                 f"{left.rms:.3g} N rms are missing at DOF {j}{_in_band(left)}, where"
                 f" noise leaves {left.noise:.2g} N; {remedy}"
             )
             reasons.append(Reason("residual", "amber", message, f"dof {j}", left.rms))
     return reasons
+
+
+def _is_missing(left: LeftOver | None) -> bool:
+    """Whether far more is left of an equation than noise leaves, and it is felt."""
+    if left is None:
+        return False
+    return left.rms > ABOVE_NOISE * left.noise and left.percent > NOTICED
 
 
 def _in_band(left: LeftOver) -> str:

@@ -20,9 +20,10 @@ from ..records.dataset import Dataset, Segment
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
 from .fewer_sensors_settings import SETTINGS
 from .free_run_fit import FreeRunFit
+from .free_runs import first_state
 from .parameter_vector import free_parameters
 from .problem import Problem
-from .shots import Shot, first_state
+from .shots import Shot
 
 # Scale of a coefficient, as a share of the one that alone gives the force of its site.
 SHARE_OF_FORCE = 0.1

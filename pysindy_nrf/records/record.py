@@ -460,6 +460,11 @@ class Record:
         """
         return self._with_attributes(t0=t0)
 
+    @property
+    def rotates(self) -> bool:
+        """True if its channels are angles and torques: N m, rad, rad/s, rad/s^2."""
+        return any(note.kind == "rotation" for note in self.quality)
+
     def with_quality(self, notes: Sequence[QualityNote]) -> Record:
         """The same channels with notes on their quality.
 

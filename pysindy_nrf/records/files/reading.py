@@ -11,6 +11,7 @@ import numpy as np
 from ...common.warn import warn_user
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError
 from ..channels import channel_of
+from ..quality import QualityNote
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
 from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
@@ -20,7 +21,7 @@ from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
 from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, kind_of_unit, si_factor, si_unit
+from .units import dimension_of, kind_of_unit, rotation_factor, si_factor, si_unit
 
 MAX_CHANNELS_SHOWN = 4  # of one length, in a message
 _MOTIONS = ("length", "velocity", "acceleration")
@@ -290,7 +291,7 @@ def understand(
     record = _record_of(
         lines, clock, name or stated_name, coordinates or stated_coordinates
     )
-    record = preparation.of_record(record)
+    record = _noted_if_rotating(preparation.of_record(record), sources)
 
     unused = _unused_variables(table, sources, clock)
     for warning in _overlooked(table, sources, unused):
@@ -325,6 +326,17 @@ def _overlooked(
                 " uses it: the base is taken at rest",
                 "Map it (ag = name), or leave it out of the file.",
             )
+
+
+def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
+    """A record of rotations, with a note on the units that it then has."""
+    if not any(is_rotation(c, source) for c, source in sources.items() if c != "t"):
+        return record
+    message = (
+        "its motion is a rotation: read N as N m, m as rad, kg as kg m^2 in all results"
+    )
+    note = QualityNote("rotation", message, "", record.name)
+    return record.with_quality((*record.quality, note))
 
 
 def _stated_in_file(table: Table) -> tuple[str, str]:
@@ -392,7 +404,28 @@ def _measured_in_si(
             declared=unit is not None,
         )
     _require_channels_of_units(declared, lines)
+    _require_one_kind_of_motion(sources)
     return lines, sources
+
+
+def _require_one_kind_of_motion(sources: Mapping[str, Source]) -> None:
+    """Refuse rotations beside translations: a chain has one kind of motion."""
+    channels = [c for c, source in sources.items() if c != "t" and source.declared]
+    rotating = [c for c in channels if is_rotation(c, sources[c])]
+    others = [c for c in channels if dimension_of(c) and c not in rotating]
+    if rotating and others:
+        first, second = rotating[0], others[0]
+        raise ChannelError(
+            f"{first} in {sources[first].unit} is a rotation, {second} in"
+            f" {sources[second].unit} is a translation",
+            "A chain has one kind of motion: N m with rad, rad/s and kg m^2, or N with"
+            " m, m/s and kg. Leave one out ('none'), or scale it by a lever arm.",
+        )
+
+
+def is_rotation(channel: str, source: Source) -> bool:
+    """Whether a channel is an angle, its rate or a torque, by its unit."""
+    return bool(source.unit) and rotation_factor(source.unit, channel) is not None
 
 
 def _with_unknown_forces(

@@ -105,8 +105,9 @@ def _width(row: Row) -> int:
 
 
 def _cells(row: Row, width: int) -> list[object]:
-    """Cells of a row in this width."""
-    return [*row[:width], *[None] * (width - len(row))]
+    """Cells of a row in this width; blanks alone are an empty cell."""
+    cells = [*row[:width], *[None] * (width - len(row))]
+    return [None if isinstance(c, str) and not c.strip() else c for c in cells]
 
 
 def _first_row_of_numbers(rows: Sequence[Row]) -> int | None:

@@ -205,7 +205,7 @@ def undetermined_masses(facts: Facts) -> list[Reason]:
     if not names:
         return []
     masses = ", ".join(names)
-    message = f"The data do not determine {masses}: the interval holds zero."
+    message = f"The data do not determine {masses}: the interval contains zero."
     return [Reason("interval", "red", message, masses)]
 
 
@@ -251,7 +251,7 @@ def shapes_at_ends(facts: Facts) -> list[Reason]:
 
 
 def unseen_drifts(facts: Facts) -> list[Reason]:
-    """Floors that move as one, as far as the sensors tell."""
+    """Floors that move as one, within the noise of the sensors."""
     severity: Severity = "amber" if _follows(facts.free_run) else "red"
     reasons = []
     for storey, ratio in facts.unseen_drifts.items():
@@ -537,8 +537,8 @@ def unknown_noise(facts: Facts) -> list[Reason]:
     if facts.noise_is_known:
         return []
     message = (
-        "What noise alone would leave is not known here: an unmeasured force is not"
-        " told from noise."
+        "What noise alone would leave is not known here: an unmeasured force cannot be"
+        " distinguished from noise."
     )
     return [Reason("evidence", "amber", message)]
 

@@ -74,8 +74,8 @@ class Record:
         Time of the samples, s, equally spaced.
     hold : {"cubic", "linear", "zero"}, optional
         Course of forces, base acceleration and covariates between the samples:
-        band-limited, as what passes an anti-aliasing filter; straight; or held, as a
-        D/A converter does. If None it is not known: free runs take the channels as
+        band-limited, as what passes an anti-aliasing filter; straight; or constant, as
+        from a D/A converter. If None it is not known: free runs take the channels as
         band-limited, unless the motion follows another course clearly better.
 
     Attributes

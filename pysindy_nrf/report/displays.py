@@ -131,8 +131,8 @@ class RestoringForceDisplay(Single):
 class HysteresisDisplay(Single):
     """Force of a site over its drift, identified over measured.
 
-    Measured is the force that the measured motion and forces ask for, where they tell
-    it. The largest cycles are drawn.
+    Measured is the force that the measured motion and forces ask for, where they
+    determine it. The largest cycles are drawn.
 
     Parameters
     ----------

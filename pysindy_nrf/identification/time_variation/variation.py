@@ -146,5 +146,6 @@ def _sentence(row: dict[str, object]) -> str:
     if row["kind"] == AMPLITUDE:
         return f"{name}: depends on the amplitude; no change in time is seen."
     return (
-        f"{name}: changes in time or depends on the amplitude; the record cannot tell."
+        f"{name}: changes in time or depends on the amplitude; the record does not show"
+        " which."
     )

@@ -82,7 +82,7 @@ def read_record(
     mapping : mapping of str to str, optional
         Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1":
         "vir*35.1507", "a2": "-acc[:, 2] @ g"}``, or by several columns, ``"mean(left,
-        right) @ g"``. The factor may name a number held by the file. ``"none"`` drops a
+        right) @ g"``. The factor may name a number in the file. ``"none"`` drops a
         channel, ``"unknown"`` means that a force acts but was not measured. Channels
         are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a
         covariate. Columns that carry a channel's name need no mapping; all others are

@@ -313,7 +313,7 @@ def _distinct(
     -------
     names : list of str
     repeated : tuple of str
-        Those that only the letter of the column tells apart.
+        Those that only the letter of the column distinguishes.
     """
     for row in reversed(rows_above[-MAX_ROWS_OF_NAMES:]):
         if not _repeated(names):

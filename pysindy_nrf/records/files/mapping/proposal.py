@@ -189,7 +189,7 @@ def _letter_of(name: str, unit: str | None) -> str | None:
 def _columns_by_shape(
     named: Sequence[_Column], facts: Sequence[ColumnFacts]
 ) -> list[_Column]:
-    """Columns without a telling name: the time, and pairs of a motion and its
+    """Columns without a meaningful name: the time, and pairs of a motion and its
     derivative.
     """
     letters = {column.text: column.letter for column in named}

@@ -35,20 +35,22 @@ TO_BE_REWRITTEN = {
 }
 
 # Unwanted words, and what to write instead.
-UNWANTED = {
+DIALECT = {
     r"tells?|telling|told": "shows, determines, says; 'cannot be distinguished'",
     r"held(?![- ]out)": "kept, fixed, constant",
     r"meaned": "averaged",
+    r"chancy": "by chance",
+    r"what is none": "a clause with a subject",
+    r"astray|aloud|mended": "diverge, with a warning, corrected",
+}
+DIARY = {
     r"seeds?": "random_state, the number of runs",
     r"(since|up to|before|until) versions?": "nothing: the CHANGELOG has versions",
-    r"earlier versions?|formerly|no longer|mended|reruns?": "what is so today",
-    r"nowadays|at the moment|so far|this machine|our machine": "what is so today",
-    r"chancy": "by chance",
-    r"what is none|by what": "a clause with a subject",
-    r"astray|aloud|comes? to rest": "diverge, with a warning, converge",
+    r"earlier versions?|formerly|no longer|reruns?": "what is so today",
+    r"nowadays|at the moment|so far|(this|our) machine": "what is so today",
     r"agents?|tonight|briefs?": "nothing",
 }
-UNWANTED_PATTERN = re.compile(rf"\b({'|'.join(UNWANTED)})\b", re.IGNORECASE)
+UNWANTED_ON_PAGES = DIALECT | DIARY
 
 CODE_BLOCK = re.compile(r"^( *)(```|~~~).*?^\1\2[^\n]*$", re.DOTALL | re.MULTILINE)
 HTML_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
@@ -162,20 +164,14 @@ def sentences_of(paragraph: Sentence) -> Iterator[Sentence]:
 # -- what is wrong with them ---------------------------------------------------
 
 
-def advice(word: str) -> str:
-    """What to write instead of an unwanted word."""
-    for pattern, better in UNWANTED.items():
-        if re.fullmatch(rf"(?:{pattern})", word, re.IGNORECASE):
-            return better
-    return ""
-
-
-def unwanted_words(name: str, text: str) -> list[Fault]:
+def unwanted_words(name: str, text: str, unwanted: dict[str, str]) -> list[Fault]:
     """Unwanted words of a text, by line."""
     faults = []
     for number, line in enumerate(text.splitlines(), 1):
-        for match in UNWANTED_PATTERN.finditer(line):
-            better = advice(match.group())
+        for pattern, better in unwanted.items():
+            match = re.search(rf"\b({pattern})\b", line, re.IGNORECASE)
+            if match is None:
+                continue
             faults.append(
                 Fault(name, number, f"'{match.group()}': write instead: {better}")
             )
@@ -221,7 +217,7 @@ def read_page(path: Path) -> Page:
     tables = CODE_BLOCK.sub(blank, text)
     faults = [
         *long_sentences(path.name, sentences),
-        *unwanted_words(path.name, INLINE_CODE.sub("", tables)),
+        *unwanted_words(path.name, INLINE_CODE.sub("", tables), UNWANTED_ON_PAGES),
         *dead_links(path, text),
     ]
     page = Page(path.name, sentences, tuple(faults))
@@ -249,7 +245,7 @@ def faults_of_the_package() -> list[Fault]:
         name = str(path.relative_to(ROOT))
         for string in strings_of(path):
             prose = re.sub(r"^\s*(>>>|\.\.\.).*$", "", string.text, flags=re.MULTILINE)
-            for fault in unwanted_words(name, prose):
+            for fault in unwanted_words(name, prose, DIALECT):
                 faults.append(Fault(name, string.line + fault.line - 1, fault.text))
     return faults
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Rectangle
@@ -40,7 +41,7 @@ BLUE, ORANGE, GREY = "#1f5fa8", "#c8641e", "0.45"
 matplotlib.rcParams.update(
     {
         "svg.hashsalt": "pysindy_nrf",
-        "font.size": 9,
+        "font.size": 11,
         "axes.spines.top": False,
         "axes.spines.right": False,
         "savefig.facecolor": "white",
@@ -145,7 +146,7 @@ def draw_solve_order(ax: Axes) -> None:
         (1.55, "3. equation of DOF 1\n$m_1$, $R_1$ from $R_2$"),
     )
     for x, text in steps:
-        ax.text(x, 0, text, ha="center", va="center", fontsize=8.5)
+        ax.text(x, 0, text, ha="center", va="center", fontsize=10)
     arrow(ax, (4.35, 0), (4.8, 0), BLUE)
     arrow(ax, (2.8, 0), (2.3, 0), BLUE)
     ax.set(xlim=(-0.3, 6.2), ylim=(-0.5, 0.5))
@@ -188,7 +189,7 @@ def noise() -> Figure:
     levels = np.array([0.005, 0.01, 0.02, 0.05, 0.1])
     errors = [worst_mass_errors(add_noise(clean, x, random_state=0)) for x in levels]
 
-    figure = Figure(figsize=(8.4, 3.3), layout="constrained")
+    figure = Figure(figsize=(8.4, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     for name, color in zip(errors[0], ("0.2", ORANGE, BLUE)):
         values = [error[name] for error in errors]
@@ -197,7 +198,7 @@ def noise() -> Figure:
     left.set(ylabel="error of the worst mass (%)", ylim=(1e-2, 1e3))
     left.set_xticks(100 * levels, [f"{100 * x:g}" for x in levels])
     left.minorticks_off()
-    left.legend(frameon=False, fontsize=8, loc="upper left")
+    left.legend(frameon=False, fontsize=9, loc="upper left")
 
     noisy = add_noise(clean, 0.1, random_state=0)
     window = slice(4000, 4060)
@@ -208,7 +209,7 @@ def noise() -> Figure:
     right.plot(time, clean.acceleration[window, 0], ":", color="0.2", label="true")
     right.set(xlabel="time (s)", ylabel="acceleration of floor 1 (m/s²)")
     right.legend(
-        frameon=False, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1)
+        frameon=False, fontsize=9, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1)
     )
     return figure
 
@@ -236,39 +237,46 @@ def force_with_interval(ax: Axes) -> None:
     ax.plot(drift, rows["estimate"], color=BLUE, label="identified, 95 % interval")
     ax.plot(drift, truth, ":", color="0.2", label="true")
     ax.set(xlabel="drift (mm)", ylabel="force at rate zero (N)")
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.legend(frameon=False, fontsize=9, loc="upper left")
 
 
-def interval_by_band(ax: Axes) -> None:
-    """Half-width of the interval of a mass by the highest excited frequency."""
+def mass_by_band(ax: Axes) -> None:
+    """A mass, 12.4 kg, and its interval by the highest excited frequency."""
     storey = [laws.LinearElastic(1.4e5), laws.LinearViscous(25.0)]
     model = ChainModel([12.4] * 3, dict.fromkeys((1, 2, 3), storey))
-    highest = np.array([8.0, 12.0, 18.0, 26.0, 35.0])
-    widths = []
-    for frequency in highest:
+    rows = {}
+    for highest in (8.0, 12.0, 18.0, 26.0, 35.0):
         F = excitation.band_limited_random(
-            3, 16.0, 500.0, excited=3, rms=100.0, band=(3, frequency), random_state=0
+            3, 16.0, 500.0, excited=3, rms=100.0, band=(3, highest), random_state=0
         )
         record = add_noise(simulate(model, F, 1 / 500, hold="cubic"), 0.01, 0)
         fit = NRFRegressor(degree=1, estimation="iv").fit(record)
-        row = fit.confidence_intervals().set_index("parameter").loc["m1"]
-        widths.append(50 * (row["upper"] - row["lower"]) / row["estimate"])
-    ax.semilogy(highest, widths, "o-", color=BLUE)
-    ax.margins(y=0.15)
+        intervals = fit.confidence_intervals().set_index("parameter")
+        rows[highest] = intervals.loc["m1"]
+
+    table = pd.DataFrame(rows).T
+    given = table.dropna()
+    withheld = table[table["lower"].isna()]
+    ends = np.abs(given[["lower", "upper"]].T - given["estimate"])
+    bars = {"fmt": "o", "color": BLUE, "capsize": 4, "label": "with 95 % interval"}
+    ax.errorbar(given.index, given["estimate"], ends, **bars)
+    open_marks = {"mfc": "white", "color": ORANGE, "label": "interval withheld"}
+    ax.plot(withheld.index, withheld["estimate"], "o", **open_marks)
+    ax.axhline(12.4, color="0.2", linestyle=":")
     for number, mode in enumerate(model.modes()["frequency"], 1):
-        ax.axvline(mode, color="0.7", linewidth=1)
-        text = f"mode {number}"
-        ax.text(mode, 1.0, text, transform=ax.get_xaxis_transform(), fontsize=8)
-    ax.set(xlabel="highest excited frequency (Hz)")
-    ax.set(ylabel="half-width of the interval of $m_1$ (%)")
+        ax.axvline(mode, color="0.8", linewidth=1, zorder=0)
+        place = ax.get_xaxis_transform()
+        ax.text(mode, 1.0, f"mode {number}", transform=place, fontsize=9)
+    ax.set(xlabel="highest excited frequency (Hz)", ylabel="mass 1 (kg)")
+    ax.legend(frameon=False, fontsize=9, loc="upper right")
 
 
 def what_a_test_cannot_show() -> Figure:
     """Extrapolation and narrow excitation."""
-    figure = Figure(figsize=(8.4, 3.3), layout="constrained")
+    figure = Figure(figsize=(8.4, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     force_with_interval(left)
-    interval_by_band(right)
+    mass_by_band(right)
     return figure
 
 
@@ -288,7 +296,7 @@ def paper() -> Figure:
         "power series": NRFRegressor(degree=3, strategy="complete"),
         "Dahl's law": NRFRegressor(laws=dahl, strategy="complete"),
     }
-    figure = Figure(figsize=(8.4, 3.2), layout="constrained")
+    figure = Figure(figsize=(8.4, 3.6), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     window = slice(-1500, None)
     rate = X["v1"].to_numpy()[window]
@@ -327,7 +335,7 @@ def damage() -> Figure:
     before, after = frame_test(1.4e5, 1), frame_test(0.95 * 1.4e5, 2)
     report = monitoring.compare_tests(NRFRegressor(degree=1), before, after)
 
-    figure = Figure(figsize=(8.4, 3.0), layout="constrained")
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     axes = figure.subplots(1, 3, sharey=True)
     maps = [report.map(storey) for storey in (1, 2, 3)]
     largest = max(table["change"].abs().max() for table in maps)

@@ -2,8 +2,10 @@
 
 import re
 import tomllib
+import warnings
 from pathlib import Path
 
+import measured
 import pytest
 
 import pysindy_nrf
@@ -40,6 +42,16 @@ def test_every_citation_of_the_paper_is_in_its_bibliography():
     cited = set(re.findall(r"@(\w+\d{4}|pyvib)", text))
     listed = set(re.findall(r"^@\w+\{(\w+),", bibliography, re.MULTILINE))
     assert cited == listed
+
+
+@pytest.mark.examples
+def test_the_paper_prints_the_numbers_that_its_script_computes(monkeypatch):
+    pytest.importorskip("matplotlib")
+    measured.folder("emps")
+    monkeypatch.syspath_prepend(str(ROOT / "paper"))
+    text = (ROOT / "paper" / "paper.md").read_text("utf-8")
+    with warnings.catch_warnings(action="ignore"):
+        assert __import__("make").table() in text
 
 
 def test_the_forms_for_issues_are_complete():

@@ -354,7 +354,7 @@ class ChainModel:
         site = self.chain.site(site)
         force = self.restoring_forces[site]
         if force.has_memory:
-            what = f"The force of {site} depends on the path, it is no surface"
+            what = f"The force of {site} depends on the path, so it has no surface"
             raise LawError(what, "Draw its loops along a record instead.")
         if site not in self.visited:
             what = f"The visited region of {site} is not known"

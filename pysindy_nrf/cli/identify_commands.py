@@ -88,9 +88,9 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
 @opt.choice(
     "--estimation",
     ["auto", "ls", "iv", "simulation"],
-    "Least squares; instrumental variables, which noise in the motion does not bias; or"
-    " these and then the free run fitted to the motion; auto takes the first where the"
-    " measured noise is negligible, else the second: see docs/noise.md.",
+    "ls: least squares. iv: instrumental variables, which noise in the motion does not"
+    " bias. simulation: iv, then the free run fitted to the motion. auto: ls where the"
+    " measured noise is negligible, else iv. See docs/noise.md.",
     "auto",
 )
 @click.option(
@@ -102,8 +102,9 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     "--frf",
     is_flag=True,
     help=(
-        "FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g."
-        " 0.1-0.2j."
+        "FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, as"
+        " 0.1-0.2j or in two columns (H1_re, H1_im); --map H1='complex(Re 1, Im 1)' or"
+        " 'polar(Mag 1, Phase 1)'; UFF 58."
     ),
 )
 @click.option(
@@ -205,7 +206,12 @@ def _identify_responses(
     from .outcome_files import finish
 
     _refuse_what_is_not_of_responses(files, options)
-    frf = read_frf(files[0], excited=options["excited"], kind=options["kind"])
+    frf = read_frf(
+        files[0],
+        excited=options["excited"] if opt.was_given("excited") else None,
+        kind=options["kind"] if opt.was_given("kind") else None,
+        mapping=options["mapping"] or None,
+    )
     session.measured(frf.describe(options["band"]))
     estimator = opt.regressor_of(options).set_params(degree=1)
     chain = Chain(frf.n_dof, options["links"])
@@ -221,7 +227,6 @@ def _refuse_what_is_not_of_responses(
         raise click.UsageError("--frf takes one FILE.")
     of_records = {
         "--mapping": options["mapping_file"],
-        "--map": options["mapping"],
         "--unit": options["units"],
         "--fs": options["fs"],
         "--raw": options["raw"],

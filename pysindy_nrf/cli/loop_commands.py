@@ -38,7 +38,7 @@ _loop_options = opt.together(
         "--heldout",
         multiple=True,
         type=PATH,
-        help="A file that only the last line may see.",
+        help="A test that is read once, to confirm the effects.",
     ),
     opt.degree_option(1, "Total degree of the declared storeys, or box k,q."),
     opt.model_options,
@@ -49,7 +49,7 @@ _loop_options = opt.together(
         help="Effects at most.",
     ),
     click.option(
-        "--seed", type=int, default=0, help="Seed of the parametric bootstrap."
+        "--seed", type=int, default=0, help="Random state of the parametric bootstrap."
     ),
     opt.excel_option,
     opt.figures_option,

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict, TypeVar
 
 import click
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..identification.regressor import NRFRegressor
     from ..laws.base import ForceLaw
     from ..records.files.mapping import MappingFile
+    from ..records.files.preparation import Preparation
     from ..records.files.reading import Reading
     from ..records.files.tables import AnyPath
     from ..records.record import Record
@@ -46,7 +47,19 @@ class ExcitationOptions(ReadingOptions):
     mapping_file: Path | None
 
 
-class RecordOptions(ExcitationOptions):
+PreparationOptions = TypedDict(
+    "PreparationOptions",
+    {
+        "from": float | None,
+        "to": float | None,
+        "resample": float | None,
+        "drop_blank": bool,
+        "relative_acceleration": bool,
+    },
+)
+
+
+class RecordOptions(ExcitationOptions, PreparationOptions):
     """How records are read."""
 
     coordinates: str | None
@@ -183,8 +196,7 @@ rate_option = click.option(
 coordinates_option = choice(
     "--coordinates",
     ["relative", "absolute"],
-    "Whether velocities and displacements are relative to the base (what you get if"
-    " nothing is said).",
+    "Whether velocities and displacements are relative to the base (the default).",
 )
 mapping_option = click.option(
     "--mapping",
@@ -208,11 +220,31 @@ laws_option = click.option(
         " search and saved models."
     ),
 )
+preparation_options = together(
+    click.option("--from", "from", type=float, help="First second that is used."),
+    click.option("--to", "to", type=float, help="Second up to which is used."),
+    click.option(
+        "--resample",
+        type=float,
+        help="Lower sampling rate in Hz to which records are brought, band-limited.",
+    ),
+    click.option(
+        "--drop-blank",
+        is_flag=True,
+        help="Leave out rows in which a channel that is used is empty.",
+    ),
+    click.option(
+        "--relative-acceleration",
+        is_flag=True,
+        help="Accelerations were measured relative to the base: ag is added.",
+    ),
+)
 record_options = together(
     map_option,
     unit_option,
     rate_option,
     coordinates_option,
+    preparation_options,
     mapping_option,
     laws_option,
 )
@@ -281,6 +313,32 @@ def mapping_of(options: ExcitationOptions) -> tuple[MappingFile, ReadingOptions]
     return mapping, how
 
 
+def preparation_of(options: RecordOptions, mapping: MappingFile) -> Preparation:
+    """What is done to channels, by the options and the mapping file."""
+    said = mapping.prepare
+    given = {
+        "from": options["from"],
+        "to": options["to"],
+        "resample": options["resample"],
+        "drop_blank": options["drop_blank"] or None,
+        "relative_acceleration": options["relative_acceleration"] or None,
+    }
+    return prepared_by({**said, **{k: x for k, x in given.items() if x is not None}})
+
+
+def prepared_by(chosen: Mapping[str, Any]) -> Preparation:
+    """What is done to channels, by the entries of a mapping file."""
+    from ..records.files.preparation import Preparation
+
+    return Preparation(
+        start=chosen.get("from"),
+        stop=chosen.get("to"),
+        fs=chosen.get("resample"),
+        drop_blank=bool(chosen.get("drop_blank")),
+        relative_acceleration=bool(chosen.get("relative_acceleration")),
+    )
+
+
 def readings_of(
     files: Sequence[Path], options: RecordOptions, needed: bool = True
 ) -> list[Reading]:
@@ -296,6 +354,7 @@ def readings_of(
     """
     mapping, how = mapping_of(options)
     coordinates = options["coordinates"] or mapping.coordinates
+    preparation = preparation_of(options, mapping)
     files = list(files or mapping.files)
     if not files and needed:
         raise click.UsageError(
@@ -304,11 +363,13 @@ def readings_of(
 
     given = replace(mapping, files=tuple(files), coordinates=coordinates)
     with working("reading"):
-        return read_tests(given, how)
+        return read_tests(given, how, preparation)
 
 
 def read_tests(
-    mapping: MappingFile, how: ReadingOptions | None = None
+    mapping: MappingFile,
+    how: ReadingOptions | None = None,
+    preparation: Preparation | None = None,
 ) -> list[Reading]:
     """The tests of a mapping file, each as a record.
 
@@ -317,9 +378,13 @@ def read_tests(
     mapping : MappingFile
     how : ReadingOptions, optional
         Channels, units and clock; those of the mapping file if None.
+    preparation : Preparation, optional
+        What is done to the channels; as the mapping file says if None.
     """
     from ..records.files import inspect_record
 
+    if preparation is None:
+        preparation = prepared_by(mapping.prepare)
     if how is None:
         how = {"mapping": mapping.channels, "units": mapping.units, "fs": mapping.fs}
     tests: list[AnyPath | list[AnyPath]] = [*mapping.files]
@@ -329,7 +394,11 @@ def read_tests(
     readings = []
     for test in tests:
         reading = inspect_record(
-            test, name=name, coordinates=mapping.coordinates, **how
+            test,
+            name=name,
+            coordinates=mapping.coordinates,
+            preparation=preparation,
+            **how,
         )
         readings.append(reading)
     return readings

@@ -18,7 +18,7 @@ from .session import Session, say_if_compiling
 if TYPE_CHECKING:
     from ..chain.model import ChainModel
     from ..laws.base import ForceLaw
-    from ..records.files.mapping import MappingFile
+    from ..records.files.mapping import MappingFile, Proposal
     from ..records.files.reading import Reading
     from ..records.files.tables import AnyPath
     from ..records.record import Record
@@ -75,7 +75,9 @@ def inspect(
 
     session = Session(as_json)
     if write_mapping is not None:
-        _propose(session, files, write_mapping)
+        if not _propose(session, files, write_mapping):
+            session.emit({"records": []})
+            return
         files, options["mapping_file"] = (), write_mapping
 
     readings = _readings(session, files, options)
@@ -137,11 +139,17 @@ def _data_of_reading(reading: Reading, doubts: list[str]) -> dict[str, object]:
     }
 
 
-def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
-    """Write a mapping file with a channel for every column that says what it is."""
+def _propose(session: Session, files: tuple[Path, ...], path: Path) -> bool:
+    """Write a mapping file with a channel for every column that says what it is.
+
+    Returns
+    -------
+    bool
+        Whether the files can be read by it: a motion is proposed, and a clock known.
+    """
     from ..common.files import atomic_write
+    from ..records.files import mapping as maps
     from ..records.files import read_table
-    from ..records.files.mapping import mapping_text, propose
 
     if not files:
         raise click.UsageError(
@@ -155,17 +163,50 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
             f"{path} is not in the folder of its files", "Write it beside them."
         )
 
-    proposals = propose(read_table(files[0]))
-    text = mapping_text(files, proposals)
+    table = read_table(files[0])
+    facts = maps.column_facts(table)
+    proposals = maps.propose(table, facts)
+    text = maps.mapping_text(files, proposals, table, facts)
     with atomic_write(path) as file:
         file.write(text)
+
+    session.say(f"Proposed, in {path}:", "", text)
+    without_clock = maps.lacks_clock(proposals, table)
+    session.say(_next_step(proposals, path, without_clock), "")
+    return not maps.lacks_motion(proposals) and not without_clock
+
+
+def _next_step(proposals: Sequence[Proposal], path: Path, without_clock: bool) -> str:
+    """What to do with a proposal."""
+    from ..records.files.mapping import is_element_alone, lacks_motion
+
+    if not proposals:
+        return (
+            "The proposal is empty: no column says what it is, by its name or its unit."
+            f' Write the channels into {path}, e.g. x1 = "column @ mm", F1 ='
+            f' "column @ kN"; then: pysindy-nrf inspect --mapping {path}'
+        )
+    if lacks_motion(proposals):
+        return (
+            "No column is known to be a motion, so the proposal is not complete. Write"
+            f' one into {path}, e.g. x1 = "column @ mm"; then: pysindy-nrf inspect'
+            f" --mapping {path}"
+        )
 
     n_doubtful = sum(bool(proposal.doubts) for proposal in proposals)
     ask = "Every channel is named or has a unit"
     if n_doubtful:
         ask = f"Look at the {n_doubtful} with a question mark"
-    session.say(f"Proposed, in {path}:", "", text)
-    session.say(f"{ask}; then: pysindy-nrf run --mapping {path}", "")
+    if without_clock:
+        ask += (
+            f"; the file has no time, so write its sampling rate into {path}, fs = .."
+        )
+    step = f"{ask}; then: pysindy-nrf run --mapping {path}"
+    if is_element_alone(proposals):
+        step += (
+            "\nIf an element was tested alone, without a mass, add: --known-mass 1=0"
+        )
+    return step
 
 
 @click.command("laws", short_help="List the force laws that storeys may have.")

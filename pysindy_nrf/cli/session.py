@@ -235,7 +235,7 @@ def warned() -> Iterator[Callable[[], list[str]]]:
 def say_if_compiling() -> None:
     """Announce the first run, for which the numerical functions are compiled.
 
-    Numba is not loaded to find out: an index of compiled equations tells.
+    Numba is not loaded to find out: the index of compiled equations shows it.
     """
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     places = [_PACKAGE, Path.home() / ".cache" / "numba"]

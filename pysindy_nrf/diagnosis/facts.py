@@ -80,11 +80,14 @@ class LeftOver:
         N.
     percent : float
         The rms as a share of the force, percent.
+    band : (float, float), optional
+        Of both, Hz; None for all frequencies.
     """
 
     rms: float
     noise: float
     percent: float
+    band: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -242,6 +245,8 @@ class Facts:
         What the model takes for granted; no reason against it.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
+    searched : bool
+        Whether a search has looked for effects that the model lacks.
     nothing_claimed : str
         Why a search claims nothing; empty if it does.
     wiring : str
@@ -272,6 +277,7 @@ class Facts:
     ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
     assumptions: tuple[Assumption, ...] = ()
     noise_is_known: bool = True
+    searched: bool = False
     nothing_claimed: str = ""
     wiring: str = ""
     noise_or_law: tuple[str, ...] = ()
@@ -524,11 +530,13 @@ def facts_of_loop(report: Loop) -> Facts:
     ``wiring`` is left out: a verdict asks for it where the other facts make it likely.
     """
     of_model = _facts_of_estimate(report)
+    of_search = dict(enumerate(report.beyond_noise.tolist(), start=1))
     confirmed = [step for step in report.steps if step.confirmed]
     return replace(
         of_model,
-        beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
-        left_over=_left_over(report),
+        beyond_noise=dict(of_model.beyond_noise) or of_search,
+        left_over=dict(of_model.left_over) or _left_over(report),
+        searched=True,
         alternatives=report.alternatives,
         ambiguous_intervals=report.ambiguous_intervals,
         unseen_drifts=report.unseen_drifts,

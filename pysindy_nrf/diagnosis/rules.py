@@ -20,9 +20,8 @@ from .effects import (
     not_told_apart,
     plain_name,
 )
-from .facts import Alternative, Facts, FreeRunFacts
+from .facts import Alternative, Facts, FreeRunFacts, LeftOver
 from .open_alternatives import (
-    EXPLAINED,
     FAR_BETTER_FIT,
     MATERIAL,
     OpenAlternatives,
@@ -104,19 +103,20 @@ class Reason:
 
 
 def unexplained_equations(facts: Facts) -> list[Reason]:
-    """Equations of motion of which the model leaves more than noise does."""
-    if _follows(facts.free_run):
-        return []
+    """Equations of motion of which the model leaves more than noise does.
+
+    Where it is not known what noise leaves, a free run that follows shows that nothing
+    else is left.
+    """
     reasons = []
     for j, percent in facts.unexplained.items():
         place = f"dof {j}"
-        beyond = facts.beyond_noise.get(j, percent)
-        if np.isfinite(beyond) and beyond < EXPLAINED:
-            continue
-        if percent > OPEN:
+        of_noise = percent if _follows(facts.free_run) else 0.0
+        beyond = facts.beyond_noise.get(j, percent - of_noise)
+        if beyond > OPEN:
             message = open_balance(j, percent)
             reasons.append(Reason("unexplained", "red", message, place, percent))
-        elif percent > LARGE:
+        elif beyond > LARGE:
             message = (
                 f"{percent:.3g} % of the force in the balance of DOF {j} is"
                 " unexplained: a law is missing, or the channels are noisy."
@@ -144,16 +144,25 @@ def noisy_equations(facts: Facts) -> list[Reason]:
 
 def residuals_above_noise(facts: Facts) -> list[Reason]:
     """Residuals that no effect explains, though noise does not either."""
+    remedy = "a law is missing there, or a force: search for it by close_loop."
+    if facts.searched:
+        remedy = "no effect of the catalogue explains them."
     reasons = []
     for j, left in facts.left_over.items():
         above = left.rms > ABOVE_NOISE * left.noise
         if above and left.percent > NOTICED:
             message = (
-                f"{left.rms:.3g} N rms are missing at DOF {j}, where noise leaves"
-                f" {left.noise:.2g} N; no effect of the catalogue explains them."
+                f"{left.rms:.3g} N rms are missing at DOF {j}{_in_band(left)}, where"
+                f" noise leaves {left.noise:.2g} N; {remedy}"
             )
             reasons.append(Reason("residual", "amber", message, f"dof {j}", left.rms))
     return reasons
+
+
+def _in_band(left: LeftOver) -> str:
+    if left.band is None:
+        return ""
+    return f" from {left.band[0]:.3g} to {left.band[1]:.3g} Hz"
 
 
 def open_balance(dof: int, percent: float) -> str:

@@ -154,7 +154,10 @@ def _solved(
         masses[int(dof)] = float(mass)
     if order.strategy == "joint":
         return _JointSolve(grams, order, masses, inner, rows).solution()
-    return _EachByItself(grams, order, masses, inner, rows).solution()
+    one_by_one = _EachByItself(grams, order, masses, inner, rows)
+    if order.apart:
+        return _from_above_or_apart(one_by_one)
+    return one_by_one.solution()
 
 
 @dataclass
@@ -377,6 +380,25 @@ class _JointSolve:
             else:
                 masses[key] = _plain(values[..., columns[0]])
         return Solution(masses, coefficients, fits=fits, alone=alone)
+
+
+def _from_above_or_apart(from_above: _EachByItself) -> Solution:
+    """The solution of an order, or that of each equation by itself.
+
+    The latter where two equations contradict each other: the error of one would pass
+    on to all below it.
+    """
+    order = from_above.order
+    complete = replace(order, strategy="complete", steps=order.apart, apart=())
+    masses = dict(from_above.masses)
+    single = _EachByItself(from_above.grams, complete, dict(masses))
+    triangles = [single.triangle_of(step) for step in complete.steps]
+    alone = _independent(single, triangles)
+    if alone is None or not alone.contradicts:
+        return replace(from_above.solution(), alone=alone)
+    if from_above.grams.shape:
+        raise NotTogether()
+    return replace(from_above, order=complete, masses=masses).solution()
 
 
 def _independent(

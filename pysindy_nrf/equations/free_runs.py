@@ -1,4 +1,4 @@
-"""Free runs of a model along measured records, and how far they go astray."""
+"""Free runs of a model along measured records, and their errors."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, Unpack

@@ -200,7 +200,7 @@ class SubProblem:
         )
         if self.step.masses and weight[0] > NAMED_PART:
             raise IdentifiabilityError(
-                f"{what}, so {labels[0]} cannot be told from the storey's stiffness",
+                f"{what}, so {labels[0]} cannot be separated from a stiffness",
                 "A steady harmonic excitation or too few samples do this; excite"
                 " several frequencies, lower the degree, or give the mass in"
                 " known_masses.",

@@ -77,7 +77,7 @@ def alternatives_of(
     -------
     tuple of Alternative
         The one that leaves least first. Empty for one DOF, where a gain of its sensors
-        cannot be told from masses and forces.
+        cannot be separated from masses and forces.
     """
     if problem.chain.n_dof == 1:
         return ()

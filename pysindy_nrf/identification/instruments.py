@@ -206,7 +206,7 @@ class Instruments:
     def weighted(self, model: ChainModel) -> InstrumentRuns | None:
         """Free runs under corrected forces, and weights of the equations.
 
-        None where the noise cannot be told from the motion. The forces in the equations
+        None where noise and motion cannot be separated. The forces in the equations
         stay as measured; only the motion comes from the corrected ones.
         """
         runner = with_decaying_modes(model)

@@ -225,10 +225,17 @@ class Resolver:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
-    def influences(self, statistic: Statistic) -> np.ndarray:
+    def influences(self, statistic: Statistic, removed: float = 1.0) -> np.ndarray:
         """Influence of each piece, shape (n_pieces, n_statistics).
 
         It is what the statistics are without the piece, less their mean.
+
+        Parameters
+        ----------
+        statistic : callable
+        removed : float
+            Share of each piece that is left out; of less than one the influence is
+            extrapolated.
 
         Raises
         ------
@@ -245,7 +252,8 @@ class Resolver:
             )
         try:
             models = [
-                self.weighted_model(weights) for weights in 1.0 - np.eye(n_pieces)
+                self.weighted_model(weights)
+                for weights in 1.0 - removed * np.eye(n_pieces)
             ]
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
@@ -254,7 +262,8 @@ class Resolver:
             ) from error
 
         values = np.array([statistic(model).to_numpy(float) for model in models])
-        return (values - values.mean(axis=0)) * np.sqrt((n_pieces - 1) / n_pieces)
+        scale = np.sqrt((n_pieces - 1) / n_pieces) / removed
+        return (values - values.mean(axis=0)) * scale
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife with neighbours."""
@@ -468,17 +477,30 @@ class IntervalMaker:
             unknown = np.full(len(estimate), np.nan)
             return unknown, unknown.copy()
 
-        influences = self.resolver.influences(statistic)
+        influences = self._influences(statistic)
         quantile = stats.t.ppf(0.5 + level / 2, _degrees_of_freedom(influences))
         error = np.sqrt(self.repeats) * self._standard_errors(influences)
         return estimate - quantile * error, estimate + quantile * error
+
+    def _influences(self, statistic: Statistic) -> np.ndarray:
+        """Influences of the pieces; of their halves where one blow is all there is.
+
+        The rest then hides most of the error that the blow makes, unless there is none
+        but of arithmetic.
+        """
+        try:
+            return self.resolver.influences(statistic)
+        except IdentifiabilityError:
+            if self.repeats == 1.0:
+                raise
+            return self.resolver.influences(statistic, removed=0.5)
 
     def standard_errors(self) -> dict[str, float]:
         """Standard errors of masses and coefficients by noise, by parameter."""
         resolver = self.resolver
         statistic = statistic_of("parameters", resolver.known_masses, resolver.layout)
         names = statistic(self.model).index
-        errors = self._standard_errors(resolver.influences(statistic))
+        errors = self._standard_errors(self._influences(statistic))
         return dict(zip(map(str, names), np.sqrt(self.repeats) * errors))
 
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:

@@ -32,6 +32,7 @@ from ..records.input_arrays import (
 from ..records.zero_phase_filter import Band
 from .constraints import constrained
 from .examination import Finding, examined
+from .hausman import difference_of
 from .intervals import Resolver, least_squares_resolver
 from .offsets import least_squares_beside_offsets
 from .output_error import refine
@@ -44,6 +45,10 @@ EVERY_FLOOR = "a sensor on every floor"
 WHOLE_RECORDS = "whole records in memory"
 RECORDS = "Records"
 RESPONSES = "frequency responses"
+
+# Percent of the balances, pooled, below which noise in the motion biases nothing: it
+# takes 1e-6 of a mass, times the condition of the columns.
+CLOSED = 0.1
 
 Data = TypeVar("Data", Dataset, FrequencyResponse)
 
@@ -99,7 +104,9 @@ class LeastSquares(IdentificationMethod[Dataset]):
     name = "ls"
     label = "least squares"
     requires = frozenset({EVERY_FLOOR})
-    uses = frozenset({"sample_weight", "optimizer", "strategy", "constraints", "band"})
+    uses = frozenset(
+        {"sample_weight", "optimizer", "strategy", "constraints", "band", "varying"}
+    )
 
     def read(self, passed: Input, settings: InputSettings) -> Dataset:
         """Motions of all floors."""
@@ -179,7 +186,11 @@ class OutputError(InstrumentalVariables):
 
 
 class LeastSquaresOrInstruments(InstrumentalVariables):
-    """Least squares where its noise is negligible, else instruments if they serve."""
+    """Instruments if they serve, or least squares that finds the same.
+
+    Least squares is taken where there is no noise to speak of, and where the test of
+    Durbin, Wu and Hausman does not tell it from the instruments.
+    """
 
     name = "auto"
     label = "least squares or instrumental variables"
@@ -188,10 +199,15 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
     def identify(self, problem: Problem, data: Dataset) -> IdentificationResult:
         """Masses and laws of a problem from its data."""
         start, data = least_squares_beside_offsets(problem, data)
-        if not _noise_matters(start, data):
-            return examined_result(LeastSquares(self.asked).finding(start, data))
+        plain = LeastSquares(self.asked).finding(start, data)
+        noise_matters = _noise_matters(start, data)
+        if not noise_matters and _closes(start, data):
+            return examined_result(plain)
 
         finding = self.refined(problem, start, data)
+        if not noise_matters and not _differs(start, data, finding):
+            return examined_result(plain)
+
         if not finding.is_least_squares:
             _warn_of_doubts(finding)
             # the channels are examined by least squares of what was measured
@@ -218,6 +234,29 @@ def _noise_matters(estimate: Estimate, data: Dataset) -> bool:
     if biases and shapes_of_motion(estimate.declared):
         return True
     return max((balance.errors for balance in biases), default=0.0) > bias.NEGLIGIBLE
+
+
+def _closes(estimate: Estimate, data: Dataset) -> bool:
+    """Whether the equations of motion close so well that noise cannot bias them.
+
+    Noise leaves at least its own force in them, and biases by the square of its share.
+    """
+    if any(note.kind == "computed" for note in data.quality):
+        return True
+    errors = balance_errors(estimate.model, estimate.grams)
+    return bool(errors.loc["pooled", "error"] < CLOSED)
+
+
+def _differs(start: Estimate, data: Dataset, finding: Finding) -> bool:
+    """Whether instruments serve, and find what least squares excludes."""
+    if finding.is_least_squares or finding.resolver is None:
+        return False
+    model = finding.estimate.model
+    apart = _fused_apart(data)
+    difference = difference_of(start, apart, model, finding.resolver)
+    if difference is None:
+        return False
+    return difference.exceeds_chance or difference.leaves_an_interval
 
 
 def _fused_apart(data: Dataset) -> Dataset:
@@ -284,6 +323,8 @@ def examined_result(finding: Finding) -> IdentificationResult:
     error = float(result.errors.loc["pooled", "error"])
     examination = examined(finding, estimate, error)
     examination.warn_of_bias()
+    if finding.estimate.solution.dependent and result.smaller_order is not None:
+        warn_user(f"The model has too many terms: {result.smaller_order}", RankWarning)
     return replace(result, examination=examination)
 
 

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
+from ..common.plain_tables import PlainState
 from ..diagnosis.assumptions import Assumption, scale_of
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
@@ -55,9 +56,12 @@ from .joint_intervals import (
     joint_resolver,
     shapes_at_ends,
 )
+from .noise_floor import BesideNoise, beside_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
+from .smaller_order import SmallerOrder, smaller_order
+from .time_variation.variation import TimeVariation
 from .wiring import records_of, wiring_error
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
@@ -76,7 +80,7 @@ METHODS_IN_WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class IdentificationResult:
+class IdentificationResult(PlainState):
     """What an identification found.
 
     Intervals, free runs and the verdict are computed when they are asked for. A result
@@ -125,6 +129,8 @@ class IdentificationResult:
         Free runs that the fit compared with the measured channels.
     declared : Problem, optional
         The problem as declared, where it has free shape parameters.
+    time_variation : TimeVariation, optional
+        Courses of coefficients in time, where they were asked for.
     """
 
     model: ChainModel
@@ -147,10 +153,11 @@ class IdentificationResult:
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
     declared: Problem | None = None
+    time_variation: TimeVariation | None = None
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
-        state = vars(self) | {"data": None}
+        state = super().__getstate__() | {"data": None}
         state.pop("free_runs", None)
         return state
 
@@ -197,6 +204,15 @@ class IdentificationResult:
             segment.driving_force[segment.valid] - force
             for segment, force in zip(data.segments, left_hand_sides)
         ]
+
+    @cached_property
+    def smaller_order(self) -> SmallerOrder | None:
+        """The smallest degree of the power series that leaves as little as that fitted.
+
+        None if there is none below it.
+        """
+        error = float(self.errors.loc["pooled", "error"])
+        return smaller_order(self.problem, self.order, self.sums, error)
 
     # -- intervals -------------------------------------------------------------------
 
@@ -443,6 +459,17 @@ class IdentificationResult:
             return ()
 
     @cached_property
+    def beside_noise(self) -> BesideNoise:
+        """What the model leaves of each equation, beside what noise would leave."""
+        if self.data is None or self.motions:
+            return BesideNoise()
+        try:
+            return beside_noise(self.problem, self.model, self.data)
+        except NRFError:
+            # a stretch of these records is no record by itself
+            return BesideNoise()
+
+    @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:
         """Kinds of the nonlinear forces of power series that the data show, by site.
 
@@ -496,6 +523,8 @@ class IdentificationResult:
         return replace(
             facts_of_model(self.model, bounds, runs, known),
             unexplained=self.unexplained,
+            beyond_noise=self.beside_noise.beyond(self.unexplained),
+            left_over=self.beside_noise.left_over,
             holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,

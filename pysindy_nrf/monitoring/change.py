@@ -214,17 +214,20 @@ def compare_tests(
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
     Each storey's force follows from the forces and the inertia of the floors above it.
-    Where both tests moved, one law with kinks, loops and powers explains it in both,
-    and a term of a storey, or a mass, counts as changed if its difference is
-    significant and large: then no amplitude, and no law that the regressor lacks,
-    explains it. A declared law with a state or a shape is compared on its own
-    parameters. Rival explanations are compared: by stiffness, damping, or masses alone,
-    by one factor of all stiffnesses, by the gain of all forces. The one with the fewest
-    changes that leaves nothing significant to another is reported, the others that
-    leave as little are ``rivals``. Standard errors come from leaving out one of
-    ``n_blocks`` consecutive pieces of a test at a time (jackknife). Masses are equal in
-    both tests unless one changed. Give Records where channels are noisy: their DOFs are
-    fused one by one, and errors are then not alike.
+    Over the drifts and rates of both tests, one law with kinks, loops and powers
+    explains this force in both. A term of a storey, or a mass, counts as changed if its
+    difference is significant and large. Neither the amplitude nor a law that the
+    regressor lacks then explains it. A declared law with a state or a shape is compared
+    on its own parameters.
+
+    Rival explanations are compared: stiffness, damping, or masses alone, one factor of
+    all stiffnesses, the gain of all forces. The one with the fewest changes that leaves
+    nothing significant to another is reported. Others that leave as little are
+    ``rivals``. Masses are equal in both tests unless one changed.
+
+    Standard errors come from leaving out one of ``n_blocks`` consecutive pieces of a
+    test at a time (jackknife). Give Records where channels are noisy: their DOFs are
+    fused one by one, so that their errors are not related.
 
     Parameters
     ----------
@@ -623,7 +626,7 @@ def track(
     window, step : float
         Length of a window and how far it moves, s.
     masses : "fitted", None or mapping of int to float
-        Masses held in every window, kg: those of the estimator, none (they are
+        Masses in every window, kg: those of the estimator, none (they are
         identified in each window anew), or given ones.
 
     Returns

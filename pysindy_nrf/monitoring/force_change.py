@@ -214,7 +214,7 @@ def common_domain(site: Site, tests: Sequence[MeasuredTest]) -> Domain:
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """What the floors of a storey and above tell of its force in two tests.
+    """The force of a storey in two tests, from the floors above it.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class QualityNote:
 
     @property
     def is_fault(self) -> bool:
-        """Whether it is to be mended, rather than only to be known."""
+        """Whether it asks for a correction."""
         return self.kind not in _ONLY_KNOWN
 
 

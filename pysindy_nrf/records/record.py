@@ -37,7 +37,8 @@ MATRICES = {
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
-FEW_DOFS = 10  # of a chain; a shorter record of more is an array that lies on its side
+# A record with so many times more DOFs than samples is an array that lies on its side.
+ON_ITS_SIDE = 20
 COORDINATES = ("relative", "absolute")
 
 
@@ -538,6 +539,14 @@ class Record:
 
         return record_html(self)
 
+    def __array__(self, *args: object, **kwargs: object) -> np.ndarray:
+        """Refused: scikit-learn's searches ask for it where they are given a record."""
+        cure = (
+            "Pass X, F = record.to_features(), or a list of records: [record, ...], or"
+            " the parts of one, [record.window(0, 10), record.window(10, 20)]."
+        )
+        raise ChannelError("A Record is no array of samples", cure)
+
     def __repr__(self) -> str:
         if self.has_clock:
             clock = f" at {self.fs:g} Hz ({self.n_samples / self.fs:.4g} s)"
@@ -667,7 +676,7 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
 
     n_samples = next(iter(lengths.values()))
     widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
-    if n_samples < widest and widest > FEW_DOFS:
+    if widest > ON_ITS_SIDE * n_samples:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
             " transposed",

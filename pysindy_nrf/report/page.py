@@ -88,9 +88,16 @@ def write_html(
     NRFError
         If the subject is none of these.
     """
-    html = as_html(subject, record, title=title, notes=notes, band=band)
+    content = content_of(subject, record, title=title, notes=notes, band=band)
+    write_content(path, content)
+
+
+def write_content(path: str | PathLike[str], content: Content) -> None:
+    """Write what a page shows; see :func:`write_html`."""
+    for package in ("jinja2", "plotly.offline"):
+        require(package, "report", _PURPOSE)
     with atomic_write(path) as file:
-        file.write(html)
+        file.write(_rendered(content))
 
 
 def as_html(

@@ -102,6 +102,8 @@ class Summary:
             lines += textwrap.wrap(words, WIDTH)
             for reason in self.verdict.reasons:
                 lines += _item(reason)
+            for assumption in self.verdict.assumptions:
+                lines += _item(f"Assumed: {assumption}")
         for note in self.notes:
             lines += _item(note)
         return "\n".join(lines)
@@ -145,7 +147,9 @@ class Summary:
         if self.verdict is not None:
             words = f"{self.verdict.state.upper()}: {self.verdict.sentence}"
             parts.append(f"<p><b>{escape(words)}</b></p>")
-            reasons = "".join(f"<li>{escape(r)}</li>" for r in self.verdict.reasons)
+            texts = list(self.verdict.reasons)
+            texts += [f"Assumed: {text}" for text in self.verdict.assumptions]
+            reasons = "".join(f"<li>{escape(text)}</li>" for text in texts)
             if reasons:
                 parts.append(f"<ul>{reasons}</ul>")
 

@@ -248,10 +248,16 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         return chain_of(named or self.chain, n_dof)
 
     def _layout_read(self, terms: np.ndarray, n_dof: int) -> LawLayout | None:
-        """The layout that the columns themselves show: power series at every site."""
+        """The layout that the columns themselves show: power series at every site.
+
+        Any two columns are a series of degree 1, which shows nothing by itself.
+        """
+        known_series = isinstance(self.terms, InterstoryPolynomialLibrary)
+        if isinstance(self.terms, ForceLawLibrary) and not known_series:
+            return None
         chain = self._chain_of(n_dof)
         orders = read_series(terms, len(chain.sites))
-        if orders is None:
+        if orders is None or (1 in orders and not known_series):
             return None
         by_site = dict(zip(map(str, chain.sites), orders))
         library = InterstoryPolynomialLibrary(
@@ -430,9 +436,10 @@ class ChainOptimizer(_ChainOptimizerBase):
         DOFs on which a force acts; those with a non-zero target if None.
     terms : ForceLawLibrary or sequence of int, optional
         The library that makes the features, or the number of its terms at each site, in
-        the order of ``chain.sites``. Not needed with one site, for power series, whose
-        columns show their layout (also where a search changes the library), nor last in
-        a scikit-learn pipeline behind the library, whose features bring it.
+        the order of ``chain.sites``. Not needed with one site, for power series of
+        degree 2 and more, whose columns show it, nor last in a scikit-learn pipeline
+        behind the library, whose features bring it. Where a search changes the degree
+        of the one library, that of the other does not matter.
     strategy, known_masses
         See :class:`NRFRegressor`.
 

@@ -152,7 +152,9 @@ def test_intervals_of_a_braced_frame_shaken_in_one_mode_are_withheld(seed):
     assert all(given.values())
     withheld = {x.parameter for x in fitted.result_.ambiguous_intervals if x.withheld}
     assert "m1" in withheld
-    assert np.isnan(fitted.result_.summary().loc["m1", "lower"])
+    assert np.isnan(fitted.result_.summary().to_frame().loc["m1", "lower"])
+    limits = fitted.diagnose().table.set_index("limit")["where"]
+    assert "ground 2" in set(limits[limits.index.isin(["ambiguity", "alternative"])])
 
 
 def test_dampings_of_a_frame_with_rayleigh_damping_are_withheld():

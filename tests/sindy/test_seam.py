@@ -112,12 +112,13 @@ def test_power_series_show_their_layout_in_their_columns(case, inputs):
 def test_a_search_over_the_degree_clones_library_and_optimizer_apart(
     case, inputs, knows
 ):
-    library = InterstoryPolynomialLibrary(1, inputs=inputs)
+    library = InterstoryPolynomialLibrary(2, inputs=inputs)
     terms = library if knows == "the library" else None
+    lowest = 1 if knows == "the library" else 2
     optimizer = OPTIMIZERS[inputs](ps.STLSQ(threshold=0.003), terms=terms)
     search = GridSearchCV(
         ps.SINDy(feature_library=library, optimizer=optimizer),
-        {"feature_library__degree": [1, 3]},
+        {"feature_library__degree": [lowest, 3]},
         scoring=lambda model, x: -worst(model.optimizer.masses_, case.m),
         cv=KFold(3),
         error_score="raise",
@@ -136,6 +137,18 @@ def test_columns_say_more_than_a_library_of_another_time(case):
     names = sindy.get_feature_names()
     shared = [names[i] for i in np.flatnonzero(sindy.coefficients()[2])]
     assert shared == ["a3", "v3", "s3"]
+
+
+def test_two_columns_a_storey_show_no_layout():
+    """Three terms at one storey and one at the other are no two series."""
+    case = chains.duffing(2, [2], seed=6, n_samples=500)
+    library = ForceLawLibrary({1: [VISCOUS, CUBIC], 2: [SPRING]})
+    sindy = ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))
+    model = clone(sindy).fit(case.X, t=case.dt, x_dot=case.F)
+    counts = model.optimizer.coef_[1] != 0
+    assert counts.tolist() == [False, True, False, False, False, True]
+    with pytest.raises(ChannelError, match="not known which"):
+        fitted_sindy(case, library, ChainOptimizer())
 
 
 def test_laws_that_a_search_changes_are_named(case):

@@ -92,7 +92,7 @@ class FileClock:
             return f"{record.fs:g} Hz, {self.origin}"
 
         steps = np.diff(seconds_of(self.time, record.name))
-        variation = 100 * float(np.abs(steps * record.fs - 1).max())
+        variation = 100 * float(np.abs(steps / steps.mean() - 1).max())
         evenness = "even"
         if variation >= EVEN_PERCENT:
             evenness = f"steps vary by up to {variation:.2g} %"

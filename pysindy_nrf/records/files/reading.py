@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
 
-from ...exceptions import ChannelError, FileFormatError
+from ...common.warn import warn_user
+from ...exceptions import ChannelError, DataQualityWarning, FileFormatError
 from ..channels import channel_of
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
 from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
+from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
+from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, si_factor, si_unit
+from .units import dimension_of, kind_of_unit, si_factor, si_unit
 
 MAX_CHANNELS_SHOWN = 4  # of one length, in a message
 _MOTIONS = ("length", "velocity", "acceleration")
@@ -55,6 +58,7 @@ class ReadingOptions(TypedDict, total=False):
     units: Mapping[str, str] | None
     name: str | None
     coordinates: str | None
+    preparation: Preparation | None
 
 
 def read_record(
@@ -65,6 +69,7 @@ def read_record(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
     coordinates: str | None = None,
+    preparation: Preparation | None = None,
     max_bytes: int = MAX_BYTES,
 ) -> Record:
     """Read the measured channels of one test from a file.
@@ -75,11 +80,12 @@ def read_record(
         See :func:`read_table` for the types and for several files of one test.
     mapping : mapping of str to str, optional
         Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1":
-        "vir*35.1507", "a2": "-acc[:, 2] @ g"}``. The factor may name a number held by
-        the file. ``"none"`` drops a channel, ``"unknown"`` means that a force acts but
-        was not measured. Channels are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any
-        other name becomes a covariate. Columns that carry a channel's name need no
-        mapping; all others are left out.
+        "vir*35.1507", "a2": "-acc[:, 2] @ g"}``, or by several columns, ``"mean(left,
+        right) @ g"``. The factor may name a number held by the file. ``"none"`` drops a
+        channel, ``"unknown"`` means that a force acts but was not measured. Channels
+        are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a
+        covariate. Columns that carry a channel's name need no mapping; all others are
+        left out.
     fs : float, optional
         Sampling rate, Hz, where the file has no time.
     units : mapping of str to str, optional
@@ -91,13 +97,17 @@ def read_record(
     coordinates : {"relative", "absolute"}, optional
         Reference of velocities and displacements; if None, as the file says, else
         relative to the base.
+    preparation : Preparation, optional
+        A part of the test, a lower rate, rows left out, accelerations relative to the
+        base.
     max_bytes : int
 
     Returns
     -------
     Record
-        SI units. A file written by :func:`write_record` gives its record back bit for
-        bit.
+        SI units. Channels with clocks of their own (several files, start times and
+        rates in the file) are brought to the slowest; ``quality`` says how. A file
+        written by :func:`write_record` gives its record back bit for bit.
 
     Raises
     ------
@@ -127,7 +137,13 @@ def read_record(
     """
     table = read_table(path, max_bytes=max_bytes)
     reading = understand(
-        table, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates
+        table,
+        mapping=mapping,
+        fs=fs,
+        units=units,
+        name=name,
+        coordinates=coordinates,
+        preparation=preparation,
     )
     return reading.record
 
@@ -255,14 +271,18 @@ def understand(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
     coordinates: str | None = None,
+    preparation: Preparation | None = None,
 ) -> Reading:
     """Record and its origin from the variables of a file; see :func:`read_record`."""
+    preparation = preparation or Preparation()
     if coordinates is not None:
         require_coordinates(coordinates)
-    if table.attributes is not None and not mapping and not units and fs is None:
+    as_written = not mapping and not units and fs is None
+    if table.attributes is not None and as_written and preparation == Preparation():
         return _own_reading(table, table.attributes, name, coordinates)
 
     measured, sources = _measured_in_si(table, mapping or {}, units or {})
+    measured = preparation.of_lines(measured)
     _require_motion(measured, table)
     clock, lines = clock_of_file(table, measured, sources, fs)
     lines = _with_unknown_forces(lines, sources, table, clock)
@@ -270,14 +290,41 @@ def understand(
     record = _record_of(
         lines, clock, name or stated_name, coordinates or stated_coordinates
     )
+    record = preparation.of_record(record)
 
-    return Reading(
-        record,
-        table,
-        sources,
-        unused=_unused_variables(table, sources, clock),
-        clock=clock.in_words(record),
-    )
+    unused = _unused_variables(table, sources, clock)
+    for warning in _overlooked(table, sources, unused):
+        warn_user(warning)
+    return Reading(record, table, sources, unused, clock=clock.in_words(record))
+
+
+def _overlooked(
+    table: Table, sources: Mapping[str, Source], unused: Sequence[str]
+) -> Iterator[DataQualityWarning]:
+    """Warnings of a force, or a motion of the base, that no channel uses.
+
+    Only where none is mapped, so that it would be taken as zero.
+    """
+    used = [name for source in sources.values() for name in source.columns]
+    lengths = {table.variables[name].shape[:1] for name in used}
+    candidates = [name for name in unused if table.variables[name].shape[:1] in lengths]
+    has_force = any(dimension_of(channel) == "force" for channel in sources)
+    has_base = any(channel in sources for channel in BASES.values())
+    for name in candidates:
+        letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
+        is_of_base = names_one_of(name, WORDS_OF_BASE)
+        if letter == "F" and not has_force:
+            yield DataQualityWarning(
+                f"The column {name!r} seems to be a force, and no channel uses it: all"
+                " floors are taken as unforced",
+                "Map it (F1 = name), or leave it out of the file.",
+            )
+        elif letter in ("a", "v", "x") and is_of_base and not has_base:
+            yield DataQualityWarning(
+                f"The column {name!r} seems to be a motion of the base, and no channel"
+                " uses it: the base is taken at rest",
+                "Map it (ag = name), or leave it out of the file.",
+            )
 
 
 def _stated_in_file(table: Table) -> tuple[str, str]:

@@ -75,7 +75,7 @@ def _describe_reading(reading: Reading) -> str:
     assumed = {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
     channels = {c: line for c, line in record.channels().items() if c not in assumed}
     lines += _channel_lines(record, channels, reading.sources)
-    lines += _lines_on_use(record)
+    lines += _lines_on_use(record, reading.sources)
 
     if reading.unused:
         shown = ", ".join(reading.unused[:MAX_UNUSED_SHOWN])
@@ -106,9 +106,11 @@ def _channel_lines(
     return lines
 
 
-def _lines_on_use(record: Record) -> list[str]:
+def _lines_on_use(
+    record: Record, sources: dict[str, Source] | None = None
+) -> list[str]:
     """Which DOFs are forced, and which rows are not used."""
-    lines = [f"  {_forces(record)}"]
+    lines = [f"  {_forces(record, sources)}"]
     columns = record.channels()
     valid = finite_span(list(columns.values()), list(columns), record.name)
     n_lost = record.n_samples - (valid.stop - valid.start)
@@ -233,19 +235,37 @@ def _origin(name: str, source: Source) -> str:
     return f"   <- {' '.join(parts)}" if parts else ""
 
 
-def _forces(record: Record) -> str:
-    """Which DOFs are forced, unforced and unknown, and whether the base moves."""
+def _forces(record: Record, sources: dict[str, Source] | None = None) -> str:
+    """Which DOFs are forced, unforced and unknown, and whether the base moves.
+
+    With the sources of a file: what it does not hold is said to be taken as zero.
+    """
     forced, unknown = record.forced, record.unknown
     others = set(range(1, record.n_dof + 1)).difference(forced, unknown)
+    without_column: set[int] = set()
+    if sources is not None:
+        without_column = {j for j in others if f"F{j}" not in sources}
+
     parts = ["no force is measured"]
     if forced:
         parts = [f"forced: {_dofs(forced)}"]
-    if others:
-        parts.append(f"known to be unforced: {_dofs(sorted(others))}")
+    if others - without_column:
+        parts.append(f"known to be unforced: {_dofs(sorted(others - without_column))}")
+    if without_column:
+        dofs = _dofs(sorted(without_column))
+        parts.append(f"no column is a force on {dofs}, taken as unforced")
     if unknown:
         parts.append(f"force unknown: {_dofs(unknown)}")
-    parts.append("the base moves" if record.base_moves else "the base is at rest")
+    parts.append(_motion_of_base(record, sources))
     return "; ".join(parts)
+
+
+def _motion_of_base(record: Record, sources: dict[str, Source] | None) -> str:
+    if record.base_moves:
+        return "the base moves"
+    if sources is None or any(channel in sources for channel in BASES.values()):
+        return "the base is at rest"
+    return "no column is a motion of the base, taken at rest"
 
 
 def _dofs(numbers: Sequence[int]) -> str:

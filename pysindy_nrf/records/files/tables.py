@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from ...exceptions import FileFormatError
 from ..clock import rate_of
 from .formats import format_of
-from .table import MAX_BYTES, Clock, Table, check_file
+from .table import MAX_BYTES, Clock, Table, check_file, check_size, reading_as
 
 AnyPath = str | PathLike[str]
 
@@ -27,9 +33,11 @@ def read_table(
     ----------
     path : path-like or sequence of path-like
         CSV and other delimited text (``.csv .txt .tsv .dat .asc``), Parquet (``.parquet
-        .pq``), Excel (``.xlsx``), TDMS (``.tdms``), MATLAB v5 and v7.3 (``.mat``), HDF5
-        (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF 58 (``.uff .unv``) or strong motion
-        (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``, or ``.txt`` that starts as one).
+        .pq``), Excel (``.xlsx``), TDMS (``.tdms``), LabVIEW measurement (``.lvm``),
+        MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF
+        58 (``.uff .unv``), strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``),
+        PEER (``.at2 .vt2 .dt2``), K-NET and KiK-net (``.ew .ns .ud``, ``.ew1`` ..) or
+        SMC (``.smc``); each compressed, too (``.csv.gz``, ``.bz2``, ``.xz``).
         Several files are channels of one test: their variables are called
         ``<file>.<variable>``.
     max_bytes : int
@@ -65,7 +73,10 @@ def read_table(
 
     file = Path(path)
     check_file(file, max_bytes)
-    table = _with_stated_rate(format_of(file).read(file, max_bytes))
+    with unpacked(file, max_bytes) as plain:
+        table = _with_stated_rate(format_of(plain).read(plain, max_bytes))
+    if plain != file:
+        table = replace(table, path=file.with_suffix(""))
     if all(values.size <= 1 for values in table.variables.values()):
         raise FileFormatError(
             f"{file} holds no channel of numbers",
@@ -74,15 +85,38 @@ def read_table(
     return table
 
 
+_OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
+PIECE_BYTES = 1 << 20  # that are unpacked at once
+
+
+@contextmanager
+def unpacked(path: Path, max_bytes: int) -> Iterator[Path]:
+    """The path itself, or a temporary copy of a compressed file (``.csv.gz``)."""
+    opener = _OPENERS.get(path.suffix.lower())
+    if opener is None:
+        yield path
+        return
+
+    with TemporaryDirectory() as folder:
+        plain = Path(folder, path.stem)
+        size = 0
+        with reading_as(path, "a compressed file"):
+            with opener(path, "rb") as packed, open(plain, "wb") as file:
+                while piece := packed.read(PIECE_BYTES):
+                    size += len(piece)
+                    check_size(path, size, max_bytes)
+                    file.write(piece)
+        yield plain
+
+
 def _join(tables: Sequence[Table]) -> Table:
     """One table of the channels of one test in several files."""
-    _require_different_files(tables)
+    names = _names_of_files(tables)
     variables: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
     clocks: dict[str, Clock] = {}
     notes: list[str] = []
-    for table in tables:
-        stem = table.path.stem
+    for stem, table in zip(names, tables):
         variables |= {f"{stem}.{name}": line for name, line in table.variables.items()}
         units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}
         clocks |= {f"{stem}.{name}": clock for name, clock in _stated_clocks(table)}
@@ -98,7 +132,7 @@ def _join(tables: Sequence[Table]) -> Table:
         fs=_common_rate(tables),
         decimal=_decimal_mark(tables),
         clocks=clocks,
-        files=tuple(table.path.stem for table in tables),
+        files=tuple(names),
     )
 
 
@@ -117,16 +151,28 @@ def _decimal_mark(tables: Sequence[Table]) -> str:
     return "," if any(table.decimal == "," for table in tables) else "."
 
 
-def _require_different_files(tables: Sequence[Table]) -> None:
-    """Refuse no file, and two of one name, since variables are called after it."""
+def _names_of_files(tables: Sequence[Table]) -> list[str]:
+    """Names of files without their ends; with them where they differ in the end alone.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no file, or two have one name.
+    """
     if not tables:
         raise FileFormatError("No file was given", "Name at least one.")
-    for stem, count in Counter(table.path.stem for table in tables).items():
+    stems = [table.path.stem for table in tables]
+    names = [
+        table.path.name.replace(".", "_") if stems.count(stem) > 1 else stem
+        for stem, table in zip(stems, tables)
+    ]
+    for name, count in Counter(names).items():
         if count > 1:
             raise FileFormatError(
-                f"Two files are called {stem!r}",
+                f"Two files are called {stems[names.index(name)]!r}",
                 "Rename one: variables are named after their file.",
             )
+    return names
 
 
 def _common_rate(tables: Sequence[Table]) -> float | None:

@@ -184,7 +184,7 @@ def _detection_figure(detection: Detection) -> Figure | None:
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Sites that no balance tells apart, and the row of the first of them."""
+    """Sites that no balance distinguishes, and the row of the first of them."""
 
     sites: list[str]
     row: pd.Series
@@ -203,7 +203,7 @@ class _Pattern:
 def localisation_figure(sites: pd.DataFrame, chosen: str = "") -> Figure | None:
     """Share of the residual that a force at each site explains.
 
-    Sites that no balance tells apart share a bar.
+    Sites that no balance distinguishes share a bar.
 
     Parameters
     ----------
@@ -266,7 +266,7 @@ def localisation_figure(sites: pd.DataFrame, chosen: str = "") -> Figure | None:
 
 
 def _patterns_of(sites: pd.DataFrame) -> list[_Pattern]:
-    """Groups of sites that no balance tells apart, best first."""
+    """Groups of sites that no balance distinguishes, best first."""
     patterns = []
     for _, rows in sites.groupby("pattern", sort=False):
         patterns.append(_Pattern(list(rows.index), rows.iloc[0]))

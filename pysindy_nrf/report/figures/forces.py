@@ -165,7 +165,7 @@ def force_figure(
     None where it is no surface and there are no data.
     """
     is_surface = not model.restoring_forces[site].has_memory
-    why = "The force depends on the path, so it is no surface"
+    why = "The force depends on the path, so it has no surface"
     if is_surface and site in model.visited:
         try:
             grid = model.surface(site, GRID_SIZE, margin=GRID_MARGIN)

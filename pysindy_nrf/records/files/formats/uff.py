@@ -67,6 +67,65 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     return _measured_channels(path, histories, systems, len(types) - len(histories))
 
 
+@dataclass(frozen=True)
+class UffResponse:
+    """A frequency response of a universal file.
+
+    Parameters
+    ----------
+    f : ndarray of shape (n_lines,)
+        Hz.
+    values : ndarray of complex, shape (n_lines,)
+    node, reference : int
+        Nodes of the response and of the force.
+    letter : {"a", "v", "x"}
+        What responds; accelerance, mobility or receptance.
+    units : tuple of str
+        Of the response and of the force; empty where they are not stated.
+    """
+
+    f: np.ndarray
+    values: np.ndarray
+    node: int
+    reference: int
+    letter: str
+    units: tuple[str, str]
+
+
+_FREQUENCY_RESPONSE = 4  # function type
+
+
+def read_uff_responses(path: Path, max_bytes: int = MAX_BYTES) -> list[UffResponse]:
+    """Frequency responses (data sets 58, function type 4) of a universal file."""
+    pyuff = require("pyuff", "files", "Reading UFF files")
+    _require_end(path)
+    with reading_as(path, "UFF"):
+        file = pyuff.UFF(str(path))
+        check_size(path, path.stat().st_size, max_bytes)
+        kinds = [int(kind) for kind in file.get_set_types()]
+        sets = [
+            file.read_sets(i) for i, kind in enumerate(kinds) if kind == _TIME_HISTORY
+        ]
+
+    responses = []
+    for data_set in sets:
+        letter = _LETTERS.get(int(data_set["ordinate_spec_data_type"]), "")
+        is_response = int(data_set["func_type"]) == _FREQUENCY_RESPONSE
+        if is_response and letter in ("a", "v", "x"):
+            units = ("ordinate_axis_units_lab", "orddenom_axis_units_lab")
+            stated, of_force = (_text(data_set.get(key, "")) for key in units)
+            response = UffResponse(
+                np.asarray(data_set["x"], dtype=float),
+                np.asarray(data_set["data"], dtype=complex),
+                int(data_set["rsp_node"]),
+                int(data_set["ref_node"]),
+                letter,
+                (stated, of_force),
+            )
+            responses.append(response)
+    return responses
+
+
 def _require_end(path: Path) -> None:
     """Refuse a file that is cut off; pyuff would drop its last data set silently."""
     with open(path, "rb") as file:
@@ -102,8 +161,9 @@ def _real_histories(path: Path, histories: list[DataSet]) -> list[DataSet]:
 
     real = [h for h in histories if not np.iscomplexobj(h["data"])]
     if not real:
-        raise unreadable(
-            path, "UFF", "it holds no time history (data set 58, function type 1)"
+        raise FileFormatError(
+            f"{path} holds no time history (data set 58, function type 1)",
+            "Frequency responses are read with read_frf (--frf).",
         )
     for history in real:
         announced = int(history["num_pts"])

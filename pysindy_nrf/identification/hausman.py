@@ -1,0 +1,118 @@
+r"""Whether least squares may stand where instruments exist: Durbin, Wu and Hausman.
+
+Noise in the motion biases least squares, and not the instruments. Where it does not
+matter, both estimate the same, and
+
+.. math:: H = d^T \mathrm{cov}(d)^{-1} d, \quad d = \theta_{iv} - \theta_{ls}
+
+is distributed as chi squared (Hausman, Specification tests in econometrics,
+Econometrica 46, 1978). Here every parameter is tested by itself, at a level divided by
+their number. The covariance of the difference is that of the differences of influences
+of the same pieces of the data, so that neither estimate need be efficient.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from ..chain.model import ChainModel
+from ..exceptions import NRFError, NRFWarning
+from ..records.dataset import Dataset
+from .intervals import (
+    Resolver,
+    least_squares_resolver,
+    newey_west,
+    parameters_of,
+)
+from .problem import Estimate
+
+# Probability that estimates which differ by chance alone are told apart.
+LEVEL = 0.01
+# Standard errors to either side of an estimate that hold 95 %.
+HALF_INTERVAL = 1.96
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Instruments less least squares, parameter by parameter.
+
+    Attributes
+    ----------
+    parameters : tuple of str
+    by_spread : ndarray of shape (n_parameters,)
+        Differences over the standard errors of the difference.
+    by_interval : ndarray of shape (n_parameters,)
+        Differences over the standard errors of least squares.
+    """
+
+    parameters: tuple[str, ...]
+    by_spread: np.ndarray
+    by_interval: np.ndarray
+
+    @property
+    def exceeds_chance(self) -> bool:
+        """Whether a difference is larger than the spread of it explains."""
+        limit = norm.ppf(1 - LEVEL / 2 / len(self.parameters))
+        return bool(np.abs(self.by_spread).max() > limit)
+
+    @property
+    def leaves_an_interval(self) -> bool:
+        """Whether an interval of least squares excludes what instruments find."""
+        return bool(np.abs(self.by_interval).max() > HALF_INTERVAL)
+
+
+def difference_of(
+    least_squares: Estimate,
+    data: Dataset,
+    by_instruments: ChainModel,
+    resolver: Resolver,
+) -> Difference | None:
+    """The two estimates compared; None where the pieces give no spread.
+
+    Parameters
+    ----------
+    least_squares : Estimate
+    data : Dataset
+        Motions whose noise is independent from DOF to DOF, of which the instruments
+        are.
+    by_instruments : ChainModel
+    resolver : Resolver
+        Of the instruments.
+    """
+    problem = least_squares.problem
+
+    def statistic(model: ChainModel) -> pd.Series:
+        return parameters_of(model, problem.known_masses)
+
+    of_data = least_squares_resolver(problem, least_squares.order, data)
+    try:
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            plain = of_data.influences(statistic)
+            instrumental = resolver.influences(statistic)
+    except NRFError:
+        return None
+    if plain.shape != instrumental.shape:
+        return None
+
+    change = statistic(by_instruments) - statistic(least_squares.model)
+    spread = _errors(instrumental - plain, of_data.record)
+    errors = _errors(plain, of_data.record)
+    values = change.to_numpy(float)
+    return Difference(
+        parameters=tuple(map(str, change.index)),
+        by_spread=_ratio(values, spread),
+        by_interval=_ratio(values, errors),
+    )
+
+
+def _errors(influences: np.ndarray, record: np.ndarray) -> np.ndarray:
+    variance = np.diag(newey_west(influences, record))
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+def _ratio(values: np.ndarray, errors: np.ndarray) -> np.ndarray:
+    """Values over their errors, zero where both are."""
+    return np.divide(values, errors, out=np.zeros_like(values), where=errors > 0)

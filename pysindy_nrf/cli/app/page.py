@@ -91,7 +91,11 @@ def build(nicegui: ModuleType) -> None:
         ui.add_css(_STYLE)
         _Page(nicegui, windows[key], f"/report/{key}").draw()
 
-    app.on_shutdown(lambda: [window.close() for window in windows.values()])
+    def close_all() -> None:
+        for window in windows.values():
+            window.close()
+
+    app.on_shutdown(close_all)
 
 
 class _Page:
@@ -114,7 +118,7 @@ class _Page:
         ui.html("<h1>Drop the files of a test</h1>", sanitize=False)
         ui.label(
             "CSV, Excel, TDMS, MATLAB, Parquet, HDF5, NumPy, UFF 58, strong motion."
-            " Nothing leaves this machine."
+            " Nothing leaves your computer."
         )
         ui.upload(
             multiple=True,
@@ -164,10 +168,7 @@ class _Page:
         with self._mapping:
             names = ", ".join(path.name for path in self._files)
             ui.html("<h2>Which column is which channel?</h2>", sanitize=False)
-            ui.label(
-                f"{names}. F2 is the force on floor 2, a2 its acceleration, x2 its"
-            )
-            ui.label("displacement relative to the base, ag the motion of the base.")
+            ui.label(f"{names}. {_CHANNELS}")
             if len(self._files) > 1:
                 self._fields["together"] = ui.select(
                     {False: "each file is a test", True: "channels of one test"},

@@ -11,13 +11,13 @@ import pandas as pd
 from scipy.stats import norm
 
 from ..chain.sites import as_mapping
+from ..drawing.matplotlib_renderer import Drawing
 from ..exceptions import ChainError, ChannelError
 from ..identification import newey_west
 from ..records.dataset import Segment
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
 from ..report.figures.cycles import cycle_figures
-from ..report.figures.matplotlib_renderer import Drawing
 
 # A reversal counts if the drift moves on by this share of its range, and by this many
 # times its noise.

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from ..chain.model import storey_names
+from ..drawing.matplotlib_renderer import Drawing
 from ..exceptions import ChannelError
 from ..identification.regressor import NRFRegressor
 from ..records.record import Record
 from ..report.figures.control_charts import chart_figures
-from ..report.figures.matplotlib_renderer import Drawing
 from .control_chart import ControlChart
 
 FALSE_ALARM_RATE = 0.01

@@ -176,12 +176,17 @@ def address(tmp_path_factory):
     program = "from pysindy_nrf.cli import main; main()"
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
+    environment = {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+    for name, value in os.environ.items():
+        # NiceGUI takes tests of its own for ours where it sees pytest
+        if not name.startswith("PYTEST"):
+            environment.setdefault(name, value)
     server = subprocess.Popen(
         [sys.executable, "-c", program, "app", "--no-browser"],
         cwd=folder,
         stdout=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+        env=environment,
     )
     line = server.stdout.readline()
     yield re.search(r"http://\S+", line)[0]

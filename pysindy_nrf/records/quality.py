@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
+    "assumed",  # a unit or a rate that nothing in the file states
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
     "corner",  # of a first-order high-pass filter that it has passed, Hz
@@ -36,7 +37,15 @@ Kind = Literal[
     "other",
 ]
 # Kinds that are to be known, and are no fault.
-_ONLY_KNOWN = ("computed", "hold", "offset", "overlap", "resampled", "shifted")
+_ONLY_KNOWN = (
+    "assumed",
+    "computed",
+    "hold",
+    "offset",
+    "overlap",
+    "resampled",
+    "shifted",
+)
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ from .variation import (
     EITHER,
     GRADUAL,
     SUDDEN,
+    UNCERTAIN,
     TimeVariation,
 )
 
@@ -221,7 +222,14 @@ class _Judgement:
             kinds[number] = GRADUAL
             if shape.steps:
                 kinds[number] = BOTH if shape.gradual else SUDDEN
+            if self._courses[number].may_be_constant:
+                kinds[number] = UNCERTAIN
         return kinds
+
+    @cached_property
+    def _courses(self) -> dict[int, _Values]:
+        """Courses of all coefficients that are followed."""
+        return {number: self._course(number) for number in self.declared.tested}
 
     @property
     def _certain(self) -> list[int]:
@@ -267,7 +275,7 @@ class _Judgement:
         rows = []
         instants: list[dict[str, object]] = []
         for number, place in zip(self.declared.tested, self.declared.places):
-            course = self._course(number)
+            course = self._courses[number]
             tables.append(self._table(place, course))
             rows.append(self._row(place, number, kinds[number], course))
             if kinds[number] in CHANGING:
@@ -315,7 +323,6 @@ class _Judgement:
 
     def _table(self, place: Place, course: _Values) -> pd.DataFrame:
         site, label = place
-        reach = stats.norm.ppf((1 + LEVEL) / 2) * course.error
         return pd.DataFrame(
             {
                 "site": str(site),
@@ -323,8 +330,8 @@ class _Judgement:
                 "unit": self._unit(place),
                 "t": self.declared.pieces.middles,
                 "value": course.values,
-                "lower": course.values - reach,
-                "upper": course.values + reach,
+                "lower": course.lower,
+                "upper": course.upper,
             }
         )
 
@@ -411,6 +418,21 @@ class _Values:
     values: np.ndarray
     error: np.ndarray
     instants: Sequence[tuple[int, float, np.ndarray]]
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower end of the band."""
+        return self.values - stats.norm.ppf((1 + LEVEL) / 2) * self.error
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper end of the band."""
+        return self.values + stats.norm.ppf((1 + LEVEL) / 2) * self.error
+
+    @property
+    def may_be_constant(self) -> bool:
+        """Whether a constant lies within the band all along."""
+        return bool(self.lower.max() <= self.upper.min())
 
 
 def _error_of(followed: _Followed, shaped: ShapedFit) -> float:

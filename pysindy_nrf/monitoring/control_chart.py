@@ -154,8 +154,8 @@ class ControlChart:
             )
         inverse = np.linalg.pinv(columns.T @ columns)
         coefficients = inverse @ columns.T @ observed
-        left = observed - columns @ coefficients
-        scatter = np.sqrt(np.sum(left**2, axis=0) / freedom)
+        residuals = observed - columns @ coefficients
+        scatter = np.sqrt(np.sum(residuals**2, axis=0) / freedom)
         return cls(coefficients, means, inverse, scatter, freedom, false_alarm_rate)
 
     @property

@@ -189,29 +189,29 @@ def _storeys(segment: Segment, masses: np.ndarray) -> Iterator[_Storey]:
 
 
 def _reversals(storey: _Storey) -> np.ndarray:
-    """Samples at which the drift turns, noise and small ripples left out."""
+    """Samples at which the drift turns, without noise and small ripples."""
     drift = storey.drift
     least = max(LEAST_SHARE * np.ptp(drift), LEAST_NOISES * storey.noise_of_drift)
     turns = np.flatnonzero(np.diff(np.sign(np.diff(drift)))) + 1
-    kept: list[int] = []
+    reversals: list[int] = []
     for turn in turns.tolist():
-        if not kept:
-            kept.append(turn)
+        if not reversals:
+            reversals.append(turn)
             continue
-        onward = _goes_onward(drift, kept, turn)
+        onward = _goes_onward(drift, reversals, turn)
         if onward:
-            kept[-1] = turn
-        elif abs(drift[turn] - drift[kept[-1]]) >= least:
-            kept.append(turn)
-    return np.array(kept, dtype=int)
+            reversals[-1] = turn
+        elif abs(drift[turn] - drift[reversals[-1]]) >= least:
+            reversals.append(turn)
+    return np.array(reversals, dtype=int)
 
 
-def _goes_onward(drift: np.ndarray, kept: list[int], turn: int) -> bool:
+def _goes_onward(drift: np.ndarray, reversals: list[int], turn: int) -> bool:
     """Whether a turn goes on in the direction of the last reversal."""
-    if len(kept) < 2:
+    if len(reversals) < 2:
         return False
-    direction = drift[kept[-1]] - drift[kept[-2]]
-    return direction * (drift[turn] - drift[kept[-1]]) > 0
+    direction = drift[reversals[-1]] - drift[reversals[-2]]
+    return direction * (drift[turn] - drift[reversals[-1]]) > 0
 
 
 @dataclass(frozen=True, eq=False)

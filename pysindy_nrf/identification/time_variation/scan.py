@@ -62,8 +62,8 @@ class FurtherFunctions:
         explained = fit.covariance @ crossed
         products = fit.products[:, unknown, unknown, None] * functions
         information = functions.T @ products - crossed.T @ explained
-        own = functions * noise[:, unknown, None]
-        influences = own - fit.by_function(noise) @ explained
+        direct = functions * noise[:, unknown, None]
+        influences = direct - fit.by_function(noise) @ explained
         return cls(functions.T @ fit.scores[:, unknown], information, influences)
 
     @property
@@ -180,16 +180,16 @@ def step_scan(fit: PenalisedFit, unknown: int, noise: Noise | None = None) -> St
     further = FurtherFunctions.of(fit, unknown, after.astype(float), noise.scores)
 
     white = np.diag(further.information)
-    seen = white > LEAST_DETERMINED * share[pieces] * information.sum()
-    at = np.flatnonzero(seen)
-    root = np.sqrt(white[at])
-    scores = further.scores[at]
-    variances = further.variances[at] + noise.least * white[at]
+    determined = white > LEAST_DETERMINED * share[pieces] * information.sum()
+    chosen = np.flatnonzero(determined)
+    root = np.sqrt(white[chosen])
+    scores = further.scores[chosen]
+    variances = further.variances[chosen] + noise.least * white[chosen]
     robust = scores / np.sqrt(np.maximum(variances, np.finfo(float).tiny))
-    shared = further.information[at[:-1], at[1:]]
-    freedom = further.freedom[at]
+    shared = further.information[chosen[:-1], chosen[1:]]
+    freedom = further.freedom[chosen]
     correlation = np.clip(shared / (root[:-1] * root[1:]), -1.0, 1.0)
-    return StepScan(pieces[at], scores / root, robust, freedom, correlation)
+    return StepScan(pieces[chosen], scores / root, robust, freedom, correlation)
 
 
 def log_probability_of_smooth(fit: PenalisedFit, unknown: int, noise: Noise) -> float:

@@ -433,6 +433,13 @@ class StepsDisplay(Single):
     ----------
     ax_ : Axes
     figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf import StepsDisplay, close_loop, datasets
+    >>> report = close_loop(datasets.load_demo(), max_steps=1)
+    >>> StepsDisplay.from_report(report).ax_.get_ylabel()
+    'held-out balance error (% NRMSE)'
     """
 
     @classmethod

@@ -22,6 +22,11 @@ def app(port: int, browser: bool) -> None:
     It is served on 127.0.0.1 only, and needs the token in the address that is printed.
     Nothing leaves your computer. Ctrl-C ends it, and its files with it. It calls what
     the command line calls: inspect --write-mapping, and run. Needs the extra app.
+
+    \b
+    Examples
+      pysindy-nrf app
+      pysindy-nrf app --port 8080 --no-browser
     """
     from .app.server import serve
 

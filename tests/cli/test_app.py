@@ -88,7 +88,7 @@ def test_a_window_looks_at_its_files_and_takes_its_folder_along():
     place = window.place_for(HOSTILE)
     shutil.move(newcomer.japanese_upside_down(), place)
     columns = columns_of(place)
-    window.mapping.write_text(mapping_file_text([place], columns, {}), "utf-8")
+    window.write_mapping(mapping_file_text([place], columns, {}))
     look = window.look()
     assert look.error == ""
     assert "256 Hz" in look.words

@@ -217,7 +217,7 @@ class _Page:
             "coordinates": self._value("coordinates"),
         }
         text = mapping_file_text(self._files, self._columns, settings)
-        self._window.mapping.write_text(text, "utf-8")
+        self._window.write_mapping(text)
 
     def _value(self, name: str) -> Any:
         """The value of a field; None if it is empty or not drawn."""

@@ -176,6 +176,17 @@ def test_measured_records_are_searched_without_a_band():
     assert "refused" not in printed
 
 
+def test_public_records_by_defaults_stand_beside_published_numbers():
+    """Silverbox within 1 % of its output, the mass of EMPS within 1 % of 95.11 kg."""
+    for name in ("silverbox_multisine", "emps"):
+        measured.folder(name)
+    printed = run("published", "--quick", "silverbox", "emps")
+    silverbox = lines_with(printed, "| Silverbox |")[0].split("|")
+    assert float(silverbox[5]) < 1.0
+    mass = printed.partition("EMPS, trained on all")[2].partition("m1")[2].split()[0]
+    assert abs(float(mass) / 95.1089 - 1) < 0.01
+
+
 def test_half_of_a_record_shows_the_effect_of_the_whole():
     measured.folder("friction_damper_with_backlash")
     assert "Kept: 1 of 1" in run("robustness", "--quick")

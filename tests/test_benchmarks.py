@@ -248,3 +248,16 @@ def test_a_sensor_on_top_identifies_a_linear_chain():
         assert "no interval, 0 of" in row
     assert worst["0"] < 1e-4
     assert worst["0.5"] < 2
+
+
+@pytest.mark.slow
+def test_changes_in_time_are_followed_where_they_are_and_only_there():
+    rows = {}
+    for line in run("time_varying", "--quick").splitlines():
+        for what in ("right storey", "instants within", "constant called", "amplitude"):
+            if line.strip().startswith(what):
+                rows[what] = float(line.split(")")[1].split()[0])
+    assert rows["right storey"] == 100
+    assert rows["instants within"] == 100
+    assert rows["constant called"] == 0
+    assert rows["amplitude"] == 100

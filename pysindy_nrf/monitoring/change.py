@@ -606,7 +606,7 @@ def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
 # -- within a record -----------------------------------------------------------
 
 
-def track(
+def moving_windows(
     estimator: NRFRegressor,
     X: object,
     F: ArrayLike | None = None,
@@ -663,7 +663,7 @@ def track(
     ... )
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
     >>> fitted = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> table = monitoring.track(fitted, X, F, masses={1: 10.0})
+    >>> table = monitoring.moving_windows(fitted, X, F, masses={1: 10.0})
     >>> early, late = table[table["t"] < 2.9], table[table["t"] > 5.1]
     >>> [int(part["k1"].median().round(-2)) for part in (early, late)]
     [40000, 32000]

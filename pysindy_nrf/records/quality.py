@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
+    "assumed",  # a unit or a rate that nothing in the file states
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
     "corner",  # of a first-order high-pass filter that it has passed, Hz
@@ -38,6 +39,7 @@ Kind = Literal[
 ]
 # Kinds that are to be known, and are no fault.
 _ONLY_KNOWN = (
+    "assumed",
     "computed",
     "hold",
     "offset",

@@ -681,7 +681,7 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
 
     n_samples = next(iter(lengths.values()))
     widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
-    if widest > ON_ITS_SIDE * n_samples:
+    if widest > ON_ITS_SIDE * n_samples > 0:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
             " transposed",

@@ -88,7 +88,7 @@ def test_a_window_looks_at_its_files_and_takes_its_folder_along():
     place = window.place_for(HOSTILE)
     shutil.move(newcomer.japanese_upside_down(), place)
     columns = columns_of(place)
-    window.mapping.write_text(mapping_file_text([place], columns, {}), "utf-8")
+    window.write_mapping(mapping_file_text([place], columns, {}))
     look = window.look()
     assert look.error == ""
     assert "256 Hz" in look.words
@@ -176,12 +176,17 @@ def address(tmp_path_factory):
     program = "from pysindy_nrf.cli import main; main()"
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
+    environment = {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
+    for name, value in os.environ.items():
+        # NiceGUI takes tests of its own for ours where it sees pytest
+        if not name.startswith("PYTEST"):
+            environment.setdefault(name, value)
     server = subprocess.Popen(
         [sys.executable, "-c", program, "app", "--no-browser"],
         cwd=folder,
         stdout=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+        env=environment,
     )
     line = server.stdout.readline()
     yield re.search(r"http://\S+", line)[0]

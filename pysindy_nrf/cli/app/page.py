@@ -118,7 +118,7 @@ class _Page:
         ui.html("<h1>Drop the files of a test</h1>", sanitize=False)
         ui.label(
             "CSV, Excel, TDMS, MATLAB, Parquet, HDF5, NumPy, UFF 58, strong motion."
-            " Nothing leaves this machine."
+            " Nothing leaves your computer."
         )
         ui.upload(
             multiple=True,
@@ -168,10 +168,7 @@ class _Page:
         with self._mapping:
             names = ", ".join(path.name for path in self._files)
             ui.html("<h2>Which column is which channel?</h2>", sanitize=False)
-            ui.label(
-                f"{names}. F2 is the force on floor 2, a2 its acceleration, x2 its"
-            )
-            ui.label("displacement relative to the base, ag the motion of the base.")
+            ui.label(f"{names}. {_CHANNELS}")
             if len(self._files) > 1:
                 self._fields["together"] = ui.select(
                     {False: "each file is a test", True: "channels of one test"},
@@ -220,7 +217,7 @@ class _Page:
             "coordinates": self._value("coordinates"),
         }
         text = mapping_file_text(self._files, self._columns, settings)
-        self._window.mapping.write_text(text, "utf-8")
+        self._window.write_mapping(text)
 
     def _value(self, name: str) -> Any:
         """The value of a field; None if it is empty or not drawn."""

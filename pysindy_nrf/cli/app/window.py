@@ -14,7 +14,9 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
+from ...common.files import atomic_write
 from ...exceptions import NRFError
 from ...records.checks.channel_checks import doubts_by_channel
 from ...records.files import describe
@@ -94,6 +96,9 @@ class Window:
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="pysindy-nrf-"))
         self._process: subprocess.Popen[bytes] | None = None
+        # what the run prints for programs, and what it shows of its progress
+        self._answer: Path | None = None
+        self._log: Path | None = None
 
     def place_for(self, name: str) -> Path:
         """Where a file that was dropped is kept."""
@@ -122,6 +127,11 @@ class Window:
             return Look(error=str(error))
         return Look("\n\n".join(map(describe, readings)), doubts)
 
+    def write_mapping(self, text: str) -> None:
+        """Write the mapping file."""
+        with atomic_write(self.mapping) as file:
+            file.write(text)
+
     # -- the run -----------------------------------------------------------------------
 
     def command(self, options: Sequence[str]) -> str:
@@ -136,10 +146,8 @@ class Window:
         arguments = ["run", "--mapping", MAPPING, "--json", "--excel", "--no-figures"]
         command = [sys.executable, "-c", program, *arguments, "-o", RESULT, *options]
         environment = os.environ | {SHOW_PROGRESS: "1", "PYTHONIOENCODING": "utf-8"}
-        with (
-            open(self.folder / "run.json", "wb") as answer,
-            open(self.folder / "run.log", "wb") as log,
-        ):
+        with self._file() as answer, self._file() as log:
+            self._answer, self._log = Path(answer.name), Path(log.name)
             self._process = subprocess.Popen(
                 command,
                 cwd=self.folder,
@@ -149,6 +157,10 @@ class Window:
                 env=environment,
             )
 
+    def _file(self) -> IO[bytes]:
+        """A file that a process writes while it is read."""
+        return tempfile.NamedTemporaryFile(dir=self.folder, prefix="~", delete=False)
+
     @property
     def is_running(self) -> bool:
         """Whether a run goes on."""
@@ -157,12 +169,9 @@ class Window:
     @property
     def progress(self) -> str:
         """What the run does now."""
-        log = self.folder / "run.log"
-        if not log.exists():
-            return ""
-        words = log.read_text("utf-8", errors="replace")
-        steps = [step.strip() for step in re.split(r"[\r\n]", words)]
-        return next((step for step in reversed(steps) if step), "starting")
+        steps = re.split(r"[\r\n]", _text_of(self._log))
+        said = [step.strip() for step in steps if step.strip()]
+        return said[-1] if said else "starting"
 
     def stop(self) -> None:
         """Stop the run, as Ctrl-C does; it leaves no half-written file."""
@@ -185,7 +194,7 @@ class Window:
             return Finding("stopped", "Stopped. Nothing was written.")
         if code not in (ExitCode.DONE, ExitCode.RED):
             return Finding("error", self.progress)
-        answer = json.loads((self.folder / "run.json").read_text("utf-8"))
+        answer = json.loads(_text_of(self._answer))
         verdict = answer["verdict"]
         return Finding(verdict["state"], verdict["sentence"], verdict["reasons"])
 
@@ -193,3 +202,8 @@ class Window:
         """Stop the run and remove the folder."""
         self.stop()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _text_of(file: Path | None) -> str:
+    """What a process has written so far."""
+    return "" if file is None else file.read_text("utf-8", "replace")

@@ -292,6 +292,8 @@ def understand(
         lines, clock, name or stated_name, coordinates or stated_coordinates
     )
     record = _noted_if_rotating(preparation.of_record(record), sources)
+    assumed = _assumed(sources, clock, record)
+    record = record.with_quality(record.quality + assumed)
 
     unused = _unused_variables(table, sources, clock)
     for warning in _overlooked(table, sources, unused):
@@ -337,6 +339,36 @@ def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
     )
     note = QualityNote("rotation", message, "", record.name)
     return record.with_quality((*record.quality, note))
+
+
+def _assumed(
+    sources: Mapping[str, Source], clock: FileClock, record: Record
+) -> tuple[QualityNote, ...]:
+    """Units and a rate that nothing in the file states."""
+    bare = [name for name in record.channels() if _has_bare_unit(name, sources)]
+    sentences = []
+    if bare:
+        units = ", ".join(dict.fromkeys(si_unit(channel) for channel in bare))
+        sentences.append(
+            f"{', '.join(bare)} are taken in {units}: no unit is given for them."
+        )
+    if clock.time is None:
+        sentences.append(
+            f"The rate of {record.fs:g} Hz is {clock.origin}: no time is read."
+        )
+    elif not clock.unit_is_known:
+        sentences.append("The time is taken in s: no unit is given for it.")
+    return tuple(
+        QualityNote("assumed", sentence, record=record.name) for sentence in sentences
+    )
+
+
+def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
+    """Whether a channel of the file has a dimension, and no unit."""
+    source = sources.get(channel)
+    if source is None or source.declared:
+        return False
+    return dimension_of(channel) is not None
 
 
 def _stated_in_file(table: Table) -> tuple[str, str]:

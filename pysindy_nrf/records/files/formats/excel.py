@@ -41,6 +41,7 @@ def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
     width = max(map(_width, rows[start:]))
     header = header_of([_texts(row, width) for row in rows[:start]], width)
+    header.require_distinct_channels(path)
     has_time = any(letter_named(name) == "t" for name in header.names)
     frame = pd.DataFrame([_cells(row, width) for row in rows[start:]])
     frame, notes_on_rows = without_empty_rows(frame, has_time)

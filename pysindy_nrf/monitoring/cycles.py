@@ -101,8 +101,8 @@ def storey_cycles(record: Record, masses: Mapping[int, float]) -> StoreyCycles:
     drift is the energy beyond that of the sound damping over the largest force: the
     plastic travel of an elasto-plastic storey that dissipates as much (Mahin and
     Bertero, Journal of the Structural Division 107, 1981). The residual drift is that
-    at which the line has no force. Stiffness is that of an amplitude: whether a lower
-    one is a change tells ``NRFRegressor(varying="auto")``.
+    at which the line has no force. Stiffness is that of an amplitude;
+    ``NRFRegressor(varying="auto")`` says whether a lower one is a change.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ class ChangeAlarm:
         return pd.DataFrame(columns=names)
 
     def _stiffnesses(self, X: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Stiffness of every storey from a block, N/m; NaN where it tells none."""
+        """Stiffness of every storey from a block, N/m; NaN where it shows none."""
         problem = self._problem(X.shape[1] // 3)
         try:
             model = problem.solve(from_arrays(X, F, dt=self.estimator.dt)).model

@@ -99,8 +99,8 @@ def track(
     Each record is fitted by itself. The first ``reference`` tests are of the sound
     structure: they give the regression on the covariates and the scatter (see
     :class:`ControlChart`). Compare like with like: with laws that are not the
-    structure's own, a stiffness follows the amplitude; ``compare_tests`` tells the two
-    apart for a pair of tests.
+    structure's own, a stiffness follows the amplitude; ``compare_tests`` separates the
+    two for a pair of tests.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ from .figures.residual import equation_residuals, largest_residual, residual_fig
 from .words import Band, band_text
 
 # DOFs whose free run is drawn.
-DRAWN_FREE_RUNS = 6
+DRAWN_FREE_RUNS = 3
 _HEAD_OF_ERRORS = {
     "error": "error (%)",
     "residual": "residual rms (N)",

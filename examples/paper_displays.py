@@ -30,7 +30,7 @@ from pysindy_nrf.equations.errors import nrmse
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.identification import damper_force, dissipated_energy
 from pysindy_nrf.laws import Motion, PowerSeries
-from pysindy_nrf.monitoring import track
+from pysindy_nrf.monitoring import moving_windows
 from pysindy_nrf.records.fusion.kinematics import base_acceleration_if_any, base_motion
 from pysindy_nrf.records.input_arrays import from_arrays
 from pysindy_nrf.report.figures.evidence import before_after_figure
@@ -153,7 +153,7 @@ class TrackDisplay(Display):
     Parameters
     ----------
     table : DataFrame
-        As of :func:`pysindy_nrf.monitoring.track`, of one record.
+        As of :func:`pysindy_nrf.monitoring.moving_windows`, of one record.
     onset : float, optional
         Time of a change, s; marked.
     window : float, optional
@@ -197,14 +197,18 @@ class TrackDisplay(Display):
         **options: Any,
     ) -> Self:
         """Moving-window identification; parameters as of
-        :func:`pysindy_nrf.monitoring.track`.
+        :func:`pysindy_nrf.monitoring.moving_windows`.
 
         Parameters
         ----------
         onset : float, optional
             s.
         """
-        return cls(track(estimator, X, F, **options), onset, options.get("window", 2.0))
+        return cls(
+            moving_windows(estimator, X, F, **options),
+            onset,
+            options.get("window", 2.0),
+        )
 
     def figures(self) -> list[Figure]:
         stiffness = self.table.filter(regex="^k")

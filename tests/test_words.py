@@ -20,6 +20,11 @@ def test_a_page_has_short_sentences_plain_words_and_living_links(path):
     assert not page.faults, "\n".join(map(str, page.faults))
 
 
+def test_messages_and_docstrings_have_plain_words():
+    faults = words["faults_of_the_package"]()
+    assert not faults, "\n".join(map(str, faults))
+
+
 def page_of(tmp_path, text):
     path = tmp_path / "page.md"
     path.write_text(text, "utf-8")

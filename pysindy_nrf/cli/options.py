@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict, TypeVar
+from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
 
 import click
 
@@ -313,29 +313,40 @@ def mapping_of(options: ExcitationOptions) -> tuple[MappingFile, ReadingOptions]
     return mapping, how
 
 
-def preparation_of(options: RecordOptions, mapping: MappingFile) -> Preparation:
-    """What is done to channels, by the options and the mapping file."""
-    said = mapping.prepare
-    given = {
+def settings_of_preparation(
+    options: RecordOptions, mapping: MappingFile
+) -> dict[str, float | bool]:
+    """Settings of the preparation: those of the options go before the file's."""
+    numbers = {
         "from": options["from"],
         "to": options["to"],
         "resample": options["resample"],
-        "drop_blank": options["drop_blank"] or None,
-        "relative_acceleration": options["relative_acceleration"] or None,
     }
-    return prepared_by({**said, **{k: x for k, x in given.items() if x is not None}})
+    switches = {
+        "drop_blank": options["drop_blank"],
+        "relative_acceleration": options["relative_acceleration"],
+    }
+    settings = dict(mapping.prepare)
+    for key, number in numbers.items():
+        if number is not None:
+            settings[key] = number
+    for key, is_on in switches.items():
+        if is_on:
+            settings[key] = True
+    return settings
 
 
-def prepared_by(chosen: Mapping[str, Any]) -> Preparation:
-    """What is done to channels, by the entries of a mapping file."""
+def preparation_of(mapping: MappingFile) -> Preparation:
+    """What a mapping file says is done to channels."""
     from ..records.files.preparation import Preparation
 
+    settings = mapping.prepare
     return Preparation(
-        start=chosen.get("from"),
-        stop=chosen.get("to"),
-        fs=chosen.get("resample"),
-        drop_blank=bool(chosen.get("drop_blank")),
-        relative_acceleration=bool(chosen.get("relative_acceleration")),
+        start=settings.get("from"),
+        stop=settings.get("to"),
+        fs=settings.get("resample"),
+        drop_blank=bool(settings.get("drop_blank")),
+        relative_acceleration=bool(settings.get("relative_acceleration")),
     )
 
 
@@ -354,22 +365,24 @@ def readings_of(
     """
     mapping, how = mapping_of(options)
     coordinates = options["coordinates"] or mapping.coordinates
-    preparation = preparation_of(options, mapping)
     files = list(files or mapping.files)
     if not files and needed:
         raise click.UsageError(
             "Missing argument 'FILE...': give a file with the channels of a test."
         )
 
-    given = replace(mapping, files=tuple(files), coordinates=coordinates)
+    asked = replace(
+        mapping,
+        files=tuple(files),
+        coordinates=coordinates,
+        prepare=settings_of_preparation(options, mapping),
+    )
     with working("reading"):
-        return read_tests(given, how, preparation)
+        return read_tests(asked, how)
 
 
 def read_tests(
-    mapping: MappingFile,
-    how: ReadingOptions | None = None,
-    preparation: Preparation | None = None,
+    mapping: MappingFile, how: ReadingOptions | None = None
 ) -> list[Reading]:
     """The tests of a mapping file, each as a record.
 
@@ -378,13 +391,9 @@ def read_tests(
     mapping : MappingFile
     how : ReadingOptions, optional
         Channels, units and clock; those of the mapping file if None.
-    preparation : Preparation, optional
-        What is done to the channels; as the mapping file says if None.
     """
     from ..records.files import inspect_record
 
-    if preparation is None:
-        preparation = prepared_by(mapping.prepare)
     if how is None:
         how = {"mapping": mapping.channels, "units": mapping.units, "fs": mapping.fs}
     tests: list[AnyPath | list[AnyPath]] = [*mapping.files]
@@ -397,7 +406,7 @@ def read_tests(
             test,
             name=name,
             coordinates=mapping.coordinates,
-            preparation=preparation,
+            preparation=preparation_of(mapping),
             **how,
         )
         readings.append(reading)

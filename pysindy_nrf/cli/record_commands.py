@@ -48,12 +48,18 @@ class SimulationOptions(opt.ExcitationOptions):
     type=PATH,
     help="Draw the channels on a page: over time, spectra, coherence.",
 )
+@click.option(
+    "--together",
+    is_flag=True,
+    help="With --write-mapping: the FILEs are channels of one test, each on its clock.",
+)
 @opt.json_option
 def inspect(
     files: tuple[Path, ...],
     as_json: bool,
     write_mapping: Path | None,
     html: Path | None,
+    together: bool,
     **options: Unpack[opt.RecordOptions],
 ) -> None:
     """Say what a file holds and how it was understood. Nothing is solved; nothing is
@@ -74,8 +80,12 @@ def inspect(
     from ..records.files import describe
 
     session = Session(as_json)
+    if together and write_mapping is None:
+        raise click.UsageError(
+            "--together goes with --write-mapping; a mapping file says together = true."
+        )
     if write_mapping is not None:
-        if not _propose(session, files, write_mapping):
+        if not _propose(session, files, write_mapping, together):
             session.emit({"records": []})
             return
         files, options["mapping_file"] = (), write_mapping
@@ -139,7 +149,9 @@ def _data_of_reading(reading: Reading, doubts: list[str]) -> dict[str, object]:
     }
 
 
-def _propose(session: Session, files: tuple[Path, ...], path: Path) -> bool:
+def _propose(
+    session: Session, files: tuple[Path, ...], path: Path, together: bool
+) -> bool:
     """Write a mapping file with a channel for every column that says what it is.
 
     Returns
@@ -163,7 +175,7 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> bool:
             f"{path} is not in the folder of its files", "Write it beside them."
         )
 
-    table = read_table(files[0])
+    table = read_table([*files] if together else files[0])
     facts = maps.column_facts(table)
     proposals = maps.propose(table, facts)
     text = maps.mapping_text(files, proposals, table, facts)

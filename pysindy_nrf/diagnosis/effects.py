@@ -60,7 +60,7 @@ class Effect(Protocol):
 
     @property
     def alternatives(self) -> list[str]:
-        """Families that the data cannot tell from its own."""
+        """Families that the data cannot distinguish from its own."""
 
     @property
     def company(self) -> list[str]:
@@ -126,7 +126,8 @@ def not_told_apart(effect: Effect) -> list[str]:
     if effect.alternatives:
         others = ", ".join(map(plain_name, effect.alternatives))
         family = plain_name(effect.family)
-        texts.append(f"At {effect.site} the data cannot tell {family} from {others}.")
+        text = f"At {effect.site} the data cannot distinguish {family} from {others}."
+        texts.append(text)
     if effect.company:
         laws = sorted(map(plain_name, (effect.law, *effect.company)))
         together = f"{', '.join(laws[:-1])} and {laws[-1]}"
@@ -234,7 +235,7 @@ def _place(site: str) -> str:
 
 
 def digits(low: float, high: float, *values: float) -> str:
-    """The two ends of an interval with the digits that tell them apart.
+    """The two ends of an interval with the digits that distinguish them.
 
     Or other values with the same digits.
 

@@ -116,7 +116,7 @@ def unexplained_equations(facts: Facts) -> list[Reason]:
         if beyond > OPEN:
             message = open_balance(j, percent)
             reasons.append(Reason("unexplained", "red", message, place, percent))
-        elif beyond > LARGE:
+        elif beyond > LARGE and not _is_missing(facts.left_over.get(j)):
             message = (
                 f"{percent:.3g} % of the force in the balance of DOF {j} is"
                 " unexplained: a law is missing, or the channels are noisy."
@@ -149,14 +149,20 @@ def residuals_above_noise(facts: Facts) -> list[Reason]:
         remedy = "no effect of the catalogue explains them."
     reasons = []
     for j, left in facts.left_over.items():
-        above = left.rms > ABOVE_NOISE * left.noise
-        if above and left.percent > NOTICED:
+        if _is_missing(left):
             message = (
                 f"{left.rms:.3g} N rms are missing at DOF {j}{_in_band(left)}, where"
                 f" noise leaves {left.noise:.2g} N; {remedy}"
             )
             reasons.append(Reason("residual", "amber", message, f"dof {j}", left.rms))
     return reasons
+
+
+def _is_missing(left: LeftOver | None) -> bool:
+    """Whether far more is left of an equation than noise leaves, and it is felt."""
+    if left is None:
+        return False
+    return left.rms > ABOVE_NOISE * left.noise and left.percent > NOTICED
 
 
 def _in_band(left: LeftOver) -> str:
@@ -199,7 +205,7 @@ def undetermined_masses(facts: Facts) -> list[Reason]:
     if not names:
         return []
     masses = ", ".join(names)
-    message = f"The data do not determine {masses}: the interval holds zero."
+    message = f"The data do not determine {masses}: the interval contains zero."
     return [Reason("interval", "red", message, masses)]
 
 
@@ -245,7 +251,7 @@ def shapes_at_ends(facts: Facts) -> list[Reason]:
 
 
 def unseen_drifts(facts: Facts) -> list[Reason]:
-    """Floors that move as one, as far as the sensors tell."""
+    """Floors that move as one, within the noise of the sensors."""
     severity: Severity = "amber" if _follows(facts.free_run) else "red"
     reasons = []
     for storey, ratio in facts.unseen_drifts.items():
@@ -531,8 +537,8 @@ def unknown_noise(facts: Facts) -> list[Reason]:
     if facts.noise_is_known:
         return []
     message = (
-        "What noise alone would leave is not known here: an unmeasured force is not"
-        " told from noise."
+        "What noise alone would leave is not known here: an unmeasured force cannot be"
+        " distinguished from noise."
     )
     return [Reason("evidence", "amber", message)]
 

@@ -94,8 +94,9 @@ def verdict_from(facts: Facts) -> Verdict:
     ('red', 'unexplained', 'dof 2')
     """
     verdict = _verdict_by(_reasons_of(facts), facts)
-    sentences = tuple(assumption.sentence for assumption in facts.assumptions)
-    return replace(verdict, assumptions=sentences)
+    assumed = [assumption.sentence for assumption in facts.assumptions]
+    assumed += [note.message for note in facts.quality if note.kind == "assumed"]
+    return replace(verdict, assumptions=tuple(dict.fromkeys(assumed)))
 
 
 def _verdict_by(reasons: Sequence[Reason], facts: Facts) -> Verdict:

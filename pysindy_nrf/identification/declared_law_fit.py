@@ -20,9 +20,10 @@ from ..records.dataset import Dataset, Segment
 from .channel_trials import Knowledge, Trial, distance_of_masses, solved
 from .fewer_sensors_settings import SETTINGS
 from .free_run_fit import FreeRunFit
-from .parameter_vector import free_parameters
+from .free_runs import first_state
+from .parameter_vector import free_parameters, free_shapes_of
 from .problem import Problem
-from .shots import Shot, first_state
+from .shots import Shot
 
 # Scale of a coefficient, as a share of the one that alone gives the force of its site.
 SHARE_OF_FORCE = 0.1
@@ -79,7 +80,7 @@ def _trials_from(
     shots = linear.fit.shots
     model = linear.solution.model
     runs = Dataset([shot.run(model) for shot in shots], 0)
-    shapes = _free_shapes(problem)
+    shapes = free_shapes_of(problem.laws)
 
     for laws in _laws_with_first_shapes(problem, shapes, runs):
         layout = LawLayout(problem.chain, laws)
@@ -110,17 +111,6 @@ def _trials_from(
         for shot, window in zip(shots, first_windows):
             begun.append(replace(shot, start=trial.solution.starts[window]))
         yield Trial(replace(fit, shots=begun), trial.solution)
-
-
-def _free_shapes(problem: Problem) -> list[tuple[Site, int, Shape]]:
-    """Shape parameters without a value, by site and number of the law there."""
-    free = []
-    for site, laws in problem.laws.items():
-        for number, law in enumerate(laws):
-            for shape in law.shapes:
-                if law.shape[shape.name] is None:
-                    free.append((site, number, shape))
-    return free
 
 
 def _laws_with_first_shapes(

@@ -283,8 +283,10 @@ class FittedChain:
         -------
         DataFrame
             Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known
-            masses are left out. NaN with a BiasWarning where noise may bias least
-            squares by half a standard error or more, or another chain fits as well;
+            masses are left out. Where another structure or channel fits as well the
+            interval holds what it makes of the value, or is NaN with a BiasWarning if
+            that is more than a tenth (a hundredth where it fits better). NaN, too,
+            where noise may bias least squares by half a standard error or more;
             arrays show white noise only, with a clock: smoothed ones, or without a
             clock, count as free of it.
 
@@ -318,7 +320,7 @@ class FittedChain:
             ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
         """
         check_is_fitted(self)
-        return self.result_.intervals.forces(site, v, s, level)
+        return self.result_.force_intervals(site, v, s, level)
 
     def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
         """95 % intervals by parameter, and why there are none."""

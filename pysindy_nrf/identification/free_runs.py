@@ -12,7 +12,7 @@ from ..laws.base import ForceLaw
 from ..records.dataset import Segment
 from ..records.record import Record
 from ..records.zero_phase_filter import ZeroPhaseFilter
-from ..simulation.api import classical_run, simulate
+from ..simulation.api import classical_run, linear_run, simulate
 from .linear_response import Matrices
 
 # Radians of the fastest mode in a sample, up to which one Runge-Kutta step a sample is
@@ -24,6 +24,8 @@ INSTRUMENT_RTOL = 1e-5
 # Share of the Nyquist frequency (half of the sampling rate) at which a filter still
 # fits: 0.9 of it.
 HIGHEST_CUTOFF = 0.45
+
+Motion = dict[str, np.ndarray]
 
 
 def eigenvalues(model: ChainModel) -> np.ndarray | None:
@@ -70,6 +72,57 @@ def with_motion(segment: Segment, motion: Mapping[str, np.ndarray]) -> Segment:
     )
 
 
+def first_state(segment: Segment, row: int | None = None) -> np.ndarray:
+    """Displacements and velocities relative to the base in a row, (2, n_dof).
+
+    In the first valid row if ``row`` is None.
+    """
+    place = segment.valid.start if row is None else row
+    displacement = np.cumsum(segment.s[place].astype(float))
+    velocity = np.cumsum(segment.v[place].astype(float))
+    return np.array([displacement, velocity])
+
+
+def motion_of(
+    model: ChainModel, segment: Segment, state: np.ndarray, rtol: float
+) -> Motion:
+    """Free run: ``a`` (absolute), ``v`` and ``x`` (relative), (n_samples, n_dof).
+
+    Exact where the chain is linear; else by the fastest integrator that will do.
+
+    Parameters
+    ----------
+    model : ChainModel
+    segment : Segment
+        Forces and base motion in its valid rows.
+    state : ndarray of shape (2, n_dof)
+        First displacements and velocities.
+    rtol : float
+        Of an integration with error control.
+    """
+    matrices = linear_matrices(model)
+    if matrices is not None:
+        rows = segment.valid
+        ag = None if segment.ag is None else segment.ag[rows]
+        force = segment.driving_force[rows]
+        exact = linear_run(matrices, force, segment.step, state, ag, segment.course)
+        if exact is not None:
+            return dict(zip("xva", exact))
+
+    run = free_run_of(
+        model,
+        segment,
+        start=(state[0], state[1]),
+        integrator=integrator_for(model, segment.step),
+        rtol=rtol,
+    )
+    return {
+        "x": np.asarray(run.displacement),
+        "v": np.asarray(run.velocity),
+        "a": np.asarray(run.acceleration),
+    }
+
+
 def simulated(
     model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False
 ) -> Segment:
@@ -84,15 +137,10 @@ def simulated(
     limited : bool
         Whether the motion is low-passed as the fused motion of the record is.
     """
-    run = free_run_of(
-        model,
-        segment,
-        integrator=integrator_for(model, segment.step),
-        rtol=INSTRUMENT_RTOL,
-    )
-    a = np.asarray(run.acceleration)
-    v = np.diff(np.asarray(run.velocity), axis=1, prepend=0.0)
-    s = np.diff(np.asarray(run.displacement), axis=1, prepend=0.0)
+    motion = motion_of(model, segment, first_state(segment), INSTRUMENT_RTOL)
+    a = motion["a"]
+    v = np.diff(motion["v"], axis=1, prepend=0.0)
+    s = np.diff(motion["x"], axis=1, prepend=0.0)
 
     rate = 1.0 / segment.step
     cutoff = segment.resolved

@@ -1,7 +1,7 @@
 r"""Instrumental variables from the free run of the model itself.
 
 :math:`Z^T (y - \Phi \theta) = 0` with Z the columns of the simulated motion, repeated
-three or four times (Young, Refined instrumental variable methods, 1976). First
+two or three times (Young, Refined instrumental variable methods, 1976). First
 instruments are one sample late, which keeps white force noise out; later runs use the
 corrected force (:mod:`.noise_spectra`), so that equations can be weighted by frequency.
 The motion must not be shrunk towards a prior, as the joint step of
@@ -22,14 +22,23 @@ from ..equations.normal_equations import NormalEquations
 from ..exceptions import IdentifiabilityError, NRFError, SimulationError
 from ..records.dataset import Dataset, Segment
 from .free_runs import in_valid_rows
-from .instruments import LEAST_CORRELATION, InstrumentRuns, Instruments, Whiteners
+from .instruments import (
+    LEAST_CORRELATION,
+    EquationWeights,
+    InstrumentRuns,
+    Instruments,
+    Whiteners,
+)
 from .problem import Problem
 
 MAX_ROUNDS = 8
 # Rounds before the equations are weighted.
-PLAIN_ROUNDS = 2
-# Relative change of every mass below which the rounds end.
-SETTLED = 1e-4
+PLAIN_ROUNDS = 1
+# Relative change of every mass below which the rounds end. Instruments of any model
+# give estimates that noise does not bias; those of a better one scatter less.
+SETTLED = 1e-3
+# Relative change of a mass above which the noise is estimated again.
+OTHER_NOISE = 1e-2
 # Relative change of a mass in the last round above which the rounds diverged.
 DIVERGED = 1e-2
 # Allowed fall of the correlation with the motion below that of the best round.
@@ -170,6 +179,7 @@ class _Rounds:
         self.last: IVResult | None = None
         self.best: _Judged | None = None
         self.moved = np.zeros(0)
+        self.weights: EquationWeights | None = None
 
     @property
     def change(self) -> float:
@@ -201,11 +211,13 @@ class _Rounds:
         """Instruments of the latest model."""
         if self.last is None:
             return self.instruments.first(self.start)
+        model = self.last.model
         if self.number > PLAIN_ROUNDS:
-            weighted = self.instruments.weighted(self.last.model)
-            if weighted is not None:
-                return weighted
-        return self.instruments.delayed(self.last.model)
+            if self.weights is None or self.change > OTHER_NOISE:
+                self.weights = self.instruments.weights(model)
+            if self.weights is not None:
+                return self.instruments.weighted(model, self.weights)
+        return self.instruments.delayed(model)
 
     def _judge(self, runs: InstrumentRuns) -> None:
         """Compare the latest estimate with the best one, by the motion of its run."""

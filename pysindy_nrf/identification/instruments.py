@@ -74,6 +74,22 @@ class InstrumentRuns:
     whiteners: Whiteners | None = None
 
 
+@dataclass(frozen=True)
+class EquationWeights:
+    """What the noise of a first estimate says of the equations of motion.
+
+    Attributes
+    ----------
+    forced : list of Segment
+        The usable records with corrected forces, under which instruments run.
+    whiteners : mapping of tuple of int to Whitener
+        Weights of the equations by frequency.
+    """
+
+    forced: list[Segment]
+    whiteners: Whiteners
+
+
 def with_decaying_modes(model: ChainModel) -> ChainModel:
     """The model with damping added in proportion to stiffness, if a mode would grow."""
     values = eigenvalues(model)
@@ -203,11 +219,11 @@ class Instruments:
             raise SimulationError(errors[0].what, errors[0].cure or cure)
         raise SimulationError("No model of the chain can be simulated", cure)
 
-    def weighted(self, model: ChainModel) -> InstrumentRuns | None:
-        """Free runs under corrected forces, and weights of the equations.
+    def weights(self, model: ChainModel) -> EquationWeights | None:
+        """Corrected forces, and weights of the equations; None without a noise model.
 
-        None where noise and motion cannot be separated. The forces in the equations
-        stay as measured; only the motion comes from the corrected ones.
+        There is none where noise and motion cannot be separated. The forces in the
+        equations stay as measured; only the motion comes from the corrected ones.
         """
         runner = with_decaying_modes(model)
         plain = [simulated(runner, segment) for segment in self.segments]
@@ -218,10 +234,16 @@ class Instruments:
         if noise is None or not self._resolved_up_to(noise.signal_band[1]):
             return None
 
-        runs = []
+        forced = []
         for segment, gap in zip(self.segments, gaps):
-            runs.append(simulated(runner, corrected(segment, gap, noise)))
-        return self._by_record(runs, self._whiteners(model, noise))
+            forced.append(corrected(segment, gap, noise))
+        return EquationWeights(forced, self._whiteners(model, noise))
+
+    def weighted(self, model: ChainModel, weights: EquationWeights) -> InstrumentRuns:
+        """Free runs under corrected forces, with weights of the equations."""
+        runner = with_decaying_modes(model)
+        runs = [simulated(runner, segment) for segment in weights.forced]
+        return self._by_record(runs, weights.whiteners)
 
     def _by_record(
         self, runs: Sequence[Segment], whiteners: Whiteners | None = None

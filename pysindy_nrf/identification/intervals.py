@@ -120,12 +120,13 @@ def forces_at(points: Points, model: ChainModel) -> pd.Series:
         place = model.chain.site(site)
         v, s = np.broadcast_arrays(*(np.asarray(x, float) for x in pair))
         force = model.restoring_forces[place](v.ravel(), s.ravel())
-        names = _names_of_points(place, v.ravel(), s.ravel())
+        names = names_of_points(place, v.ravel(), s.ravel())
         forces |= dict(zip(names, force.tolist(), strict=True))
     return pd.Series(forces)
 
 
-def _names_of_points(site: Site, v: np.ndarray, s: np.ndarray) -> list[str]:
+def names_of_points(site: Site, v: np.ndarray, s: np.ndarray) -> list[str]:
+    """Names of the forces of a site at points (v, s)."""
     return [
         f"{site} at v = {rate:.4g} m/s, s = {drift:.4g} m" for rate, drift in zip(v, s)
     ]
@@ -404,7 +405,7 @@ class IntervalMaker:
             table = forces[["force", "lower", "upper"]]
             table = table.rename(columns={"force": "estimate"})
             rates, drifts = forces["v"].to_numpy(), forces["s"].to_numpy()
-            table.insert(0, "parameter", _names_of_points(place, rates, drifts))
+            table.insert(0, "parameter", names_of_points(place, rates, drifts))
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 

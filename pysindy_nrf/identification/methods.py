@@ -189,7 +189,7 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
     """Instruments if they serve, or least squares that finds the same.
 
     Least squares is taken where there is no noise to speak of, and where the test of
-    Durbin, Wu and Hausman does not tell it from the instruments.
+    Durbin, Wu and Hausman does not distinguish it from the instruments.
     """
 
     name = "auto"

@@ -14,19 +14,21 @@ import pandas as pd
 
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
+from ..chain.sites import Site
 from ..exceptions import (
     IdentifiabilityError,
     NRFError,
     RankWarning,
     SimulationError,
 )
+from ..laws.shape import Shape
 from ..records.dataset import Dataset
 from ..records.zero_phase_filter import Band
 from .free_run_fit import FreeRunError, FreeRunFit, Solution
 from .instrumental_variables import IVResult, instrumental_variables
 from .intervals import InfluenceResolver, Resolver
 from .joint_intervals import joint_resolver
-from .parameter_vector import Rebuild, free_parameters
+from .parameter_vector import Rebuild, free_parameters, free_shapes_of
 from .problem import Estimate, Problem
 from .shape_refinement import refine_shapes
 from .shots import Shot, halves_of, shots_of
@@ -44,10 +46,10 @@ __all__ = [
 ]
 
 # Iterations of a fit to one half of the data, which starts near its end.
-STEPS_OF_HALF = 2
-# Free-run error on unseen parts after and before the refinement; a smaller reduction
-# may be chance.
-LARGEST_RATIO = 0.85
+STEPS_OF_HALF = 4
+# Free-run error on unseen parts after and before the refinement; a smaller reduction is
+# not worth another estimate.
+LARGEST_RATIO = 0.97
 # Change of a mass in the last round of the instruments, in standard errors, that
 # matters no more.
 NEGLIGIBLE_CHANGE = 0.2
@@ -117,8 +119,9 @@ def output_error(
     known_masses: Mapping[int, float],
     band: Band = None,
     halves: Sequence[ChainModel] | None = None,
+    shapes: Sequence[tuple[Site, int, Shape]] = (),
 ) -> OutputErrorResult:
-    """Fit masses and coefficients by the free run.
+    """Fit masses, coefficients and shape parameters by the free run.
 
     Parameters
     ----------
@@ -131,6 +134,8 @@ def output_error(
         Hz.
     halves : sequence of ChainModel, optional
         First estimates from the first and the second half of the records.
+    shapes : sequence of (Site, int, Shape)
+        Shape parameters that are free, by site and number of the law there.
     """
     shots = shots_of(data, layout.has_memory)
     if not shots:
@@ -138,7 +143,7 @@ def output_error(
     if max(shot.n_samples for shot in shots) < 2 * MIN_ROWS:
         return _start_kept("the records are too short")
 
-    rebuild = free_parameters(start, known_masses)
+    rebuild = free_parameters(start, known_masses, shapes=shapes)
     fit = FreeRunFit(rebuild, shots, layout, _resolved_band(shots, band))
     try:
         noisy_fit = fit.with_noise(start)
@@ -252,11 +257,11 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
     )
     if method != "simulation":
         return by_instruments
-    return _with_free_run(by_instruments, resolver, data)
+    return _with_free_run(by_instruments, resolver, data, asked)
 
 
 def _with_free_run(
-    by_instruments: Refinement, resolver: Resolver, data: Dataset
+    by_instruments: Refinement, resolver: Resolver, data: Dataset, asked: Problem
 ) -> Refinement:
     """The free-run fit from instrumental variables on, where it predicts better."""
     estimate = by_instruments.estimate
@@ -268,6 +273,7 @@ def _with_free_run(
         problem.known_masses,
         problem.band,
         _estimates_of_halves(resolver),
+        _shapes_of_motion(asked),
     )
     errors = {
         "free_run_error_before": _finite_or_none(result.error_before),
@@ -285,6 +291,7 @@ def _with_free_run(
             doubts = (*doubts, doubt)
         return replace(with_errors, doubts=doubts, notes=(*with_errors.notes, note))
 
+    model = result.solution.model
     influence_resolver = InfluenceResolver(
         resolver.pieces,
         resolver.solve_order,
@@ -295,10 +302,15 @@ def _with_free_run(
     )
     return replace(
         with_errors,
-        estimate=estimate._replace(model=result.solution.model),
+        estimate=estimate._replace(model=model, problem=problem.with_laws(model.laws)),
         method="simulation",
         resolver=influence_resolver,
     )
+
+
+def _shapes_of_motion(asked: Problem) -> list[tuple[Site, int, Shape]]:
+    """The free shape parameters but instants, which other means find better."""
+    return [free for free in free_shapes_of(asked.laws) if not free[2].instant]
 
 
 def _finite_or_none(value: float) -> float | None:

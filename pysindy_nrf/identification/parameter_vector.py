@@ -8,6 +8,7 @@ import numpy as np
 from ..chain.layout import with_coefficients
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..laws.base import ForceLaw
 from ..laws.shape import Shape
 
 # Largest logarithm of a parameter; exp of more is no double.
@@ -115,6 +116,19 @@ class Rebuild:
             self.model.visited,
             self.model.info,
         )
+
+
+def free_shapes_of(
+    laws: Mapping[Site, Sequence[ForceLaw]],
+) -> list[tuple[Site, int, Shape]]:
+    """Shape parameters without a value, by site and number of the law there."""
+    free = []
+    for site, group in laws.items():
+        for number, law in enumerate(group):
+            for shape in law.shapes:
+                if law.shape[shape.name] is None:
+                    free.append((site, number, shape))
+    return free
 
 
 def free_parameters(

@@ -70,12 +70,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     orders : mapping of str to int or (int, int), optional
         Other orders at some storeys, e.g. ``{"storey 2": 5, "storey 3": (2, 1)}``.
     strategy : {"auto", "complete", "sequential", "joint"}
-        ``"joint"``: all balances at once with shared laws, each over the residual that
-        it leaves by itself; ``"complete"``: each by itself, the paper's way (eq. 3);
-        both only where every DOF is forced (in one record or another). ``"auto"``:
-        joint there, but sequential with an ``optimizer``, which chooses the terms
-        storey by storey, and complete where two balances contradict each other;
-        elsewhere sequential.
+        ``"joint"``: all balances at once with shared laws, each divided by the residual
+        that it leaves alone. ``"complete"``: each balance alone, the paper's way (eq.
+        3). Both need a force on every DOF, in one record or another. ``"auto"``: joint
+        if every DOF is forced, else sequential. Two exceptions: sequential with an
+        ``optimizer``, which chooses the terms storey by storey, and complete where two
+        balances contradict each other.
     optimizer : PySINDy optimizer, optional
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if
         None.
@@ -124,7 +124,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         Everything that the fit found, from which the other attributes are taken. They
         are the same after every kind of fit; what does not apply is empty.
         ``result_.smaller_order`` is the smallest degree that does as well; a
-        RankWarning names it where the data cannot tell the terms apart.
+        RankWarning names it where the data cannot separate the terms.
     masses_ : ndarray of shape (n_dof,)
         kg.
     restoring_forces_ : RestoringForces

@@ -9,6 +9,7 @@ from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
@@ -49,6 +50,7 @@ from .intervals import (
     Resolver,
     calibration_spread,
     least_squares_resolver,
+    names_of_points,
     statistic_of,
 )
 from .joint_intervals import (
@@ -339,6 +341,19 @@ class IdentificationResult(PlainState):
             half = np.hypot(table[end] - table["estimate"], quantile * spread)
             table[f"combined_{end}"] = table["estimate"] + sign * half
         return table
+
+    def force_intervals(
+        self, site: str | int, v: ArrayLike, s: ArrayLike, level: float = 0.95
+    ) -> pd.DataFrame:
+        """Intervals of forces; see :meth:`NRFRegressor.force_intervals`."""
+        forces = self.intervals.forces(site, v, s, level)
+        rates, drifts = forces["v"].to_numpy(), forces["s"].to_numpy()
+        place = self.model.chain.site(site)
+        table = forces.rename(columns={"force": "estimate"})
+        table.insert(0, "parameter", names_of_points(place, rates, drifts))
+        ambiguous = self.ambiguous_in(table, {str(place): (rates, drifts)}, level)
+        widened = table_with_ambiguity(table, ambiguous)
+        return forces.assign(lower=widened["lower"], upper=widened["upper"])
 
     def ambiguous_in(
         self, table: pd.DataFrame, of: AskedFor, level: float

@@ -9,10 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from ..chain.model import ChainModel
-from ..equations.errors import free_run_of
 from ..records.dataset import Dataset, Segment
-from ..simulation.api import linear_run
-from .free_runs import integrator_for, linear_matrices, with_motion
+from .free_runs import Motion, first_state, motion_of, with_motion
 from .spectra import relative_velocities
 
 # Largest number of samples of a shot, unless a law remembers the path: an error of the
@@ -20,8 +18,6 @@ from .spectra import relative_velocities
 MAX_SAMPLES_PER_SHOT = 32768
 # Relative tolerance of the integration; sensitivities are differences of runs.
 RTOL = 1e-9
-
-Motion = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -85,33 +81,7 @@ class Shot:
         segment = self.segment if forces is None else forces
         state = self.start if start is None else start
 
-        matrices = linear_matrices(model)
-        if matrices is not None:
-            rows = segment.valid
-            ag = None if segment.ag is None else segment.ag[rows]
-            exact = linear_run(
-                matrices,
-                segment.driving_force[rows],
-                segment.step,
-                state,
-                ag,
-                self.hold,
-            )
-            if exact is not None:
-                return dict(zip("xva", exact))
-
-        run = free_run_of(
-            model,
-            segment,
-            start=(state[0], state[1]),
-            integrator=integrator_for(model, segment.step),
-            rtol=RTOL,
-        )
-        return {
-            "x": np.asarray(run.displacement),
-            "v": np.asarray(run.velocity),
-            "a": np.asarray(run.acceleration),
-        }
+        return motion_of(model, segment, state, RTOL)
 
     def channels_of(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
         """What the sensors read of a motion, shape of ``measured``."""
@@ -133,13 +103,6 @@ class Shot:
     def run(self, model: ChainModel) -> Segment:
         """Free run as a segment."""
         return with_motion(self.segment, self.motion(model))
-
-
-def first_state(segment: Segment, row: int) -> np.ndarray:
-    """Displacements and velocities relative to the base in a row, (2, n_dof)."""
-    displacement = np.cumsum(segment.s[row].astype(float))
-    velocity = np.cumsum(segment.v[row].astype(float))
-    return np.array([displacement, velocity])
 
 
 def shots_of(data: Dataset, has_memory: bool) -> list[Shot]:

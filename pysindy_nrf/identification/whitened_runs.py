@@ -14,9 +14,10 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..records.dataset import Segment
+from .free_runs import Motion
 from .noise_spectra import NoiseModel
 from .parameter_vector import Rebuild
-from .shots import Motion, Shot
+from .shots import Shot
 from .spectra import fourier_lines
 
 # Combs of Fourier lines of all data, whose contributions to the gradient give the

@@ -175,7 +175,8 @@ class ChangeReport:
             ]
             lines.append(f"As well explained by {', '.join(changes)}.")
         lines += self._explained_in_words()
-        return "\n".join([*lines, self.assumption])
+        lines.append(self.assumption)
+        return "\n".join(lines)
 
     def _explained_in_words(self) -> list[str]:
         """Parameters that differ by the amplitude alone, a sentence for each storey."""
@@ -297,7 +298,8 @@ def compare_tests(
     cuts = _cuts(fits, masses.mean(axis=0), n_blocks)
     differences = Differences(cuts, masses, _free_masses(fits[0].problem))
     explanations = ExplanationSearch(differences, level, least).sufficient()
-    comparison, *rivals = [Comparison(differences, e) for e in explanations or [()]]
+    comparisons = [Comparison(differences, e) for e in explanations or [()]]
+    comparison = comparisons[0]
 
     gain = comparison.gain_of_forces
     fits[1] = replace(fits[1], data=_with_forces_over(fits[1].data, gain))
@@ -314,7 +316,7 @@ def compare_tests(
         apart[0].model,
         apart[1].model,
         comparison,
-        tuple(rival.table() for rival in rivals),
+        tuple(rival.table() for rival in comparisons[1:]),
     )
 
 
@@ -331,7 +333,9 @@ class _Fit:
         cls, estimator: NRFRegressor, test: TestData, options: DataOptions
     ) -> _Fit:
         """Fit the motions of a test, whose DOFs are fused one by one."""
-        X, F = test if isinstance(test, tuple) else (test, None)
+        X, F = test, None
+        if isinstance(test, tuple):
+            X, F = test
         unfitted = clone(estimator)
         has_memory = any(law.has_memory for law in law_list(unfitted.laws))
         settings = {
@@ -602,7 +606,7 @@ def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
 # -- within a record -----------------------------------------------------------
 
 
-def track(
+def moving_windows(
     estimator: NRFRegressor,
     X: object,
     F: ArrayLike | None = None,
@@ -659,7 +663,7 @@ def track(
     ... )
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
     >>> fitted = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> table = monitoring.track(fitted, X, F, masses={1: 10.0})
+    >>> table = monitoring.moving_windows(fitted, X, F, masses={1: 10.0})
     >>> early, late = table[table["t"] < 2.9], table[table["t"] > 5.1]
     >>> [int(part["k1"].median().round(-2)) for part in (early, late)]
     [40000, 32000]
@@ -677,13 +681,16 @@ def track(
         total = resolver.pieces[first : last + 1].sum()
         linear = _linear(plain_model(resolver, total))
         middle = 0.5 * (spans[first, 0] + spans[last, 1])
-        rows.append([resolver.record[first], middle, *linear["k"], *linear["c"]])
+        values = linear["k"].tolist() + linear["c"].tolist()
+        rows.append([resolver.record[first], middle] + values)
     if not rows:
         raise ChainError(
             f"No window of {window:g} s fits into the records", "Use a shorter one."
         )
     storeys = np.arange(1, estimator.model_.n_dof + 1).astype(str)
-    names = ["record", "t", *np.char.add("k", storeys), *np.char.add("c", storeys)]
+    names = ["record", "t"]
+    for letter in ("k", "c"):
+        names += np.char.add(letter, storeys).tolist()
     return pd.DataFrame(rows, columns=names)
 
 

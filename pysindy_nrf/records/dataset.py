@@ -225,8 +225,9 @@ class Segment:
         """
         channels = np.hstack([self.v[self.valid][rows], self.F[self.valid][rows]])
         channels = np.nan_to_num(channels)
-        variance = np.maximum(channels.var(axis=0), _NO_VARIANCE)
-        energy = np.append(0.0, np.cumsum((channels**2 / variance).sum(axis=1)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            variance = np.maximum(channels.var(axis=0), _NO_VARIANCE)
+            energy = np.append(0.0, np.cumsum((channels**2 / variance).sum(axis=1)))
         of_stretches = energy[size:] - energy[: len(energy) - size]
         return rows.start + int(np.argmax(of_stretches))
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
+    "assumed",  # a unit or a rate that nothing in the file states
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
     "corner",  # of a first-order high-pass filter that it has passed, Hz
@@ -28,6 +29,7 @@ Kind = Literal[
     "overlap",  # time that all channels cover, s
     "quantised",  # moves in coarse steps
     "resampled",  # brought to a slower clock; ratio of the rates
+    "rotation",  # all channels are rotations: N m, rad, rad/s
     "shifted",  # started after the channel that is the witness, s; moved to its clock
     "sign",  # points the other way; -1
     "spikes",  # samples that stand out; share of the samples
@@ -36,7 +38,16 @@ Kind = Literal[
     "other",
 ]
 # Kinds that are to be known, and are no fault.
-_ONLY_KNOWN = ("computed", "hold", "offset", "overlap", "resampled", "shifted")
+_ONLY_KNOWN = (
+    "assumed",
+    "computed",
+    "hold",
+    "offset",
+    "overlap",
+    "resampled",
+    "rotation",
+    "shifted",
+)
 
 
 @dataclass(frozen=True)

@@ -74,8 +74,8 @@ class Record:
         Time of the samples, s, equally spaced.
     hold : {"cubic", "linear", "zero"}, optional
         Course of forces, base acceleration and covariates between the samples:
-        band-limited, as what passes an anti-aliasing filter; straight; or held, as a
-        D/A converter does. If None it is not known: free runs take the channels as
+        band-limited, as what passes an anti-aliasing filter; straight; or constant, as
+        from a D/A converter. If None it is not known: free runs take the channels as
         band-limited, unless the motion follows another course clearly better.
 
     Attributes
@@ -460,6 +460,11 @@ class Record:
         """
         return self._with_attributes(t0=t0)
 
+    @property
+    def rotates(self) -> bool:
+        """True if its channels are angles and torques: N m, rad, rad/s, rad/s^2."""
+        return any(note.kind == "rotation" for note in self.quality)
+
     def with_quality(self, notes: Sequence[QualityNote]) -> Record:
         """The same channels with notes on their quality.
 
@@ -676,7 +681,7 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
 
     n_samples = next(iter(lengths.values()))
     widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
-    if widest > ON_ITS_SIDE * n_samples:
+    if widest > ON_ITS_SIDE * n_samples > 0:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
             " transposed",

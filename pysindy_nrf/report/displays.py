@@ -131,8 +131,8 @@ class RestoringForceDisplay(Single):
 class HysteresisDisplay(Single):
     """Force of a site over its drift, identified over measured.
 
-    Measured is the force that the measured motion and forces ask for, where they tell
-    it. The largest cycles are drawn.
+    Measured is the force that the measured motion and forces ask for, where they
+    determine it. The largest cycles are drawn.
 
     Parameters
     ----------
@@ -433,6 +433,13 @@ class StepsDisplay(Single):
     ----------
     ax_ : Axes
     figure_ : matplotlib Figure
+
+    Examples
+    --------
+    >>> from pysindy_nrf import StepsDisplay, close_loop, datasets
+    >>> report = close_loop(datasets.load_demo(), max_steps=1)
+    >>> StepsDisplay.from_report(report).ax_.get_ylabel()
+    'held-out balance error (% NRMSE)'
     """
 
     @classmethod

@@ -284,7 +284,7 @@ def _chapter_of_step(
         rows = []
         for law_name, site, reduction in step.tied:
             rows.append([plain_name(law_name), site, float(reduction)])
-        caption = f"The data cannot tell from {plain_name(step.law)}"
+        caption = f"The data cannot distinguish from {plain_name(step.law)}"
         tables.append(Table(caption, ["law", "site", "error reduction (dB)"], rows))
 
     name = law_at_site(step)

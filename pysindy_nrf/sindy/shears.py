@@ -49,6 +49,20 @@ class StoreyShear:
         Of the columns, e.g. ``["a2", "a3", "v2", "s2", ...]``.
     target : ndarray of shape (n_samples,)
         Forces on the DOFs above together, N.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pysindy as ps
+    >>> from pysindy_nrf.sindy import storey_shears
+    >>> a, v, s = np.random.default_rng(0).standard_normal((3, 200, 1))
+    >>> (shear,) = storey_shears(
+    ...     np.hstack([a, v, s]), 10 * a + 500 * s, degree=1
+    ... )
+    >>> shear.coefficients(ps.STLSQ(threshold=1e-3, alpha=0)).round(6)
+    array([ 10.,   0., 500.])
+    >>> shear.without_masses(np.array([10.0])).names
+    ['v1', 's1']
     """
 
     storey: int
@@ -58,7 +72,17 @@ class StoreyShear:
     target: np.ndarray
 
     def without_masses(self, masses: np.ndarray) -> StoreyShear:
-        """The same with known masses: their inertia moves to the target."""
+        """The same with known masses: their inertia moves to the target.
+
+        Parameters
+        ----------
+        masses : ndarray of shape (n_dof,)
+            kg.
+
+        Returns
+        -------
+        StoreyShear
+        """
         n_masses = len(self.masses)
         known = masses[[dof - 1 for dof in self.masses]]
         target = self.target - self.features[:, :n_masses] @ known
@@ -66,7 +90,18 @@ class StoreyShear:
         return StoreyShear(self.storey, (), features, self.names[n_masses:], target)
 
     def coefficients(self, optimizer: BaseEstimator) -> np.ndarray:
-        """What an optimizer finds on columns and target of rms one; SI units."""
+        """What an optimizer finds on columns and target of rms one.
+
+        Parameters
+        ----------
+        optimizer : PySINDy optimizer
+            Cloned.
+
+        Returns
+        -------
+        ndarray of shape (n_features,)
+            SI units.
+        """
         size = np.sqrt(np.mean(self.features**2, axis=0))
         length = float(np.sqrt(np.mean(self.target**2)))
         fitted = clone(optimizer)

@@ -1,6 +1,7 @@
 """Intervals beside alternatives that the data do not exclude, and what is assumed."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pysindy_nrf.diagnosis import Facts, FreeRunFacts, GrowingMode, verdict_from
@@ -11,6 +12,7 @@ from pysindy_nrf.diagnosis.open_alternatives import (
     ambiguous_intervals,
     with_ambiguity,
 )
+from pysindy_nrf.records.files import read_record
 
 VALUES = {"m1": 10.0, "storey 1: s": 4e4}
 BOUNDS = {"m1": (9.9, 10.1), "storey 1: s": (3.98e4, 4.02e4)}
@@ -115,3 +117,20 @@ def test_a_law_too_stiff_for_the_default_method_is_no_reason():
     verdict = verdict_from(Facts(unexplained={1: 1.0}, free_run=run))
     assert verdict.state == "green"
     assert "Newmark" in verdict.sentence
+
+
+def test_units_that_a_file_does_not_state_are_assumed(tmp_path):
+    rows = np.arange(64)
+    motion = np.sin(0.3 * rows)
+    columns = {"F1 [N]": motion, "a1": motion, "x1 [mm]": motion}
+    path = tmp_path / "bare.csv"
+    pd.DataFrame(columns).to_csv(path, index=False)
+    notes = read_record(path, fs=100.0).quality
+    texts = [note.message for note in notes if note.kind == "assumed"]
+    assert any("a1" in text and "x1" not in text for text in texts)
+    assert any("100 Hz" in text for text in texts)
+    assert not any(note.is_fault for note in notes)
+
+    verdict = verdict_from(Facts(unexplained={1: 1.0}, quality=notes))
+    assert verdict.state == "green"
+    assert list(verdict.assumptions) == texts

@@ -168,3 +168,17 @@ def test_dampings_of_a_frame_with_rayleigh_damping_are_withheld():
     modes = fitted.confidence_intervals(of="modes").set_index("parameter")
     assert np.isnan(modes.loc["damping 1", "lower"])
     assert np.isfinite(modes.loc["frequency 3", "lower"])
+
+
+def test_forces_of_a_storey_hold_what_a_brace_makes_of_them():
+    """The stiffness of storey 2 is ambiguous, and so is its force at any drift."""
+    fitted = NRFRegressor(degree=1).fit(shaken(frame(), FIRST_MODE))
+    drifts = np.array([-2e-3, 1e-3])
+    forces = fitted.force_intervals(2, np.zeros(2), drifts)
+    truth = STIFFNESS[1] * drifts
+    given = forces["lower"].notna().to_numpy()
+    holds = (forces["lower"] <= truth) & (forces["upper"] >= truth)
+    assert holds[given].all()
+    alone = fitted.result_.intervals.forces(2, np.zeros(2), drifts, 0.95)
+    wider = forces["upper"] - forces["lower"] > 2 * (alone["upper"] - alone["lower"])
+    assert (wider | ~given).all()

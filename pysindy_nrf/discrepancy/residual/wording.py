@@ -112,7 +112,7 @@ def _located(table: pd.DataFrame) -> list[str]:
     others = rest[~alike & rest["share"].notna()]
     if len(others):
         other = others.iloc[0]
-        how = "hardly told from" if other["near"] else "next comes"
+        how = "hardly distinguishable from" if other["near"] else "next comes"
         parts.append(f"{how} {other.name} with {other['share']:.0f} %")
     if alike.any():
         names = ", ".join(map(str, rest.index[alike]))

@@ -57,9 +57,9 @@ def _further_laws(declared: list[ForceLaw], drift: float) -> list[ForceLaw]:
         AbsoluteQuadraticStiffness(),
         CubicStiffness(),
     ]
-    kept = [law for law in further if labels.isdisjoint(_labels(law))]
+    lacking = [law for law in further if labels.isdisjoint(_labels(law))]
     sliders = [Jenkins(uy=float(share) * drift) for share in YIELD_SHARES]
-    return [*kept, *sliders]
+    return [*lacking, *sliders]
 
 
 def _labels(law: ForceLaw) -> set[str]:

@@ -26,7 +26,7 @@ LEAST_DISTANCE = 8
 # (Kass and Raftery, Journal of the American Statistical Association 90, 1995).
 STRONG = 10.0
 # Intervals of the splines of all coefficients at once, by which the noise is seen.
-FEW_INTERVALS = 6
+COARSE_INTERVALS = 20
 # Share of the noise that these splines leave in a short record, at least.
 LEAST_LEFT = 0.25
 # Passes in which equations are weighted, and the dispersion is estimated.
@@ -154,7 +154,7 @@ class CourseFitter:
         sensor is calibrated better than to the floor of the weights.
         """
         courses = list(shaped.fit.courses)
-        spline = p_spline(self.middles, FEW_INTERVALS)
+        spline = p_spline(self.middles, COARSE_INTERVALS)
         for unknown in tested:
             if unknown not in shaped.shapes:
                 courses[unknown] = spline

@@ -59,6 +59,7 @@ def search_for_changes(
     start: ShapedFit,
     tested: Sequence[int],
     sizes: np.ndarray,
+    n_tests: int,
 ) -> Search:
     """Take in the coefficient with most evidence, until none is significant.
 
@@ -69,8 +70,10 @@ def search_for_changes(
     tested : sequence of int
     sizes : ndarray of shape (n_unknowns,)
         Force of each coefficient's column over that of its storey, per unit.
+    n_tests : int
+        Tests among which the rate of false alarms is shared.
     """
-    level = np.log(FALSE_ALARM_RATE / max(len(tested), 1))
+    level = np.log(FALSE_ALARM_RATE / n_tests)
     shaped = start
     evidence: dict[int, float] = {}
     pending = list(tested)

@@ -13,7 +13,7 @@ from ...records.dataset import Segment
 
 PIECES_A_PERIOD = 8
 # More pieces cost time and show nothing more of a record; fewer show no course.
-MOST_PIECES = 512
+MAX_PIECES = 512
 LEAST_PIECES = 32
 LEAST_SAMPLES = 4
 
@@ -56,7 +56,7 @@ def pieces_of_record(segment: Segment, model: ChainModel) -> Pieces:
     step = segment.step
     period = _first_period(segment, model)
     length = segment.n_valid * step
-    count = min(int(PIECES_A_PERIOD * length / period), MOST_PIECES)
+    count = min(int(PIECES_A_PERIOD * length / period), MAX_PIECES)
     count = min(max(count, LEAST_PIECES), segment.n_valid // LEAST_SAMPLES)
     if count < LEAST_PIECES:
         raise ChannelError(

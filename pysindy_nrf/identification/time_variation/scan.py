@@ -21,6 +21,8 @@ LEAST_SIDE = 0.05
 # Information on a step beside the other unknowns, over that of the step alone, at
 # least: the data tell it from them.
 LEAST_DETERMINED = 1e-6
+# Logarithm of the smallest probability whose normal score is computed.
+LEAST_LOG = -700.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,8 @@ class FurtherFunctions:
         explained = fit.covariance @ crossed
         products = fit.products[:, unknown, unknown, None] * functions
         information = functions.T @ products - crossed.T @ explained
-        own = functions * noise[:, unknown, None]
-        influences = own - fit.by_function(noise) @ explained
+        direct = functions * noise[:, unknown, None]
+        influences = direct - fit.by_function(noise) @ explained
         return cls(functions.T @ fit.scores[:, unknown], information, influences)
 
     @property
@@ -73,6 +75,18 @@ class FurtherFunctions:
             weight = 2 * (1 - lag / (NEIGHBOURS + 1))
             total = total + weight * np.sum(x[lag:] * x[:-lag], axis=0)
         return total
+
+    @property
+    def freedom(self) -> np.ndarray:
+        """Degrees of freedom of each variance: few where few pieces make it up.
+
+        By the kurtosis of the influences, 3 of Gaussian ones; neighbours together have
+        fewer (Anderson, The statistical analysis of time series, 1971, section 9.3).
+        """
+        squares = self.influences**2
+        fourth = np.maximum(np.sum(squares**2, axis=0), np.finfo(float).tiny)
+        pieces = 3 * np.sum(squares, axis=0) ** 2 / fourth
+        return np.maximum(1.5 * pieces / (NEIGHBOURS + 1), 1.0)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -97,6 +111,8 @@ class StepScan:
         Standardised, for white noise of unit dispersion.
     robust : ndarray
         Standardised by the noise that the pieces show, and the least one.
+    freedom : ndarray
+        Degrees of freedom of that noise.
     neighbours : ndarray of shape (len(pieces) - 1,)
         Correlation of the scores of neighbouring instants.
     """
@@ -104,6 +120,7 @@ class StepScan:
     pieces: np.ndarray
     scores: np.ndarray
     robust: np.ndarray
+    freedom: np.ndarray
     neighbours: np.ndarray
 
     @property
@@ -122,14 +139,15 @@ class StepScan:
         """
         if not len(self.robust):
             return 0.0
-        level = float(np.abs(self.robust).max())
-        first = stats.norm.logsf(level)
+        # every score as the normal one that is as improbable
+        tails = stats.t.logsf(np.abs(self.robust), self.freedom)
+        first = float(tails.min())
+        level = float(stats.norm.isf(np.exp(max(first, LEAST_LOG))))
         # for neighbours as close as here: P(Z1 < z < Z2) = phi(z) times the mean of the
-        # positive part of Z2 - Z1
+        # positive part of Z2 - Z1, and phi(z) is about z times the tail
         gaps = np.sqrt(np.maximum(2 - 2 * self.neighbours, 0.0) / (2 * np.pi))
-        crossings = np.log(max(np.sum(gaps), 1e-300)) + stats.norm.logpdf(level)
-        both = np.logaddexp(first, crossings) + np.log(2)
-        return float(min(both, 0.0))
+        instants = 1.0 + max(level, 1.0) * float(np.sum(gaps))
+        return min(first + float(np.log(2 * instants)), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,15 +180,16 @@ def step_scan(fit: PenalisedFit, unknown: int, noise: Noise | None = None) -> St
     further = FurtherFunctions.of(fit, unknown, after.astype(float), noise.scores)
 
     white = np.diag(further.information)
-    seen = white > LEAST_DETERMINED * share[pieces] * information.sum()
-    at = np.flatnonzero(seen)
-    root = np.sqrt(white[at])
-    scores = further.scores[at]
-    variances = further.variances[at] + noise.least * white[at]
+    determined = white > LEAST_DETERMINED * share[pieces] * information.sum()
+    chosen = np.flatnonzero(determined)
+    root = np.sqrt(white[chosen])
+    scores = further.scores[chosen]
+    variances = further.variances[chosen] + noise.least * white[chosen]
     robust = scores / np.sqrt(np.maximum(variances, np.finfo(float).tiny))
-    shared = further.information[at[:-1], at[1:]]
+    shared = further.information[chosen[:-1], chosen[1:]]
+    freedom = further.freedom[chosen]
     correlation = np.clip(shared / (root[:-1] * root[1:]), -1.0, 1.0)
-    return StepScan(pieces[at], scores / root, robust, correlation)
+    return StepScan(pieces[chosen], scores / root, robust, freedom, correlation)
 
 
 def log_probability_of_smooth(fit: PenalisedFit, unknown: int, noise: Noise) -> float:
@@ -185,5 +204,5 @@ def log_probability_of_smooth(fit: PenalisedFit, unknown: int, noise: Noise) -> 
     covariance = further.covariance + noise.least * further.information
     solution = np.linalg.lstsq(covariance, further.scores, rcond=1e-9)[0]
     ratio = max(float(further.scores @ solution), 0.0) / HALF_COSINES
-    freedom = n_pieces / (2 * NEIGHBOURS)
+    freedom = float(further.freedom.min())
     return float(stats.f.logsf(ratio, HALF_COSINES, freedom))

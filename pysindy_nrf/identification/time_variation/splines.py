@@ -54,10 +54,10 @@ def constant(n_pieces: int) -> Course:
     return Course(np.ones((n_pieces, 1)), np.zeros((1, 1)))
 
 
-def p_spline(middles: np.ndarray, most_intervals: int = MAX_INTERVALS) -> Course:
+def p_spline(middles: np.ndarray, max_intervals: int = MAX_INTERVALS) -> Course:
     """Penalised spline over the middles of pieces."""
     n_pieces = len(middles)
-    n_intervals = max(4, min(most_intervals, n_pieces // PIECES_A_KNOT))
+    n_intervals = max(4, min(max_intervals, n_pieces // PIECES_A_KNOT))
     share = (middles - middles[0]) / (middles[-1] - middles[0])
     inner = np.arange(-DEGREE, n_intervals + DEGREE + 1) / n_intervals
     columns = BSpline.design_matrix(

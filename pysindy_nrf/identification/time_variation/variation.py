@@ -24,6 +24,7 @@ SUDDEN = "sudden"
 BOTH = "gradual and sudden"
 AMPLITUDE = "amplitude dependence"
 EITHER = "change or amplitude dependence"
+UNCERTAIN = "not certain"
 CHANGING = (GRADUAL, SUDDEN, BOTH)
 
 
@@ -39,7 +40,8 @@ class TimeVariation:
     changes : DataFrame
         A row for each coefficient that was followed: ``site``, ``term``, ``kind``
         (``"constant"``, ``"gradual"``, ``"sudden"``, ``"gradual and sudden"``,
-        ``"amplitude dependence"``, ``"change or amplitude dependence"``), ``first``,
+        ``"amplitude dependence"``, ``"change or amplitude dependence"``, ``"not
+        certain"`` where a constant lies within the band all along), ``first``,
         ``last`` and ``lowest`` value (SI), ``change`` from the first to the last with
         ``lower`` and ``upper`` (percent of the first), and ``p``, a bound of the
         probability of the evidence if nothing changes.
@@ -143,8 +145,11 @@ def _sentence(row: dict[str, object]) -> str:
             f"{name}: {row['kind']} change of {row['change']:+.3g} %"
             f" ({row['lower']:+.3g} to {row['upper']:+.3g})."
         )
+    if row["kind"] == UNCERTAIN:
+        return f"{name}: follows the record, but a constant lies within its band."
     if row["kind"] == AMPLITUDE:
         return f"{name}: depends on the amplitude; no change in time is seen."
     return (
-        f"{name}: changes in time or depends on the amplitude; the record cannot tell."
+        f"{name}: changes in time or depends on the amplitude; the record does not show"
+        " which."
     )

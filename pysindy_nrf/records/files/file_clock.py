@@ -14,6 +14,7 @@ from ..channels import channel_of
 from ..clock import clock_of, seconds_of
 from ..quality import QualityNote
 from ..record import Record
+from .mapping.column_facts import SLOW, unit_of_ticks
 from .mapping.expression import Expression, line_of
 from .mapping.words import letter_named
 from .own_clocks import on_one_clock
@@ -26,10 +27,8 @@ from .units import (
     split_unit,
 )
 
-SLOW = 8.0  # Hz; accelerations of structures are sampled faster
 EVEN_PERCENT = 0.01  # by which steps of an even clock may vary
 _TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
-_UNITS_OF_TICKS = {"ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
 @dataclass(frozen=True)
@@ -102,8 +101,7 @@ class FileClock:
         """Refuse a time without a unit at which accelerations come far too slowly."""
         if self.unit_is_known or rate >= SLOW:
             return
-        enough = (unit for unit, n in _UNITS_OF_TICKS.items() if n * rate >= SLOW)
-        unit = next(enough, "ns")
+        unit = unit_of_ticks(1.0 / rate)
         raise ChannelError(
             f"{self.path}: accelerations at {rate:.3g} Hz say that the time is in"
             f" {unit}, not in s",

@@ -206,7 +206,7 @@ def _notes_on_channel(
     if abs(samples) > SAME_SAMPLE:
         side = "after" if shift > 0 else "before"
         message = (
-            f"{channel} starts {1e3 * abs(shift):.4g} ms ({abs(samples):.4g} samples)"
+            f"{channel} starts {1e3 * abs(shift):.4g} ms ({abs(samples):.4g} steps)"
             f" {side} {reference}: moved to its clock"
         )
         notes.append(QualityNote("shifted", message, channel, record, shift, reference))

@@ -11,6 +11,7 @@ import numpy as np
 from ...common.warn import warn_user
 from ...exceptions import ChannelError, DataQualityWarning, FileFormatError
 from ..channels import channel_of
+from ..quality import QualityNote
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
 from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
@@ -20,7 +21,7 @@ from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
 from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, kind_of_unit, si_factor, si_unit
+from .units import dimension_of, kind_of_unit, rotation_factor, si_factor, si_unit
 
 MAX_CHANNELS_SHOWN = 4  # of one length, in a message
 _MOTIONS = ("length", "velocity", "acceleration")
@@ -81,7 +82,7 @@ def read_record(
     mapping : mapping of str to str, optional
         Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1":
         "vir*35.1507", "a2": "-acc[:, 2] @ g"}``, or by several columns, ``"mean(left,
-        right) @ g"``. The factor may name a number held by the file. ``"none"`` drops a
+        right) @ g"``. The factor may name a number in the file. ``"none"`` drops a
         channel, ``"unknown"`` means that a force acts but was not measured. Channels
         are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a
         covariate. Columns that carry a channel's name need no mapping; all others are
@@ -290,7 +291,9 @@ def understand(
     record = _record_of(
         lines, clock, name or stated_name, coordinates or stated_coordinates
     )
-    record = preparation.of_record(record)
+    record = _noted_if_rotating(preparation.of_record(record), sources)
+    assumed = _assumed(sources, clock, record)
+    record = record.with_quality(record.quality + assumed)
 
     unused = _unused_variables(table, sources, clock)
     for warning in _overlooked(table, sources, unused):
@@ -325,6 +328,47 @@ def _overlooked(
                 " uses it: the base is taken at rest",
                 "Map it (ag = name), or leave it out of the file.",
             )
+
+
+def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
+    """A record of rotations, with a note on the units that it then has."""
+    if not any(is_rotation(c, source) for c, source in sources.items() if c != "t"):
+        return record
+    message = (
+        "its motion is a rotation: read N as N m, m as rad, kg as kg m^2 in all results"
+    )
+    note = QualityNote("rotation", message, "", record.name)
+    return record.with_quality((*record.quality, note))
+
+
+def _assumed(
+    sources: Mapping[str, Source], clock: FileClock, record: Record
+) -> tuple[QualityNote, ...]:
+    """Units and a rate that nothing in the file states."""
+    bare = [name for name in record.channels() if _has_bare_unit(name, sources)]
+    sentences = []
+    if bare:
+        units = ", ".join(dict.fromkeys(si_unit(channel) for channel in bare))
+        sentences.append(
+            f"{', '.join(bare)} are taken in {units}: no unit is given for them."
+        )
+    if clock.time is None:
+        sentences.append(
+            f"The rate of {record.fs:g} Hz is {clock.origin}: no time is read."
+        )
+    elif not clock.unit_is_known:
+        sentences.append("The time is taken in s: no unit is given for it.")
+    return tuple(
+        QualityNote("assumed", sentence, record=record.name) for sentence in sentences
+    )
+
+
+def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
+    """Whether a channel of the file has a dimension, and no unit."""
+    source = sources.get(channel)
+    if source is None or source.declared:
+        return False
+    return dimension_of(channel) is not None
 
 
 def _stated_in_file(table: Table) -> tuple[str, str]:
@@ -392,7 +436,28 @@ def _measured_in_si(
             declared=unit is not None,
         )
     _require_channels_of_units(declared, lines)
+    _require_one_kind_of_motion(sources)
     return lines, sources
+
+
+def _require_one_kind_of_motion(sources: Mapping[str, Source]) -> None:
+    """Refuse rotations beside translations: a chain has one kind of motion."""
+    channels = [c for c, source in sources.items() if c != "t" and source.declared]
+    rotating = [c for c in channels if is_rotation(c, sources[c])]
+    others = [c for c in channels if dimension_of(c) and c not in rotating]
+    if rotating and others:
+        first, second = rotating[0], others[0]
+        raise ChannelError(
+            f"{first} in {sources[first].unit} is a rotation, {second} in"
+            f" {sources[second].unit} is a translation",
+            "A chain has one kind of motion: N m with rad, rad/s and kg m^2, or N with"
+            " m, m/s and kg. Leave one out ('none'), or scale it by a lever arm.",
+        )
+
+
+def is_rotation(channel: str, source: Source) -> bool:
+    """Whether a channel is an angle, its rate or a torque, by its unit."""
+    return bool(source.unit) and rotation_factor(source.unit, channel) is not None
 
 
 def _with_unknown_forces(

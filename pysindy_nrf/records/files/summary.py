@@ -12,13 +12,19 @@ from ..record import BASES, Record
 from .file_clock import Source
 from .reading import Reading
 from .table import Table, short
-from .units import si_unit
+from .units import SI_OF_ROTATION, si_unit
 
 _KINDS = {
     "a": "absolute acceleration",
     "v": "velocity",
     "x": "displacement",
     "F": "force",
+}
+_KINDS_OF_ROTATION = {
+    "a": "absolute angular acceleration",
+    "v": "angular velocity",
+    "x": "angle",
+    "F": "torque",
 }
 MAX_VARIABLES_SHOWN = 40
 MAX_UNUSED_SHOWN = 12
@@ -157,7 +163,7 @@ def _extent(values: np.ndarray) -> str:
 def summary(record: Record) -> dict[str, object]:
     """Summary of a record as plain data, for JSON."""
     channels = {
-        name: {"unit": si_unit(name), "rms": _rms(line), "peak": _peak(line)}
+        name: {"unit": unit_of(record, name), "rms": _rms(line), "peak": _peak(line)}
         for name, line in record.channels().items()
     }
     return {
@@ -187,7 +193,7 @@ def record_html(record: Record) -> str:
 def channel_table(record: Record) -> pd.DataFrame:
     """Quantity, unit, root mean square and peak of every channel."""
     rows = [
-        [name, kind_of(record, name), si_unit(name), _rms(line), _peak(line)]
+        [name, kind_of(record, name), unit_of(record, name), _rms(line), _peak(line)]
         for name, line in record.channels().items()
     ]
     return pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak"])
@@ -201,11 +207,17 @@ def kind_of(record: Record, name: str) -> str:
     if name[:1] not in _KINDS or not name[1:].isdigit():
         return "covariate"
 
-    kind = _KINDS[name[0]]
+    kind = (_KINDS_OF_ROTATION if record.rotates else _KINDS)[name[0]]
     if name[0] not in "vx":
         return kind
     is_relative = record.coordinates == "relative"
     return f"{kind} relative to base" if is_relative else f"{kind}, absolute"
+
+
+def unit_of(record: Record, name: str) -> str:
+    """SI unit of a channel of a record, whose motion may be a rotation."""
+    unit = si_unit(name)
+    return SI_OF_ROTATION[name[0]] if unit and record.rotates else unit
 
 
 def _rms(line: np.ndarray) -> float:
@@ -221,7 +233,7 @@ def _size(record: Record, name: str, line: np.ndarray) -> str:
     peak = _peak(line)
     if peak == 0:
         return "zero throughout"
-    unit = "" if name in record.covariates else f" {si_unit(name)}"
+    unit = "" if name in record.covariates else f" {unit_of(record, name)}"
     return f"rms {_rms(line):.4g}{unit}, peak {peak:.4g}{unit}"
 
 

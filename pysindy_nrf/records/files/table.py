@@ -201,5 +201,5 @@ def without_empty_rows(
 
 
 def two_columns_of_one_name(path: Path, name: str) -> FileFormatError:
-    """Error for a table whose columns cannot be told apart."""
+    """Error for a table whose columns cannot be distinguished."""
     return FileFormatError(f"{path} has two columns named {name!r}", "Rename one.")

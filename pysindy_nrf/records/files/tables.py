@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ...common.files import atomic_write
 from ...exceptions import FileFormatError
 from ..clock import rate_of
 from .formats import format_of
@@ -101,7 +102,7 @@ def unpacked(path: Path, max_bytes: int) -> Iterator[Path]:
         plain = Path(folder, path.stem)
         size = 0
         with reading_as(path, "a compressed file"):
-            with opener(path, "rb") as packed, open(plain, "wb") as file:
+            with opener(path, "rb") as packed, atomic_write(plain, "wb") as file:
                 while piece := packed.read(PIECE_BYTES):
                     size += len(piece)
                     check_size(path, size, max_bytes)

@@ -31,6 +31,20 @@ class Quantity:
     jargon: dict[str, str] = field(default_factory=dict)
 
 
+# Angles, by which a unit measures a rotation, and torques as engineers write them.
+_ANGLES = {
+    *("rad", "mrad", "radian", "radians", "deg", "degree", "degrees", "°"),
+    *("rev", "revs", "revolution", "turn", "rpm"),
+}
+_TORQUES = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "Nmm": "N*mm", "Ncm": "N*cm"}
+SI_OF_ROTATION = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "F": "N m"}
+_DIMENSION_OF_ROTATION = {
+    "x": "[]",
+    "v": "1 / [time]",
+    "a": "1 / [time] ** 2",
+    "F": "[force] * [length]",
+}
+
 QUANTITIES = {
     "x": Quantity(
         "length",
@@ -79,7 +93,7 @@ QUANTITIES = {
 _OTHER_DIMENSIONS = {
     "mass": "[mass]",
     "a frequency": "[frequency]",
-    "energy": "[energy]",
+    "energy or a torque": "[energy]",
     "a pressure": "[pressure]",
     "a stiffness": "[force] / [length]",
     "a number or an angle": "[]",
@@ -124,6 +138,10 @@ def si_factor(unit: str, channel: str) -> float:
     if text == quantity.si:
         return 1.0
 
+    of_rotation = rotation_factor(unit, channel)
+    if of_rotation is not None:
+        return of_rotation
+
     known = [m for m in map(_measured, _readings(text, quantity)) if m is not None]
     for measured in known:
         if measured.check(f"[{quantity.name}]"):
@@ -139,6 +157,24 @@ def si_factor(unit: str, channel: str) -> float:
         f"The unit {unit!r} of channel {channel} is unknown",
         f"Write e.g. {quantity.examples}, or scale the channel: name * number.",
     )
+
+
+def rotation_factor(unit: str, channel: str) -> float | None:
+    """Factor to rad, rad/s, rad/s^2 or N m; None for a unit that is of no rotation."""
+    letter = channel[:1]
+    text = _one_spelling(unit)
+    text = _TORQUES.get(text, text).replace("°", "deg").replace("-", "*")
+    factors = _factors(text)
+    if factors is None or letter not in SI_OF_ROTATION:
+        return None
+
+    names = {name for name, _ in factors}
+    is_of_angle = letter != "F" and factors[0][0] in _ANGLES
+    is_product = letter == "F" and len(names) == 2 and "/" not in text
+    measured = _measured(text) if is_of_angle or is_product else None
+    if measured is None or not measured.check(_DIMENSION_OF_ROTATION[letter]):
+        return None
+    return float(f"{measured.magnitude:.15g}")
 
 
 def _dimension_in_words(text: str, measured: PlainQuantity[float]) -> str:
@@ -166,6 +202,9 @@ def kind_of_unit(unit: str | None) -> str | None:
     # sorted: "mn" is a millinewton before it is anything else
     for letter, quantity in sorted(QUANTITIES.items()):
         if text == quantity.si or _measures(text, quantity):
+            return letter
+    for letter in SI_OF_ROTATION:
+        if rotation_factor(text, letter) is not None:
             return letter
     return None
 

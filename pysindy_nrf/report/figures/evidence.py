@@ -414,7 +414,7 @@ def missing_force_figures(
     """The force that the declared laws lack at a site, with the found law over it.
 
     Over drift and over rate. Empty where the force was not measured, or where declared
-    laws are not linear: their parts can then not be told apart along filtered lines.
+    laws are not linear: their parts can then not be separated along filtered lines.
 
     Parameters
     ----------

@@ -34,6 +34,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     cut_number = _number_cut_off(path, dialect)
     frame = _read_frame(path, dialect, without_last_row=bool(cut_number))
     header = dialect.header
+    header.require_distinct_channels(path)
     has_time = any(letter_named(name) == "t" for name in header.names)
     frame, notes_on_rows = without_empty_rows(frame, has_time)
     variables, units = _columns(path, frame, dialect)

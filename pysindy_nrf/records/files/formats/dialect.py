@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ....exceptions import FileFormatError
+from ...channels import channel_of
 from ..mapping.words import EASTERN_WORDS
-from ..table import unreadable
+from ..table import two_columns_of_one_name, unreadable
 from ..units import is_unit, split_unit
 
 HEAD_BYTES = 65536  # from which the dialect is found
@@ -76,6 +77,12 @@ class Header:
     units: tuple[str, ...]
     named: bool  # by the file; otherwise the names are c1, c2, ...
     repeated: tuple[str, ...] = ()  # names of more than one column
+
+    def require_distinct_channels(self, path: Path) -> None:
+        """Refuse two columns that are one channel by their name."""
+        for name in self.repeated:
+            if channel_of(name):
+                raise two_columns_of_one_name(path, name)
 
     @property
     def notes(self) -> list[str]:
@@ -313,7 +320,7 @@ def _distinct(
     -------
     names : list of str
     repeated : tuple of str
-        Those that only the letter of the column tells apart.
+        Those that only the letter of the column distinguishes.
     """
     for row in reversed(rows_above[-MAX_ROWS_OF_NAMES:]):
         if not _repeated(names):

@@ -41,6 +41,7 @@ def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
     width = max(map(_width, rows[start:]))
     header = header_of([_texts(row, width) for row in rows[:start]], width)
+    header.require_distinct_channels(path)
     has_time = any(letter_named(name) == "t" for name in header.names)
     frame = pd.DataFrame([_cells(row, width) for row in rows[start:]])
     frame, notes_on_rows = without_empty_rows(frame, has_time)
@@ -105,8 +106,9 @@ def _width(row: Row) -> int:
 
 
 def _cells(row: Row, width: int) -> list[object]:
-    """Cells of a row in this width."""
-    return [*row[:width], *[None] * (width - len(row))]
+    """Cells of a row in this width; blanks alone are an empty cell."""
+    cells = [*row[:width], *[None] * (width - len(row))]
+    return [None if isinstance(c, str) and not c.strip() else c for c in cells]
 
 
 def _first_row_of_numbers(rows: Sequence[Row]) -> int | None:

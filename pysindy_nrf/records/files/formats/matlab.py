@@ -55,7 +55,7 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 def _distinct_titles(
     arrays: Mapping[str, np.ndarray], stated: Mapping[str, str]
 ) -> dict[str, str]:
-    """Names that structures give to their samples, where these tell them apart."""
+    """Names that structures give to their samples, where these distinguish them."""
     titles = {name: title for name, title in stated.items() if name in arrays}
     names = [*titles.values(), *(name for name in arrays if name not in titles)]
     return titles if len(set(names)) == len(names) else {}

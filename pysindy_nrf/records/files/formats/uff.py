@@ -58,6 +58,11 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     with reading_as(path, "UFF"):
         file = pyuff.UFF(str(path))
         histories = _read_histories(file, path, max_bytes)
+        if not histories and read_uff_responses(path, max_bytes):
+            raise FileFormatError(
+                f"{path} holds frequency responses and no time history",
+                "Read them with read_frf (--frf).",
+            )
         types = [int(kind) for kind in file.get_set_types()]
         systems = [file.read_sets(i) for i, kind in enumerate(types) if kind == _UNITS]
 
@@ -161,9 +166,8 @@ def _real_histories(path: Path, histories: list[DataSet]) -> list[DataSet]:
 
     real = [h for h in histories if not np.iscomplexobj(h["data"])]
     if not real:
-        raise FileFormatError(
-            f"{path} holds no time history (data set 58, function type 1)",
-            "Frequency responses are read with read_frf (--frf).",
+        raise unreadable(
+            path, "UFF", "it holds no time history (data set 58, function type 1)"
         )
     for history in real:
         announced = int(history["num_pts"])

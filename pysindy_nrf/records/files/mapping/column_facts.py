@@ -22,6 +22,18 @@ DERIVATIVE_CORRELATION = 0.95
 # left: a motion of one frequency is its own second derivative.
 CLEARER_THAN_ITSELF = 0.2
 MIN_ROWS = 32
+SHORTEST_OF_FILES = 0.5  # of the longest, that are channels of one test
+
+
+SLOW = 8.0  # Hz; accelerations of structures are sampled faster
+SLOWEST_STEP = 100.0  # s; no test is sampled more slowly
+TICKS = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}  # of a second
+
+
+def unit_of_ticks(step: float) -> str:
+    """The largest unit of time in which a step is short enough for a structure."""
+    fast_enough = (unit for unit, n in TICKS.items() if not n / step < SLOW)
+    return next(fast_enough, "ns")
 
 
 @dataclass(frozen=True)
@@ -69,6 +81,13 @@ class ColumnFacts:
     relation: Relation | None = None
 
     @property
+    def step(self) -> float:
+        """Mean step of a time; NaN for any other column."""
+        if self.values is None or not self.is_time:
+            return float("nan")
+        return float((self.values[-1] - self.values[0]) / (len(self.values) - 1))
+
+    @property
     def is_constant(self) -> bool:
         """Whether it does not move."""
         if self.values is None:
@@ -83,7 +102,9 @@ def column_facts(table: Table) -> list[ColumnFacts]:
     step = 1.0 / table.fs if table.fs is not None else 1.0
     for column in columns:
         if column.values is not None and column.is_time:
-            step = _step(column.values) or step
+            ticks = _step(column.values) or step
+            is_in_seconds = ticks < SLOWEST_STEP
+            step = ticks if is_in_seconds else ticks / TICKS[unit_of_ticks(ticks)]
             break
 
     moving = {
@@ -104,8 +125,10 @@ def _columns(table: Table) -> Iterator[ColumnFacts]:
     """Columns of the longest variables, and whether they are times."""
     lengths = [len(values) for values in table.variables.values() if values.ndim]
     longest = max(lengths, default=0)
+    # channels of one test in several files may differ in length
+    shortest = longest * SHORTEST_OF_FILES if table.files else longest
     for name, values in table.variables.items():
-        if values.ndim not in (1, 2) or len(values) != longest:
+        if values.ndim not in (1, 2) or len(values) < shortest:
             continue
         if values.dtype.kind not in "biuf":
             yield ColumnFacts(as_name(name), name, None)
@@ -139,7 +162,8 @@ def _with_spectra(
     if not moving:
         return []
     columns = list(moving)
-    lines = np.array(list(moving.values()))
+    n_rows = min(map(len, moving.values()))
+    lines = np.array([line[:n_rows] for line in moving.values()])
     lines = lines - lines.mean(axis=1, keepdims=True)
     taper = np.hanning(lines.shape[1])
     spectra = np.fft.rfft(lines * taper, axis=1)[:, 3:]

@@ -31,6 +31,8 @@ def words_of_columns(
     for fact in facts:
         channel = used.get(fact.text)
         end = f"  -> {channel}" if channel else "  (not used)"
+        if fact.is_time and table.files and not channel:
+            end = "  (time of its file)"
         name = " ".join(short(fact.text).split())
         unit = table.units.get(fact.variable, "")
         described = _looks_like(fact, unit, has_time)

@@ -15,7 +15,7 @@ import numpy as np
 from ...channels import channel_of
 from ..table import Table
 from ..units import kind_of_unit, si_unit, split_suffix
-from .column_facts import ColumnFacts, column_facts
+from .column_facts import ColumnFacts, column_facts, unit_of_ticks
 from .column_words import words_of_columns
 from .expression import as_name
 from .words import (
@@ -99,6 +99,8 @@ def propose(table: Table, facts: Sequence[ColumnFacts] | None = None) -> list[Pr
         by_letter[column.letter].append(column)
 
     placed = by_letter["t"][:1]
+    if by_letter["a"]:  # other motions may be sampled slowly
+        placed = [_with_unit_of_ticks(column, facts) for column in placed]
     for letter in "axv":
         placed += _motions_on_floors(by_letter[letter])
     n_floors = max([column.floor for column in placed], default=0)
@@ -109,6 +111,17 @@ def propose(table: Table, facts: Sequence[ColumnFacts] | None = None) -> list[Pr
         proposal = Proposal(column.channel, column.text, column.doubts)
         proposals.setdefault(column.channel, proposal)
     return list(proposals.values())
+
+
+def _with_unit_of_ticks(time: _Column, facts: Sequence[ColumnFacts]) -> _Column:
+    """A time without a unit, in that of its ticks if seconds would be far too slow."""
+    step = next((fact.step for fact in facts if fact.text == time.text), np.nan)
+    is_unsaid = any(doubt.startswith("no unit") for doubt in time.doubts)
+    unit = unit_of_ticks(step)
+    if not is_unsaid or unit == "s":
+        return time
+    doubt = f"no unit: {unit} taken, since s would be {1 / step:.2g} Hz"
+    return replace(time, text=f"{time.text} @ {unit}", doubts=(doubt,))
 
 
 def _channel_columns(table: Table, facts: Sequence[ColumnFacts]) -> list[_Column]:
@@ -176,7 +189,7 @@ def _letter_of(name: str, unit: str | None) -> str | None:
 def _columns_by_shape(
     named: Sequence[_Column], facts: Sequence[ColumnFacts]
 ) -> list[_Column]:
-    """Columns without a telling name: the time, and pairs of a motion and its
+    """Columns without a meaningful name: the time, and pairs of a motion and its
     derivative.
     """
     letters = {column.text: column.letter for column in named}
@@ -353,10 +366,13 @@ def mapping_text(
     """
     names = ", ".join(_quoted(path.name) for path in files)
     lines = [f"files = [{names}]"]
-    if len(files) > 1 and table is not None and table.files:
+    if table is not None and table.files:
         lines.append("together = true")
     if table is not None:
-        used = {proposal.text: proposal.channel for proposal in proposals}
+        used = {
+            proposal.text.partition(" @ ")[0]: proposal.channel
+            for proposal in proposals
+        }
         lines += ["", "# Columns of the file, and what they look like:"]
         lines += [f"#   {words}" for words in words_of_columns(table, facts, used)]
         if lacks_clock(proposals, table):

@@ -21,13 +21,13 @@ WORDS_OF_CHANNELS = {
     "F": (
         "force kraft fuerza forza effort load last charge carga carico shaker hammer"
         " impact impakt marteau martillo martello exciter erreger excit vibrodin"
-        " dynamom 荷重 力 加振"
+        " dynamom torque drehmoment couple coppia 荷重 力 加振"
     ),
     "x": (
         "disp lvdt laser string drift weg verschieb auslenk deplac desplaz spost dist"
-        " abstand potentiom 位移 变位 変位"
+        " abstand potentiom angle winkel angolo angulo 位移 变位 変位"
     ),
-    "v": "vel geschw vitess speed ldv 速度",
+    "v": "vel geschw vitess speed ldv omega drehzahl 速度",
 }
 WORDS_OF_BASE = (
     "ag xg vg base basis ground boden table tisch sol suelo terreno fundament"

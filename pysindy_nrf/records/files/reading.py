@@ -296,15 +296,15 @@ def understand(
     record = record.with_quality(record.quality + assumed)
 
     unused = _unused_variables(table, sources, clock)
-    for warning in _overlooked(table, sources, unused):
-        warn_user(warning)
+    for what, cure in _overlooked(table, sources, unused):
+        warn_user(DataQualityWarning(what, cure))
     return Reading(record, table, sources, unused, clock=clock.in_words(record))
 
 
 def _overlooked(
     table: Table, sources: Mapping[str, Source], unused: Sequence[str]
-) -> Iterator[DataQualityWarning]:
-    """Warnings of a force, or a motion of the base, that no channel uses.
+) -> Iterator[tuple[str, str]]:
+    """What is overlooked and the cure, of a force, or a motion of the base, that no channel uses.
 
     Only where none is mapped, so that it would be taken as zero.
     """
@@ -317,13 +317,13 @@ def _overlooked(
         letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
         is_of_base = names_one_of(name, WORDS_OF_BASE)
         if letter == "F" and not has_force:
-            yield DataQualityWarning(
+            yield (
                 f"The column {name!r} seems to be a force, and no channel uses it: all"
                 " floors are taken as unforced",
                 "Map it (F1 = name), or leave it out of the file.",
             )
         elif letter in ("a", "v", "x") and is_of_base and not has_base:
-            yield DataQualityWarning(
+            yield (
                 f"The column {name!r} seems to be a motion of the base, and no channel"
                 " uses it: the base is taken at rest",
                 "Map it (ag = name), or leave it out of the file.",

@@ -76,8 +76,10 @@ def _sheets(path: Path, max_bytes: int) -> dict[str, list[Row]]:
         for sheet in book.worksheets:
             sheet.reset_dimensions()  # some programs write a range that is too small
             sheets[sheet.title] = list(sheet.iter_rows(values_only=True))
-        if not sheets:
-            raise ValueError("it has no sheet of cells")
+    if not sheets:
+        raise FileFormatError(
+            f"{path} has no sheet of cells", "Save the channels on a sheet of cells."
+        )
     return sheets
 
 

@@ -115,7 +115,7 @@ class Differences:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the standard errors."""
-        n_blocks = []
+        n_blocks: list[int] = []
         for cut in self.cuts:
             n_blocks += map(len, cut.grams)
         return min(n_blocks) - 1

@@ -131,3 +131,11 @@ def test_rows_of_a_matrix_that_lies_on_its_side(capsys):
     assert run(["inspect", "side.npz", "--write-mapping", "own.toml", "--json"]) == 0
     (record,) = json.loads(capsys.readouterr().out)["records"]
     assert record["sources"]["a2"]["from"] == "acc[1, :]"
+
+
+def test_one_row_of_numbers_is_called_transposed(capsys):
+    Path("row.txt").write_text(" ".join(f"{x:.7e}" for x in np.arange(9000)) + "\n")
+    assert run(["inspect", "row.txt"]) == 3
+    message = capsys.readouterr().err
+    assert "transposed" in message
+    assert "damaged" not in message

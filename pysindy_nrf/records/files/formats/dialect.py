@@ -141,8 +141,7 @@ def sniff(path: Path) -> Dialect:
     if not lines[-1] or not is_complete:
         lines.pop()  # empty, or probably cut
     if not lines:
-        reason = f"its first line is longer than {HEAD_BYTES // 1024} KB"
-        raise unreadable(path, "delimited text", reason)
+        raise _one_long_line(path, head)
 
     content = [i for i, line in enumerate(lines) if not _is_comment(line)]
     text = _Text(lines, content, encoding)
@@ -156,6 +155,19 @@ def sniff(path: Path) -> Dialect:
     if dialect is None:
         raise _no_numbers(path, text)
     return dialect
+
+
+def _one_long_line(path: Path, head: str) -> FileFormatError:
+    """Error for a text whose first line does not end."""
+    length = f"its first line is longer than {HEAD_BYTES // 1024} KB"
+    cells = re.split(r"[;,\s|]+", head.strip())[:-1]
+    numbers = [cell for cell in cells if _NUMBERS["."].fullmatch(cell)]
+    if len(numbers) < MIN_EVEN_SHARE * len(cells) or len(cells) < 2:
+        return unreadable(path, "delimited text", length)
+    return FileFormatError(
+        f"{path}: {length}; its numbers stand in one row, so the table is transposed",
+        "Write one row per sample, one column per channel.",
+    )
 
 
 # Nearly any bytes decode as these; the text must also hold a word for a channel.

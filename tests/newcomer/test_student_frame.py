@@ -1,0 +1,39 @@
+"""Four loggers of one frame, each with a clock of its own, joined by their clocks."""
+
+import measured
+import numpy as np
+import pandas as pd
+import pytest
+
+from pysindy_nrf import ChainModel
+from pysindy_nrf.cli import run
+
+LOGGERS = {"ground": ("g", "ag"), "floor1": ("1", "a1")}
+LOGGERS |= {"floor2": ("2", "a2"), "floor3": ("3", "a3")}
+# Stiffness over mass of the storeys, per s^2, of the publishers' records.
+STIFFNESSES = (2796.0, 2529.0, 2830.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("test", ["sine", "northridge"])
+def test_stiffnesses_without_a_tie(test, tmp_path, monkeypatch):
+    """In the sine test floor 1 starts one sample before the others."""
+    folder = measured.folder("student_frame") / "student_frame"
+    data = np.load(folder / f"frame_flexible_{test}.npz")
+    monkeypatch.chdir(tmp_path)
+    for name, (clock, channel) in LOGGERS.items():
+        columns = {"SampleTimeFine": data[f"t_us_{clock}"], "Acc_X": data[channel]}
+        pd.DataFrame(columns).to_csv(f"{name}.csv", index=False)
+
+    files = [f"{name}.csv" for name in LOGGERS]
+    assert run(["inspect", *files, "--together", "--write-mapping", "test.toml"]) == 0
+    masses = [f"--known-mass={j}=1" for j in (1, 2, 3)]
+    run(["run", "--mapping", "test.toml", *masses, "--no-figures"])
+    model = ChainModel.from_json("nrf_runs/ground/closed_loop.json")
+    sites = {str(site) for site in model.laws}
+    assert not any(site.startswith(("link", "ground")) for site in sites)
+
+    _, _, stiffness = model.matrices()
+    upper, top = -stiffness[0, 1], -stiffness[1, 2]
+    found = (stiffness[0, 0] - upper, upper, top)
+    np.testing.assert_allclose(found, STIFFNESSES, rtol=0.02)

@@ -314,12 +314,12 @@ class ClassSearch:
     def _place_of(self, proposal: Proposal) -> Place:
         """The place of a proposal."""
         site = proposal.finding.candidate.sites[0]
-        for place in self.places:
-            if place.sites[0] == site and (
-                place.effect_class == proposal.naming.effect_class
-            ):
-                return place
-        raise AssertionError("a proposal comes from a place")
+        effect_class = proposal.naming.effect_class
+        return next(
+            place
+            for place in self.places
+            if place.sites[0] == site and place.effect_class == effect_class
+        )
 
     # -- all samples -----------------------------------------------------------
 

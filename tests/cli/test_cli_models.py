@@ -42,7 +42,7 @@ def demo(tmp_path_factory):
 
 def test_demo_says_what_was_measured_and_what_can_be_found(demo):
     _, text = demo
-    assert "known to be unforced: DOFs 1, 3" in text
+    assert "DOFs 1, 3, taken as unforced" in text
     assert "Balance of DOF 2 (forced): m2, storey 2" in text
 
 

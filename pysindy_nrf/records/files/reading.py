@@ -304,7 +304,7 @@ def understand(
 def _overlooked(
     table: Table, sources: Mapping[str, Source], unused: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
-    """What is overlooked, and the cure: a force or a motion of the base without channel.
+    """What is overlooked, and the cure: a force or motion of the base without channel.
 
     Only where none is mapped, so that it would be taken as zero.
     """

@@ -42,10 +42,10 @@
     if ("paper" in document.documentElement.dataset) {
       layout.width = document.getElementById(name).clientWidth;
       const isOnePage = "onepage" in document.documentElement.dataset;
-      const highest = layout.scene ? 420 : isOnePage ? 150 : 240;
-      if (isOnePage && layout.yaxis2) { layout.height = 230; }
+      const highest = layout.scene ? 420 : isOnePage ? 140 : 240;
+      if (isOnePage && layout.yaxis2) { layout.height = 200; }
       if (!layout.yaxis2) {
-        layout.height = Math.min(layout.height, Math.max(150, 0.6 * layout.width), highest);
+        layout.height = Math.min(layout.height, Math.max(140, 0.6 * layout.width), highest);
       }
     }
     layout.paper_bgcolor = CLEAR;

@@ -79,8 +79,9 @@ def families(step: Any) -> set[str]:
 
 
 def names_of(step: Any) -> set[str]:
-    """The step's law, its family and its declared ties."""
-    return {step.law, *families(step)}
+    """The step's law, its family and its declared ties; of a general law its class."""
+    names = {step.law, *families(step)}
+    return names if step.carries else {*names, step.effect_class, step.closest}
 
 
 def heldout_error(report: Any) -> float:
@@ -215,7 +216,8 @@ def friction_damper(run: str) -> Test:
 
 
 def _bearing(report: Any) -> Claim:
-    return claim_at_each(report, "friction", "hysteresis", sites=("storey 1",))
+    names = ("friction", "hysteresis", "memoryless")
+    return claim_at_each(report, *names, sites=("storey 1",))
 
 
 def _friction_with_backlash(report: Any) -> Claim:
@@ -231,11 +233,11 @@ def _hysteresis_in_storey_3(report: Any) -> Claim:
 
 
 def _friction_first(report: Any) -> Claim:
-    return first_claim(report, "friction")
+    return first_claim(report, "friction", "memoryless")
 
 
 def _friction_or_hysteresis_first(report: Any) -> Claim:
-    return first_claim(report, "friction", "hysteresis")
+    return first_claim(report, "friction", "hysteresis", "memoryless")
 
 
 def _cubic_first(report: Any) -> Claim:

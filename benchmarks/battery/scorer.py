@@ -45,6 +45,17 @@ FAMILY = {
     "brace": "link",
     "ground_link": "link",
 }
+# Class of the package's effects that holds each family.
+CLASS = {
+    "friction": "memoryless",
+    "damping": "memoryless",
+    "stiffness": "memoryless",
+    "contact": "memoryless",
+    "hysteresis": "hysteresis",
+    "degradation": "change in time",
+    "forcing": "outside force",
+    "link": "tie",
+}
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
 ONE_CLASS = {"friction", "hysteresis"}
 # A second test would not show these from the same start: the loop holds out the end of
@@ -325,8 +336,14 @@ def at_site(effect: Effect, step: Any) -> bool:
 
 
 def of_family(effect: Effect, step: Any) -> bool:
-    """Whether a step holds the effect's family, itself or as a declared tie."""
-    return FAMILY[effect.kind] in {step.family, *step.alternatives}
+    """Whether a step holds the effect's family, itself or as a declared tie.
+
+    A general law names no family: its class must be right.
+    """
+    family = FAMILY[effect.kind]
+    if not step.carries:
+        return CLASS[family] == step.effect_class
+    return family in {step.family, *step.alternatives}
 
 
 def names(effect: Effect, step: Any) -> bool:

@@ -8,8 +8,9 @@ from simulated_cases import simulated
 
 from pysindy_nrf import Record, Site
 from pysindy_nrf.discrepancy import bootstrap
+from pysindy_nrf.discrepancy.amplitude import at_other_amplitudes
 from pysindy_nrf.discrepancy.balance_loop import BalanceLoop
-from pysindy_nrf.discrepancy.candidate_search import CandidateSearch, general_promise
+from pysindy_nrf.discrepancy.candidate_search import best_findings
 from pysindy_nrf.discrepancy.catalogue import (
     Experiment,
     candidates,
@@ -17,9 +18,11 @@ from pysindy_nrf.discrepancy.catalogue import (
 )
 from pysindy_nrf.discrepancy.channel_errors import ChannelErrors
 from pysindy_nrf.discrepancy.contradictions import contradictions
+from pysindy_nrf.discrepancy.dictionary import dictionary
 from pysindy_nrf.discrepancy.effects import Effect, RankedFinding
 from pysindy_nrf.discrepancy.error_reduction import ErrorReduction, Powers
 from pysindy_nrf.discrepancy.folds import split, window_length
+from pysindy_nrf.discrepancy.growth import grown_law
 from pysindy_nrf.discrepancy.model_extension import ModelExtension
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.request import SearchLimits, read_request
@@ -29,7 +32,7 @@ from pysindy_nrf.discrepancy.windows import Windows
 from pysindy_nrf.records import BlockRows, Dataset, Segment
 from pysindy_nrf.records.fusion.noise_levels import levels_of
 
-__all__ = ["general_promise", "window_length"]
+__all__ = ["at_other_amplitudes", "window_length"]
 
 
 def start_of(record, baseline=None):
@@ -51,10 +54,21 @@ def tried_at(catalogue, chain, **test):
 
 
 def findings_of(state, catalogue):
-    """What a search finds beside a state, the best first."""
+    """The names of a catalogue beside a state, the best first."""
     forced = state.model.spectra.data.forced
     tried = tried_at(catalogue, state.model.chain, forced=forced)
-    return CandidateSearch(tried).findings(state)
+    return best_findings(state, tried, 8)
+
+
+def grown_at(state, effect_class, site):
+    """The general law of a class that is grown at a site, and what it gains, dB."""
+    model = state.model
+    atoms = dictionary(effect_class, Site(site), model.spectra.data)
+    law = grown_law(model, Site(site), atoms)
+    if law is None:
+        return None, 0.0
+    after = model.with_laws([(Site(site), law)])
+    return law, after.reduction_from(model).value
 
 
 def refitted_to_a_draw(state):

@@ -176,6 +176,17 @@ def test_measured_records_are_searched_without_a_band():
     assert "refused" not in printed
 
 
+def test_public_records_by_defaults_stand_beside_published_numbers():
+    """Silverbox within 1 % of its output, the mass of EMPS within 1 % of 95.11 kg."""
+    for name in ("silverbox_multisine", "emps"):
+        measured.folder(name)
+    printed = run("published", "--quick", "silverbox", "emps")
+    silverbox = lines_with(printed, "| Silverbox |")[0].split("|")
+    assert float(silverbox[5]) < 1.0
+    mass = printed.partition("EMPS, trained on all")[2].partition("m1")[2].split()[0]
+    assert abs(float(mass) / 95.1089 - 1) < 0.01
+
+
 def test_half_of_a_record_shows_the_effect_of_the_whole():
     measured.folder("friction_damper_with_backlash")
     assert "Kept: 1 of 1" in run("robustness", "--quick")
@@ -237,3 +248,16 @@ def test_a_sensor_on_top_identifies_a_linear_chain():
         assert "no interval, 0 of" in row
     assert worst["0"] < 1e-4
     assert worst["0.5"] < 2
+
+
+@pytest.mark.slow
+def test_changes_in_time_are_followed_where_they_are_and_only_there():
+    rows = {}
+    for line in run("time_varying", "--quick").splitlines():
+        for what in ("right storey", "instants within", "constant called", "amplitude"):
+            if line.strip().startswith(what):
+                rows[what] = float(line.split(")")[1].split()[0])
+    assert rows["right storey"] == 100
+    assert rows["instants within"] == 100
+    assert rows["constant called"] == 0
+    assert rows["amplitude"] == 100

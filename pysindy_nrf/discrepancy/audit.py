@@ -5,21 +5,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..common.audit import constants_of, settings_of
+from .amplitude import AMPLITUDE
 from .bands import BANDS
 from .candidate_search import SEARCH
 from .certainty import CERTAINTY
-from .chance import CHANCE
 from .channel_errors import CHANNEL_ERRORS
 from .channel_spectra import CHANNELS
 from .claims import CLAIMS
-from .confirmation import CONFIRMATION
+from .class_search import CLASSES
 from .contradictions import CONTRADICTIONS
+from .decision import CONFIRMATION
+from .dictionary import DICTIONARY
+from .effect_judge import EFFECT_JUDGE
 from .error_fit import ERROR_FIT
 from .error_reduction import REDUCTION
 from .excerpts import EXCERPTS
 from .fitted_model import FIT
 from .folds import FOLDS
 from .free_run import FREE_RUN
+from .growth import GROWTH
 from .heldout import HELDOUT
 from .judge import JUDGE
 from .prepare import FUSION
@@ -27,6 +31,7 @@ from .request import LoopRequest
 from .residual.settings import RESIDUAL
 from .sensor_faults import FAULTS
 from .shape_axes import AXES
+from .shifted_residual import SHIFT
 from .signs import SIGNS
 from .windows import WINDOWS
 
@@ -44,9 +49,14 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "error reduction": REDUCTION,
     "scan": AXES,
     "search": SEARCH,
+    "classes": CLASSES,
+    "dictionary": DICTIONARY,
+    "growth": GROWTH,
+    "amplitudes": AMPLITUDE,
+    "judge of effects": EFFECT_JUDGE,
+    "shifted residual": SHIFT,
     "signs": SIGNS,
     "judge": JUDGE,
-    "chance": CHANCE,
     "channel errors": CHANNEL_ERRORS,
     "fit of channel errors": ERROR_FIT,
     "contradictions": CONTRADICTIONS,

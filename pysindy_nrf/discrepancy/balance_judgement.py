@@ -1,17 +1,20 @@
-"""What the loop concludes of balances: confirmed effects, and how sure they are."""
+"""What the loop concludes of balances: the steps, the final model, what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
+from ..exceptions import NRFError
 from . import wording
 from .bootstrap import SimulatedRecords, simulated
-from .certainty import CERTAINTY, CertaintyReport, certainty_of, lacks_a_law
-from .claims import GeneralReduction, general_reductions, why_no_claim
-from .confirmation import Confirmation, Confirmer
+from .certainty import CERTAINTY, CertaintyReport, certainty_of
+from .claims import why_no_claim
+from .class_search import ClassResult, ClassSearch, TriedEffect
 from .contradictions import Contradiction
+from .decision import Decision, FoundEffect
+from .effects import Effect
 from .fitted_model import FittedModel
 from .heldout import HeldoutJudge, JudgedModel, search_errors
 from .judgement import Judgement
@@ -20,7 +23,6 @@ from .report import Step
 from .request import LoopRequest
 from .spectra import BalanceSpectra
 from .steps import StepDraft, draft_step
-from .stepwise import SearchResult, StepwiseSearch
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,17 +33,17 @@ class BalanceOutcome:
     ----------
     measured, records : PreparedRecords
         All samples, as measured, and freed of the faults that were found.
-    result : SearchResult
+    result : ClassResult
         On all samples.
-    search : StepwiseSearch
+    search : ClassSearch
     excerpts : BalanceSpectra or None
         Spectra on which long records were searched; None if all samples were.
     """
 
     measured: PreparedRecords
     records: PreparedRecords
-    result: SearchResult
-    search: StepwiseSearch
+    result: ClassResult
+    search: ClassSearch
     excerpts: BalanceSpectra | None = None
 
     @property
@@ -50,7 +52,7 @@ class BalanceOutcome:
         records = self.result.state.records
         if self.excerpts is not None or records is None:
             return []
-        return self.search.faults.known_contradictions(records)
+        return self.search.tools.faults.known_contradictions(records)
 
     def on_excerpts(self, model: FittedModel) -> FittedModel:
         """The same laws on the excerpts by which long records were searched."""
@@ -69,20 +71,12 @@ class Remainder:
     ----------
     certainty : CertaintyReport
         Beside what noise leaves.
-    general : list of GeneralReduction
-        What general laws would still general.
     noise : SimulatedRecords or None
         What the final model would have produced; None if it has no free run.
     """
 
     certainty: CertaintyReport
-    general: list[GeneralReduction]
     noise: SimulatedRecords | None
-
-    @property
-    def lacking(self) -> list[GeneralReduction]:
-        """General laws that explain more than the model."""
-        return [general for general in self.general if general.is_there]
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +88,26 @@ class BalanceJudgement:
     outcome: BalanceOutcome
 
 
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """The baseline and the models with each effect, judged on held-out data.
+
+    Attributes
+    ----------
+    judged : list of JudgedModel
+    drafts : list of StepDraft
+        One for each model but the baseline.
+    final : int
+        Number of the model with all confirmed effects.
+    """
+
+    judged: list[JudgedModel]
+    drafts: list[StepDraft]
+    final: int
+
+
 class BalanceJudge:
-    """Judges what a search found.
+    """Gathers what a search found into steps.
 
     Parameters
     ----------
@@ -106,90 +118,163 @@ class BalanceJudge:
     def __init__(self, request: LoopRequest, outcome: BalanceOutcome) -> None:
         self.request = request
         self.outcome = outcome
-        self.has_room = len(outcome.result.effects) < request.max_steps
+        self.heldout = HeldoutJudge(_instants(outcome.result))
 
     def judge(self) -> BalanceJudgement:
-        """Confirm effects on held-out data, and find how sure they are."""
-        heldout = HeldoutJudge(_instants(self.outcome.result))
-        confirmation = Confirmer(self.outcome.result, heldout).confirm()
-        drafts = self._drafts(confirmation)
-        judged = _one_table(confirmation, heldout)
-        final = confirmation.judged.index(confirmation.final)
-        stopped = self._why_stopped(confirmation)
+        """Judge the model with each effect, and find how sure they are."""
+        result = self.outcome.result
+        course = self._course()
+        final, drafts, judged = course.final, course.drafts, course.judged
+        stopped = self._why_stopped()
 
-        unfit = why_no_claim(confirmation.largest)
-        no_claim = unfit or why_no_claim(confirmation.final.model)
+        no_claim = why_no_claim(judged[final].model)
         if no_claim:
             final = 0
             stopped = wording.no_claim(no_claim)
-            drafts = [draft.refused() for draft in drafts]
-        if unfit:
-            drafts, judged = [], judged[:1]
+            unfit = why_no_claim(judged[0].model)
+            drafts = [] if unfit else [draft.refused() for draft in drafts]
+            judged = judged[:1] if unfit else judged
 
-        claims = not no_claim
-        remainder = self._remainder(judged[final].model, drafts, claims)
+        remainder = self._remainder(judged[final].model, drafts)
         judgement = Judgement(
             _finished(drafts, remainder, self._has_filtered_channel()),
             judged,
             final,
-            [*stopped, *self._remarks(remainder, claims)],
-            self.outcome.result.first.model.spectra.band,
-            self.outcome.result.last_round.findings,
-            not claims,
+            [*stopped, *self._remarks()],
+            result.first.model.spectra.band,
+            result.last,
+            bool(no_claim),
         )
         return BalanceJudgement(judgement, remainder, self.outcome)
 
-    def _drafts(self, confirmation: Confirmation) -> list[StepDraft]:
-        """The steps of the effects without the certainty of their names."""
-        drafts = []
-        for decision in confirmation.decisions:
-            effect = decision.effect
-            rivals = self.outcome.result.rivals.get(effect, ())
-            drafts.append(draft_step(confirmation.searched[effect], decision, rivals))
-        return drafts
+    # -- the course of the search, on all samples ------------------------------
 
-    def _why_stopped(self, confirmation: Confirmation) -> list[str]:
+    def _course(self) -> _Course:
+        """The models with each effect; what was refused beside those before it."""
+        result = self.outcome.result
+        # the products of the largest model serve all smaller ones
+        largest = result.state.model
+        largest.spectra.products(largest.layout)
+        largest.powers_on(self.heldout.heldout(largest.spectra))
+
+        current = self.heldout.judged("baseline", result.first.model)
+        judged, drafts, final = [current], [], 0
+        claims = [t for t in result.accepted if not t.effect.enriches]
+        refused = {tried.position: tried for tried in result.refused}
+        for number, tried in enumerate([*claims, None]):
+            turned_down = refused.pop(number, None)
+            if turned_down is not None:
+                decision = self._decided(current, turned_down, False)
+                judged.append(decision.after)
+                drafts.append(_draft(turned_down, decision, []))
+            if tried is None:
+                break
+            beside = self._enrichment_of(tried)
+            decision = self._decided(current, tried, True, beside)
+            current = decision.after
+            judged.append(current)
+            drafts.append(_draft(tried, decision, beside))
+            final = len(judged) - 1
+        return _Course(_one_table(judged, self.heldout), drafts, final)
+
+    def _enrichment_of(self, tried: TriedEffect) -> list[Effect]:
+        """Effects that only add to one."""
+        beside = []
+        for other in self.outcome.result.accepted:
+            same_class = other.naming.effect_class == tried.naming.effect_class
+            same_site = other.effect.site == tried.effect.site
+            if other.effect.enriches and same_class and same_site:
+                beside.append(other.effect)
+        return beside
+
+    def _decided(
+        self,
+        current: JudgedModel,
+        tried: TriedEffect,
+        confirmed: bool,
+        beside: Sequence[Effect] = (),
+    ) -> Decision:
+        """The models without and with an effect.
+
+        Both are the same where it cannot be fitted to all samples.
+        """
+        effect = tried.effect
+        name = f"{effect.law.name} at {effect.site}"
+        before = current
+        try:
+            if effect.is_constant:
+                before = self._with_means(current)
+            model = self._with_effect(before.model, tried)
+            model = model.with_laws([(e.site, e.law) for e in beside])
+        except NRFError:
+            return Decision(effect, current, replace(current, name=name), False)
+        return Decision(effect, before, self.heldout.judged(name, model), confirmed)
+
+    def _with_means(self, current: JudgedModel) -> JudgedModel:
+        """A model with the means left in, which show a constant force."""
+        with_means = self.heldout.with_means(current.model)
+        if with_means is current.model:
+            return current
+        return self.heldout.judged(current.name, with_means)
+
+    def _with_effect(self, model: FittedModel, tried: TriedEffect) -> FittedModel:
+        """A model with an effect; a fault only changes the records."""
+        effect, spectra = tried.effect, tried.corrected
+        if spectra is None:
+            return model.with_laws([(effect.site, effect.law)])
+        if not model.spectra.windows.centred:
+            spectra = self.heldout.spectra_with_means(spectra)
+        return model.refitted(spectra)
+
+    # -- words and remainder ---------------------------------------------------
+
+    def _why_stopped(self) -> list[str]:
         """Why the search added no further effect."""
-        stopped = wording.enough_effects(self.request.max_steps)
-        if self.has_room:
-            last = self.outcome.result.last_round
-            stopped = wording.best_refused(last.findings, last.examinations.get(0))
-        means_are_in = not confirmation.largest.spectra.windows.centred
-        if means_are_in and len(confirmation.decisions) > 1:
-            return [stopped, wording.MEANS_LEFT_IN]
-        return [stopped]
+        result = self.outcome.result
+        if len(result.effects) >= self.request.max_steps:
+            return [wording.enough_effects(self.request.max_steps)]
+        return [wording.best_refused(result.last, result.why_refused)]
 
-    def _remainder(
-        self, final: FittedModel, drafts: Sequence[StepDraft], claims: bool
-    ) -> Remainder:
-        """What the final model leaves beside noise, and what would explain it."""
+    def _remainder(self, final: FittedModel, drafts: Sequence[StepDraft]) -> Remainder:
+        """What the final model leaves beside noise."""
         outcome, state = self.outcome, self.outcome.result.state
         assert state.records is not None
         on_excerpts = outcome.on_excerpts(final)
         draws = simulated(state.records, on_excerpts, self.request.rng, CERTAINTY.draws)
         noise = next(draws, None)
         every = draws if noise is None else chain([noise], draws)
-        certainty = certainty_of(drafts, final, every)
-
-        is_sure = any(effect.sure for effect in certainty.effects)
-        asked = is_sure or (self.has_room and claims)
-        general = general_reductions(on_excerpts, state, outcome.search.errors, asked)
-        return Remainder(certainty, general, noise)
+        return Remainder(certainty_of(drafts, final, every), noise)
 
     def _has_filtered_channel(self) -> bool:
         """Whether a channel has passed a high-pass filter, which relaxes as laws do."""
         notes = self.outcome.measured.data.quality
         return any(note.kind == "corner" for note in notes)
 
-    def _remarks(self, remainder: Remainder, claims: bool) -> list[str]:
-        """What else a reader should know of the records and the model."""
-        remarks = []
-        if remainder.lacking and self.has_room and claims:
-            remarks.append(wording.not_in_catalogue(remainder.lacking))
+    def _remarks(self) -> list[str]:
+        """What else a reader should know of the records."""
         contradictions = self.outcome.contradictions
-        if contradictions:
-            remarks.append(wording.channels_disagree(contradictions))
-        return remarks
+        return [wording.channels_disagree(contradictions)] if contradictions else []
+
+
+def _draft(
+    tried: TriedEffect, decision: Decision, beside: Sequence[Effect]
+) -> StepDraft:
+    """The step of an effect without the certainty of its name."""
+    pair = FoundEffect(decision.effect, decision.before.model, decision.after.model)
+    draft = draft_step(pair, decision, tried.naming.rivals)
+    naming, judged = tried.naming, tried.judged
+    step = replace(
+        draft.step,
+        effect_class=naming.effect_class,
+        closest=naming.closest,
+        closest_share=naming.share,
+        carries=naming.carries,
+        judged_by=judged.condition,
+        judged_reduction=judged.decisive.value,
+        judged_error=judged.decisive.error,
+        company=[effect.law.name for effect in beside],
+    )
+    return replace(draft, step=step)
 
 
 def _finished(
@@ -197,19 +282,22 @@ def _finished(
 ) -> list[Step]:
     """The steps with the certainty of their names.
 
-    None is sure where a law lacks, nor one with memory beside a filtered channel.
+    A name is sure that another record has judged, where it carries the model and no
+    other is as good; none with memory beside a filtered channel.
     """
-    lacking = [general.site for general in remainder.lacking]
     steps = []
     for draft, certainty in zip(drafts, remainder.certainty.effects):
+        step = draft.step
         relaxes = filtered and draft.effect.law.has_memory
-        lacks = lacks_a_law(draft.effect.site, lacking)
-        sure = certainty.sure and not lacks and not relaxes
-        steps.append(draft.finished(certainty.company, certainty.remainder, sure))
+        company = [*step.company, *certainty.company]
+        is_named = step.carries and not step.alternatives and not company
+        judged = draft.confirmed and step.judged_by == "another record"
+        sure = judged and is_named and draft.plausible and not relaxes
+        steps.append(draft.finished(company, certainty.remainder, sure))
     return steps
 
 
-def _instants(result: SearchResult) -> list[float]:
+def _instants(result: ClassResult) -> list[float]:
     """Times at which effects that were found change something, s."""
     instants = []
     for effect in result.effects:
@@ -219,15 +307,15 @@ def _instants(result: SearchResult) -> list[float]:
     return instants
 
 
-def _one_table(confirmation: Confirmation, heldout: HeldoutJudge) -> list[JudgedModel]:
+def _one_table(
+    judged: Sequence[JudgedModel], heldout: HeldoutJudge
+) -> list[JudgedModel]:
     """The judged models, their errors with or without the means alike."""
-    judged = confirmation.judged
-    if not confirmation.largest.spectra.windows.centred:
-        alike = []
-        for model in judged:
-            errors = search_errors(heldout.with_means(model.model))
-            alike.append(replace(model, errors={**model.errors, **errors}))
-        judged = alike
-    if not confirmation.final.model.spectra.windows.centred:
-        judged = [heldout.judged(j.name, heldout.with_means(j.model)) for j in judged]
-    return judged
+    if all(each.model.spectra.windows.centred for each in judged):
+        return list(judged)
+    alike = []
+    for each in judged:
+        with_means = heldout.judged(each.name, heldout.with_means(each.model))
+        errors: Mapping[str, float] = search_errors(with_means.model)
+        alike.append(replace(with_means, errors={**with_means.errors, **errors}))
+    return alike

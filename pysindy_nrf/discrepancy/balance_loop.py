@@ -18,16 +18,19 @@ from .balance_report import balance_report
 from .band_search import find_bands
 from .catalogue import flexible, with_all_storeys
 from .channel_errors import ChannelErrorTest
+from .class_search import ClassSearch, SearchTools
 from .course import Course
+from .effect_judge import EffectJudge
 from .effects import SearchState
 from .excerpts import excerpts
 from .fitted_model import FittedModel, fit_model
 from .folds import window_length
+from .places import places_of
 from .prepare import PreparedRecords, prepare, with_corrected_channels
 from .report import LoopReport
 from .search_data import SearchData
+from .sensor_faults import FaultSearch
 from .spectra import BalanceSpectra
-from .stepwise import StepwiseSearch
 from .windows import Windows
 
 
@@ -159,16 +162,21 @@ class BalanceLoop(
     def _search(self, start: BalanceStart) -> BalanceOutcome:
         """One search, on all samples or on excerpts."""
         request = self.request
+        chain = request.problem.chain
         data = start.folds.data
         alone = self.candidates(request.catalogue, data.forced, request.channels)
-        tried = with_all_storeys(alone, request.problem.chain.sites)
-        with self.candidate_search(tried) as candidates:
-            search = StepwiseSearch(
-                candidates,
-                request.faults,
+        constants = [c for c in alone if c.law.variable == "1"]
+        others = [c for c in alone if c.law.variable != "1"]
+        places = places_of(with_all_storeys(others, chain.sites), chain, chain.sites)
+        with self.progress(len(places)) as tick:
+            tools = SearchTools(
+                FaultSearch(request.faults),
                 ChannelErrorTest(request.calibration),
+                EffectJudge(bool(request.heldout)),
                 request.rng,
+                tick,
             )
+            search = ClassSearch(places, tools, constants)
             result = search.add_effects(start.first, request.max_steps)
 
         measured = start.folds.records

@@ -27,7 +27,6 @@ from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
 from ..records.record import Record
 from .balance_judgement import BalanceJudgement, BalanceOutcome
-from .claims import lack_of_fit
 from .excerpts import EXCERPTS
 from .final_estimate import final_estimate, with_final_estimate
 from .fitted_model import FittedModel
@@ -60,7 +59,6 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         evidence=_evidence(concluded, report.models),
         measured=measured_records(outcome.records.records, noise, len(request.heldout)),
         loops=loops_of(report.model, pieces, filters),
-        lack_of_fit=lack_of_fit(remainder.general),
         free_runs=_free_runs(report, outcome, final),
         beyond_noise=remainder.certainty.beyond_noise,
         alternatives=_alternatives(request, outcome, report),

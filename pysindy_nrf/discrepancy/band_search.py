@@ -18,6 +18,7 @@ from .bands import (
     connected_bands,
     strongest_bands,
 )
+from .error_reduction import residual_share
 from .fitted_model import fit_model
 from .spectra import BalanceSpectra
 
@@ -66,7 +67,7 @@ def _least_shares(
         with suppress(NRFError), np.errstate(divide="ignore", invalid="ignore"):
             powers = fit_model(spectra, chain, laws).powers
             reference = powers.reference
-            share = powers.residual / reference
+            share = residual_share(powers.residual, reference)
             shares.append(np.where(np.isfinite(share), share, np.inf))
 
     if not shares:

@@ -57,6 +57,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.PositionDependentFriction(),
         laws.BreakAwayFriction(),
         laws.ShiftedFriction(),
+        laws.asymmetric(laws.CoulombFriction)(),
         laws.QuadraticDamping(),
         laws.PowerLawDamping(),
         laws.DisplacementDependentDamping(),
@@ -73,6 +74,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.Bilinear(),
         laws.Jenkins(),
         laws.BacklashFriction(),
+        laws.asymmetric(laws.BacklashFriction)(),
         laws.Iwan(),
         laws.Dahl(),
         laws.LuGre(),
@@ -307,21 +309,6 @@ def with_all_storeys(
         if acts_on_storeys and law.variable != "1":
             together.append(Candidate(law, tuple(storeys)))
     return alone + together
-
-
-# -- general laws --------------------------------------------------------------
-
-
-def general_laws(data: SearchData, site: Site) -> tuple[ForceLaw, ForceLaw]:
-    """The general law without memory and the general hysteresis at a site.
-
-    Made by the size of its motion.
-    """
-    drift, rate, *_ = data.scales(site)
-    return (
-        laws.SmoothSurface(S=drift, V=0.2 * rate),
-        laws.PrandtlIshlinskii(uy=2.0 * drift),
-    )
 
 
 def flexible(problem: Problem, data: SearchData) -> dict[Site, list[ForceLaw]]:

@@ -1,4 +1,4 @@
-"""How much of an effect stays unexplained beyond noise, and if its name is sure."""
+"""How much of an effect stays unexplained beyond noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..chain.sites import Site
 from ..exceptions import NRFError
 from .bootstrap import SimulatedRecords
 from .catalogue import same_balance
@@ -18,17 +17,13 @@ from .steps import StepDraft
 
 @dataclass(frozen=True)
 class CertaintySettings:
-    """When a name is sure."""
+    """What noise leaves."""
 
-    # A name is sure if at most 5 % of the effect stays beyond 1.2 times what noise
-    # leaves: right names of the battery leave 0.7 to 1.1 times it, names that stand in
-    # for a withheld law 1.4 times.
-    remainder: float = 0.05
+    # Times what noise leaves of a balance from which on it is more than noise: right
+    # names of the battery leave 0.7 to 1.1 times it.
     times_noise: float = 1.2
-    # Draws of noise; one of them shows what noise leaves of a balance to a fifth, 0.8
-    # to 1.3 of the mean.
-    draws: int = 4
-    least_of_draw: float = 0.8
+    # Draws of noise; one of them shows what noise leaves of a balance to a fifth.
+    draws: int = 2
 
 
 CERTAINTY = CertaintySettings()
@@ -36,7 +31,7 @@ CERTAINTY = CertaintySettings()
 
 @dataclass(frozen=True)
 class Certainty:
-    """How sure the name of an effect is.
+    """What stands beside an effect, and what it leaves.
 
     Attributes
     ----------
@@ -45,12 +40,10 @@ class Certainty:
         stand for a single law.
     remainder : float
         Share of the effect that stays unexplained beyond noise.
-    sure : bool
     """
 
     company: list[str]
     remainder: float
-    sure: bool
 
 
 @dataclass(frozen=True)
@@ -66,7 +59,7 @@ def certainty_of(
     final: FittedModel,
     draws: Iterable[SimulatedRecords],
 ) -> CertaintyReport:
-    """How much of each effect its worst balance keeps, and if its name is sure.
+    """How much of each effect its worst balance keeps beyond noise.
 
     Parameters
     ----------
@@ -77,42 +70,16 @@ def certainty_of(
         What the final model would have produced with fresh noise.
     """
     errors = final.balance_errors
-    names = [_name(draft, drafts, errors) for draft in drafts]
-    largest = max((name.size for name in names if name.may_be_sure), default=0.0)
-
     floor = _NoiseFloor(errors)
     for drawn in draws:
         floor.add(final, drawn)
-        lowest = np.nanmax(floor.beyond(CERTAINTY.least_of_draw))
-        # no name can be sure
-        if lowest > CERTAINTY.remainder * largest:
-            break
 
-    beyond = floor.beyond(1.0)
+    beyond = floor.beyond()
     effects = []
-    for name in names:
-        remainder = float(np.nanmax(beyond)) / name.size
-        sure = name.may_be_sure and remainder <= CERTAINTY.remainder
-        effects.append(Certainty(name.company, remainder, sure))
+    for draft in drafts:
+        remainder = float(np.nanmax(beyond)) / _size_of_effect(draft, errors)
+        effects.append(Certainty(_company(draft, drafts), remainder))
     return CertaintyReport(effects, beyond)
-
-
-@dataclass(frozen=True)
-class _Name:
-    """What decides on the name of an effect before noise is looked at."""
-
-    company: list[str]
-    # what was missing without the effect, percent
-    size: float
-    may_be_sure: bool
-
-
-def _name(draft: StepDraft, drafts: Sequence[StepDraft], errors: np.ndarray) -> _Name:
-    """What decides on the name of an effect beside others."""
-    company = _company(draft, drafts)
-    has_rivals = bool(draft.alternatives or company)
-    may_be_sure = draft.plausible and draft.confirmed and not has_rivals
-    return _Name(company, _size_of_effect(draft, errors), may_be_sure)
 
 
 class _NoiseFloor:
@@ -128,11 +95,11 @@ class _NoiseFloor:
             of_noise = final.refitted(drawn.spectra).balance_errors
             self.squares.append(np.square(np.nan_to_num(of_noise)))
 
-    def beyond(self, share: float) -> np.ndarray:
-        """What is left beyond noise, if the draws so far hold a share of its mean."""
+    def beyond(self) -> np.ndarray:
+        """What is left beyond noise, percent."""
         floor = np.zeros_like(self.errors)
         if self.squares:
-            floor = np.mean(self.squares, axis=0) / share**2
+            floor = np.mean(self.squares, axis=0)
         noise = CERTAINTY.times_noise**2 * floor
         return np.sqrt(np.maximum(self.errors**2 - noise, 0.0))
 
@@ -157,8 +124,3 @@ def _company(draft: StepDraft, drafts: Iterable[StepDraft]) -> list[str]:
         if there and other.confirmed:
             company.append(other.effect.law.name)
     return company
-
-
-def lacks_a_law(site: Site, lacking: Iterable[Site]) -> bool:
-    """Whether a general law explains more in the balance of a site."""
-    return same_balance(site) in {same_balance(other) for other in lacking}

@@ -7,7 +7,7 @@ free run misses.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import pandas as pd
@@ -22,10 +22,10 @@ from ..identification.fewer_sensors import (
 )
 from ..records.checks.channel_checks import measured
 from . import judge, wording
-from .candidate_search import CandidateSearch
+from .candidate_search import SEARCH, best_findings
 from .channel_spectra import CHANNELS
-from .confirmation import Decision, FoundEffect
 from .course import Course
+from .decision import Decision, FoundEffect, falls_on_heldout
 from .effects import Candidate, Finding, RankedFinding
 from .heldout import JudgedModel
 from .judge import JUDGE
@@ -123,8 +123,7 @@ class ChannelLoop(
         declared = models.declared()
         fit = models.fit(folds.runs.model, declared.search, CHANNELS.fit_steps)
         model = fit.solution.model
-        search = CandidateSearch(())
-        first = models.settle("baseline", declared.search, search, model)
+        first = models.settle("baseline", declared.search, model)
         if first is None:
             first = models.linearise("baseline", model, model.laws)
         return ChannelStart(models, first, folds.runs.notes)
@@ -135,9 +134,11 @@ class ChannelLoop(
         """Add effects one by one, each confirmed before the next is looked for."""
         max_steps = self.request.max_steps
         outcome = ChannelOutcome(start, [], [start.first.judged], start.first, ())
-        with self.candidate_search(self._candidates()) as search:
+        candidates = self._candidates()
+        with self.progress(len(candidates)) as tick:
             while len(outcome.steps) < max_steps:
-                outcome = replace(outcome, last=_settled_findings(outcome, search))
+                settled = _settled_findings(outcome, candidates, tick)
+                outcome = replace(outcome, last=settled)
                 number = _accepted(outcome.last)
                 if number is None:
                     break
@@ -208,26 +209,34 @@ class ChannelLoop(
 
 
 def _settled_findings(
-    outcome: ChannelOutcome, search: CandidateSearch
+    outcome: ChannelOutcome,
+    candidates: Sequence[Candidate],
+    progress: Callable[[], object],
 ) -> list[SettledFinding]:
     """The best candidates settled about their own free runs, best first.
 
     Only those whose run misses less.
     """
     current = outcome.final.judged.model
-    findings = search.findings(outcome.final.search, 1)
+    state = outcome.final.search
+    taken = {(effect.site, effect.template.effect_class) for effect in state.effects}
+    free = []
+    for candidate in candidates:
+        if (candidate.sites[0], candidate.law.effect_class) not in taken:
+            free.append(candidate)
+    findings = best_findings(state, free, SEARCH.finalists, progress)
     settled = []
     for finding in findings[: CHANNELS.settled_candidates]:
         if finding.after is None:
             continue
         name = finding.candidate.name
-        state = outcome.start.models.settle(name, finding.after, search)
-        if state is None:
+        about = outcome.start.models.settle(name, finding.after)
+        if about is None:
             continue
-        reduction = state.judged.model.reduction_from(current)
+        reduction = about.judged.model.reduction_from(current)
         if reduction.value > 0:
-            finding = replace(finding, after=state.search, reduction=reduction)
-            settled.append(SettledFinding(RankedFinding(finding, reduction), state))
+            finding = replace(finding, after=about.search, reduction=reduction)
+            settled.append(SettledFinding(RankedFinding(finding, reduction), about))
     return sorted(settled, key=lambda finding: -finding.ranked.reduction.value)
 
 
@@ -253,7 +262,9 @@ def _with_step(outcome: ChannelOutcome, number: int) -> ChannelOutcome:
 
     before, effect = outcome.final.judged, state.search.effects[-1]
     pair = FoundEffect(effect, before.model, state.judged.model)
-    draft = draft_step(pair, Decision(effect, before, state.judged), rivals)
+    confirmed = falls_on_heldout(effect.law, before, state.judged)
+    decision = Decision(effect, before, state.judged, confirmed)
+    draft = draft_step(pair, decision, rivals)
     certain = draft.plausible and draft.confirmed and not draft.alternatives
     remainder = state.judged.error / before.error
     step = draft.finished([], remainder, certain)

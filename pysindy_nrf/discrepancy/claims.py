@@ -1,21 +1,11 @@
-"""When nothing may be claimed, and what general laws would still explain."""
+"""When nothing may be claimed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
-from ..chain.sites import Site
-from ..exceptions import NRFError
-from ..laws.base import ForceLaw
-from . import judge
-from .catalogue import general_laws
-from .channel_errors import ChannelErrorTest
-from .effects import SearchState
-from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 
 
@@ -62,56 +52,3 @@ def _in_words(masses: np.ndarray) -> str:
     """Masses that no structure has."""
     wrong = [f"m{j} = {m:.3g} kg" for j, m in enumerate(masses, 1) if m <= 0]
     return ", ".join(wrong)
-
-
-@dataclass(frozen=True, eq=False)
-class GeneralReduction:
-    """Error reduction that a general law would still bring at a site beside a model."""
-
-    site: Site
-    law: ForceLaw
-    reduction: ErrorReduction
-    # Whether it is sure, and errors of the channels do not explain it.
-    is_there: bool
-
-    @property
-    def words(self) -> str:
-        """The law in words."""
-        if self.law.has_memory:
-            return "a hysteresis of sliders"
-        return "a function of drift and rate"
-
-
-def general_reductions(
-    model: FittedModel, state: SearchState, errors: ChannelErrorTest, asked: bool
-) -> list[GeneralReduction]:
-    """Error reduction of the general laws at each storey and tie beside a model.
-
-    Where ``asked``, whether errors of the channels explain it.
-    """
-    reductions = []
-    for site in model.chain.sites:
-        for law in general_laws(model.spectra.data, site):
-            try:
-                after = model.with_laws([(site, law)])
-            except NRFError:
-                # its columns depend on those of the model
-                continue
-            reduction = after.reduction_from(model)
-            there = asked and judge.is_there(reduction) and reduction.bound > 0
-            if there:
-                assert state.records is not None
-                beyond = errors.beyond(after, model, law, state.records, state.effects)
-                there = beyond.is_there
-            reductions.append(GeneralReduction(site, law, reduction, there))
-    return reductions
-
-
-def lack_of_fit(reductions: Sequence[GeneralReduction]) -> pd.DataFrame:
-    """The table of what general laws would still general."""
-    rows = []
-    for general in reductions:
-        value, error = general.reduction.value, general.reduction.standard_error
-        rows.append((str(general.site), general.words, value, error))
-    columns = ["site", "general law", "reduction (dB)", "standard error"]
-    return pd.DataFrame(rows, columns=columns).set_index(columns[:2])

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from ..laws.base import ForceLaw
 from ..records.dataset import Segment
-from .candidate_search import CandidateSearch
 from .catalogue import Experiment, candidates
 from .effects import Candidate
 from .folds import Split, split, window_length
@@ -119,8 +118,8 @@ class Course(ABC, Generic[Records, Folds, Start, Outcome, Concluded]):
         return list(candidates(experiment))
 
     @contextmanager
-    def candidate_search(self, tried: Sequence[Candidate]) -> Iterator[CandidateSearch]:
-        """A search for some candidates that shows its progress."""
-        total = self.request.max_steps * len(tried)
+    def progress(self, n_tried: int) -> Iterator[Callable[[], object]]:
+        """A function to be called once for each of so many candidates of a round."""
+        total = self.request.max_steps * n_tried
         with progress_bar(self.request.progress, total) as tick:
-            yield CandidateSearch(tried, tick)
+            yield tick

@@ -42,12 +42,16 @@ class Effect:
     witnessed : bool
         Of a fault of a sensor, whether another channel of its DOF contradicts it. One
         that none does has no sure name: a bias of the fit looks alike.
+    enriches : bool
+        Whether it only adds to an effect of its class at its site, and is no claim of
+        its own.
     """
 
     law: ForceLaw
     site: Site
     template: ForceLaw
     witnessed: bool = True
+    enriches: bool = False
 
     @property
     def name(self) -> str:

@@ -19,9 +19,13 @@ from ..equations.normal_equations import leave_one_out, variance
 class ReductionSettings:
     """Numbers in the error reduction."""
 
-    # Share of the reference, in rms, that no measurement distinguishes from zero: 16
-    # bits resolve 3e-5 of a range, ten times the rms.
+    # Share of the reference in all bands, in rms, that no measurement distinguishes
+    # from zero: 16 bits resolve 3e-5 of a range, ten times the rms.
     resolution: float = 1e-3
+    # Share of the worst balance that another must leave to count: 1 % of noise in one
+    # is nothing where another leaves 50 %, and a law that is nearly right there may
+    # leave more of it. Chosen on the second case of docs/paper.md.
+    of_worst: float = 0.1
     # A band changes if the logarithm of its power does so by a tenth, up or down.
     changed_band: float = 0.1
     # Standard errors beyond which a value is sure (95 %).
@@ -60,13 +64,22 @@ class Powers:
 
 
 def residual_share(residual: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Residual over reference, plus what no measurement distinguishes from zero.
+    """Residual over reference by balance and band.
 
-    Infinite where there is no reference.
+    With what no measurement distinguishes from zero in it; infinite where there is no
+    reference.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(reference > 0, residual / reference, np.inf)
-    return share + REDUCTION.resolution**2
+        share = (residual + unresolved_power(reference)) / reference
+    return np.where(reference > 0, share, np.inf)
+
+
+def unresolved_power(reference: np.ndarray) -> np.ndarray:
+    """Power in each band that no measurement distinguishes from zero, (..., 1).
+
+    A share of the reference in all bands: sensors resolve a part of their range.
+    """
+    return REDUCTION.resolution**2 * reference.sum(axis=-1, keepdims=True)
 
 
 def mean_reduction(
@@ -77,10 +90,18 @@ def mean_reduction(
     The last two axes are balances and bands.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        decibels = 10.0 * np.log10(before / after)
+        least = REDUCTION.of_worst**2 * _worst_share(after, informative)
+        decibels = 10.0 * np.log10((before + least) / (after + least))
     bands = np.where(informative & np.isfinite(before), decibels, 0.0)
     n_bands = np.maximum(informative.sum(axis=-1), 1)
     return (bands.sum(axis=-1) / n_bands).sum(axis=-1)
+
+
+def _worst_share(shares: np.ndarray, informative: np.ndarray) -> np.ndarray:
+    """The largest share of a balance in its informative bands, (..., 1, 1)."""
+    n_bands = np.maximum(informative.sum(axis=-1), 1)
+    of_balances = np.where(informative, shares, 0.0).sum(axis=-1) / n_bands
+    return of_balances.max(axis=-1)[..., None, None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,19 +12,28 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
 from sklearn.base import clone
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..chain.visited_region import VisitedRegion
 from ..diagnosis.motions import covariates_with_base
 from ..exceptions import NRFError, NRFWarning
 from ..identification.problem import DEFAULT_DEGREE
 from ..identification.result import IdentificationResult
+from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
+from ..laws.shape import Motion
 from ..records.record import Record
 from .prepare import Band
 from .report import LoopReport, Step
 from .request import LoopRequest
+
+# Cycles along which the size of a general law is read, the first to forget its start,
+# and samples of each.
+CYCLES = 2
+SAMPLES = 500
 
 
 def final_estimate(
@@ -102,9 +111,12 @@ def _with_values(
     """A confirmed step with its coefficients in the final estimate."""
     if not step.confirmed or step.is_fault:
         return step
-    law = next(
-        law for law in reversed(model.laws[Site(step.site)]) if law.name == step.law
-    )
+    site = Site(step.site)
+    law = next(law for law in reversed(model.laws[site]) if law.name == step.law)
+    if isinstance(law, SumOfAtoms):
+        sizes = _size_of(law, model.visited.get(site))
+        units = dict.fromkeys(sizes, "N")
+        return replace(step, parameters=sizes, units=units, intervals={})
     intervals = {}
     for shape in law.shapes:
         if shape.name in step.intervals:
@@ -114,3 +126,22 @@ def _with_values(
         if name in bounds:
             intervals[term.symbol] = bounds[name]
     return replace(step, parameters=dict(law.parameters), intervals=intervals)
+
+
+def _size_of(law: SumOfAtoms, region: VisitedRegion | None) -> dict[str, float | None]:
+    """What a general law holds at most in each direction, N.
+
+    Over cycles of the largest drift and rate that were visited.
+    """
+    if region is None:
+        return {}
+    rate, drift = np.maximum(np.abs(region.low), np.abs(region.high)).tolist()
+    phase = np.linspace(0.0, 2.0 * np.pi * CYCLES, SAMPLES * CYCLES)
+    period = 2.0 * np.pi * drift / rate if rate > 0 else 1.0
+    motion = Motion(
+        drift * np.sin(phase),
+        rate * np.cos(phase),
+        t=phase * period / (2.0 * np.pi),
+    )
+    force = law.force(motion)[SAMPLES:]
+    return {"forward": float(force.max()), "backward": float(-force.min())}

@@ -19,7 +19,12 @@ from ..equations.normal_equations import leave_one_out
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
-from .error_reduction import REDUCTION, ErrorReduction, Powers, residual_share
+from .error_reduction import (
+    ErrorReduction,
+    Powers,
+    residual_share,
+    unresolved_power,
+)
 from .search_data import SearchData
 from .spectra import BalanceSpectra
 
@@ -258,7 +263,7 @@ def fit_model(spectra: BalanceSpectra, chain: Chain, laws: LawsBySite) -> Fitted
     products = spectra.products(layout)
     where = {s: range(rows.start, rows.stop) for s, rows in layout.slices.items()}
     solver = spectra.solver(layout, where, layout.n_terms)
-    problem = _FoldProblem(spectra, solver, products)
+    problem = FoldProblem(spectra, solver, products)
 
     weights, within, reference = problem.settled_weights()
     masses, coefficients = problem.solve_folds(weights.used)
@@ -282,14 +287,14 @@ def fit_model(spectra: BalanceSpectra, chain: Chain, laws: LawsBySite) -> Fitted
 
 
 @dataclass(frozen=True)
-class _Weights:
+class BandWeights:
     """Weights of the bands: those of the last fit, and those that follow from it."""
 
     used: np.ndarray
     final: np.ndarray
 
 
-class _FoldProblem:
+class FoldProblem:
     """Fits of one set of columns to all folds and with each fold left out."""
 
     def __init__(
@@ -302,7 +307,7 @@ class _FoldProblem:
         # (n_folds, n_groups)
         self.used = spectra.used_folds(solver)
 
-    def settled_weights(self) -> tuple[_Weights, np.ndarray, np.ndarray]:
+    def settled_weights(self) -> tuple[BandWeights, np.ndarray, np.ndarray]:
         """Weights of the bands, and the powers of residual and reference with them."""
         # what serves each group of balances
         products = np.tensordot(self.used.T, self.products, 1)
@@ -311,14 +316,14 @@ class _FoldProblem:
         for _ in range(FIT.rounds):
             used = weights
             residual, reference = self._powers(used, products)
-            floored = residual + REDUCTION.resolution**2 * reference
+            floored = residual + unresolved_power(reference)
             counts = self.informative & (floored > 0)
             weights = np.where(counts, 1.0 / np.maximum(floored, 1e-300), 0.0)
             settled = np.allclose(weights, used, rtol=FIT.settled)
             if settled or not np.isfinite(residual).all():
                 break
 
-        return _Weights(used, weights), residual, reference
+        return BandWeights(used, weights), residual, reference
 
     def _powers(self, weights: np.ndarray, products: np.ndarray) -> np.ndarray:
         """Power of residual and reference where all folds are fitted.

@@ -24,11 +24,8 @@ class JudgeSettings:
     least_reduction: float = 0.5
     # The same without the fold that contributes most, dB.
     least_without_fold: float = 0.25
-    # An effect matters if it changes the force at its site by 3 %, or lowers the
-    # residual by 2 dB (a fifth); a force of one frequency by 2 dB where it acts (seeds
-    # 1501, 1701: forces 5.3 dB and more, pink noise of sensors 1.1 and 1.4). One that
-    # does both beyond a standard error is not compared with chance.
-    least_share: float = 0.03
+    # Error reduction that channels of few floors must show, dB: a fifth of what is
+    # left.
     large_reduction: float = 2.0
     # Findings are tied within a standard error, and the simplest is taken if it loses
     # at most a tenth of the best.
@@ -68,57 +65,10 @@ def differs_from_zero(model: FittedModel, effect: Effect) -> bool:
     return bool((np.abs(values[0]) > REDUCTION.sure_errors * errors).any())
 
 
-def accepts(finding: Finding, state: SearchState) -> bool:
-    """Whether an effect is there and matters."""
-    reduction = reduction_over(finding, state)
-    law = finding.candidate.law
-    if finding.after is None or reduction is None or not is_there(reduction, law):
-        return False
-    if finding.is_fault:
-        return True
-
-    model = finding.after.model
-    effects = finding.new_effects(state.effects)
-    if not all(differs_from_zero(model, effect) for effect in effects):
-        return False
-
-    shares = _shares(finding, state)
-    positive = (model.masses[0] > 0) | (state.model.masses[0] <= 0)
-    return (
-        _is_large(reduction, law, shares.values())
-        and not _cancels_the_storey(finding, shares)
-        and bool(positive.all())
-    )
-
-
-def _is_large(
-    reduction: ErrorReduction, law: ForceLaw, shares: Iterable[float]
-) -> bool:
-    """Whether an effect changes its force, or the residual, by enough."""
-    if law.narrow_band:
-        return reduction.where_it_acts >= JUDGE.large_reduction
-    if reduction.value >= JUDGE.large_reduction:
-        return True
-    return max(shares) >= JUDGE.least_share
-
-
-def _cancels_the_storey(finding: Finding, shares: dict[Site, float]) -> bool:
-    """Whether a new tie takes more force than the storey below it."""
+def takes_over(finding: Finding, shares: dict[Site, float]) -> bool:
+    """Whether a law at a site without laws takes more force than the storey there."""
     laws = finding.before.model.laws
     return any(share > 1 and not laws.get(site) for site, share in shares.items())
-
-
-def is_clear(finding: Finding, state: SearchState) -> bool:
-    """Whether an effect need not be compared with chance.
-
-    It is large by error reduction and share, or a fault that channels witness.
-    """
-    if finding.is_fault:
-        return finding.witnessed
-    reduction = reduction_over(finding, state)
-    if reduction is None or reduction.lower < JUDGE.large_reduction:
-        return False
-    return max(_shares(finding, state).values()) >= JUDGE.least_share
 
 
 def reduction_over(finding: Finding, state: SearchState) -> ErrorReduction | None:
@@ -178,7 +128,7 @@ def _coefficients_without(
     return out
 
 
-def _shares(finding: Finding, state: SearchState) -> dict[Site, float]:
+def shares_of_force(finding: Finding, state: SearchState) -> dict[Site, float]:
     """Share of the force that an effect changes at each of its sites.
 
     That of a new tie is taken of the storey below it.

@@ -41,9 +41,24 @@ class Step:
     Attributes
     ----------
     law, family : str
-        E.g. ``"coulomb_friction"`` of the family ``"friction"``.
+        E.g. ``"coulomb_friction"`` of the family ``"friction"``: the name that carries
+        the model, or its general law (``"general_hysteresis"``).
     site : str
         In the grammar of :class:`pysindy_nrf.Site`.
+    effect_class : str
+        What kind of thing it is: ``"memoryless"``, ``"hysteresis"``, ``"change in
+        time"``, ``"inertial"``, ``"tie"``, ``"outside force"``, ``"sensor error"``.
+    closest : str
+        Name of the law of the class that comes closest.
+    closest_share : float
+        Part of the error reduction, in dB, that the closest name has by itself.
+    carries : bool
+        Whether the name carries the model, and not the general law of the class.
+    judged_by : str
+        What judged it: ``"another record"``, ``"another amplitude"``, ``"another
+        time"``.
+    judged_reduction, judged_error : float
+        Error reduction there, dB, and its standard error.
     shape : dict
         Shape parameters by name, SI units, as the search found them.
     parameters, units : dict
@@ -72,12 +87,13 @@ class Step:
         What the effect changes of the force at its site, as a share of the storey
         force; NaN for a sensor.
     confirmed : bool
-        Whether held-out errors fall, and there or in the search by a tenth; the model
-        has confirmed effects only.
+        Whether the effect holds at the condition that judged it; the model has
+        confirmed effects only.
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
-        Whether the remainder is small enough for the name to be sure.
+        Whether another record has judged it, its name carries the model, and no other
+        name is as good.
     evidence : str
         Why it was accepted.
     tied : list of (law, site, error reduction in dB)
@@ -129,6 +145,13 @@ class Step:
     tied: list[tuple[str, str, float]] = field(default_factory=list)
     sensors: list[str] = field(default_factory=list)
     company: list[str] = field(default_factory=list)
+    effect_class: str = ""
+    closest: str = ""
+    closest_share: float = 1.0
+    carries: bool = True
+    judged_by: str = ""
+    judged_reduction: float = float("nan")
+    judged_error: float = float("nan")
 
     @property
     def is_fault(self) -> bool:

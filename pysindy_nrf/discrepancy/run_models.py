@@ -20,7 +20,7 @@ from ..identification.output_error import (
     free_parameters,
 )
 from ..identification.problem import Problem
-from .candidate_search import CandidateSearch
+from .candidate_search import polished
 from .channel_spectra import CHANNELS, ChannelData, ChannelSpectra
 from .effects import Effect, SearchState
 from .fitted_model import FittedModel, LawsBySite, fit_model
@@ -123,7 +123,6 @@ class RunModels:
         self,
         name: str,
         state: SearchState,
-        search: CandidateSearch,
         model: ChainModel | None = None,
     ) -> ChannelState | None:
         """Linearise about the free run until it stops improving; None if it diverges.
@@ -142,7 +141,7 @@ class RunModels:
                     best, least = new, missed
                 if stalled:
                     break
-                state, model = search.polished(new.search), None
+                state, model = polished(new.search), None
         return best
 
     def fit(self, model: ChainModel, state: SearchState, steps: int) -> RunFit:

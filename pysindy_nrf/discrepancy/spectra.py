@@ -197,10 +197,14 @@ class BalanceSpectra:
 
     def row_numbers(self, layout: LawLayout) -> list[int]:
         """Numbers of the rows of a model, equal for equal rows of any model."""
-        names: list[RowName] = []
+        numbers = []
         for site, law in _placed(layout):
-            names += [(site, law, k) for k in range(len(law.terms()))]
-        names += range(len(self.cache.fixed))
+            numbers += self.numbers_of(site, law)
+        return numbers + self.cache.row_numbers(range(len(self.cache.fixed)))
+
+    def numbers_of(self, site: Site, law: ForceLaw) -> list[int]:
+        """Numbers of the rows of a law at a site."""
+        names: list[RowName] = [(site, law, k) for k in range(len(law.terms()))]
         return self.cache.row_numbers(names)
 
     def products(self, layout: LawLayout) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..laws.base import ForceLaw
 from . import judge, wording
-from .confirmation import Decision, FoundEffect
+from .decision import Decision, FoundEffect
 from .effects import Effect, Finding
 from .fitted_model import FittedModel
 from .intervals import Interval, effect_intervals

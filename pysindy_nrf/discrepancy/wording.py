@@ -7,19 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .claims import GeneralReduction
 from .contradictions import Contradiction
 from .effects import RankedFinding
 from .error_reduction import ErrorReduction
 
 if TYPE_CHECKING:
     from .report import Step
-    from .stepwise import Examination
 
-MEANS_LEFT_IN = (
-    "The table leaves means in, so a row may lie above the one before it; steps were"
-    " confirmed without"
-)
 NOTHING_IS_CLAIMED = "Nothing is claimed"
 # Contradictions that are named.
 MAX_CONTRADICTIONS = 3
@@ -57,29 +51,43 @@ def _errors_of(reduction: ErrorReduction) -> str:
     )
 
 
-def confirmation(step: Step) -> str:
-    """Whether held-out data confirm an effect."""
+def judgement(step: Step) -> str:
+    """What judged an effect, and what it said."""
     text = f"held-out balance error {step.error_before:.3g} to {step.error_after:.3g} %"
+    if step.judged_by:
+        size = f"{step.judged_reduction:.2g} dB, standard error {step.judged_error:.2g}"
+        text = f"judged by {step.judged_by} ({size}); {text}"
     if step.confirmed:
         return text
-    if step.error_after < step.error_before:
-        text += ", but the error reduction is too small"
     return f"{text}: NOT CONFIRMED, and the model does not hold it"
+
+
+def name_of(step: Step) -> str:
+    """Class and site of a step, and how far its name is known."""
+    if step.is_fault or not step.effect_class:
+        return f"{step.law} at {step.site}"
+    name = f"{step.effect_class} at {step.site}"
+    if step.carries:
+        kind = "named" if step.sure else "closest name"
+        return f"{name}, {kind} {step.law}"
+    if not step.closest:
+        return f"{name}, no name of the catalogue"
+    share = f"{100 * step.closest_share:.0f} %"
+    return f"{name}, closest name {step.closest} ({share} of the reduction)"
 
 
 def step_sentence(step: Step) -> str:
     """A step of the report in one paragraph."""
     values = []
     for symbol, value in step.parameters.items():
-        if value is not None:
+        if value is not None and step.carries:
             unit = step.units.get(symbol, "")
             values.append(f"{symbol} = {value:.4g} {unit}".rstrip())
 
-    name = f"{step.law} at {step.site}"
-    if not step.sure:
-        remainder = f"{100 * step.remainder:.0f} %"
-        name = f"closest law {name}, unexplained remainder {remainder}"
-    sentences = [f"{name} ({', '.join(values)}): {step.evidence}; {confirmation(step)}"]
+    name = name_of(step)
+    if values:
+        name = f"{name} ({', '.join(values)})"
+    sentences = [f"{name}: {step.evidence}; {judgement(step)}"]
 
     if step.alternatives:
         others = ", ".join(step.alternatives)
@@ -99,17 +107,15 @@ def step_sentence(step: Step) -> str:
 # -- why the search stopped ----------------------------------------------------
 
 
-def best_refused(
-    findings: Sequence[RankedFinding], examination: Examination | None = None
-) -> str:
+def best_refused(findings: Sequence[RankedFinding], why: str = "") -> str:
     """Why no further effect was added.
 
     Parameters
     ----------
     findings : sequence of RankedFinding
         Of the last round, the best first.
-    examination : Examination, optional
-        Of the best.
+    why : str
+        What speaks against the best of those that are there.
     """
     if not findings:
         return "no law of the catalogue lowers the error at any site"
@@ -120,24 +126,7 @@ def best_refused(
         f" {best.finding.candidate.name}, lowers the error by"
         f" {best.reduction.value:.2g} dB {_errors_of(best.reduction)}"
     )
-    if examination is None:
-        return text
-    if examination.chance is not None:
-        return f"{text}; {_by_chance(examination.chance)}"
-    beyond = examination.beyond_errors
-    if beyond is None or beyond.value > 0.5 * best.reduction.value:
-        return text
-    return (
-        f"{text}; errors of the channels within their tolerances leave"
-        f" {max(beyond.value, 0.0):.2g} dB of it"
-    )
-
-
-def _by_chance(chance: float) -> str:
-    """By how much a search lowers the error by chance."""
-    if not np.isfinite(chance):
-        return "the model has no free run, which would show what chance does"
-    return f"where nothing is missing, a search lowers the error by {chance:.2g} dB"
+    return f"{text}; {why}" if why else text
 
 
 def enough_effects(max_steps: int) -> str:
@@ -145,17 +134,6 @@ def enough_effects(max_steps: int) -> str:
     if not max_steps:
         return "no effect was asked for"
     return f"{max_steps} effects were added, as many as max_steps allows"
-
-
-def not_in_catalogue(reductions: Iterable[GeneralReduction]) -> str:
-    """What general laws would still explain of what the model leaves."""
-    parts = []
-    for general in reductions:
-        reduction = f"{general.reduction.value:.2g} dB"
-        parts.append(
-            f"{general.words} at {general.site} lowers the error by {reduction}"
-        )
-    return f"What is left is not noise alone: {', '.join(parts)}"
 
 
 def channels_disagree(contradictions: Sequence[Contradiction]) -> str:

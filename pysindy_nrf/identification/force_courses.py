@@ -54,13 +54,14 @@ def _course_that_closes(problem: Problem, data: Dataset, unknown: list[Segment])
         start = segment.valid.start + first
         excerpts.append(segment.part(slice(start, start + size), 0))
 
+    plain = replace(problem, optimizer=None)
     remaining: dict[str, float] = {}
     for hold in HOLDS:
         driven = [excerpt.with_band_limited_forces(hold) for excerpt in excerpts]
-        remaining[hold] = _residual(problem, replace(data, segments=driven))
+        remaining[hold] = _residual(plain, replace(data, segments=driven))
     # a force that comes late by a sample or more is not held
     late = [replace(s, F=np.vstack([s.F[:1], s.F[:-1]])) for s in excerpts]
-    remaining["late"] = _residual(problem, replace(data, segments=late))
+    remaining["late"] = _residual(plain, replace(data, segments=late))
 
     best = min(remaining, key=remaining.__getitem__)
     limit = CLEARLY_LESS.get(best, 0.0) * remaining[BAND_LIMITED]

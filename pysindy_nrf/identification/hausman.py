@@ -53,6 +53,21 @@ class Difference:
     by_interval: np.ndarray
 
     @property
+    def matters(self) -> bool:
+        """Whether least squares may not stand with its intervals."""
+        return self.exceeds_chance or self.leaves_an_interval
+
+    @property
+    def sentence(self) -> str:
+        """The largest difference, for the user."""
+        worst = int(np.argmax(np.abs(self.by_interval)))
+        return (
+            f"instruments find {self.parameters[worst]}"
+            f" {abs(self.by_interval[worst]):.2g} standard errors from least squares,"
+            " and leave more of the equations: a law is missing. Declare it."
+        )
+
+    @property
     def exceeds_chance(self) -> bool:
         """Whether a difference is larger than the spread of it explains."""
         limit = norm.ppf(1 - LEVEL / 2 / len(self.parameters))

@@ -8,6 +8,8 @@ and a search tries them.
 """
 
 from .asymmetric import asymmetric
+from .atoms import GeneralCurve as GeneralCurve
+from .atoms import GeneralHysteresis as GeneralHysteresis
 from .base import ForceLaw, Term, from_dict, registry
 from .contact import Bilinear as Bilinear
 from .contact import DeadZone as DeadZone

@@ -31,6 +31,16 @@ from .shape import Motion, Shape
 Symmetry = Literal["odd", "even", "none"]
 Variable = Literal["s", "v", "a", "1"]
 Place = Literal["link", "ground", "new link", "two storeys", "dof", "sensor"]
+# What kind of thing an effect is, whatever its name.
+EffectClass = Literal[
+    "memoryless",  # a function of drift and rate
+    "hysteresis",
+    "change in time",
+    "inertial",
+    "tie",  # where the chain has no link
+    "outside force",
+    "sensor error",
+]
 
 # Coefficients by symbol, or in the order of the terms; None: to be estimated.
 Coefficients = npt.ArrayLike | Mapping[str, float | None] | None
@@ -153,6 +163,9 @@ class ForceLaw:
     permanent_change : bool
         Whether it is a permanent change at some time after the start of a record. It is
         tried in a single record only.
+    stands_for : {"memoryless", "hysteresis", "change in time", "inertial", "tie", \
+"outside force", "sensor error"}, optional
+        Class of the effects that the law names; see :attr:`effect_class`.
 
     Notes
     -----
@@ -208,6 +221,7 @@ class ForceLaw:
     superposes: ClassVar[bool] = False
     mimics_inertia: ClassVar[bool] = False
     permanent_change: ClassVar[bool] = False
+    stands_for: ClassVar[EffectClass | None] = None
 
     # values of one law
     shape: dict[str, float | None]
@@ -287,6 +301,26 @@ class ForceLaw:
     def has_memory(self) -> bool:
         """True if the force depends on the path."""
         return self.n_states > 0
+
+    @property
+    def effect_class(self) -> EffectClass:
+        """Class of the effects that the law names.
+
+        A search finds the class of an effect first, and then its closest name there.
+        Where ``stands_for`` does not say it, a law with memory is a hysteresis, any
+        other is memoryless.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import laws
+        >>> laws.Dahl().effect_class, laws.CubicStiffness().effect_class
+        ('hysteresis', 'memoryless')
+        >>> laws.Inerter().effect_class
+        'inertial'
+        """
+        if self.stands_for is not None:
+            return self.stands_for
+        return "hysteresis" if self.has_memory else "memoryless"
 
     @property
     def narrow_band(self) -> bool:

@@ -236,6 +236,7 @@ class _Changing(ForceLaw):
     """Base of properties that change with time, for good; t is that of the record."""
 
     family = "degradation"
+    stands_for = "change in time"
     uses_time = True
     permanent_change = True
 

@@ -19,6 +19,7 @@ class _ExternalForce(ForceLaw):
     """Base of forces that do not follow the motion; several may act at one site."""
 
     family = "forcing"
+    stands_for = "outside force"
     symmetry = "even"
     at_rest = None
     superposes = True
@@ -103,6 +104,7 @@ class AddedMass(ForceLaw):
 
     name = "added_mass"
     family = "inertia"
+    stands_for = "inertial"
     columns = (Term("dm", "a", "kg"),)
     passive = True
     uses_acceleration = True
@@ -123,6 +125,7 @@ class Inerter(ForceLaw):
 
     name = "inerter"
     family = "inertia"
+    stands_for = "inertial"
     columns = (Term("b", "a", "kg"),)
     passive = True
     uses_acceleration = True
@@ -142,6 +145,7 @@ class LinkSpringDashpot(ForceLaw):
 
     name = "link_spring_dashpot"
     family = "link"
+    stands_for = "tie"
     columns = (Term("k", "s", "N/m"), Term("c", "v", "N s/m"))
     passive = True
     acts_at = ("new link",)
@@ -164,6 +168,7 @@ class BendingCoupling(ForceLaw):
 
     name = "bending_coupling"
     family = "coupling"
+    stands_for = "tie"
     columns = (Term("kb", "-s", "N/m"),)
     variable = "s"
     acts_at = ("two storeys",)
@@ -192,6 +197,7 @@ class HiddenOscillator(ForceLaw):
 
     name = "hidden_oscillator"
     family = "oscillator"
+    stands_for = "inertial"
     shapes = (Shape("omega", "1/s", 0.25, 2.5, "v/s"), Shape("zeta", "1", 0.005, 0.3))
     columns = (Term("m", "Oscillator[s]", "kg"),)
     n_states = 2  # w - s and its rate

@@ -36,6 +36,7 @@ class SensorFault(ForceLaw):
     """
 
     family = "sensor"
+    stands_for = "sensor error"
     acts_at = ("sensor",)
     output = "m"  # the unit of s, which is the channel here
     scan: ClassVar[tuple[float, float]] = (0.05, 1.5)

@@ -6,11 +6,11 @@ _NAMES = {
     "ChangeAlarm": "stream_alarm",
     "ControlChart": "control_chart",
     "StoreyCycles": "cycles",
-    "Tracked": "track",
+    "Tracked": "tracking",
     "compare_tests": "change",
     "moving_windows": "change",
     "storey_cycles": "cycles",
-    "track": "track",
+    "track": "tracking",
 }
 __all__ = [*_NAMES]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

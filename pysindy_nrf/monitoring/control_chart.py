@@ -91,6 +91,18 @@ class ControlChart:
         Degrees of freedom of the scatter.
     false_alarm_rate : float
         Of one test, all quantities together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf.monitoring import ControlChart
+    >>> rng = np.random.default_rng(0)
+    >>> warm = rng.uniform(0, 20, (30, 1))  # degrees
+    >>> k = 4e4 - 100 * warm + 50 * rng.standard_normal((30, 1))
+    >>> chart = ControlChart.of(k, warm)
+    >>> point = chart.next(chart.start(), [3.8e4], [20.0])
+    >>> bool(point.alarms[0])
+    False
     """
 
     coefficients: np.ndarray
@@ -120,18 +132,6 @@ class ControlChart:
         ------
         ChannelError
             If the tests are too few for a scatter, or the rate is no probability.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from pysindy_nrf.monitoring import ControlChart
-        >>> rng = np.random.default_rng(0)
-        >>> warm = rng.uniform(0, 20, (30, 1))  # degrees
-        >>> k = 4e4 - 100 * warm + 50 * rng.standard_normal((30, 1))
-        >>> chart = ControlChart.of(k, warm)
-        >>> point = chart.next(chart.start(), [3.8e4], [20.0])
-        >>> bool(point.alarms[0])
-        False
         """
         observed = np.asarray(values, dtype=float)
         n_tests = len(observed)

@@ -49,6 +49,21 @@ class StoreyCycles:
         A row for each storey: the sound stiffness, the last loss, the energy and the
         plastic drift of the whole record and the residual drift of the last cycle, with
         their intervals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pysindy_nrf import Record
+    >>> from pysindy_nrf.monitoring import storey_cycles
+    >>> t = np.arange(2000) / 200.0  # s
+    >>> s = 0.01 * np.sin(2 * np.pi * t)  # m
+    >>> a = -((2 * np.pi) ** 2) * s
+    >>> record = Record(
+    ...     force=10.0 * a + 4e4 * s, acceleration=a, displacement=s, fs=200.0
+    ... )
+    >>> cycles = storey_cycles(record, {1: 10.0})
+    >>> int(cycles.storeys["stiffness"].iloc[0].round(-2))
+    40000
     """
 
     table: pd.DataFrame

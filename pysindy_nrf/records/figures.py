@@ -23,8 +23,8 @@ _KINDS = {
 }
 # Height of the axes of one channel: on the page, pixels, and on the sheet, inches.
 PANEL_HEIGHT, PANEL_INCHES = 96, 1.3
-# Points of all channels of a record: half a megabyte on a page before it is packed.
-POINTS_OF_RECORD = 10_000
+# Points of all channels of a record: a page of thirty channels stays below 2 MB.
+POINTS_OF_RECORD = 5_000
 # Smallest part of the largest density that is drawn, as an amplitude.
 FLOOR_OF_SPECTRA = 1e-5
 

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.latex import pretty
+from ..chain.model import parameters_of
 from ..common.audit import settings_of
 from ..diagnosis.effects import (
     as_sentence,
@@ -36,7 +37,9 @@ from .figures.evidence import (
     evidence_figures,
     missing_force_figures,
 )
+from .figures.intervals import intervals_figure
 from .figures.motion import free_run_figures
+from .model_content import DRAWN_FREE_RUNS
 from .results import Evidence, Loop, Step, confirmed, first_evidence
 from .words import band_source, band_text, joined, listed, standing, summary_of
 
@@ -78,8 +81,15 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
         ),
         chapters=chapters(report),
         effects=effects(report),
-        errors=[errors(report)],
+        errors=[errors(report), *_figures_of_errors(report)],
     )
+
+
+def _figures_of_errors(report: Loop) -> list[Figure]:
+    """Free runs of the other DOFs, and the intervals."""
+    figures = free_run_figures(report.free_runs)[1:DRAWN_FREE_RUNS]
+    intervals = intervals_figure(parameters_of(report.model), report.bounds)
+    return figures if intervals is None else [*figures, intervals]
 
 
 def lead(report: Loop) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 import pandas as pd
 
-from ..chain.model import ChainModel
+from ..chain.model import ChainModel, parameters_of
 from ..common.audit import settings_of
 from ..diagnosis.effects import Bounds, nonlinear_parts, shares_of
 from ..diagnosis.free_run import FreeRuns
@@ -36,9 +37,13 @@ from .content import (
     names_of,
 )
 from .figures.evidence import residual_figure
+from .figures.intervals import intervals_figure
 from .figures.motion import free_run_figures
+from .figures.residual import equation_residuals, largest_residual, residual_figures
 from .words import Band, band_text
 
+# DOFs whose free run is drawn.
+DRAWN_FREE_RUNS = 3
 _HEAD_OF_ERRORS = {
     "error": "error (%)",
     "residual": "residual rms (N)",
@@ -217,7 +222,7 @@ def model_content(
         picture=picture,
         tiles=_tiles(identified),
         measured=measured_part(records, model, _quality(identified), identified.band),
-        errors=_errors(identified),
+        errors=[*_errors(identified), *_figures_of_errors(identified)],
     )
 
 
@@ -289,6 +294,21 @@ def _settings(identified: Identification) -> dict[str, dict[str, str]]:
     if identified.settings:
         return settings_of(regressor=identified.settings, model=model)
     return settings_of(model=model)
+
+
+def _figures_of_errors(identified: Identification) -> list[Figure]:
+    """Free runs of the other DOFs, what the worst balance leaves, and the intervals."""
+    figures = free_run_figures(identified.free_runs)[1:DRAWN_FREE_RUNS]
+    data = identified.data
+    if data is not None:
+        # no balance is known
+        with suppress(NRFError):
+            filters = filters_of(identified.band, data)
+            residuals = equation_residuals(identified.model, data, filters)
+            figures += residual_figures(largest_residual(residuals))
+    estimates = parameters_of(identified.model)
+    intervals = intervals_figure(estimates, identified.bounds)
+    return figures if intervals is None else [*figures, intervals]
 
 
 def _errors(identified: Identification) -> list[Figure | Table]:

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from loop_parts import (
-    findings_of,
     first_state,
-    general_promise,
     refitted_to_a_draw,
     scanned_reduction,
     start_of,
@@ -95,19 +93,3 @@ def test_every_balance_is_fitted_as_it_is_judged():
         for x in (rows, true_rows)
     )
     assert (fitted < 1.01 * true).all()
-
-
-@pytest.mark.parametrize("kind", ["coulomb", "cubic", "bouc_wen", "two_sided_gap"])
-def test_general_laws_show_where_a_law_of_the_motion_gains(kind):
-    """At least half of what the law does there, and a tenth of that elsewhere.
-
-    What they do not promise is not scanned.
-    """
-    state = first_state(
-        Plan(3, (1, 2, 3), noise=0.02, effects=((kind, 2, 1, 0.12),), seed=72)
-    )
-    below, there, above = (general_promise(state.model, site) for site in STOREYS)
-    catalogue = [laws.BoucWen(), laws.TwoSidedGap(), laws.CoulombFriction()]
-    best = findings_of(state, [*catalogue, laws.CubicStiffness()])[0]
-    assert there > 0.5 * best.value
-    assert max(below, above) < 0.1 * there

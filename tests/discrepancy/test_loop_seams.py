@@ -122,13 +122,11 @@ def test_a_long_record_is_searched_by_excerpts(long_record):
 
 
 def test_a_long_record_is_fitted_on_all_samples(long_record):
-    """What one sample in four is enough to find, all of them confirm.
-
-    Noise biases the friction low.
-    """
-    report = close_loop(long_record, catalogue=CATALOGUE[1:], max_steps=1)
+    """One sample in four is enough to find what the estimate of all samples sizes."""
+    tried = [laws.RegularizedFriction(), laws.QuadraticDamping()]
+    report = close_loop(long_record, catalogue=tried, max_steps=1)
     (step,) = report.steps
-    assert (step.law, step.site) == ("coulomb_friction", "storey 1")
+    assert (step.law, step.site) == ("regularized_friction", "storey 1")
     assert step.confirmed
     assert step.parameters["Fc"] == pytest.approx(20.0, rel=0.05)
     assert report.model.masses == pytest.approx([10.0, 10.0], rel=0.01)
@@ -152,11 +150,13 @@ def test_the_best_of_the_last_round_are_listed(searched):
         laws.CoulombFriction(),
     ]
     report = close_loop(searched, catalogue=tried, max_steps=1)
-    storeys = {"storey 1", "storey 2", "storey 3"}
+    sites_of_springs_and_friction = {"storey 1", "storey 2", "storey 3"}
+    sites_of_springs_and_friction |= {"ground 2", "ground 3"}
     assert len(report.candidates)
-    assert set(report.candidates["law"]) <= {law.name for law in tried}
+    general = {"general_curve", "general_hysteresis"}
+    assert set(report.candidates["law"]) <= general | {law.name for law in tried}
     for sites in report.candidates["site"]:
-        assert set(sites.split(", ")) <= storeys
+        assert set(sites.split(", ")) <= sites_of_springs_and_friction
 
 
 # -- evidence to report --------------------------------------------------------

@@ -16,6 +16,8 @@ VARIANTS = [
     laws.HiddenOscillator(covariate="ag"),
 ]
 REGISTERED = [laws.registry()[name]() for name in sorted(laws.registry())]
+# sizes of their atoms are options, which no change of units reaches
+OF_FIXED_SIZE = (laws.GeneralCurve, laws.GeneralHysteresis)
 
 
 def name_of_check(check):
@@ -25,6 +27,8 @@ def name_of_check(check):
 @pytest.mark.parametrize("check", contract.CHECKS, ids=name_of_check)
 @pytest.mark.parametrize("law", REGISTERED + VARIANTS, ids=repr)
 def test_every_law_keeps_the_contract(law, check):
+    if isinstance(law, OF_FIXED_SIZE) and check is contract.check_units:
+        pytest.skip("the sizes of its atoms are options")
     rng = np.random.default_rng(0)
     check(contract.random_values(law, rng), rng)
 

@@ -13,5 +13,5 @@ _NAMES = {
     "VaryingSetting": "request",
     "with_time_variation": "follow",
 }
-__all__ = [*_NAMES]
+__all__ = ["TimeVariation"]
 __getattr__, __dir__ = public_names(__name__, _NAMES)

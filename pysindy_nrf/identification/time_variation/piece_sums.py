@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,14 +42,19 @@ class EquationSums:
         weights = np.column_stack(
             [-coefficients[:, self.places], np.ones(len(coefficients))]
         )
-        squares = np.einsum("pi,pij,pj->", weights, self.products, weights)
-        return max(float(squares), 0.0) / self.n_samples
+        images = np.matmul(self.products, weights[:, :, None])[:, :, 0]
+        return max(float(np.sum(images * weights)), 0.0) / self.n_samples
 
-    @property
+    @cached_property
+    def by_product(self) -> np.ndarray:
+        """The products, one row for each pair of columns, (., n_pieces)."""
+        flat = self.products.reshape(len(self.products), -1)
+        return np.ascontiguousarray(flat.T)
+
+    @cached_property
     def size(self) -> float:
-        """Mean square of the largest column or of the right-hand side."""
-        power = np.einsum("pii->i", self.products)
-        return float(power[-1]) / self.n_samples
+        """Mean square of the right-hand side."""
+        return float(self.products[:, -1, -1].sum()) / self.n_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +163,14 @@ def weighted_products(
     ``weights`` are one over the mean square that each equation leaves.
     """
     n_pieces = len(equations[0].products)
-    total = np.zeros((n_pieces, n_unknowns + 1, n_unknowns + 1))
+    size = n_unknowns + 1
+    # one row for each product of two unknowns, which lie beside each other in memory
+    total = np.zeros((size * size, n_pieces))
     for equation, weight in zip(equations, weights):
         places = np.append(equation.places, n_unknowns)
-        total[:, places[:, None], places] += weight * equation.products
-    return total
+        rows = (places[:, None] * size + places).ravel()
+        total[rows] += weight * equation.by_product
+    return np.ascontiguousarray(total.T).reshape(n_pieces, size, size)
 
 
 def weights_of(equations: list[EquationSums], coefficients: np.ndarray) -> np.ndarray:

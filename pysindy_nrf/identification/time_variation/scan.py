@@ -167,24 +167,27 @@ class Noise:
 
 
 def step_scan(fit: PenalisedFit, unknown: int, noise: Noise | None = None) -> StepScan:
-    """A step of one coefficient at every piece, beside a fit.
+    """A step of one coefficient beside a fit, at every piece.
 
-    Instants with too little information on either side are left out.
+    With the noise, for a test, at every half period. Instants with too little
+    information on either side are left out.
     """
+    spacing = 1 if noise is None else NEIGHBOURS
     noise = noise or Noise(fit.scores, 0.0)
     information = fit.products[:, unknown, unknown]
     share = np.cumsum(information[::-1])[::-1] / information.sum()
     inside = (share > LEAST_SIDE) & (share < 1 - LEAST_SIDE)
-    pieces = np.flatnonzero(inside)
+    pieces = np.flatnonzero(inside)[::spacing]
     after = np.arange(len(share))[:, None] >= pieces
     further = FurtherFunctions.of(fit, unknown, after.astype(float), noise.scores)
 
     white = np.diag(further.information)
+    variance = further.variances
     determined = white > LEAST_DETERMINED * share[pieces] * information.sum()
     chosen = np.flatnonzero(determined)
     root = np.sqrt(white[chosen])
     scores = further.scores[chosen]
-    variances = further.variances[chosen] + noise.least * white[chosen]
+    variances = variance[chosen] + noise.least * white[chosen]
     robust = scores / np.sqrt(np.maximum(variances, np.finfo(float).tiny))
     shared = further.information[chosen[:-1], chosen[1:]]
     freedom = further.freedom[chosen]

@@ -58,6 +58,28 @@ class TimeVariation:
         changing.
     period : float
         Of the first mode, s; an eighth of it is the resolution in time.
+
+    Examples
+    --------
+    A tenth of the stiffness is lost after 10 s.
+
+    >>> import numpy as np
+    >>> from pysindy_nrf import NRFRegressor
+    >>> rng = np.random.default_rng(0)
+    >>> t = np.arange(4000) / 200.0  # s
+    >>> s = np.convolve(rng.standard_normal(4040), np.hanning(41), "valid")
+    >>> v = np.gradient(s, 0.005)
+    >>> a = np.gradient(v, 0.005)
+    >>> F = 2.0 * a + 5.0 * v + np.where(t < 10, 400.0, 360.0) * s
+    >>> F = F + 0.02 * F.std() * rng.standard_normal(4000)
+    >>> model = NRFRegressor(degree=1, dt=0.005, varying={1: "s"})
+    >>> variation = model.fit(
+    ...     np.column_stack([a, v, s]), F[:, None]
+    ... ).time_variation_
+    >>> variation.changing
+    ['storey 1']
+    >>> variation.instants[["t", "change"]].round().to_numpy().tolist()
+    [[10.0, -10.0]]
     """
 
     table: pd.DataFrame

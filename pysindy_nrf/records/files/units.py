@@ -226,7 +226,7 @@ def is_unit(text: str) -> bool:
     return not numbers_a_sensor and kind_of_unit(text) is not None
 
 
-# Units that a column's name may end with, behind an underscore or a slash.
+# Units that a column's name may end with, behind an underscore, a slash or a blank.
 _PLAIN_SUFFIXES = "g mg gal m mm cm in ft N kN lbf kip s ms".split()
 _SUFFIXES = {unit.lower(): unit for unit in _PLAIN_SUFFIXES} | {
     "um": "µm",
@@ -241,12 +241,12 @@ _BRACKETS = {"]": "[", ")": "(", "）": "（", "］": "［", "】": "【"}
 
 
 def split_suffix(name: str) -> tuple[str, str | None]:
-    """Name of a column and the unit behind its last underscore or slash.
+    """Name of a column and the unit behind its last underscore, slash or blank.
 
-    ``acc_2_g``, ``time_ms``, ``Weg 1/mm``.
+    ``acc_2_g``, ``time_ms``, ``Weg 1/mm``, ``Acc 1 g``.
     """
     text = name.strip()
-    bare, _, suffix = text.replace("/", "_").rpartition("_")
+    bare, _, suffix = re.sub(r"[/ ]", "_", text).rpartition("_")
     unit = _SUFFIXES.get(suffix.lower())
     if not bare or unit is None:
         return text, None
@@ -254,14 +254,15 @@ def split_suffix(name: str) -> tuple[str, str | None]:
 
 
 def split_unit(column: str) -> tuple[str, str | None]:
-    """Name of a column and the unit in brackets behind it.
+    """Name of a column and the unit in brackets, or behind a comma, at its end.
 
-    ``a1 [mm]``, ``a1 (g)``, or brackets of full width.
+    ``a1 [mm]``, ``a1 (g)``, brackets of full width, ``Force 2, N``.
     """
     text = column.strip()
     bracket = _BRACKETS.get(text[-1:])
     if bracket is None:
-        return text, None
+        name, comma, unit = text.rpartition(", ")
+        return (name.strip(), unit.strip()) if comma and is_unit(unit) else (text, None)
 
     opening = max(text.rfind(bracket), 0)
     name = text[:opening].strip()

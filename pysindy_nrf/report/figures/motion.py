@@ -22,7 +22,7 @@ from ..words import Band
 # Cycles of a free run that are drawn, about the largest motion.
 DRAWN_CYCLES = 25
 # Points of a line of a free run, at most about this many.
-DRAWN_POINTS = 1500
+DRAWN_POINTS = 1000
 # A free run that leaves the measured motion by more than this factor is cut off.
 CUT_OFF = 2.5
 # Modes that are drawn; more lines hide each other.

@@ -11,7 +11,7 @@ import numpy as np
 from ...chain.model import ChainModel
 from ...diagnosis.motions import motions_of
 from ...diagnosis.residual import Filters, residual_of
-from ...drawing.figure import Axis, Figure, Line, Mark
+from ...drawing.figure import Axis, Figure, Line, Mark, Table
 from ...exceptions import NRFWarning
 from ...records.dataset import Dataset, Segment
 from ...records.fusion.noise_levels import levels_of, noisy_base
@@ -202,7 +202,17 @@ def residual_spectrum_figure(shown: EquationResidual) -> Figure:
         caption=caption,
         legend="above",
         size=(6.5, 3.0),
+        table=_sizes(shown),
     )
+
+
+def _sizes(shown: EquationResidual) -> Table:
+    """Rms of the residual, of its reference and of what noise leaves."""
+    lines = {"residual": shown.residual, shown.reference_name: shown.reference}
+    if shown.noise is not None:
+        lines["noise of the channels"] = shown.noise
+    rows = [[name, float(np.std(line))] for name, line in lines.items()]
+    return Table(f"Equation of motion of DOF {shown.dof}", ["what", "rms (N)"], rows)
 
 
 def autocorrelation_figure(shown: EquationResidual) -> Figure:
@@ -277,6 +287,11 @@ def _correlation_figure(
         ),
         size=(6.5, 2.4),
         height=240,
+        table=Table(
+            title,
+            ["lags", "outside the bounds", "largest"],
+            [[len(lags), n_outside, float(np.abs(values[lags != 0]).max())]],
+        ),
     )
 
 

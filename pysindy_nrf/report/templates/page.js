@@ -41,9 +41,11 @@
     const layout = figure.layout;
     if ("paper" in document.documentElement.dataset) {
       layout.width = document.getElementById(name).clientWidth;
-      const highest = layout.scene ? 420 : 240;
+      const isOnePage = "onepage" in document.documentElement.dataset;
+      const highest = layout.scene ? 420 : isOnePage ? 150 : 240;
+      if (isOnePage && layout.yaxis2) { layout.height = 230; }
       if (!layout.yaxis2) {
-        layout.height = Math.min(layout.height, Math.max(170, 0.6 * layout.width), highest);
+        layout.height = Math.min(layout.height, Math.max(150, 0.6 * layout.width), highest);
       }
     }
     layout.paper_bgcolor = CLEAR;

@@ -44,7 +44,9 @@ class FileFormat:
 
 
 DELIMITED_TEXT = FileFormat(
-    "delimited text", (".csv", ".txt", ".tsv", ".dat", ".asc"), read_delimited
+    "delimited text",
+    (".csv", ".txt", ".tsv", ".dat", ".asc", ".out", ".prn"),
+    read_delimited,
 )
 PARQUET = FileFormat("Parquet", (".parquet", ".pq"), read_parquet, (b"PAR1",))
 HDF5 = FileFormat("HDF5", (".h5", ".hdf5"), read_hdf5, (HDF5_SIGNATURE,))

@@ -40,6 +40,8 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     variables, units = _columns(path, frame, dialect)
 
     notes = [_dialect_in_words(dialect), *header.notes, *notes_on_rows]
+    if dialect.fs is not None:
+        notes.append(f"sampling rate of {dialect.fs:g} Hz above the numbers")
     if cut_number:
         notes.append(
             f"the file ends inside a number, {cut_number!r}: its last row is left out;"
@@ -51,6 +53,7 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         variables,
         units,
         tuple(notes),
+        fs=dialect.fs,
         decimal=dialect.notation.decimal,
     )
 

@@ -24,6 +24,7 @@ BLANK = " "  # separator that stands for any run of blanks
 
 _COMMENTS = ("#", "%", "//")
 MISSING = {"", "nan", "na", "n/a", "null", "none", "-nan", "inf", "-inf"}
+MISSING |= {"-", "--", "---", "#n/a", "#value!", "#div/0!", "#num!"}
 _NUMBERS = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?"),
     ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eE][+-]?\d+)?"),
@@ -102,6 +103,7 @@ class Dialect:
     header: Header
     first_row: int  # lines above the first row of numbers
     encoding: str
+    fs: float | None = None  # Hz, as the lines above state it
 
 
 @dataclass(frozen=True)
@@ -157,7 +159,7 @@ def sniff(path: Path) -> Dialect:
 
 
 # Nearly any bytes decode as these; the text must also hold a word for a channel.
-_EASTERN_ENCODINGS = ("cp932", "gb18030")
+_EASTERN_ENCODINGS = ("cp1251", "cp932", "gb18030")
 
 
 def _decode(raw: bytes, path: Path) -> tuple[str, str]:
@@ -172,8 +174,11 @@ def _decode(raw: bytes, path: Path) -> tuple[str, str]:
             text = codecs.getincrementaldecoder(encoding)().decode(raw)
         except UnicodeError:
             continue
+        words = EASTERN_WORDS
+        if encoding == "cp1251":
+            words = [word for word in EASTERN_WORDS if re.fullmatch("[а-я]+", word)]
         is_eastern = encoding in _EASTERN_ENCODINGS
-        if not is_eastern or any(word in text for word in EASTERN_WORDS):
+        if not is_eastern or any(word in text.lower() for word in words):
             return encoding, text
     raise unreadable(
         path, "delimited text", "its characters are neither UTF-8 nor UTF-16"
@@ -198,7 +203,25 @@ def _dialect(text: _Text, notation: Notation, strict: bool) -> Dialect | None:
     above = [cells for cells in rows_above if len(cells) == width]
     if not above:
         above = _names_in_comment(text.lines[:first_row], notation, width)
-    return Dialect(notation, header_of(above, width), first_row, text.encoding)
+    fs = _stated_rate(text.lines[:first_row])
+    return Dialect(notation, header_of(above, width), first_row, text.encoding, fs)
+
+
+_RATE = re.compile(
+    r"(sampl\w*|scan|abtast\w*|mess)[\s_]*(rate|freq\w*|frequenz)\W*"
+    r"(?P<fs>\d+(?:[.,]\d+)?)\s*(?P<kilo>k?)(hz|s/s|samples/s|$)",
+    re.IGNORECASE,
+)
+
+
+def _stated_rate(lines: Sequence[str]) -> float | None:
+    """Sampling rate, Hz, that a line above the numbers states."""
+    for line in lines:
+        stated = _RATE.search(line.strip().rstrip(";,\t"))
+        if stated is not None:
+            rate = float(stated["fs"].replace(",", "."))
+            return 1e3 * rate if stated["kilo"] else rate
+    return None
 
 
 def _first_row_of_numbers(text: _Text, notation: Notation, strict: bool) -> int | None:
@@ -237,12 +260,15 @@ def _is_row_of_numbers(cells: list[str], notation: Notation, strict: bool) -> bo
 def _names_in_comment(
     lines: Sequence[str], notation: Notation, width: int
 ) -> list[list[str]]:
-    """Names that stand in the last comment above the numbers: ``# t, a1, a2``."""
+    """Names, and units, in the last comments above the numbers: ``# t, a1, a2``."""
     comments = [line.lstrip().lstrip("#%/").strip() for line in lines if line.strip()]
-    if not comments or width < 2:
-        return []
-    cells = notation.cells(comments[-1])
-    return [cells] if len(cells) == width else []
+    rows: list[list[str]] = []
+    for comment in reversed(comments):
+        cells = notation.cells(comment)
+        if len(cells) != width or width < 2 or len(rows) > MAX_ROWS_OF_NAMES:
+            break
+        rows.insert(0, cells)
+    return rows
 
 
 def _likeliest_notation(text: _Text) -> Notation:
@@ -370,8 +396,10 @@ def _pop_units(rows: list[Sequence[str]], width: int) -> list[str]:
 
 
 def _is_row_of_units(cells: Sequence[str]) -> bool:
-    """Whether the filled cells are units, or dashes where there is none."""
+    """Whether the filled cells are units, in brackets, or dashes for none."""
     filled = [cell for cell in cells if cell]
+    if filled and all(cell[0] + cell[-1] in ("()", "[]") for cell in filled):
+        return True
     return bool(filled) and all(
         is_unit(cell) or not cell.strip("[]()-") for cell in filled
     )

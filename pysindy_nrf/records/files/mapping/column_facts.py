@@ -123,12 +123,16 @@ def _has_spectrum(column: ColumnFacts, values: np.ndarray) -> bool:
 
 def _columns(table: Table) -> Iterator[ColumnFacts]:
     """Columns of the longest variables, and whether they are times."""
-    lengths = [len(values) for values in table.variables.values() if values.ndim]
+    lengths = [max(values.shape) for values in table.variables.values() if values.ndim]
     longest = max(lengths, default=0)
     # channels of one test in several files may differ in length
     shortest = longest * SHORTEST_OF_FILES if table.files else longest
     for name, values in table.variables.items():
-        if values.ndim not in (1, 2) or len(values) < shortest:
+        if values.ndim not in (1, 2) or max(values.shape) < shortest:
+            continue
+        if values.ndim == 2 and values.shape[0] < values.shape[1]:
+            for k, row in enumerate(values):
+                yield _column(f"{as_name(name)}[{k}, :]", name, row)
             continue
         if values.dtype.kind not in "biuf":
             yield ColumnFacts(as_name(name), name, None)

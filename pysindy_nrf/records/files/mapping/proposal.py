@@ -155,8 +155,9 @@ def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
 
 
 def _number_of_column(fact: ColumnFacts) -> int:
-    """Number of a column of a matrix, counted from 1."""
-    return int(fact.text.rpartition(" ")[2].rstrip("]")) + 1
+    """Number of a column or row of a matrix, counted from 1."""
+    (number,) = re.findall(r"\d+", fact.text.rpartition("[")[2])
+    return int(number) + 1
 
 
 def _without_prefix(name: str, table: Table) -> str:

@@ -12,22 +12,25 @@ from dataclasses import dataclass
 # By the letter of the channels; "" for columns that are no channels. The first that
 # fits counts.
 WORDS_OF_CHANNELS = {
-    "t": "t time x_value zeit temps tiempo tempo timestamp secs 时间 時間 時刻",
-    "": (
-        "temp temperatur thermo scan index sample row nr no status trigger spare humid"
-        " 温度 湿度"
+    "t": (
+        "t time x_value zeit uhrzeit temps heure tiempo hora tempo timestamp secs"
+        " время 时间 時間 時刻"
     ),
-    "a": "acc aceler beschl akzel 加速",
+    "": (
+        "temp temperatur thermo datum date fecha scan index sample row nr no status"
+        " trigger spare humid 温度 湿度"
+    ),
+    "a": "acc aceler beschl akzel ускор 加速",
     "F": (
         "force kraft fuerza forza effort load last charge carga carico shaker hammer"
         " impact impakt marteau martillo martello exciter erreger excit vibrodin"
-        " dynamom torque drehmoment couple coppia 荷重 力 加振"
+        " dynamom torque drehmoment couple coppia сила нагруз 荷重 力 加振"
     ),
     "x": (
         "disp lvdt laser string drift weg verschieb auslenk deplac desplaz spost dist"
-        " abstand potentiom angle winkel angolo angulo 位移 变位 変位"
+        " abstand potentiom angle winkel angolo angulo перемещ смещ 位移 变位 変位"
     ),
-    "v": "vel geschw vitess speed ldv omega drehzahl 速度",
+    "v": "vel geschw vitess speed ldv omega drehzahl скорост 速度",
 }
 WORDS_OF_BASE = (
     "ag xg vg base basis ground boden table tisch sol suelo terreno fundament"

@@ -36,6 +36,18 @@ class Tracked:
         ``statistic``, ``limit``, ``reference`` and ``alarm``.
     false_alarm_rate : float
         Of a test, all storeys together.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.monitoring import track
+    >>> record = datasets.load_demo()
+    >>> tests = [record.window(2.0 * i, 2.0 * i + 2.0) for i in range(10)]
+    >>> report = track(
+    ...     tests, NRFRegressor(degree=1, estimation="ls"), reference=9
+    ... )
+    >>> report.table["test"].nunique(), sorted(report.table["storey"].unique())
+    (10, ['storey 1', 'storey 2', 'storey 3'])
     """
 
     table: pd.DataFrame

@@ -89,8 +89,8 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     "--estimation",
     ["auto", "ls", "iv", "simulation"],
     "ls: least squares. iv: instrumental variables, which noise in the motion does not"
-    " bias. simulation: iv, then the free run fitted to the motion. auto: ls where the"
-    " measured noise is negligible, else iv. See docs/noise.md.",
+    " bias. simulation: iv, then the free run fitted to the motion. auto: ls where a"
+    " test does not distinguish it from iv, else iv. See docs/noise.md.",
     "auto",
 )
 @click.option(

@@ -1,7 +1,7 @@
 """The judge: does an effect hold at a condition that its fit has not seen?
 
 Another record, if one was held out; else another amplitude, which held-out time must
-not contradict; held-out time alone decides where amplitude cannot tell. Every answer is
+not contradict; held-out time alone decides where amplitude cannot. Every answer is
 an error reduction in dB with its standard error.
 """
 

@@ -85,8 +85,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ``"ls"``: least squares. ``"iv"``: instrumental variables from the free run of
         the model, without the bias by noise in the motion, also for searched shape
         parameters; give records, or motions of ``KinematicSmoother(joint=False)``.
-        ``"auto"``: ``"ls"`` for arrays, and where the noise of the channels biases no
-        parameter by half a standard error; else ``"iv"``. ``"simulation"``: the free
+        ``"auto"``: ``"ls"`` for arrays, and where a test (Durbin, Wu, Hausman) does not
+        distinguish it from ``"iv"``; else ``"iv"``. ``"simulation"``: the free
         run fitted to the motion, started from ``"iv"`` and kept where it predicts
         better. See :mod:`pysindy_nrf.identification`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional

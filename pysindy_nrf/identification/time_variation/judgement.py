@@ -80,9 +80,22 @@ class Judgement:
             kinds[number] = GRADUAL
             if shape.steps:
                 kinds[number] = BOTH if shape.gradual else SUDDEN
-            if self.courses[number].may_be_constant:
+            course = self.courses[number]
+            doubtful = course.may_be_constant or course.changes_sign
+            if doubtful or self._lacks_something:
                 kinds[number] = UNCERTAIN
         return kinds
+
+    @cached_property
+    def _lacks_something(self) -> bool:
+        """Whether a stiffness changes its sign: the model is not that of the data."""
+        followed = self.declared
+        stiffnesses = [
+            number
+            for number, (_, label) in zip(followed.tested, followed.places)
+            if label == "s"
+        ]
+        return any(self.courses[number].changes_sign for number in stiffnesses)
 
     @cached_property
     def courses(self) -> dict[int, CourseValues]:

@@ -72,9 +72,10 @@ def pieces_of_record(segment: Segment, model: ChainModel) -> Pieces:
 
 def _first_period(segment: Segment, model: ChainModel) -> float:
     """Period of the first mode of the model, or of the drifts where it has none, s."""
-    frequencies = model.modes()["frequency"].to_numpy()
-    first = frequencies[np.isfinite(frequencies) & (frequencies > 0)]
-    if len(first):
-        return float(1.0 / first.min())
+    if (model.masses > 0).all():
+        frequencies = model.modes()["frequency"].to_numpy()
+        first = frequencies[np.isfinite(frequencies) & (frequencies > 0)]
+        if len(first):
+            return float(1.0 / first.min())
     drifts = segment.s[segment.valid].astype(float)
     return mean_period(list(drifts.T)) * segment.step

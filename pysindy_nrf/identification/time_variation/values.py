@@ -16,6 +16,9 @@ LEVEL = 0.95
 # Share of the information on a coefficient over which its first and its last values are
 # averaged.
 FIFTH = 0.2
+# Value of the other sign, over the median, that noise may give to friction that has
+# worn off.
+SIGN_MARGIN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,16 @@ class CourseValues:
     def may_be_constant(self) -> bool:
         """Whether a constant lies within the band all along."""
         return bool(self.lower.max() <= self.upper.min())
+
+    @property
+    def changes_sign(self) -> bool:
+        """Whether it takes the other sign than its median by a tenth of it.
+
+        A storey that loses stiffness keeps its sign. A coefficient that does not takes
+        the place of something that is missing: a law, or floors without a sensor.
+        """
+        over_median = self.values / np.median(self.values)
+        return bool(over_median.min() < -SIGN_MARGIN)
 
 
 def course_values(

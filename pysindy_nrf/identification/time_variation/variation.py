@@ -41,7 +41,8 @@ class TimeVariation:
         A row for each coefficient that was followed: ``site``, ``term``, ``kind``
         (``"constant"``, ``"gradual"``, ``"sudden"``, ``"gradual and sudden"``,
         ``"amplitude dependence"``, ``"change or amplitude dependence"``, ``"not
-        certain"`` where a constant lies within the band all along), ``first``,
+        certain"`` where a constant lies within the band all along, or the coefficient
+        changes its sign, as that of something missing), ``first``,
         ``last`` and ``lowest`` value (SI), ``change`` from the first to the last with
         ``lower`` and ``upper`` (percent of the first), and ``p``, a bound of the
         probability of the evidence if nothing changes.
@@ -168,7 +169,10 @@ def _sentence(row: dict[str, object]) -> str:
             f" ({row['lower']:+.3g} to {row['upper']:+.3g})."
         )
     if row["kind"] == UNCERTAIN:
-        return f"{name}: follows the record, but a constant lies within its band."
+        return (
+            f"{name}: follows the record, but a constant lies within its band, or its"
+            " sign changes: no certain change."
+        )
     if row["kind"] == AMPLITUDE:
         return f"{name}: depends on the amplitude; no change in time is seen."
     return (

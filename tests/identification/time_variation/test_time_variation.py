@@ -187,6 +187,16 @@ def test_bands_hold_the_truth_as_often_as_they_say():
     assert 0.90 <= np.mean(shares) <= 0.99
 
 
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_an_element_without_mass_is_followed_too():
+    X, F = oscillator(np.random.default_rng(67), np.where(T < 12, 400.0, 320.0))
+    force = F - 2.0 * X[:, :1]
+    model = NRFRegressor(degree=1, dt=1 / FS, massless=True, varying={1: ["s"]})
+    (row,) = model.fit(X, force).time_variation_.instants.to_dict("records")
+    assert row["t"] == pytest.approx(12.0, abs=0.1)
+    assert row["change"] == pytest.approx(-20.0, abs=2.0)
+
+
 def test_a_hardening_spring_is_not_called_changing():
     record = noisy(shaken(lower_constant, seed=5, cubic=2e6), 0.01)
     variation = NRFRegressor(degree=1, varying="auto").fit(record).time_variation_

@@ -20,6 +20,7 @@ import chains
 import numpy as np
 import pandas as pd
 from harness import markdown, options_of, quietly, times_in_turns
+from scipy.interpolate import make_interp_spline
 from sklearn.model_selection import GridSearchCV
 from tqdm import tqdm
 
@@ -34,6 +35,7 @@ from pysindy_nrf import (
 
 DEGREES = range(1, 8)
 DT = 1e-3  # s
+SUBSTEPS = 4
 NOISES = (0.0, 0.02)
 # DOFs, those forced, samples
 SETUPS = {
@@ -56,7 +58,11 @@ def motions(
         for dof in forced:
             F[:, i, dof - 1] = chains.band_limited(n_samples, DT, rng)
 
-    a, v, s = chains.integrate(*parameters, F, DT, substeps=4)
+    # forces are straight between the samples
+    fine = np.arange((n_samples - 1) * SUBSTEPS + 1) / SUBSTEPS
+    forces = make_interp_spline(np.arange(n_samples), F, k=1)(fine)
+    motion = chains.integrate(*parameters, forces, DT / SUBSTEPS)
+    a, v, s = motion[:, ::SUBSTEPS]
     for i in range(len(rngs)):
         yield {
             "force": F[:, i],

@@ -135,9 +135,9 @@ def libraries() -> dict[str, tuple[Any, int]]:
     return {
         "polynomial": (InterstoryPolynomialLibrary(3), 1 + 9),
         "polynomial box": (InterstoryPolynomialLibrary((1, 2)), 1 + 5),
-        "polynomial, state": (cubic_state, 1 + 9 + 1),
+        "polynomial, state": (cubic_state, 9 + 1),
         "laws": (ForceLawLibrary(duffing), 1 + 3),
-        "laws, state": (ForceLawLibrary(duffing, inputs="state"), 1 + 3 + 1),
+        "laws, state": (ForceLawLibrary(duffing, inputs="state"), 3 + 1),
         "laws with memory": (ForceLawLibrary(memory, dt=0.1), 1 + 4),
         "sum": (InterstoryPolynomialLibrary(1) + friction, 1 + 3),
         "beside PySINDy's": (InterstoryPolynomialLibrary(2) + polynomial, 1 + 5 + 3),

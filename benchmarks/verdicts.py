@@ -20,7 +20,8 @@ its words:
 
 Asked: at most 1 % of the mistakes silent, at least 97 % of the clean tests green, at
 most 1 % of them accused. One gain of all motions, or of all forces, scales masses and
-laws alike and cannot be known from the test: such tests are a row by themselves.
+laws alike and cannot be known from the test: such tests are a row by themselves, named
+where the verdict says that it is assumed.
 Measured with ``--seed 100``, which chose no constant: 0.0 % of 344, 97.0 % and 0.0 % of
 200. The constants of the rules were chosen with seed 0.
 """
@@ -246,17 +247,24 @@ def with_fault(
             matrix[:, j - 1] = change(matrix[:, j - 1])
         return rec.replace(**{part: matrix})
 
-    letters = "F" if letter == "F" else "ax"
-    places = {f"{other}{j}" for other in letters for j in floors}
-    places |= {f"{kind} {j}" for kind in ("dof", "sensor") for j in floors}
-    earlier = [] if test.mistake == "no mistake" else [test.mistake]
+    kinds = ["F", "dof ", "sensor "] if letter == "F" else ["a", "x", "dof ", "sensor "]
+    places = set()
+    for kind in kinds:
+        places.update(f"{kind}{j}" for j in floors)
     names = ", ".join(f"{letter}{j}" for j in floors)
     return replace(
         test,
-        faults=(*test.faults, fault),
+        faults=test.faults + (fault,),
         places=test.places | places,
-        mistake=", ".join([*earlier, f"{names} {mistake}"]),
+        mistake=with_earlier(test, f"{names} {mistake}"),
     )
+
+
+def with_earlier(test: Test, mistake: str) -> str:
+    """A mistake in words, after those that the test has."""
+    if test.mistake == "no mistake":
+        return mistake
+    return f"{test.mistake}, {mistake}"
 
 
 def any_channel(
@@ -264,8 +272,12 @@ def any_channel(
 ) -> tuple[str, int]:
     """Letter and floor of one channel."""
     letter = str(rng.choice([one for one in letters if one in test.measured]))
-    floors = test.forced if letter == "F" else test.floors
-    return letter, int(rng.choice(floors))
+    return letter, int(rng.choice(floors_with(test, letter)))
+
+
+def floors_with(test: Test, letter: str) -> list[int]:
+    """Floors with a channel of one kind."""
+    return test.forced if letter == "F" else test.floors
 
 
 def scaled(test: Test, letters: str, floors: list[int], factor: float) -> Test:
@@ -295,7 +307,7 @@ def exchanged_floors(test: Test, rng: np.random.Generator) -> Test:
 
     places = frozenset(f"{other}{floor}" for other in "axF" for floor in (i, j))
     mistake = f"{letter}{i} and {letter}{j} exchanged"
-    faults = (*test.faults, fault)
+    faults = test.faults + (fault,)
     return replace(test, faults=faults, places=places, mistake=mistake)
 
 
@@ -317,8 +329,10 @@ def reversed_sign(test: Test, rng: np.random.Generator) -> Test:
 def wrong_unit(test: Test, rng: np.random.Generator) -> Test:
     letter, j = any_channel(test, rng)
     factor = {"a": 1 / 9.80665, "x": 1e3, "F": 1e-3}[letter]
-    floors = test.forced if letter == "F" else test.floors
-    return scaled(test, letter, floors if rng.random() < 0.5 else [j], factor)
+    floors = [j]
+    if rng.random() < 0.5:
+        floors = floors_with(test, letter)
+    return scaled(test, letter, floors, factor)
 
 
 def gain(rng: np.random.Generator) -> float:
@@ -360,8 +374,7 @@ def shifted(signal: np.ndarray, share: float) -> np.ndarray:
 
 def zero_offset(test: Test, rng: np.random.Generator) -> Test:
     letter, _ = any_channel(test, rng)
-    floors = test.forced if letter == "F" else test.floors
-    for j in floors:
+    for j in floors_with(test, letter):
         share = float(rng.choice([-1, 1]) * rng.uniform(0.005, 0.03))
         change = partial(shifted, share=share)
         test = with_fault(test, letter, [j], change, f"zero off by {share:.1%} of rms")
@@ -438,13 +451,12 @@ def rayleigh_damping(test: Test, rng: np.random.Generator) -> Test:
 
 
 def _with_extras(test: Test, extras: dict[str, laws.ForceLaw], mistake: str) -> Test:
-    earlier = [] if test.mistake == "no mistake" else [test.mistake]
     return replace(
         test,
         extras=extras,
         named_by=OF_THE_STRUCTURE,
         places=test.places | set(extras),
-        mistake=", ".join([*earlier, mistake]),
+        mistake=with_earlier(test, mistake),
     )
 
 
@@ -464,19 +476,22 @@ def narrow_with_mistake(test: Test, rng: np.random.Generator) -> Test:
 
 def short_record(test: Test, rng: np.random.Generator) -> Test:
     periods = float(rng.uniform(1.0, 6.0))
-    load = "random" if test.load == "blows" else test.load
     seconds = periods / test.frequencies[0]
     mistake = f"{periods:.2g} periods of mode 1"
-    return replace(test, load=load, seconds=seconds, mistake=mistake)
+    return replace(steady(test), seconds=seconds, mistake=mistake)
 
 
 def coarse(test: Test, rng: np.random.Generator) -> Test:
     """Data as simulations leave them: at a low rate, with little noise."""
     samples_a_period = float(rng.uniform(4.0, 12.0))
-    load = "random" if test.load == "blows" else test.load
     fs = float(math.ceil(samples_a_period * test.band[1]))
     noise = float(rng.choice([0.0, 0.002]))
-    return replace(test, load=load, fs=fs, noise=noise)
+    return replace(steady(test), fs=fs, noise=noise)
+
+
+def steady(test: Test) -> Test:
+    """The test with a force that acts all the time."""
+    return replace(test, load="random") if test.load == "blows" else test
 
 
 def newmark_data(test: Test, rng: np.random.Generator) -> Test:
@@ -540,12 +555,11 @@ def _declared(test: Test, i: int, law: laws.ForceLaw, unknown: laws.ForceLaw) ->
 
 def clean_base(test: Test, rng: np.random.Generator) -> Test:
     """The base shakes; one mass is known."""
-    load = "random" if test.load == "blows" else test.load
     j = int(rng.choice(test.floors))
     known = {j: float(test.masses[j - 1])}
     settings = {**test.settings, "known_masses": known}
     forced = test.forced[:1]
-    return replace(test, load=load, shaken=True, forced=forced, settings=settings)
+    return replace(steady(test), shaken=True, forced=forced, settings=settings)
 
 
 Mistake = Callable[[Test, np.random.Generator], Test]
@@ -629,12 +643,13 @@ def outcome(kind: str, seed: int) -> Outcome:
 
     masses_off = np.abs(model.masses_ / test.masses - 1).max()
     grounds = verdict.grounds
+    is_assumed = test.invariant and bool(verdict.assumptions)
     listed = [f"{x.kind} {x.place}".strip() for x in grounds]
     return result(
         verdict.state,
         float(masses_off),
         stiffness_error(model, test),
-        named=any(names(ground, test) for ground in grounds),
+        named=is_assumed or any(names(ground, test) for ground in grounds),
         accused=kind in CLEAN and any(x.kind in ACCUSATIONS for x in grounds),
         grounds="; ".join(listed),
     )
@@ -698,27 +713,31 @@ def goals(table: pd.DataFrame) -> pd.DataFrame:
     accused = without["accused"].mean()
 
     of_clean = f"of {len(without)} clean tests"
+    of_mistakes = f"green, off and not named, of {len(mistakes)} mistakes"
     rows = [
         (
-            f"green, off and not named, of {len(mistakes)} mistakes",
+            of_mistakes,
             f"at most {SILENT_AT_MOST:.0%}",
-            f"{silent:.1%}",
-            PASS if silent <= SILENT_AT_MOST else FAIL,
+            silent,
+            silent <= SILENT_AT_MOST,
         ),
         (
             f"green, {of_clean}",
             f"at least {GREEN_AT_LEAST:.0%}",
-            f"{green:.1%}",
-            PASS if green >= GREEN_AT_LEAST else FAIL,
+            green,
+            green >= GREEN_AT_LEAST,
         ),
         (
             f"accused, {of_clean}",
             f"at most {ACCUSED_AT_MOST:.0%}",
-            f"{accused:.1%}",
-            PASS if accused <= ACCUSED_AT_MOST else FAIL,
+            accused,
+            accused <= ACCUSED_AT_MOST,
         ),
     ]
-    return pd.DataFrame(rows, columns=["share", "asked", "measured", "verdict"])
+    table = pd.DataFrame(rows, columns=["share", "asked", "measured", "verdict"])
+    table["measured"] = table["measured"].map("{:.1%}".format)
+    table["verdict"] = np.where(table["verdict"], PASS, FAIL)
+    return table
 
 
 def tasks(each: int, n_clean: int, seed: int) -> list[tuple[str, int]]:

@@ -3,7 +3,7 @@
     python benchmarks/where_people_wait.py --quick          # small cases: minutes
     python benchmarks/where_people_wait.py                  # an hour on one core
     python benchmarks/where_people_wait.py --only loop fit  # some parts
-    python benchmarks/where_people_wait.py --write          # into docs/performance.md
+    python benchmarks/where_people_wait.py --write          # into docs/benchmarks.md
 
 Parts: start, fit, loop, battery, measured. What a user starts is measured in a process
 of its own. The demo is run cold (nothing compiled yet) and warm. Everything else is
@@ -31,6 +31,7 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from datetime import date
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ import search_path
 # pandas, the package and the other benchmarks are imported where they are used: a
 # process that is measured loads what its own case needs
 
-PAGE = search_path.ROOT / "docs" / "performance.md"
+PAGE = search_path.ROOT / "docs" / "benchmarks.md"
 BEGIN = "<!-- tables of where_people_wait.py -->"
 END = "<!-- end of the tables -->"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -411,12 +412,16 @@ SECTIONS: dict[str, tuple[str, Callable[[bool], str]]] = {
 def print_sections(options: argparse.Namespace) -> None:
     from harness import replace_section
 
-    version = platform.python_version()
-    text = f"Measured with Python {version} on {os.cpu_count()} cores.\n"
+    import pysindy_nrf
+
+    version = (
+        f"version {pysindy_nrf.__version__} and Python {platform.python_version()}"
+    )
+    text = f"Measured on {date.today()} with {version} on {os.cpu_count()} cores.\n"
     for part in PARTS:
         if part in options.only:
             title, section = SECTIONS[part]
-            text += f"\n## {title}\n\n{section(options.quick)}\n"
+            text += f"\n### {title}\n\n{section(options.quick)}\n"
     print(text)
     if options.write:
         replace_section(PAGE, BEGIN, END, f"\n{text}")
@@ -430,7 +435,7 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="small cases")
     parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS)
     parser.add_argument(
-        "--write", action="store_true", help="put the tables into docs/performance.md"
+        "--write", action="store_true", help="put the tables into docs/benchmarks.md"
     )
     parser.add_argument("--one", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()

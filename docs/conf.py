@@ -107,9 +107,9 @@ def _mathml(display):
             else latex
         )
         formula = convert(rows, display=display)
-        translator.body.append(
-            f"<div>{formula}</div>" if display == "block" else formula
-        )
+        if display == "block":  # a long one scrolls by itself on a narrow screen
+            formula = f'<div style="overflow-x: auto; margin: 1em 0">{formula}</div>'
+        translator.body.append(formula)
         raise nodes.SkipNode
 
     return visit, None

@@ -8,25 +8,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Self
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from matplotlib.ticker import MaxNLocator
 from scipy.signal import welch
 
 from pysindy_nrf import Record, simulate
 from pysindy_nrf.chain.model import as_model, as_segments
 from pysindy_nrf.chain.sites import index_of
 from pysindy_nrf.diagnosis.site_loops import SiteLoop
-from pysindy_nrf.equations.errors import nrmse
-from pysindy_nrf.exceptions import ChannelError
-from pysindy_nrf.identification import damper_force, dissipated_energy
-from pysindy_nrf.laws import Motion, PowerSeries
-from pysindy_nrf.monitoring import track
-from pysindy_nrf.records.fusion.kinematics import base_acceleration_if_any, base_motion
-from pysindy_nrf.records.input_arrays import from_arrays
-from pysindy_nrf.report.figures.evidence import before_after_figure
-from pysindy_nrf.report.figures.figure import (
+from pysindy_nrf.drawing.figure import (
     CYCLE,
     DASHES,
     Axis,
@@ -35,8 +25,16 @@ from pysindy_nrf.report.figures.figure import (
     Line,
     Mark,
 )
+from pysindy_nrf.drawing.matplotlib_renderer import Drawing
+from pysindy_nrf.equations.errors import nrmse
+from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.identification import damper_force, dissipated_energy
+from pysindy_nrf.laws import Motion, PowerSeries
+from pysindy_nrf.monitoring import moving_windows
+from pysindy_nrf.records.fusion.kinematics import base_acceleration_if_any, base_motion
+from pysindy_nrf.records.input_arrays import from_arrays
+from pysindy_nrf.report.figures.evidence import before_after_figure
 from pysindy_nrf.report.figures.forces import energy_figure, loop_figure, surface_figure
-from pysindy_nrf.report.figures.matplotlib_renderer import Drawing, dress
 from pysindy_nrf.report.figures.motion import below, change_figure, modes_figure
 
 _OVER = {
@@ -155,7 +153,7 @@ class TrackDisplay(Display):
     Parameters
     ----------
     table : DataFrame
-        As of :func:`pysindy_nrf.monitoring.track`, of one record.
+        As of :func:`pysindy_nrf.monitoring.moving_windows`, of one record.
     onset : float, optional
         Time of a change, s; marked.
     window : float, optional
@@ -199,14 +197,18 @@ class TrackDisplay(Display):
         **options: Any,
     ) -> Self:
         """Moving-window identification; parameters as of
-        :func:`pysindy_nrf.monitoring.track`.
+        :func:`pysindy_nrf.monitoring.moving_windows`.
 
         Parameters
         ----------
         onset : float, optional
             s.
         """
-        return cls(track(estimator, X, F, **options), onset, options.get("window", 2.0))
+        return cls(
+            moving_windows(estimator, X, F, **options),
+            onset,
+            options.get("window", 2.0),
+        )
 
     def figures(self) -> list[Figure]:
         stiffness = self.table.filter(regex="^k")
@@ -409,46 +411,6 @@ class RestoringForceSurfaceDisplay(Display):
                 self.surface, self.site, self.reference, self.reference_label
             )
         ]
-
-    def plot(self, ax: Any = None) -> Self:
-        """Draw in space; drifts in mm."""
-        figure = self.figures()[0]
-        if ax is None:
-            sheet = plt.figure(figsize=figure.size, layout="constrained")
-            ax = sheet.add_subplot(projection="3d")
-        for mark in figure.marks:
-            color = _draw_in_space(ax, mark)
-            ax.plot([], [], [], color=color, linewidth=3, label=mark.name)
-        for side, axis in zip("xyz", (figure.x, figure.y, figure.z)):
-            dress(ax, side, axis)
-            getattr(ax, f"{side}axis").set_major_locator(MaxNLocator(5))
-        ax.set_title(figure.heading)
-        ax.tick_params(labelsize="small", pad=1)
-        ax.tick_params(axis="z", pad=4)
-        ax.zaxis.labelpad = 11
-        ax.view_init(elev=24, azim=-125)
-        ax.set_box_aspect(None, zoom=0.8)
-        ax.legend(loc="upper left", fontsize="x-small", frameon=False)
-        self.ax_, self.figure_ = ax, ax.figure
-        return self
-
-
-# color, width and stride of the lines of a net
-_NETS = {"faint": ("0.75", 0.3, 4), "net": ("black", 0.6, 3)}
-
-
-def _draw_in_space(ax: Any, mark: Any) -> str:
-    """Draw a surface, and give the color of its legend."""
-    grid = (1e3 * np.asarray(mark.x), np.asarray(mark.y), np.asarray(mark.z))
-    if mark.style == "full":
-        look = {"cmap": "cividis", "linewidth": 0, "alpha": 0.95}
-        ax.plot_surface(*grid, rstride=1, cstride=1, **look)
-        return "#7b7b78"
-    color, width, stride = _NETS[mark.style]
-    ax.plot_wireframe(
-        *grid, color=color, linewidth=width, rstride=stride, cstride=stride
-    )
-    return color
 
 
 class HysteresisLoopDisplay(Display):

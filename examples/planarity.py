@@ -13,11 +13,11 @@ import pandas as pd
 from sklearn.base import clone
 
 from pysindy_nrf.chain.model import as_model, as_segments, storey_names
+from pysindy_nrf.drawing.figure import Axis, Bars, Figure, Line, Mark
+from pysindy_nrf.drawing.matplotlib_renderer import Drawing
 from pysindy_nrf.exceptions import ChainError
 from pysindy_nrf.laws import Dahl, ForceLaw, PowerSeries
 from pysindy_nrf.records.dataset import Dataset
-from pysindy_nrf.report.figures.figure import Axis, Bars, Figure, Line, Mark
-from pysindy_nrf.report.figures.matplotlib_renderer import Drawing
 
 LEAST = 1.0  # percent of the force; a surface below this is planar at any noise
 N_BLOCKS = 40  # of consecutive samples, whose residuals get one sign

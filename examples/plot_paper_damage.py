@@ -18,7 +18,7 @@ import paper_cases as cases
 from paper_displays import ChangeMapDisplay, FreeRunDisplay, TrackDisplay
 
 from pysindy_nrf import NRFRegressor, close_loop, laws
-from pysindy_nrf.monitoring import compare_tests, track
+from pysindy_nrf.monitoring import compare_tests, moving_windows
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
@@ -74,7 +74,7 @@ case = hammer(with_law(2, laws.StiffnessDrift(-0.1 * k2 / cases.DURATION_FRAME))
 X, F = case.measured.to_features()
 model = NRFRegressor(degree=1).fit(X, F)
 masses = dict(enumerate(before.truth.masses, 1))
-windows = track(model, X, F, window=3.0, masses=masses)
+windows = moving_windows(model, X, F, window=3.0, masses=masses)
 truth = k2 * (1 - 0.1 * windows["t"] / cases.DURATION_FRAME)
 error = 100 * np.abs(windows["k2"] / truth - 1).max()
 print(f"growth: largest error of k2 along the record {error:.2f} %")

@@ -120,7 +120,11 @@ class FileVersionError(FileFormatError):
 
 
 class SimulationError(NRFError):
-    """A free run diverged or was asked for something impossible."""
+    """A free run came to no end or was asked for something impossible."""
+
+
+class DivergenceError(SimulationError):
+    """A free run grew beyond its limit."""
 
 
 class MissingExtraError(ImportError):

@@ -104,8 +104,8 @@ class PaddedLawLibrary(_PaddedLibrary, ForceLawLibrary):
 
 
 class EvenOptimizer(ChainOptimizer):
-    def _layout(self, x, n, n_terms):
-        return Layout(Chain(n), dict.fromkeys(range(1, n + 1), n_terms // n))
+    def _layout(self, x, terms, n):
+        return Layout(Chain(n), dict.fromkeys(range(1, n + 1), terms.shape[1] // n))
 
 
 ORDER = "a sample depends on its neighbours in time"

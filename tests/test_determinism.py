@@ -26,8 +26,10 @@ def cores(monkeypatch):
         for name in threads.THREAD_LIMIT_VARIABLES:
             monkeypatch.delenv(name, raising=False)
         monkeypatch.setattr(joblib, "cpu_count", lambda: count)
+        threads.n_cores.cache_clear()
 
-    return set_cores
+    yield set_cores
+    threads.n_cores.cache_clear()
 
 
 @pytest.mark.parametrize(

@@ -57,3 +57,19 @@ def test_the_catalogue_shows_every_law_and_draws_every_force(tmp_path, monkeypat
         picture = tmp_path / "laws" / f"{name}.svg"
         assert f"**{name}**" in text
         assert picture.exists() == (law.output == "N"), name
+
+
+@pytest.mark.parametrize("name", ["method", "performance"])
+def test_a_picture_is_drawn(name, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(str(DOCS))
+    draw, _ = __import__("pictures").PICTURES[name]
+    assert draw().axes
+
+
+def test_pages_show_the_pictures_that_the_script_draws(monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.syspath_prepend(str(DOCS))
+    pages = "".join(page.read_text("utf-8") for page in DOCS.glob("*.md"))
+    for name, (_, kind) in __import__("pictures").PICTURES.items():
+        assert f"](images/{name}.{kind})" in pages, name

@@ -29,6 +29,8 @@ def stem_of(path):
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=stem_of)
 def test_the_notebook_runs(path, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
+    if path.stem.startswith("measured_"):
+        measured.folder("emps")
     monkeypatch.chdir(tmp_path)
     namespace = {"__name__": path.stem}
     cells = json.loads(path.read_text("utf-8"))["cells"]
@@ -36,6 +38,16 @@ def test_the_notebook_runs(path, tmp_path, monkeypatch):
         for cell in cells:
             if cell["cell_type"] == "code":
                 exec(compile("".join(cell["source"]), path.name, "exec"), namespace)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=stem_of)
+def test_the_notebook_has_its_outputs_stored(path):
+    cells = json.loads(path.read_text("utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert all(cell["execution_count"] for cell in code)
+    outputs = [output for cell in code for output in cell["outputs"]]
+    assert outputs
+    assert not any(output["output_type"] == "error" for output in outputs)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=stem_of)

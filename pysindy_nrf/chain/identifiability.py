@@ -8,7 +8,7 @@ a law identified before (paper eqs. 4-5).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Protocol
 
@@ -82,8 +82,10 @@ class SolveOrder:
     reasons : tuple of str
         One sentence for each missing unknown, with a remedy.
     yields : bool
-        True if a joint solve was chosen by default: it gives way to a complete one
-        where two equations of motion contradict each other.
+        True if the solve was chosen by default and gives way to a complete one where
+        two equations of motion contradict each other.
+    apart : tuple of Step
+        Of a sequential order that gives way: every equation by itself.
     """
 
     strategy: str
@@ -92,6 +94,7 @@ class SolveOrder:
     missing_sites: tuple[Site, ...] = ()
     reasons: tuple[str, ...] = ()
     yields: bool = False
+    apart: tuple[Step, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -129,7 +132,9 @@ def plan_solve_order(
     """Order of the solve of a chain (paper eqs. 3-5).
 
     ``sites`` are those at which laws act, all sites of the chain if None. With
-    ``alone``, every equation is solved by itself, so "auto" is never joint.
+    ``alone``, every equation is solved by itself, so "auto" is never joint: from the
+    upper end down where all DOFs are forced, because a law that is known no longer
+    stands among the columns, whose noise makes all masses and stiffnesses small.
     """
     no_force = frozenset(dofs_of("unknown", unknown, chain.n_dof))
     forced = frozenset(dofs_of("excited", excited, chain.n_dof)) - no_force
@@ -138,18 +143,22 @@ def plan_solve_order(
 
     all_forced = len(forced) == chain.n_dof
     chosen = _chosen_strategy(strategy, all_forced, alone or chain.n_dof == 1)
-    if chosen == "sequential":
-        return _SequentialPlan(chain.n_dof, acting, forced, no_force, masses).order()
-
-    scaled = forced if chosen == "joint" else forced | (masses - no_force)
-    _require_scaled(scaled, chain.n_dof, chosen)
     steps = []
     for dof in range(chain.n_dof, 0, -1):
         unknown_mass = () if dof in masses else (dof,)
         here = tuple(site for site in acting if site.incidence(dof))
         steps.append(Step((dof,), unknown_mass, here, (), dof in forced))
-    by_default = strategy == "auto" and chosen == "joint"
-    return SolveOrder(chosen, tuple(steps), yields=by_default)
+
+    by_default = strategy == "auto" and all_forced and chain.n_dof > 1
+    if chosen == "sequential":
+        plan = _SequentialPlan(chain.n_dof, acting, forced, no_force, masses)
+        order = plan.order()
+        if by_default and order.complete:
+            return replace(order, yields=True, apart=tuple(steps))
+        return order
+    scaled = forced if chosen == "joint" else forced | (masses - no_force)
+    _require_scaled(scaled, chain.n_dof, chosen)
+    return SolveOrder(chosen, tuple(steps), yields=by_default and chosen == "joint")
 
 
 def _chosen_strategy(strategy: str, all_forced: bool, alone: bool) -> str:
@@ -159,9 +168,7 @@ def _chosen_strategy(strategy: str, all_forced: bool, alone: bool) -> str:
         raise ChainError(f"strategy={strategy!r} is unknown", cure)
     if strategy != "auto":
         return strategy
-    if not all_forced:
-        return "sequential"
-    return "complete" if alone else "joint"
+    return "joint" if all_forced and not alone else "sequential"
 
 
 def _require_scaled(scaled: frozenset[int], n_dof: int, strategy: str) -> None:

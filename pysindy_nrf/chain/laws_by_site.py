@@ -24,7 +24,7 @@ def declared_laws(
         group = tuple(value) if isinstance(value, (list, tuple)) else (value,)
         for law in group:
             if not isinstance(law, ForceLaw):
-                what = f"laws[{site!r}] holds {law!r}, which is not a force law"
+                what = f"laws[{site!r}] has {law!r}, which is not a force law"
                 raise ChainError(what, "Use those of pysindy_nrf.laws.")
         declared[site] = group
     return declared

@@ -154,6 +154,6 @@ def _require_each_term_once(site: Site, laws: Sequence[ForceLaw]) -> None:
                     f"{site}: {owner[term.label]} and {name} both hold the term"
                     f" {term.label!r}"
                 )
-                cure = "Their coefficients cannot be told apart; leave one out."
+                cure = "Their coefficients cannot be distinguished; leave one out."
                 raise LawError(what, cure)
             owner[term.label] = name

@@ -354,7 +354,7 @@ class ChainModel:
         site = self.chain.site(site)
         force = self.restoring_forces[site]
         if force.has_memory:
-            what = f"The force of {site} depends on the path, it is no surface"
+            what = f"The force of {site} depends on the path, so it has no surface"
             raise LawError(what, "Draw its loops along a record instead.")
         if site not in self.visited:
             what = f"The visited region of {site} is not known"
@@ -587,6 +587,21 @@ def as_segments(
         settings = DataOptions(coordinates=thing.coordinates, dt=thing.dt)
         options = settings | options
     return model.segments(X, F, **options)
+
+
+def parameters_of(
+    model: ChainModel, known_masses: Mapping[int, float] | None = None
+) -> pd.Series:
+    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
+    known = known_masses or {}
+    values = {
+        f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
+    }
+    for site, force in model.restoring_forces.items():
+        if force.laws:
+            for term, coefficient in force.coefficients.items():
+                values[f"{site}: {term}"] = coefficient
+    return pd.Series(values, dtype=float)
 
 
 def storey_names(model: ChainModel) -> list[str]:

@@ -85,7 +85,7 @@ def parsed_model(text: str, where: str) -> ModelData:
 def _require_version(data: object, where: str) -> None:
     """Refuse data that are no model, and models that a later version wrote."""
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        what = f"{where} does not hold a chain model"
+        what = f"{where} is not a saved chain model"
         raise FileFormatError(what, f'It needs "schema": "{SCHEMA}".')
 
     version = data.get("version")

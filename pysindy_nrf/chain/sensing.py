@@ -75,16 +75,16 @@ class Sensing:
         if self.complete:
             worst = max(self.errors, key=self.errors.__getitem__)
             return (
-                f"all {self.unknowns} masses and stiffnesses can be told near a given"
-                f" chain (condition {self.condition:.1e}). Least sure is {worst}, with"
-                f" {self.errors[worst]:.1f} times the error that sensors on every floor"
-                " leave."
+                f"all {self.unknowns} masses and stiffnesses are determined near a"
+                f" given chain (condition {self.condition:.1e}). Least sure is"
+                f" {worst}, with {self.errors[worst]:.1f} times the error that sensors"
+                " on every floor leave."
             )
 
         lost = [name for name, error in self.errors.items() if np.isinf(error)]
         text = (
-            f"{self.rank} of {self.unknowns} combinations of masses and stiffnesses can"
-            f" be told; {', '.join(lost)} cannot be told apart."
+            f"{self.rank} of {self.unknowns} combinations of masses and stiffnesses are"
+            f" determined; {', '.join(lost)} cannot be distinguished."
         )
         if not self.excited:
             text += " Measure a force on a floor, or give a mass."

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
@@ -9,15 +11,20 @@ import click
 import numpy as np
 import pandas as pd
 
+from .. import report as pages
 from . import options as opt
+from .exit_codes import code_of_verdict
 from .parameters import PATH
-from .printing import table_text
+from .printing import table_text, verdict_data, verdict_text
 from .session import Session
 
 if TYPE_CHECKING:
+    from ..drawing.figure import Figure, Table
     from ..identification.regressor import NRFRegressor
     from ..monitoring.change import ChangeReport
     from ..records.dataset import Dataset
+    from ..records.record import Record
+    from ..report.results_page import ResultsPage
 
 
 class ForcesOptions(opt.FitOptions):
@@ -38,7 +45,7 @@ class DamageOptions(opt.FitOptions):
 
 
 @click.command(short_help="Storey forces, the force of a damper, dissipated energy.")
-@click.argument("file", type=PATH)
+@click.argument("file", required=False, type=PATH)
 @opt.record_options
 @click.option(
     "--bare",
@@ -49,54 +56,99 @@ class DamageOptions(opt.FitOptions):
 @opt.model_options
 @opt.written_options
 def forces(
-    file: Path, bare: Path | None, as_json: bool, **options: Unpack[ForcesOptions]
-) -> None:
+    file: Path | None,
+    bare: Path | None,
+    as_json: bool,
+    **options: Unpack[ForcesOptions],
+) -> int:
     """Storey forces along a record, the energy that each storey dissipates, and the
     force of a damper.
 
-    FILE is read as by identify. With --bare, a test of the same structure without its
-    damper, the linear force found there is subtracted: what is left is the damper's,
-    storey by storey.
+    FILE is read as by identify; the file of --mapping may stand for it. The verdict is
+    that of the model whose forces they are. With --bare, a test of the same structure
+    without its damper, the linear force found there is subtracted: what is left is the
+    damper's, storey by storey.
 
     \b
     Examples
       pysindy-nrf forces shaker.csv
+      pysindy-nrf forces --mapping tower.toml
       pysindy-nrf forces with_damper.csv --bare without.csv
     """
+    session = Session(as_json)
+    tests = [[file] if file else []]
+    if bare is not None:
+        tests.append([bare])
+    records = opt.records_of(session, options, *tests)
+    if len(records) != len(tests):
+        raise click.UsageError("forces takes one record; name its FILE.")
+    with session.listening():
+        found = _forces_along(options, records)
+        verdict = found.estimator.verdict()
+
+    table = _table_of_storeys(found.storeys, found.energy, found.device)
+    session.conclude_headed("Verdict", verdict_text(verdict))
+    session.conclude_headed("Forces of the storeys", table_text(table))
+    session.drop_warnings(verdict.reasons)
+    found.estimator.model_.info.update(session.provenance())
+    with session.writing() as folder:
+        written = _write_forces(found, table, folder)
+        if options["figures"]:
+            written += _draw_forces(found, folder)
+        if pages.available():
+            page = folder / "forces.html"
+            notes = session.warnings
+            pages.write_html(page, found.estimator, records[:1], notes=notes)
+            written.append(page)
+    data = {"storeys": table, "masses_kg": found.estimator.masses_}
+    session.finish({"verdict": verdict_data(verdict), **data}, written)
+    return code_of_verdict(verdict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """Forces along a record, and what was fitted to find them."""
+
+    estimator: NRFRegressor
+    data: Dataset
+    storeys: pd.DataFrame
+    energy: pd.DataFrame
+    device: pd.DataFrame | None
+
+
+def _forces_along(options: ForcesOptions, records: Sequence[Record]) -> _Forces:
+    """Fit the model, and without a damper a linear one; take the forces along."""
     from ..chain.model import as_segments, storey_names
     from ..identification import damper_force, dissipated_energy
+
+    estimator = opt.regressor_of(options).fit(records[0])
+    linear = None
+    if len(records) > 1:
+        linear = opt.regressor_of(options).set_params(degree=1, laws=None)
+        linear.fit(records[1])
+    data = as_segments(estimator, records[0])
+    energy = dissipated_energy(estimator, data, linear)
+    along = estimator.model_.restoring_force(data)
+    names = storey_names(estimator.model_)
+    storeys = pd.DataFrame(along, columns=names, index=energy.index)
+    device = None
+    if linear is not None:
+        device = damper_force(estimator, linear, data).add_prefix("damper, ")
+    return _Forces(estimator, data, storeys, energy, device)
+
+
+def _write_forces(found: _Forces, table: pd.DataFrame, folder: Path) -> list[Path]:
+    """Write forces, energies and the table of the storeys."""
     from ..records.files import write_table
 
-    session = Session(as_json)
-    tests = [[file]] if bare is None else [[file], [bare]]
-    records = opt.records_of(session, options, *tests)
-    with session.listening():
-        estimator = opt.regressor_of(options).fit(records[0])
-        linear = None
-        if bare is not None:
-            linear = opt.regressor_of(options).set_params(degree=1, laws=None)
-            linear.fit(records[1])
-        data = as_segments(estimator, records[0])
-        energy = dissipated_energy(estimator, data, linear)
-        along = estimator.model_.restoring_force(data)
-        names = storey_names(estimator.model_)
-        storeys = pd.DataFrame(along, columns=names, index=energy.index)
-        device = None
-        if linear is not None:
-            device = damper_force(estimator, linear, data).add_prefix("damper, ")
-
-    table = _table_of_storeys(storeys, energy, device)
-    session.conclude_headed("Forces of the storeys", table_text(table))
-    lines = storeys if device is None else storeys.join(device)
-    with session.writing() as folder:
-        written = [
-            write_table(lines.rename_axis("t"), folder / "forces.csv"),
-            write_table(energy.rename_axis("t"), folder / "energy.csv"),
-            write_table(table.rename_axis("storey"), folder / "storeys.csv"),
-        ]
-        if options["figures"]:
-            written += _draw_forces(estimator, data, energy, folder)
-    session.finish({"storeys": table, "masses_kg": estimator.masses_}, written)
+    lines = found.storeys
+    if found.device is not None:
+        lines = lines.join(found.device)
+    return [
+        write_table(lines.rename_axis("t"), folder / "forces.csv"),
+        write_table(found.energy.rename_axis("t"), folder / "energy.csv"),
+        write_table(table.rename_axis("storey"), folder / "storeys.csv"),
+    ]
 
 
 def _table_of_storeys(
@@ -115,25 +167,24 @@ def _table_of_storeys(
     return table
 
 
-def _draw_forces(
-    estimator: NRFRegressor, data: Dataset, energy: pd.DataFrame, folder: Path
-) -> list[Path]:
+def _draw_forces(found: _Forces, folder: Path) -> list[Path]:
     """Draw the loops of all sites and the energy."""
     from ..diagnosis.site_loops import loops_of
+    from ..drawing.matplotlib_renderer import save
     from ..report.figures.forces import energy_figure, loop_figures
-    from ..report.figures.matplotlib_renderer import save
 
-    model, filters = estimator.model_, estimator.problem_.filters(data)
-    loops = loop_figures(model, loops_of(model, data, filters))
+    model = found.estimator.model_
+    filters = found.estimator.problem_.filters(found.data)
+    loops = loop_figures(model, loops_of(model, found.data, filters))
     written = save(folder / "loops.png", loops, columns=2)
-    return written + save(folder / "energy.png", [energy_figure(energy)])
+    return written + save(folder / "energy.png", [energy_figure(found.energy)])
 
 
 @click.command(
     short_help="What changed between two tests: where, how much, which term."
 )
-@click.argument("before", type=PATH)
-@click.argument("after", type=PATH)
+@click.argument("before", required=False, type=PATH)
+@click.argument("after", required=False, type=PATH)
 @opt.record_options
 @opt.degree_option(1, "Total degree of the declared storeys, or box k,q.")
 @opt.model_options
@@ -157,12 +208,16 @@ def _draw_forces(
 )
 @opt.written_options
 def damage(
-    before: Path, after: Path, as_json: bool, **options: Unpack[DamageOptions]
+    before: Path | None,
+    after: Path | None,
+    as_json: bool,
+    **options: Unpack[DamageOptions],
 ) -> None:
     """Say which storey's force, or which mass, changed between two tests of one
     structure.
 
-    BEFORE and AFTER are read as by identify. Forces are compared where both tests
+    BEFORE and AFTER are read as by identify; the two files of --mapping may stand for
+    them. Forces are compared where both tests
     moved, so that another amplitude is no change; a declared law with a state or a
     shape (--law) is compared on its own parameters.
 
@@ -175,7 +230,10 @@ def damage(
     from ..records.files import write_table
 
     session = Session(as_json)
-    records = opt.records_of(session, options, [before], [after])
+    given = [[path] for path in (before, after) if path is not None]
+    records = opt.records_of(session, options, *(given or [[]]))
+    if len(records) != 2:
+        raise click.UsageError("damage takes two records, BEFORE and AFTER.")
     with session.listening():
         report = compare_tests(
             opt.regressor_of(options),
@@ -196,18 +254,48 @@ def damage(
         ]
         if options["figures"]:
             written += _draw_changes(report, folder / "change.png")
+        if pages.available():
+            page = folder / "change.html"
+            pages.write_html(page, _page_of_changes(session, report))
+            written.append(page)
     session.finish(_data_of_changes(report), written)
 
 
 def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
     """Draw where the force of each storey changed, in the same colours."""
-    from ..report.figures.matplotlib_renderer import save
+    from ..drawing.matplotlib_renderer import save
+
+    figures = _maps_of_changes(report)
+    return save(path, figures, columns=min(3, len(figures)))
+
+
+def _maps_of_changes(report: ChangeReport) -> list[Figure]:
+    """Where the force of each storey changed, in the same colours."""
     from ..report.figures.motion import change_figure
 
     maps = {site: report.map(site) for site in report.storeys}
     largest = max(changes["change"].abs().max() for changes in maps.values())
-    figures = [change_figure(maps[site], site, largest) for site in maps]
-    return save(path, figures, columns=min(3, len(figures)))
+    return [change_figure(maps[site], site, largest) for site in maps]
+
+
+def _page_of_changes(session: Session, report: ChangeReport) -> ResultsPage:
+    """The page of two tests: what changed, where, and both fits."""
+    from ..drawing.tables import table
+    from ..report.results_page import ResultsPage
+
+    parts: list[Figure | Table] = []
+    if len(report.changed):
+        parts.append(table("What changed", report.changed))
+    parts += _maps_of_changes(report)
+    parts.append(table("The tests fitted apart", report.table))
+    found = str(report).splitlines()
+    return ResultsPage(
+        "What changed between two tests",
+        found[0],
+        parts,
+        (*found[1:], *session.warnings),
+        session.provenance(),
+    )
 
 
 def _data_of_changes(report: ChangeReport) -> dict[str, object]:

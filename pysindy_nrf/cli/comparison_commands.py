@@ -13,6 +13,9 @@ from .printing import table_text
 from .session import Session
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from ..report.results_page import ResultsPage
     from ..selection.selection import OrderSelection
 
 
@@ -95,9 +98,9 @@ def select_order(
       pysindy-nrf select-order shaker.csv
       pysindy-nrf select-order shaker.csv --degrees 1-5 --box 1,3 --box 2,3
     """
+    from ..drawing.matplotlib_renderer import save
     from ..records.files import write_table
     from ..records.files.summary import summary
-    from ..report.figures.matplotlib_renderer import save
     from ..selection import select_order as selected_order
 
     session = Session(as_json)
@@ -120,8 +123,16 @@ def select_order(
             band=options["band"],
         )
         table = selection.table
+        biased = selection.regressor().fit(records).missing_terms_["biased"]
 
     _conclude(session, selection)
+    if biased.any():
+        places = " and ".join(map(str, biased.index[biased.astype(bool)]))
+        session.conclude(
+            f"\nNo order closes the {places}: a law is missing there that is no power"
+            " series (friction, hysteresis, a gap), or the motion is noisy. pysindy-nrf"
+            " run, with the same files and channels, looks for it."
+        )
     with session.writing() as folder:
         written = [write_table(table, folder / "orders.csv")]
         if options["figures"]:
@@ -201,6 +212,7 @@ def compare(
       pysindy-nrf compare shaker.csv
       pysindy-nrf compare simulated.parquet --truth model.json
     """
+    from .. import report as pages
     from ..chain.model import ChainModel
     from ..records.files import describe, write_table
     from ..records.files.summary import summary
@@ -235,4 +247,35 @@ def compare(
             session.conclude(f"  {name}: {note}")
     with session.writing() as folder:
         written = [write_table(table, folder / "comparison.csv")]
+        if pages.available():
+            page = folder / "comparison.html"
+            pages.write_html(page, _page_of_comparison(session, share, table))
+            written.append(page)
     session.finish({"record": summary(record), "table": table}, written)
+
+
+def _page_of_comparison(
+    session: Session, share: float, table: pd.DataFrame
+) -> ResultsPage:
+    """The page of plain SINDy beside this package."""
+    from ..drawing.tables import table as as_table
+    from ..report.results_page import ResultsPage
+
+    caption = f"On the last {share:g} % of the record (errors: percent NRMSE)"
+    shown = as_table(caption, table.dropna(axis=1, how="all"), index="model")
+    lead = _best_of(table)
+    care = [f"{name}: {note}" for name, note in table["note"].items() if note]
+    care += session.warnings
+    title = "Plain SINDy and this package on one record"
+    return ResultsPage(title, lead, [shown], care, session.provenance())
+
+
+def _best_of(table: pd.DataFrame) -> str:
+    """The model that predicts best, in a sentence."""
+    measures = {"free_run": "free run", "acceleration": "acceleration"}
+    for column in table.columns:
+        for key, word in measures.items():
+            if key in str(column) and table[column].notna().any():
+                best = table[column].idxmin()
+                return f"{best} has the smallest {word} error on data left out."
+    return "No model could be judged."

@@ -16,6 +16,7 @@ import click
 
 from .. import __version__
 from ..exceptions import MissingExtraError, NRFError
+from .app_command import app
 from .change_commands import damage, forces
 from .comparison_commands import compare, select_order
 from .exit_codes import ExitCode
@@ -43,6 +44,7 @@ class _Ordered(click.Group):
         demo,
         inspect,
         run_test,
+        app,
         identify,
         close_loop,
         select_order,

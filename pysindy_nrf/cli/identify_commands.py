@@ -34,6 +34,7 @@ class IdentifyOptions(opt.FitOptions):
     kind: str
     output: Path
     figures: bool
+    excel: bool
 
 
 @click.command(short_help="Identify a bundled record of a shaken frame.")
@@ -87,9 +88,9 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
 @opt.choice(
     "--estimation",
     ["auto", "ls", "iv", "simulation"],
-    "Least squares; instrumental variables, which noise in the motion does not bias; or"
-    " these and then the free run fitted to the motion; auto takes the first where the"
-    " measured noise is negligible, else the second: see docs/noise.md.",
+    "ls: least squares. iv: instrumental variables, which noise in the motion does not"
+    " bias. simulation: iv, then the free run fitted to the motion. auto: ls where the"
+    " measured noise is negligible, else iv. See docs/noise.md.",
     "auto",
 )
 @click.option(
@@ -101,8 +102,9 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     "--frf",
     is_flag=True,
     help=(
-        "FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, e.g."
-        " 0.1-0.2j."
+        "FILE holds frequency responses: columns f (Hz), H1, H2, .. complex, as"
+        " 0.1-0.2j or in two columns (H1_re, H1_im); --map H1='complex(Re 1, Im 1)' or"
+        " 'polar(Mag 1, Phase 1)'; UFF 58."
     ),
 )
 @click.option(
@@ -114,6 +116,7 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     "With --frf: acceleration, velocity or displacement over force.",
     "accelerance",
 )
+@opt.excel_option
 @opt.written_options
 def identify(
     files: tuple[Path, ...],
@@ -155,6 +158,7 @@ def identify(
             raise click.UsageError(f"--{name} goes with --frf only.")
     from .outcome import identify_records
     from .outcome_files import finish
+    from .what_run_finds import what_run_finds
 
     records = opt.records_of(session, options, files)
     _require_one_chain(records)
@@ -164,12 +168,9 @@ def identify(
     say_what_is_identifiable(session, estimator, chain, forced, unknown)
 
     outcome = identify_records(records, estimator, options["raw"])
-    code = finish(session, outcome, options["figures"], records)
-    if code == 0 and outcome.estimator.missing_terms_["biased"].any():
-        session.say(
-            "\nNext: pysindy-nrf close-loop, with the same files and channels, looks"
-            " for the missing law."
-        )
+    code = finish(session, outcome, options["figures"], records, excel=options["excel"])
+    if code or outcome.estimator.missing_terms_["biased"].any():
+        session.headed("What run finds", what_run_finds(records, options))
     return code
 
 
@@ -205,7 +206,12 @@ def _identify_responses(
     from .outcome_files import finish
 
     _refuse_what_is_not_of_responses(files, options)
-    frf = read_frf(files[0], excited=options["excited"], kind=options["kind"])
+    frf = read_frf(
+        files[0],
+        excited=options["excited"] if opt.was_given("excited") else None,
+        kind=options["kind"] if opt.was_given("kind") else None,
+        mapping=options["mapping"] or None,
+    )
     session.measured(frf.describe(options["band"]))
     estimator = opt.regressor_of(options).set_params(degree=1)
     chain = Chain(frf.n_dof, options["links"])
@@ -221,7 +227,6 @@ def _refuse_what_is_not_of_responses(
         raise click.UsageError("--frf takes one FILE.")
     of_records = {
         "--mapping": options["mapping_file"],
-        "--map": options["mapping"],
         "--unit": options["units"],
         "--fs": options["fs"],
         "--raw": options["raw"],

@@ -29,6 +29,7 @@ class LoopOptions(opt.FitOptions):
     seed: int
     output: Path
     figures: bool
+    excel: bool
 
 
 _loop_options = opt.together(
@@ -37,7 +38,7 @@ _loop_options = opt.together(
         "--heldout",
         multiple=True,
         type=PATH,
-        help="A file that only the last line may see.",
+        help="A test that is read once, to confirm the effects.",
     ),
     opt.degree_option(1, "Total degree of the declared storeys, or box k,q."),
     opt.model_options,
@@ -48,8 +49,9 @@ _loop_options = opt.together(
         help="Effects at most.",
     ),
     click.option(
-        "--seed", type=int, default=0, help="Seed of the parametric bootstrap."
+        "--seed", type=int, default=0, help="Random state of the parametric bootstrap."
     ),
+    opt.excel_option,
     opt.figures_option,
 )
 
@@ -140,6 +142,8 @@ def _close(
     report.model.info.update(session.provenance())
     with session.writing() as folder:
         written = _write(report, folder, options["figures"])
+        if options["excel"]:
+            written.append(_workbook(report, folder / "closed_loop.xlsx"))
     session.finish(_data(report), written)
     return code_of_verdict(verdict)
 
@@ -213,12 +217,21 @@ def _data(report: LoopReport) -> dict[str, object]:
     }
 
 
+def _workbook(report: LoopReport, path: Path) -> Path:
+    """Write the workbook of the model found."""
+    from ..report import write_workbook
+
+    return write_workbook(
+        path, report.summary(), report.model, report.loops, report.quality
+    )
+
+
 def _write(report: LoopReport, folder: Path, figures: bool) -> list[Path]:
     """Write the model, its story, tables, figures and the page."""
     from .. import report as pages
     from ..common.files import atomic_write
+    from ..drawing.matplotlib_renderer import save
     from ..records.files import write_table
-    from ..report.figures.matplotlib_renderer import save
     from ..report.loop_content import pictures
 
     model, story = folder / "closed_loop.json", folder / "closed_loop.md"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NotRequired, Protocol, TypedDict, TypeVar
 
 import click
 
 from . import parameters
+from .own_laws import take_laws
 from .parameters import PATH, Band, Degree
 from .session import FORCE, NAMED_FILES, Session, working
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from ..identification.regressor import NRFRegressor
     from ..laws.base import ForceLaw
     from ..records.files.mapping import MappingFile
+    from ..records.files.preparation import Preparation
     from ..records.files.reading import Reading
     from ..records.files.tables import AnyPath
     from ..records.record import Record
@@ -44,7 +47,19 @@ class ExcitationOptions(ReadingOptions):
     mapping_file: Path | None
 
 
-class RecordOptions(ExcitationOptions):
+PreparationOptions = TypedDict(
+    "PreparationOptions",
+    {
+        "from": float | None,
+        "to": float | None,
+        "resample": float | None,
+        "drop_blank": bool,
+        "relative_acceleration": bool,
+    },
+)
+
+
+class RecordOptions(ExcitationOptions, PreparationOptions):
     """How records are read."""
 
     coordinates: str | None
@@ -145,6 +160,11 @@ def was_given(option: str) -> bool:
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON instead of words."
 )
+excel_option = click.option(
+    "--excel/--no-excel",
+    default=False,
+    help="Write an Excel workbook: masses, coefficients, forces, quality.",
+)
 figures_option = click.option(
     "--figures/--no-figures", default=True, help="Draw figures (needs matplotlib)."
 )
@@ -176,8 +196,7 @@ rate_option = click.option(
 coordinates_option = choice(
     "--coordinates",
     ["relative", "absolute"],
-    "Whether velocities and displacements are relative to the base (what you get if"
-    " nothing is said).",
+    "Whether velocities and displacements are relative to the base (the default).",
 )
 mapping_option = click.option(
     "--mapping",
@@ -188,8 +207,46 @@ mapping_option = click.option(
         " Options go before it."
     ),
 )
+laws_option = click.option(
+    "--laws",
+    "laws_files",
+    multiple=True,
+    type=PATH,
+    is_eager=True,
+    expose_value=False,
+    callback=take_laws,
+    help=(
+        "A Python file with force laws of your own, which is run: for --law, the"
+        " search and saved models."
+    ),
+)
+preparation_options = together(
+    click.option("--from", "from", type=float, help="First second that is used."),
+    click.option("--to", "to", type=float, help="Second up to which is used."),
+    click.option(
+        "--resample",
+        type=float,
+        help="Lower sampling rate in Hz to which records are brought, band-limited.",
+    ),
+    click.option(
+        "--drop-blank",
+        is_flag=True,
+        help="Leave out rows in which a channel that is used is empty.",
+    ),
+    click.option(
+        "--relative-acceleration",
+        is_flag=True,
+        help="Accelerations were measured relative to the base: ag is added.",
+    ),
+)
 record_options = together(
-    map_option, unit_option, rate_option, coordinates_option, mapping_option
+    map_option,
+    unit_option,
+    rate_option,
+    coordinates_option,
+    preparation_options,
+    mapping_option,
+    laws_option,
 )
 files_options = together(
     click.argument("files", nargs=-1, metavar="FILE...", type=PATH), record_options
@@ -228,7 +285,10 @@ order_option = keyed(
 model_options = together(law_option, mass_option, band_option)
 
 # Options that stand for arguments of the library, which its errors name.
-OPTIONS_OF_ARGUMENTS = {"known_masses": "--known-mass DOF=KG"}
+OPTIONS_OF_ARGUMENTS = {
+    "known_masses": "--known-mass DOF=KG",
+    "laws": "--laws FILE.py",
+}
 
 
 # -- what the options describe -------------------------------------------------
@@ -253,6 +313,43 @@ def mapping_of(options: ExcitationOptions) -> tuple[MappingFile, ReadingOptions]
     return mapping, how
 
 
+def settings_of_preparation(
+    options: RecordOptions, mapping: MappingFile
+) -> dict[str, float | bool]:
+    """Settings of the preparation: those of the options go before the file's."""
+    numbers = {
+        "from": options["from"],
+        "to": options["to"],
+        "resample": options["resample"],
+    }
+    switches = {
+        "drop_blank": options["drop_blank"],
+        "relative_acceleration": options["relative_acceleration"],
+    }
+    settings = dict(mapping.prepare)
+    for key, number in numbers.items():
+        if number is not None:
+            settings[key] = number
+    for key, is_on in switches.items():
+        if is_on:
+            settings[key] = True
+    return settings
+
+
+def preparation_of(mapping: MappingFile) -> Preparation:
+    """What a mapping file says is done to channels."""
+    from ..records.files.preparation import Preparation
+
+    settings = mapping.prepare
+    return Preparation(
+        start=settings.get("from"),
+        stop=settings.get("to"),
+        fs=settings.get("resample"),
+        drop_blank=bool(settings.get("drop_blank")),
+        relative_acceleration=bool(settings.get("relative_acceleration")),
+    )
+
+
 def readings_of(
     files: Sequence[Path], options: RecordOptions, needed: bool = True
 ) -> list[Reading]:
@@ -266,8 +363,6 @@ def readings_of(
     needed : bool
         Whether no file at all is a usage error.
     """
-    from ..records.files import inspect_record
-
     mapping, how = mapping_of(options)
     coordinates = options["coordinates"] or mapping.coordinates
     files = list(files or mapping.files)
@@ -276,15 +371,45 @@ def readings_of(
             "Missing argument 'FILE...': give a file with the channels of a test."
         )
 
-    tests: list[AnyPath | list[AnyPath]] = [*files]
-    if mapping.together and files:
-        tests = [[*files]]
+    asked = replace(
+        mapping,
+        files=tuple(files),
+        coordinates=coordinates,
+        prepare=settings_of_preparation(options, mapping),
+    )
+    with working("reading"):
+        return read_tests(asked, how)
+
+
+def read_tests(
+    mapping: MappingFile, how: ReadingOptions | None = None
+) -> list[Reading]:
+    """The tests of a mapping file, each as a record.
+
+    Parameters
+    ----------
+    mapping : MappingFile
+    how : ReadingOptions, optional
+        Channels, units and clock; those of the mapping file if None.
+    """
+    from ..records.files import inspect_record
+
+    if how is None:
+        how = {"mapping": mapping.channels, "units": mapping.units, "fs": mapping.fs}
+    tests: list[AnyPath | list[AnyPath]] = [*mapping.files]
+    if mapping.together and mapping.files:
+        tests = [[*mapping.files]]
     name = mapping.name if len(tests) == 1 else None
     readings = []
-    with working("reading"):
-        for test in tests:
-            reading = inspect_record(test, name=name, coordinates=coordinates, **how)
-            readings.append(reading)
+    for test in tests:
+        reading = inspect_record(
+            test,
+            name=name,
+            coordinates=mapping.coordinates,
+            preparation=preparation_of(mapping),
+            **how,
+        )
+        readings.append(reading)
     return readings
 
 

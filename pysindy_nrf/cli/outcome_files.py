@@ -10,13 +10,13 @@ import pandas as pd
 from .. import report
 from ..chain.model import ChainModel
 from ..diagnosis.site_loops import loops_of
+from ..drawing import matplotlib_renderer
+from ..drawing.matplotlib_renderer import save
 from ..records.files import write_table
 from ..records.record import Record
 from ..records.zero_phase_filter import filters_of
-from ..report.figures import matplotlib_renderer
 from ..report.figures.forces import loop_figures
-from ..report.figures.matplotlib_renderer import save
-from ..report.figures.motion import free_run_figure, response_figures
+from ..report.figures.motion import free_run_figures, response_figures
 from ..report.model_content import identification_of
 from ..report.words import band_text
 from .exit_codes import ExitCode
@@ -37,6 +37,7 @@ def finish(
     figures: bool,
     records: Sequence[Record] = (),
     truth: ChainModel | None = None,
+    excel: bool = False,
 ) -> ExitCode:
     """Write what was found, then print it.
 
@@ -50,6 +51,8 @@ def finish(
         Empty for frequency responses.
     truth : ChainModel, optional
         The model behind a simulated record.
+    excel : bool
+        Whether a workbook is written.
 
     Returns
     -------
@@ -60,6 +63,8 @@ def finish(
     outcome.estimator.model_.info.update(session.provenance())
     with session.writing() as folder:
         written = write_outcome(outcome, folder, figures, records)
+        if excel:
+            written.append(_workbook(outcome, folder / "model.xlsx"))
     session.finish(outcome_data(outcome, records), written)
 
     if figures and not matplotlib_renderer.available():
@@ -134,7 +139,17 @@ def _figures(outcome: Outcome, folder: Path) -> list[Path]:
     written = save(
         folder / "restoring_forces.png", loop_figures(model, loops), columns=2
     )
-    return written + save(folder / "free_run.png", free_run_figure(outcome.free))
+    return written + save(folder / "free_run.png", free_run_figures(outcome.free)[:1])
+
+
+def _workbook(outcome: Outcome, path: Path) -> Path:
+    """Write the workbook, over the data of the fit."""
+    result = outcome.estimator.result_
+    data = result.require_data("Fit again to write its forces.")
+    loops = loops_of(result.model, data, result.problem.filters(data))
+    return report.write_workbook(
+        path, result.summary(), result.model, loops, data.quality
+    )
 
 
 def _page(outcome: Outcome, path: Path, records: Sequence[Record]) -> Path:

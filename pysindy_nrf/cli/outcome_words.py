@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import pandas as pd
 
 from ..chain.model import ChainModel
+from ..drawing.figure import dof_words
 from ..records.files.summary import summary
 from ..records.record import Record
-from ..report.figures.figure import dof_words
 from ..report.words import band_text, listed
 from .outcome import Outcome
 from .printing import heading, table_text, verdict_data, verdict_text

@@ -49,6 +49,8 @@ def verdict_text(verdict: Verdict) -> str:
     lines = [paragraphs([verdict.sentence], f"{verdict.state.upper()}: ")]
     if verdict.reasons:
         lines.append(paragraphs(verdict.reasons))
+    if verdict.assumptions:
+        lines.append(paragraphs(verdict.assumptions, "  Assumed: "))
     return "\n".join(lines)
 
 
@@ -58,6 +60,7 @@ def verdict_data(verdict: Verdict) -> dict[str, object]:
         "state": verdict.state,
         "sentence": verdict.sentence,
         "reasons": verdict.reasons,
+        "assumptions": verdict.assumptions,
     }
 
 

@@ -18,7 +18,7 @@ from .session import Session, say_if_compiling
 if TYPE_CHECKING:
     from ..chain.model import ChainModel
     from ..laws.base import ForceLaw
-    from ..records.files.mapping import MappingFile
+    from ..records.files.mapping import MappingFile, Proposal
     from ..records.files.reading import Reading
     from ..records.files.tables import AnyPath
     from ..records.record import Record
@@ -43,15 +43,27 @@ class SimulationOptions(opt.ExcitationOptions):
     type=PATH,
     help="Propose a channel for every column, in a new TOML file.",
 )
+@click.option(
+    "--html",
+    type=PATH,
+    help="Draw the channels on a page: over time, spectra, coherence.",
+)
+@click.option(
+    "--together",
+    is_flag=True,
+    help="With --write-mapping: the FILEs are channels of one test, each on its clock.",
+)
 @opt.json_option
 def inspect(
     files: tuple[Path, ...],
     as_json: bool,
     write_mapping: Path | None,
+    html: Path | None,
+    together: bool,
     **options: Unpack[opt.RecordOptions],
 ) -> None:
-    """Say what a file holds and how it was understood. Nothing is solved, nothing is
-    written.
+    """Say what a file holds and how it was understood. Nothing is solved; nothing is
+    written but the mapping and the page that are asked for.
 
     For each FILE: clock, channels with their size in SI units and where each came from,
     columns that were not used, and what looks wrong (units, signs and delays that
@@ -62,24 +74,44 @@ def inspect(
       pysindy-nrf inspect shaker.csv
       pysindy-nrf inspect shaker.csv --map F2='Shaker @ kN' --unit a=g --unit x=mm
       pysindy-nrf inspect tower.csv --write-mapping tower.toml
-      pysindy-nrf inspect --mapping campaign.toml
+      pysindy-nrf inspect --mapping campaign.toml --html campaign.html
     """
     from ..records.checks.channel_checks import data_warnings
     from ..records.files import describe
 
     session = Session(as_json)
+    if together and write_mapping is None:
+        raise click.UsageError(
+            "--together goes with --write-mapping; a mapping file says together = true."
+        )
     if write_mapping is not None:
-        _propose(session, files, write_mapping)
+        if not _propose(session, files, write_mapping, together):
+            session.emit({"records": []})
+            return
         files, options["mapping_file"] = (), write_mapping
 
+    readings = _readings(session, files, options)
     records = []
-    for reading in _readings(session, files, options):
+    for reading in readings:
         with session.listening():
             doubts = data_warnings(reading.record)
         lines = [f"  take care: {doubt}" for doubt in doubts]
         session.say(describe(reading), *(lines or ["  nothing looks wrong"]), "")
         records.append(_data_of_reading(reading, doubts))
-    session.emit({"records": records})
+    if html is not None:
+        _draw(session, [reading.record for reading in readings], html)
+    session.emit({"records": records}, [html] if html else [])
+
+
+def _draw(session: Session, records: Sequence[Record], path: Path) -> None:
+    """Write a page of records; no file is lost."""
+    from ..report import write_html
+
+    if path.exists() and not path.read_bytes()[:15].startswith(b"<!doctype html>"):
+        raise NRFError(f"{path} is no page, and would be lost", "Give another name.")
+    with session.listening("drawing"):
+        write_html(path, list(records))
+    session.say(f"Drawn: {path}   (open it in a browser)")
 
 
 def _readings(
@@ -117,11 +149,19 @@ def _data_of_reading(reading: Reading, doubts: list[str]) -> dict[str, object]:
     }
 
 
-def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
-    """Write a mapping file with a channel for every column that says what it is."""
+def _propose(
+    session: Session, files: tuple[Path, ...], path: Path, together: bool
+) -> bool:
+    """Write a mapping file with a channel for every column that says what it is.
+
+    Returns
+    -------
+    bool
+        Whether the files can be read by it: a motion is proposed, and a clock known.
+    """
     from ..common.files import atomic_write
+    from ..records.files import mapping as maps
     from ..records.files import read_table
-    from ..records.files.mapping import mapping_text, propose
 
     if not files:
         raise click.UsageError(
@@ -135,21 +175,55 @@ def _propose(session: Session, files: tuple[Path, ...], path: Path) -> None:
             f"{path} is not in the folder of its files", "Write it beside them."
         )
 
-    proposals = propose(read_table(files[0]))
-    text = mapping_text(files, proposals)
+    table = read_table([*files] if together else files[0])
+    facts = maps.column_facts(table)
+    proposals = maps.propose(table, facts)
+    text = maps.mapping_text(files, proposals, table, facts)
     with atomic_write(path) as file:
         file.write(text)
+
+    session.say(f"Proposed, in {path}:", "", text)
+    without_clock = maps.lacks_clock(proposals, table)
+    session.say(_next_step(proposals, path, without_clock), "")
+    return not maps.lacks_motion(proposals) and not without_clock
+
+
+def _next_step(proposals: Sequence[Proposal], path: Path, without_clock: bool) -> str:
+    """What to do with a proposal."""
+    from ..records.files.mapping import is_element_alone, lacks_motion
+
+    if not proposals:
+        return (
+            "The proposal is empty: no column says what it is, by its name or its unit."
+            f' Write the channels into {path}, e.g. x1 = "column @ mm", F1 ='
+            f' "column @ kN"; then: pysindy-nrf inspect --mapping {path}'
+        )
+    if lacks_motion(proposals):
+        return (
+            "No column is known to be a motion, so the proposal is not complete. Write"
+            f' one into {path}, e.g. x1 = "column @ mm"; then: pysindy-nrf inspect'
+            f" --mapping {path}"
+        )
 
     n_doubtful = sum(bool(proposal.doubts) for proposal in proposals)
     ask = "Every channel is named or has a unit"
     if n_doubtful:
         ask = f"Look at the {n_doubtful} with a question mark"
-    session.say(f"Proposed, in {path}:", "", text)
-    session.say(f"{ask}; then: pysindy-nrf run --mapping {path}", "")
+    if without_clock:
+        ask += (
+            f"; the file has no time, so write its sampling rate into {path}, fs = .."
+        )
+    step = f"{ask}; then: pysindy-nrf run --mapping {path}"
+    if is_element_alone(proposals):
+        step += (
+            "\nIf an element was tested alone, without a mass, add: --known-mass 1=0"
+        )
+    return step
 
 
 @click.command("laws", short_help="List the force laws that storeys may have.")
 @click.argument("words", nargs=-1)
+@opt.laws_option
 @opt.json_option
 def list_laws(words: tuple[str, ...], as_json: bool) -> None:
     """List the force laws: name for --law, family, formula, and what it describes.
@@ -203,6 +277,7 @@ def _data_of_law(law: type[ForceLaw]) -> dict[str, str]:
 @opt.unit_option
 @opt.rate_option
 @opt.mapping_option
+@opt.laws_option
 @opt.choice(
     "--method",
     ["default", "newmark"],

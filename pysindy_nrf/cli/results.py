@@ -234,7 +234,7 @@ class Results:
                 continue
             raise NRFError(
                 f"{target} is {what}, and would be lost",
-                "Give another output (-o), or say --force.",
+                "Give another output (-o), or add --force.",
             )
 
     def _is_result(self, path: Path) -> bool:

@@ -22,6 +22,8 @@ from .results import Results
 # What a running command keeps beside its options: whether it may write over files, and
 # the files that a mapping file names.
 FORCE, NAMED_FILES = "force", "files of the mapping"
+# Set in the environment of a run whose error stream is read by a program.
+SHOW_PROGRESS = "PYSINDY_NRF_PROGRESS"
 _PACKAGE = Path(__file__).parents[1]
 
 
@@ -190,7 +192,10 @@ def working(label: str) -> Iterator[Callable[[], None]]:
     """
     from tqdm import tqdm
 
-    bar = tqdm(bar_format="{desc}, {elapsed}", desc=label, disable=None, leave=False)
+    # None: shown on terminals only
+    hidden = False if os.environ.get(SHOW_PROGRESS) else None
+    shape = "{desc}, {elapsed}"
+    bar = tqdm(bar_format=shape, desc=label, disable=hidden, leave=False)
     n_tried, done = itertools.count(1), threading.Event()
 
     def tick() -> None:
@@ -230,7 +235,7 @@ def warned() -> Iterator[Callable[[], list[str]]]:
 def say_if_compiling() -> None:
     """Announce the first run, for which the numerical functions are compiled.
 
-    Numba is not loaded to find out: an index of compiled equations tells.
+    Numba is not loaded to find out: the index of compiled equations shows it.
     """
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     places = [_PACKAGE, Path.home() / ".cache" / "numba"]

@@ -7,6 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from itertools import chain, islice
 from typing import TypeVar
 
@@ -23,14 +24,20 @@ def n_threads() -> int:
 
     The environment variables in ``THREAD_LIMIT_VARIABLES`` set such limits.
     """
-    from joblib import cpu_count  # affinity and the limits of a container count
-
-    count = cpu_count()
+    count = n_cores()
     for name in THREAD_LIMIT_VARIABLES:
         limit = os.environ.get(name, "").split(",")[0].strip()
         if limit.isdecimal() and int(limit) > 0:
             count = min(count, int(limit))
     return count
+
+
+@cache
+def n_cores() -> int:
+    """Cores of this process; asked once, since it reads files of the system."""
+    from joblib import cpu_count  # affinity and the limits of a container count
+
+    return cpu_count()
 
 
 def in_threads(

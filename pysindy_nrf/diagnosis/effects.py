@@ -60,7 +60,7 @@ class Effect(Protocol):
 
     @property
     def alternatives(self) -> list[str]:
-        """Families that the data cannot tell from its own."""
+        """Families that the data cannot distinguish from its own."""
 
     @property
     def company(self) -> list[str]:
@@ -126,7 +126,8 @@ def not_told_apart(effect: Effect) -> list[str]:
     if effect.alternatives:
         others = ", ".join(map(plain_name, effect.alternatives))
         family = plain_name(effect.family)
-        texts.append(f"At {effect.site} the data cannot tell {family} from {others}.")
+        text = f"At {effect.site} the data cannot distinguish {family} from {others}."
+        texts.append(text)
     if effect.company:
         laws = sorted(map(plain_name, (effect.law, *effect.company)))
         together = f"{', '.join(laws[:-1])} and {laws[-1]}"
@@ -182,7 +183,7 @@ def effect_words(
     for key, value in values.items():
         if value is None or key not in units:
             continue
-        unit = units[key].replace("^2", "²").replace("^3", "³")
+        unit = unit_in_words(units[key], values)
         unit = f" {unit}" if unit else ""
         low, high = intervals.get(key, (np.nan, np.nan))
         text = f"{name} of {digits(low, high, float(value))}{unit}"
@@ -190,6 +191,21 @@ def effect_words(
             text += f" ({digits(low, high)}{unit})"
         return f"{text} {place}"
     return f"{name} {place}"
+
+
+def unit_in_words(unit: str, values: Mapping[str, float | None]) -> str:
+    """A unit with raised numbers, and with the exponent n by its value.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.diagnosis.effects import unit_in_words
+    >>> unit_in_words("N s^n/m^n", {"n": 0.45}), unit_in_words("N/m^3", {})
+    ('N (s/m)^0.45', 'N/m³')
+    """
+    exponent = values.get("n")
+    if exponent is not None:
+        unit = unit.replace("s^n/m^n", f"(s/m)^{exponent:.2g}")
+    return unit.replace("^2", "²").replace("^3", "³")
 
 
 def _amplitude(
@@ -219,7 +235,7 @@ def _place(site: str) -> str:
 
 
 def digits(low: float, high: float, *values: float) -> str:
-    """The two ends of an interval with the digits that tell them apart.
+    """The two ends of an interval with the digits that distinguish them.
 
     Or other values with the same digits.
 

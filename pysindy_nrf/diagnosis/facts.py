@@ -16,6 +16,7 @@ from ..chain.model import ChainModel
 from ..chain.restoring_force import RestoringForce
 from ..chain.visited_region import VisitedRegion
 from ..records.quality import QualityNote
+from .assumptions import Assumption
 from .effects import Bounds, Effect, described
 from .free_run import FreeRuns
 
@@ -45,6 +46,11 @@ class FreeRunFacts:
         Why a run is missing.
     floats : bool
         Whether the chain has hardly a spring to the ground, so that it may drift.
+    by_newmark : bool
+        Whether the default method of :func:`pysindy_nrf.simulate` failed and Newmark's
+        computed the run.
+    diverges_by_default : bool
+        Whether it failed because the motion grew beyond all measure.
     """
 
     error: float = float("nan")
@@ -52,6 +58,8 @@ class FreeRunFacts:
     diverges: bool = False
     why_not: str = ""
     floats: bool = True
+    by_newmark: bool = False
+    diverges_by_default: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,11 +80,14 @@ class LeftOver:
         N.
     percent : float
         The rms as a share of the force, percent.
+    band : (float, float), optional
+        Of both, Hz; None for all frequencies.
     """
 
     rms: float
     noise: float
     percent: float
+    band: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +116,22 @@ class ShapeAtEnd:
 
 
 @dataclass(frozen=True)
+class Move:
+    """What an alternative does to a value of a model.
+
+    Parameters
+    ----------
+    change : float
+        SI units.
+    half_width : float
+        Of the 95 % interval beside it, SI units.
+    """
+
+    change: float
+    half_width: float = 0.0
+
+
+@dataclass(frozen=True)
 class Alternative:
     """Something that the data allow beside a model.
 
@@ -121,7 +148,13 @@ class Alternative:
     half_width : float
         Half-width of the 95 % interval of that parameter beside it, as a share.
     left : float
-        Residual beside it, as a share of that of the model.
+        Residual of all equations of motion beside it, as a share of that of the model.
+    left_by_equation : float
+        The same with every residual as a share of its own: the rms over the equations.
+    moves : mapping of str to Move
+        What it does to each mass and coefficient.
+    model, compared : ChainModel, optional
+        The estimate beside it, and that without it from the same data.
     """
 
     description: str
@@ -130,6 +163,39 @@ class Alternative:
     change: float
     half_width: float
     left: float
+    left_by_equation: float
+    moves: Mapping[str, Move] = field(default_factory=dict)
+    model: ChainModel | None = None
+    compared: ChainModel | None = None
+
+
+@dataclass(frozen=True)
+class AmbiguousInterval:
+    """An interval that an alternative to the model moves or widens.
+
+    Parameters
+    ----------
+    parameter : str
+        Such as ``"m2"`` or ``"storey 2: s"``.
+    low, high : float
+        What the model and the alternatives span together, SI units.
+    by : tuple of str
+        The alternatives, as they are described.
+    withheld : bool
+        Whether the span says too little to be given as an interval.
+    """
+
+    parameter: str
+    low: float
+    high: float
+    by: tuple[str, ...]
+    withheld: bool
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Ends of the interval that is given; NaN if it is withheld."""
+        unknown = float("nan")
+        return (unknown, unknown) if self.withheld else (self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -173,8 +239,14 @@ class Facts:
         Shape parameters that ended where their search ends.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
+    ambiguous_intervals : tuple of AmbiguousInterval
+        Intervals that alternatives widen, or that are withheld for them.
+    assumptions : tuple of Assumption
+        What the model takes for granted; no reason against it.
     noise_is_known : bool
         Whether it is known what noise alone would leave.
+    searched : bool
+        Whether a search has looked for effects that the model lacks.
     nothing_claimed : str
         Why a search claims nothing; empty if it does.
     wiring : str
@@ -202,7 +274,10 @@ class Facts:
     unseen_drifts: Mapping[int, float] = field(default_factory=dict)
     shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
+    ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
     noise_is_known: bool = True
+    searched: bool = False
     nothing_claimed: str = ""
     wiring: str = ""
     noise_or_law: tuple[str, ...] = ()
@@ -281,6 +356,8 @@ def _free_run_facts(
         diverges=runs.failed or not is_finite,
         why_not=runs.why_not,
         floats=_floats(runs, modes),
+        by_newmark=runs.by_newmark,
+        diverges_by_default=runs.diverges_by_default,
     )
 
 
@@ -367,8 +444,20 @@ class Evidence(Protocol):
         """Questions without an answer."""
 
 
+class Identified(Protocol):
+    """The result of an identification."""
+
+    @property
+    def facts(self) -> Facts:
+        """What is known of its model and of its data."""
+
+
 class Loop(Protocol):
     """What a verdict reads of a report of the loop."""
+
+    @property
+    def identified(self) -> Identified | None:
+        """The final estimate of the model, if it has one of its own."""
 
     @property
     def model(self) -> ChainModel:
@@ -423,6 +512,10 @@ class Loop(Protocol):
         """What the data allow beside the model."""
 
     @property
+    def ambiguous_intervals(self) -> tuple[AmbiguousInterval, ...]:
+        """Intervals that alternatives widen, or that are withheld for them."""
+
+    @property
     def unseen_drifts(self) -> Mapping[int, float]:
         """Noise over rms of the drift of each storey that noise hides."""
 
@@ -436,33 +529,50 @@ def facts_of_loop(report: Loop) -> Facts:
 
     ``wiring`` is left out: a verdict asks for it where the other facts make it likely.
     """
-    model = report.model
-    dofs = range(1, model.n_dof + 1)
-    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
-    over_periods = float(report.final["free run"])
-    of_model = facts_of_model(
-        model, report.bounds, report.free_runs, known_masses, over_periods
-    )
-
-    unexplained = {}
-    for j in dofs:
-        unexplained[j] = float(report.final.get(f"held-out dof {j}", np.nan))
+    of_model = _facts_of_estimate(report)
+    of_search = dict(enumerate(report.beyond_noise.tolist(), start=1))
     confirmed = [step for step in report.steps if step.confirmed]
     return replace(
         of_model,
-        unexplained=unexplained,
-        beyond_noise=dict(enumerate(report.beyond_noise.tolist(), start=1)),
-        left_over=_left_over(report),
+        beyond_noise=dict(of_model.beyond_noise) or of_search,
+        left_over=dict(of_model.left_over) or _left_over(report),
+        searched=True,
         alternatives=report.alternatives,
+        ambiguous_intervals=report.ambiguous_intervals,
         unseen_drifts=report.unseen_drifts,
         holds=tuple(map(described, confirmed)),
         channel_faults=report.faults,
-        quality=tuple(report.quality),
+        quality=tuple(dict.fromkeys([*report.quality, *of_model.quality])),
         effects=tuple(report.steps),
         unanswered=_unanswered(report.evidence),
         noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def _facts_of_estimate(report: Loop) -> Facts:
+    """What is known of the model of a loop as an estimate."""
+    over_periods = float(report.final["free run"])
+    if report.identified is not None:
+        facts = report.identified.facts
+        run = replace(facts.free_run, over_periods=over_periods)
+        return replace(facts, free_run=run)
+
+    model = report.model
+    dofs = range(1, model.n_dof + 1)
+    known_masses = [j for j in dofs if f"m{j}" not in report.bounds]
+    facts = facts_of_model(
+        model, report.bounds, report.free_runs, known_masses, over_periods
+    )
+    return replace(facts, unexplained=unexplained_by(report))
+
+
+def unexplained_by(report: Loop) -> dict[int, float]:
+    """Share of each equation of motion that the model leaves, percent, held out."""
+    shares = {}
+    for j in range(1, report.model.n_dof + 1):
+        shares[j] = float(report.final.get(f"held-out dof {j}", np.nan))
+    return shares
 
 
 def _left_over(report: Loop) -> dict[int, LeftOver]:

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
-from ..equations.errors import free_run_by_either, squares_of
+from ..equations.errors import squares_of
+from ..equations.free_runs import EitherRun, free_run_by_either
 from ..exceptions import NRFError
 from ..records.dataset import Dataset, Segment
 from ..records.record import Record
@@ -30,12 +31,18 @@ class FreeRuns:
         Why a run is missing.
     failed : bool
         Whether a run was tried and came to no end.
+    by_newmark : bool
+        Whether the default method failed and Newmark's computed a run.
+    diverges_by_default : bool
+        Whether it failed because the motion grew beyond all measure.
     """
 
     table: pd.DataFrame
     runs: list[tuple[Segment, Record]] = field(default_factory=list)
     why_not: str = ""
     failed: bool = False
+    by_newmark: bool = False
+    diverges_by_default: bool = False
 
     @property
     def error(self) -> float:
@@ -72,6 +79,7 @@ def free_runs(
         return FreeRuns(pd.DataFrame(), why_not=why_not)
 
     runs: list[tuple[Segment, Record]] = []
+    tried: list[EitherRun] = []
     errors: dict[str, np.ndarray] = {}
     why_not, failed = "", False
     for segment, band in zip(data.segments, filters or [None] * len(data.segments)):
@@ -80,18 +88,21 @@ def free_runs(
             why_not = obstacle
             continue
         try:
-            run = free_run_by_either(model, segment, segment.valid, dt)
+            either = free_run_by_either(model, segment, segment.valid, dt)
         except NRFError as error:
             why_not, failed = str(error), True
             continue
 
-        missed, moved = _squares(run, segment, band)
-        runs.append((segment, run))
+        missed, moved = _squares(either.record, segment, band)
+        tried.append(either)
+        runs.append((segment, either.record))
         errors[_free_name(segment.name, errors)] = 100.0 * np.sqrt(missed / moved)
 
     columns = [f"x{j + 1}" for j in range(model.n_dof)]
     table = pd.DataFrame.from_dict(errors, orient="index", columns=columns)
-    return FreeRuns(table, runs, why_not, failed)
+    by_newmark = any(either.by_newmark for either in tried)
+    diverges = any(either.diverges for either in tried)
+    return FreeRuns(table, runs, why_not, failed, by_newmark, diverges)
 
 
 def _squares(

@@ -14,8 +14,9 @@ from ..chain.model import ChainModel
 from ..exceptions import BiasWarning, NRFError
 from .bias import NoiseBias, sentences_of, wrong_zeros
 from .effects import capitalised
+from .facts import Facts
 from .force_delays import Fitted, force_delay
-from .rules import creates_energy
+from .rules import creates_energy, open_alternatives, residuals_above_noise
 
 __all__ = ["diagnose"]
 
@@ -37,6 +38,10 @@ class Result(Protocol):
     @property
     def noise_biases(self) -> list[NoiseBias]:
         """What noise in the motion does to the estimate."""
+
+    @property
+    def facts(self) -> Facts:
+        """What is known of the model and of its data."""
 
 
 class FittedModel(Fitted, Protocol):
@@ -298,6 +303,21 @@ def _noise(model: FittedModel) -> list[Finding]:
     return findings
 
 
+def _other_explanations(model: FittedModel) -> list[Finding]:
+    """Structures and channels that the data allow, and forces that are missing."""
+    facts = model.result_.facts
+    findings = []
+    # noise that biases the estimate makes them seem open, and stands first
+    for reason in open_alternatives(facts):
+        message = reason.message
+        finding = Finding(3.95, reason.kind, reason.place, reason.size, message)
+        findings.append(finding)
+    for reason in residuals_above_noise(facts):
+        finding = Finding(3.85, "residual", reason.place, reason.size, reason.message)
+        findings.append(finding)
+    return findings
+
+
 def _unexplained(model: FittedModel) -> list[Finding]:
     """A large share of all balances that nothing explains."""
     error = float(model.errors_.loc["pooled", "error"])
@@ -321,5 +341,6 @@ _CHECKS: tuple[Callable[[FittedModel], list[Finding]], ...] = (
     _estimation,
     _delays,
     _noise,
+    _other_explanations,
     _unexplained,
 )

@@ -35,7 +35,7 @@ class SiteLoop:
     identified : ndarray of shape (n_points,)
         Force of the model, N.
     measured : ndarray of shape (n_points,), optional
-        Force that the measured motion and forces ask for, N, where they tell it.
+        Force that the measured motion and forces ask for, N, where they determine it.
     """
 
     site: str

@@ -11,7 +11,7 @@ from ..records.dataset import Dataset, Segment
 # Noise of the drift over its rms, from which on a storey may be anything. Of chains of
 # two and three floors with 1 % noise, a ratio of 0.6 leaves masses within 0.3 %; from 2
 # on they are within 2 % or gone.
-HIDDEN = 1.5
+HIDING_NOISE = 1.5
 # Noise of a displacement over its rms from which on it is none, but another channel.
 MAX_NOISE = 0.2
 
@@ -30,7 +30,7 @@ def unseen_drifts(data: Dataset) -> dict[int, float]:
     return {
         storey: float(ratio)
         for storey, ratio in enumerate(ratios, start=1)
-        if ratio > HIDDEN
+        if ratio > HIDING_NOISE
     }
 
 

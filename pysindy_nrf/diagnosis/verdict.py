@@ -49,6 +49,8 @@ class Verdict:
         What makes it amber or red, the gravest first.
     grounds : tuple of Reason
         All that speaks against the model, with kind, place and size.
+    assumptions : tuple of str
+        What the model takes for granted, because nothing in the data checks it.
 
     Examples
     --------
@@ -63,10 +65,12 @@ class Verdict:
     sentence: str
     reasons: tuple[str, ...] = ()
     grounds: tuple[Reason, ...] = ()
+    assumptions: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         lines = [f"{self.state.upper()}: {self.sentence}"]
         lines += [f"  - {reason}" for reason in self.reasons]
+        lines += [f"  Assumed: {assumption}" for assumption in self.assumptions]
         return "\n".join(lines)
 
 
@@ -89,7 +93,13 @@ def verdict_from(facts: Facts) -> Verdict:
     >>> verdict.state, verdict.grounds[0].kind, verdict.grounds[0].place
     ('red', 'unexplained', 'dof 2')
     """
-    reasons = _reasons_of(facts)
+    verdict = _verdict_by(_reasons_of(facts), facts)
+    assumed = [assumption.sentence for assumption in facts.assumptions]
+    assumed += [note.message for note in facts.quality if note.kind == "assumed"]
+    return replace(verdict, assumptions=tuple(dict.fromkeys(assumed)))
+
+
+def _verdict_by(reasons: Sequence[Reason], facts: Facts) -> Verdict:
     if any(reason.severity == "red" for reason in reasons):
         return _not_to_be_used(reasons, facts)
 
@@ -118,7 +128,8 @@ def _what_it_holds(facts: Facts, reasons: Sequence[Reason]) -> str:
     error = judged_error(run)
     if np.isfinite(error):
         over = " over ten periods" if error < run.error else ""
-        holds += f"; the free run predicts the motion to {error:.2g} %{over}"
+        by = " by Newmark's method" if run.by_newmark else ""
+        holds += f"; the free run predicts the motion to {error:.2g} %{over}{by}"
     return f"{capitalised(holds)}."
 
 

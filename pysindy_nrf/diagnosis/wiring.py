@@ -307,7 +307,7 @@ def mapping_that_closes(
 
 
 def _strongest(records: Sequence[Record]) -> list[Record]:
-    """Enough samples to tell mappings apart: the strongest stretches of the records."""
+    """Enough samples to compare mappings: the strongest stretches of the records."""
     stretches = []
     for record in records:
         if record.n_samples > MAX_SAMPLES:

@@ -8,20 +8,28 @@ from dataclasses import replace
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
-from ..diagnosis.facts import Alternative
+from ..diagnosis.facts import Alternative, unexplained_by
 from ..diagnosis.offsets import with_offsets
+from ..diagnosis.open_alternatives import (
+    OpenAlternatives,
+    ambiguous_intervals,
+    with_ambiguity,
+)
 from ..diagnosis.residual import residual_of
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.unseen_drifts import unseen_drifts
-from ..diagnosis.verdict import DOUBTFUL, free_runs, suspect_channels
+from ..diagnosis.verdict import DOUBTFUL, FreeRuns, free_runs, suspect_channels
 from ..exceptions import NRFError
 from ..identification.alternatives import alternatives_of
+from ..identification.intervals import parameters_of
 from ..identification.wiring import wiring_error
 from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
+from ..records.record import Record
 from .balance_judgement import BalanceJudgement, BalanceOutcome
 from .claims import lack_of_fit
 from .excerpts import EXCERPTS
+from .final_estimate import final_estimate, with_final_estimate
 from .fitted_model import FittedModel
 from .free_run import FREE_RUN
 from .judgement import measured_records, report_of
@@ -40,20 +48,57 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
     pieces, filters, _ = final.data_with_offsets.diagnosed().cut()
 
     report = report_of(request, judgement, request.calibration, _visited(final))
+    identified = final_estimate(
+        request,
+        _records_of_estimate(request, outcome),
+        report.model.laws,
+        judgement.band,
+    )
+    report = with_final_estimate(report, identified)
     report = replace(
         report,
         evidence=_evidence(concluded, report.models),
         measured=measured_records(outcome.records.records, noise, len(request.heldout)),
         loops=loops_of(report.model, pieces, filters),
         lack_of_fit=lack_of_fit(remainder.general),
-        free_runs=free_runs(report.model, _starts(outcome.measured, final)),
+        free_runs=_free_runs(report, outcome, final),
         beyond_noise=remainder.certainty.beyond_noise,
         alternatives=_alternatives(request, outcome, report),
         unseen_drifts=unseen_drifts(outcome.measured.data),
         faults=suspect_channels(request.all_records),
         quality=_quality(outcome, final),
     )
-    return _with_wiring(report, request)
+    return _with_wiring(_with_ambiguity(report), request)
+
+
+def _with_ambiguity(report: LoopReport) -> LoopReport:
+    """The report with intervals that hold what open alternatives do."""
+    if report.identified is not None:
+        ambiguous = report.identified.ambiguous_intervals
+        return replace(report, ambiguous_intervals=ambiguous)
+    among = OpenAlternatives.among(report.alternatives, unexplained_by(report))
+    values = parameters_of(report.model).to_dict()
+    ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.better)
+    bounds = with_ambiguity(report.bounds, ambiguous)
+    return replace(report, bounds=bounds, ambiguous_intervals=ambiguous)
+
+
+def _records_of_estimate(
+    request: LoopRequest, outcome: BalanceOutcome
+) -> Sequence[Record]:
+    """The records of the search, freed of the faults that were found."""
+    if any(effect.is_fault for effect in outcome.result.effects):
+        return outcome.records.searched
+    return request.records
+
+
+def _free_runs(
+    report: LoopReport, outcome: BalanceOutcome, final: FittedModel
+) -> FreeRuns:
+    """The final model alone, over the records of the estimate."""
+    if report.identified is not None:
+        return report.identified.free_runs
+    return free_runs(report.model, _starts(outcome.measured, final))
 
 
 def _with_wiring(report: LoopReport, request: LoopRequest) -> LoopReport:
@@ -72,6 +117,8 @@ def _alternatives(
     """What the data allow beside the final model, if it claims anything."""
     if report.nothing_claimed or unseen_drifts(outcome.measured.data):
         return ()
+    if report.identified is not None:
+        return report.identified.alternatives
     problem = request.problem.with_laws(report.model.laws)
     try:
         return alternatives_of(problem, outcome.records.data)

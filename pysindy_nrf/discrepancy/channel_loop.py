@@ -269,7 +269,9 @@ def _with_step(outcome: ChannelOutcome, number: int) -> ChannelOutcome:
 def _not_told_from(rivals: Iterable[Finding]) -> str:
     """Candidates that explain the channels as well as an effect, in words."""
     names = [finding.candidate.name for finding in rivals]
-    return "".join(f"; the channels cannot tell it from {name}" for name in names)
+    return "".join(
+        f"; the channels cannot distinguish it from {name}" for name in names
+    )
 
 
 def _doubts(outcome: ChannelOutcome) -> list[str]:

@@ -50,7 +50,7 @@ def free_run_error(
             return float("nan")
         for rows in _windows(segment, block, every):
             try:
-                run = free_run_by_either(model, segment, rows, segment.dt)
+                run, *_ = free_run_by_either(model, segment, rows, segment.dt)
             except NRFError:
                 return float("nan")
             x = np.cumsum(segment.s[rows], axis=1)

@@ -31,21 +31,24 @@ def close_loop(
 ) -> LoopReport:
     """Find the effects a model lacks, add them, and report the error before and after.
 
-    The records are fused (:class:`KinematicSmoother`) and cut into folds; a quarter of
-    each is put aside until the last line, or the records in ``heldout``. Columns and
-    forces are cut into half-overlapping windows and transformed; the frequency bands in
-    which the chain explains the balances are found once, before the search. Every law
-    of the catalogue is then tried at every site where it makes sense, and laws of the
-    storeys at all of them at once. The error reduction of a candidate is the fall of
-    the cross-validated residual in dB, meaned over informative bands. An effect is
-    accepted if its reduction stands whichever fold is left out, if it changes the force
-    at its site enough to matter, and if errors of the channels within their tolerances
-    do not explain it as well. After each effect all shape parameters are refined and
-    effects that became needless are taken out. Held-out data have the last word: an
-    effect that does not lower their error, or takes a tenth neither of it nor of what
-    the search leaves, is not confirmed and not in the model.
+    The records are fused (:class:`KinematicSmoother`) and cut into folds. A quarter of
+    each record, or the records in ``heldout``, are put aside until the end. Columns and
+    forces are cut into half-overlapping windows and transformed. The frequency bands in
+    which the chain explains the balances are found once, before the search.
 
-    Where a floor has no sensor, candidates are ranked by what their force would do to
+    Every law of the catalogue is tried at every site where it makes sense, and laws of
+    the storeys at all of them at once. The error reduction of a candidate is the fall
+    of the cross-validated residual in dB, averaged over informative bands. An effect is
+    accepted under three conditions. Its reduction stands whichever fold is left out. It
+    changes the force at its site enough to matter. Errors of the channels within their
+    tolerances do not explain it as well. After each effect all shape parameters are
+    refined, and effects that became needless are removed.
+
+    Held-out data decide last. An effect is confirmed only if it lowers their error, and
+    takes a tenth of that error or of what the search leaves. Other effects are not in
+    the model.
+
+    Where a floor has no sensor, candidates are ranked by the effect of their force on
     the measured channels along the free run of the model.
 
     Parameters
@@ -57,7 +60,7 @@ def close_loop(
     catalogue : iterable of ForceLaw, optional
         Laws to try; all of :mod:`pysindy_nrf.laws` that can be an effect if None.
     heldout : Record or sequence of Record, optional
-        Records that only the last line sees.
+        Records that are read once, to confirm the effects.
     band : (float, float), optional
         Frequency band, Hz, outside of which no band is informative; the baseline's if
         None.
@@ -69,7 +72,8 @@ def close_loop(
     calibration : mapping, optional
         Errors that every channel may have: ``gain`` and ``cross_axis`` (part of another
         DOF's motion that it reads) as shares, 0.02 where nothing is known, and
-        ``delay`` in s, 0.4 of a sampling step. What is none beyond them is not claimed.
+        ``delay`` in s, 0.4 of a sampling step. No effect is
+        claimed that such errors explain.
     progress : bool or callable
         Show a progress bar (tqdm) where the error stream is a terminal; or call this
         once for each candidate.

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
-from ..diagnosis.facts import Alternative
+from ..diagnosis.facts import Alternative, AmbiguousInterval
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
+from ..drawing.matplotlib_renderer import Drawing
+from ..identification.result import IdentificationResult
 from ..records.checks.channel_checks import Measured
 from ..records.quality import QualityNote
 from ..report import write_html
+from ..report.loop_content import pictures
 from ..report.markdown import markdown
 from ..report.notebook import loop_html
+from ..report.summary import Summary, summary_of
+from ..report.words import band_text
 from . import wording
 from .residual import Evidence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -152,7 +161,7 @@ class LoopReport:
         pooled, and free-run error beside the confirmed ones; the band.
     stopped_because : str
     model : ChainModel
-        With the effects in it, fitted to the search data.
+        With the confirmed effects in it, as finally estimated.
     band : tuple or None
         Hz.
     candidates : DataFrame
@@ -176,7 +185,7 @@ class LoopReport:
         gain at each storey beside the final model, dB: what no law of the catalogue
         explains.
     bounds : dict of str to (float, float)
-        95 % intervals of masses and coefficients, from fold to fold, by the names of
+        95 % intervals of masses and coefficients, by the names of
         ``confidence_intervals``.
     free_runs : FreeRuns or None
         The model alone under the measured forces of all records.
@@ -185,6 +194,8 @@ class LoopReport:
         percent.
     alternatives : tuple of Alternative
         What the data allow beside the model, the one that leaves least first.
+    ambiguous_intervals : tuple of AmbiguousInterval
+        Intervals of ``bounds`` that alternatives widen, or that are withheld for them.
     unseen_drifts : dict of int to float
         Noise over rms of the drift of each storey that noise hides.
     wiring, faults : str, dict of str to bool
@@ -196,6 +207,10 @@ class LoopReport:
     nothing_claimed : bool
         Whether the model is too far from the data for any claim; ``stopped_because``
         gives the reason.
+    identified : IdentificationResult or None
+        The final estimate, by the method that :class:`~pysindy_nrf.NRFRegressor`
+        chooses for the laws of ``model`` in the band of the search; None where its
+        method cannot fit them, and the estimates are those of the search.
 
     Examples
     --------
@@ -246,11 +261,13 @@ class LoopReport:
     free_runs: FreeRuns | None = None
     beyond_noise: np.ndarray = field(default_factory=lambda: np.zeros(0))
     alternatives: tuple[Alternative, ...] = ()
+    ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
     unseen_drifts: dict[int, float] = field(default_factory=dict)
     wiring: str = ""
     faults: dict[str, bool] = field(default_factory=dict)
     quality: tuple[QualityNote, ...] = ()
     nothing_claimed: bool = False
+    identified: IdentificationResult | None = None
 
     @property
     def final(self) -> pd.Series:
@@ -276,6 +293,43 @@ class LoopReport:
         lines = [f"{i}. {step.sentence}" for i, step in enumerate(self.steps, 1)]
         lines = lines or ["No effect was added."]
         return "\n".join([*lines, f"Stopped: {self.stopped_because}."])
+
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares of the forces.
+
+        Returns
+        -------
+        Summary
+            ``str`` prints it; ``to_frame``, ``as_html``, ``as_latex``. Where the final
+            estimate is that of the search, intervals are from fold to fold, without
+            standard errors.
+        """
+        if self.identified is not None:
+            return replace(self.identified.summary(), verdict=self.verdict)
+        n_forces = sum(bool(laws) for laws in self.model.laws.values())
+        return Summary(
+            f"Closed loop: {self.model.n_dof} masses and {n_forces} restoring forces",
+            [("band", band_text(self.band))],
+            summary_of(self.model, self.bounds, {}, {}, {}),
+            self.verdict,
+        )
+
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Drawing:
+        """Draw errors before and after, the missing force and the free run.
+
+        The missing force is drawn with the law that was found over it (matplotlib).
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            New ones if None.
+
+        Returns
+        -------
+        Drawing
+            With ``ax_`` and ``figure_``.
+        """
+        return Drawing(pictures(self)).plot(ax)
 
     def to_markdown(self) -> str:
         """The report as Markdown.

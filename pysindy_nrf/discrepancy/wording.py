@@ -83,7 +83,7 @@ def step_sentence(step: Step) -> str:
 
     if step.alternatives:
         others = ", ".join(step.alternatives)
-        sentences.append(f"The data cannot tell it from: {others}")
+        sentences.append(f"The data cannot distinguish it from: {others}")
     if step.company:
         sentences.append(
             f"With {' and '.join(step.company)} there it may stand for one law that is"
@@ -162,9 +162,7 @@ def channels_disagree(contradictions: Sequence[Contradiction]) -> str:
     """Channels of one DOF that do not show one motion."""
     witnesses = [channels.witness for channels in contradictions[:MAX_CONTRADICTIONS]]
     listed = "; ".join(dict.fromkeys(witnesses))
-    return (
-        f"Channels contradict each other, and the fusion made the best of it: {listed}"
-    )
+    return f"Channels contradict each other, and were fused all the same: {listed}"
 
 
 def no_claim(reason: str) -> list[str]:

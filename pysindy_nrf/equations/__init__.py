@@ -24,6 +24,7 @@ _NAMES = {
     "groups_of": "normal_equations",
     "in_blocks": "ridge_regression",
     "leave_one_out": "jackknife",
+    "needs_samples": "inner_optimizer",
     "nrmse": "errors",
     "pieces_of": "accumulation",
     "share_of": "jackknife",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ..chain.sites import Site
 from ..common.warn import warn_user
 from ..exceptions import IdentifiabilityError, RankWarning
 from .accumulation import total_products
+from .equation_rows import EquationRows
 from .inner_optimizer import Optimizer
 from .least_squares import NotTogether, SubProblem, back_substituted
 from .measured_motion import (
@@ -70,15 +72,16 @@ def solve_blocks(
     """Sum up the samples and solve.
 
     Where squaring loses digits the samples are summed up once more by QR: ``blocks``
-    is called again.
+    is called again. So it is for an optimizer that needs the samples themselves.
     """
     groups = groups_of(layout, solve_order)
     known = dict(known_masses or {})
+    rows = EquationRows(layout, blocks, known)
     grams = total_products(layout, groups, blocks(), known)
-    solution = solved_safely(grams, solve_order, known, inner)
+    solution = solved_safely(grams, solve_order, known, inner, rows)
     if solution is None:
         grams = total_products(layout, groups, blocks(), known, "root")
-        solution = solve(grams, solve_order, known, inner)
+        solution = solve(grams, solve_order, known, inner, rows)
     return solution, grams
 
 
@@ -87,10 +90,11 @@ def solved_safely(
     order: SolveOrder,
     known: Mapping[int, float],
     inner: Optimizer | None,
+    rows: EquationRows | None = None,
 ) -> Solution | None:
     """The solution, or None where squaring may have lost digits that the data have."""
     try:
-        solution = _solved(grams, order, known, inner)
+        solution = _solved(grams, order, known, inner, rows)
     except IdentifiabilityError:
         return None
     if solution.dependent or solution.digits_at_risk():
@@ -103,6 +107,7 @@ def solve(
     solve_order: SolveOrder,
     known_masses: Mapping[int, float] | None = None,
     inner: Optimizer | None = None,
+    rows: EquationRows | None = None,
 ) -> Solution:
     """Find masses and coefficients from the normal equations of a chain.
 
@@ -115,6 +120,8 @@ def solve(
         kg.
     inner : PySINDy optimizer, optional
         Runs on every equation; plain least squares if None.
+    rows : EquationRows, optional
+        The samples behind the sums, for an optimizer that needs them.
 
     Returns
     -------
@@ -128,7 +135,7 @@ def solve(
     NotTogether
         If several blocks have to be solved one by one.
     """
-    solution = _solved(grams, solve_order, dict(known_masses or {}), inner)
+    solution = _solved(grams, solve_order, dict(known_masses or {}), inner, rows)
     for text in solution.dependent:
         warn_user(text, RankWarning)
     return solution
@@ -139,14 +146,18 @@ def _solved(
     order: SolveOrder,
     known_masses: Mapping[int, float],
     inner: Optimizer | None,
+    rows: EquationRows | None,
 ) -> Solution:
     """The solution without a warning of columns that depend on each other."""
     masses: dict[int, PerBlock] = {}
     for dof, mass in known_masses.items():
         masses[int(dof)] = float(mass)
     if order.strategy == "joint":
-        return _JointSolve(grams, order, masses, inner).solution()
-    return _EachByItself(grams, order, masses, inner).solution()
+        return _JointSolve(grams, order, masses, inner, rows).solution()
+    one_by_one = _EachByItself(grams, order, masses, inner, rows)
+    if order.apart:
+        return _from_above_or_apart(one_by_one)
+    return one_by_one.solution()
 
 
 @dataclass
@@ -157,6 +168,7 @@ class _EachByItself:
     order: SolveOrder
     masses: dict[int, PerBlock]
     inner: Optimizer | None = None
+    rows: EquationRows | None = None
     coefficients: dict[Site, np.ndarray] = field(default_factory=dict)
     twins: dict[Site, np.ndarray] = field(default_factory=dict)
 
@@ -179,7 +191,11 @@ class _EachByItself:
         return Solution(self.masses, self.coefficients, self.twins, crossed)
 
     def triangle_of(self, step: Step) -> np.ndarray:
-        """Triangular factor of ``[mass | terms | right-hand side]`` of a step.
+        """Triangular factor of ``[mass | terms | right-hand side]`` of a step."""
+        return self.grams.triangle(step.dofs, self.unknowns_of(step))
+
+    def unknowns_of(self, step: Step) -> np.ndarray:
+        """Combination of an equation's columns to those of a step.
 
         What is known of the mass and of laws stands on the right-hand side.
         """
@@ -205,13 +221,17 @@ class _EachByItself:
         combine = np.zeros((*target.shape, len(unknown) + 1))
         combine[..., unknown, np.arange(len(unknown))] = 1.0
         combine[..., -1] = target
-        return self.grams.triangle(step.dofs, combine)
+        return combine
 
     def _solve_step(self, step: Step, triangle: np.ndarray) -> StepFit:
         """Solve one step and remember what it finds."""
         grams = self.grams
         size = grams.sizes[step.dofs]
-        problem = SubProblem(step, triangle, size, grams.layout, grams.kind)
+        rows = None
+        if self.rows is not None:
+            group = grams.groups[step.dofs]
+            rows = partial(self.rows.combined, group, self.unknowns_of(step))
+        problem = SubProblem(step, triangle, size, grams.layout, grams.kind, rows)
         if grams.shape:
             values, fit = problem.solve_blocks(self.inner)
         else:
@@ -270,6 +290,7 @@ class _JointSolve:
     order: SolveOrder
     masses: dict[int, PerBlock]
     inner: Optimizer | None = None
+    rows: EquationRows | None = None
 
     def solution(self) -> Solution:
         """The joint solution, or that of each equation by itself where it gives way."""
@@ -317,11 +338,31 @@ class _JointSolve:
         last = factor.n_unknowns
         triangle = root_of(factor.upper[:, [*columns, last]])
         samples = sum(self.grams.sizes[step.dofs] for step in self.order.steps)
-        problem = SubProblem(all_at_once, triangle, samples, layout, self.grams.kind)
+        rows = None
+        if self.rows is not None:
+            rows = partial(self._rows_of_all, self.rows, factor, [*columns, last])
+        problem = SubProblem(
+            all_at_once, triangle, samples, layout, self.grams.kind, rows
+        )
         in_order, fit = problem.solve(self.inner)
         values = np.empty(last)
         values[columns] = in_order
         return values, fit
+
+    def _rows_of_all(
+        self, equations: EquationRows, factor: _JointFactor, columns: list[int]
+    ) -> np.ndarray:
+        """Samples of all equations one below the other, scaled as in the factor."""
+        single = _EachByItself(self.grams, self.order, dict(self.masses))
+        parts = []
+        for step in self.order.steps:
+            group = self.grams.groups[step.dofs]
+            samples = equations.combined(group, single.unknowns_of(step))
+            places, signs = factor.columns_of(step)
+            part = np.zeros((len(samples), factor.n_unknowns + 1))
+            part[:, places] = samples * signs * factor.scales[step.dofs]
+            parts.append(part)
+        return np.concatenate(parts)[:, columns]
 
     def _named(
         self,
@@ -339,6 +380,25 @@ class _JointSolve:
             else:
                 masses[key] = _plain(values[..., columns[0]])
         return Solution(masses, coefficients, fits=fits, alone=alone)
+
+
+def _from_above_or_apart(from_above: _EachByItself) -> Solution:
+    """The solution of an order, or that of each equation by itself.
+
+    The latter where two equations contradict each other: the error of one would pass
+    on to all below it.
+    """
+    order = from_above.order
+    complete = replace(order, strategy="complete", steps=order.apart, apart=())
+    masses = dict(from_above.masses)
+    single = _EachByItself(from_above.grams, complete, dict(masses))
+    triangles = [single.triangle_of(step) for step in complete.steps]
+    alone = _independent(single, triangles)
+    if alone is None or not alone.contradicts:
+        return replace(from_above.solution(), alone=alone)
+    if from_above.grams.shape:
+        raise NotTogether()
+    return replace(from_above, order=complete, masses=masses).solution()
 
 
 def _independent(
@@ -367,6 +427,8 @@ class _JointFactor:
         Columns of each mass and of the terms of each site, in the order in which they
         are eliminated.
     upper : ndarray of shape (..., n_unknowns + 1, n_unknowns + 1)
+    scales : dict of tuple of int to ndarray
+        By which the rows of each equation added were multiplied.
     """
 
     def __init__(self, grams: NormalEquations, steps: Sequence[Step]) -> None:
@@ -383,6 +445,7 @@ class _JointFactor:
             self.columns[key] = np.arange(start, start + width)
             start += width
         self.n_unknowns = start
+        self.scales: dict[tuple[int, ...], np.ndarray] = {}
         self.upper = np.zeros((*grams.shape, start + 1, start + 1))
         # columns and rows that later equations still change
         self._open = np.array([start])
@@ -392,10 +455,11 @@ class _JointFactor:
 
     def add(self, step: Step, triangle: np.ndarray, share: PerBlock) -> None:
         """Add the triangular factor of an equation that leaves a share by itself."""
-        columns_of_step, signs = self._columns_of(step)
+        columns_of_step, signs = self.columns_of(step)
         length = np.linalg.norm(triangle[..., -1], axis=-1)
         size = np.sqrt(self.grams.sizes[step.dofs])
         scale = np.asarray(size / length / share)[..., None, None]
+        self.scales[step.dofs] = scale
 
         columns = np.union1d(self._open, columns_of_step)
         n_carried = self._carried.shape[-2]
@@ -419,7 +483,7 @@ class _JointFactor:
         if self._n_done == self.n_unknowns:
             self.upper[..., -1, -1] = self._carried[..., 0, 0]
 
-    def _columns_of(self, step: Step) -> tuple[np.ndarray, np.ndarray]:
+    def columns_of(self, step: Step) -> tuple[np.ndarray, np.ndarray]:
         """Columns of an equation's factor among all, and their signs in it."""
         columns = []
         signs = []

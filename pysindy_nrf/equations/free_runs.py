@@ -1,13 +1,12 @@
-"""Free runs of a model along measured records, and how far they go astray."""
+"""Free runs of a model along measured records, and their errors."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
 from ..chain.model import ChainModel
-from ..exceptions import NRFError
+from ..exceptions import DivergenceError, NRFError
 from ..records.dataset import BlockRows, Dataset, Segment
 from ..records.record import Record
 from ..records.zero_phase_filter import ZeroPhaseFilter
@@ -63,22 +62,46 @@ def free_run_of(
     )
 
 
+class EitherRun(NamedTuple):
+    """A free run, and how the default method fared.
+
+    Attributes
+    ----------
+    record : Record
+    by_newmark : bool
+        Whether Newmark's method computed it, because the default one failed.
+    diverges : bool
+        Whether the default one failed because the motion grew beyond its limit.
+    """
+
+    record: Record
+    by_newmark: bool = False
+    diverges: bool = False
+
+
 def free_run_by_either(
     model: ChainModel, segment: Segment, rows: slice, dt: float | None = None
-) -> Record:
+) -> EitherRun:
     """The free run, by Newmark's method where that of variable steps fails.
 
     It also fails where it exceeds a hundred times the measured motion. A record that
     was computed by Newmark's method is followed by it.
     """
-    with suppress(NRFError):
-        x = np.cumsum(segment.s[rows], axis=1)
-        limit = DIVERGED * float(np.abs(x).max()) or 1e100
-        method = segment.simulation_method
+    x = np.cumsum(segment.s[rows], axis=1)
+    limit = DIVERGED * float(np.abs(x).max()) or 1e100
+    method = segment.simulation_method
+    diverges = False
+    try:
         run = free_run_of(model, segment, rows, dt, limit=limit, method=method)
         if np.isfinite(np.asarray(run.displacement, dtype=float)).all():
-            return run
-    return free_run_of(model, segment, rows, dt, method="newmark")
+            return EitherRun(run)
+    except DivergenceError:
+        diverges = True
+    except NRFError:
+        # it takes too many steps, say
+        pass
+    run = free_run_of(model, segment, rows, dt, method="newmark")
+    return EitherRun(run, by_newmark=True, diverges=diverges)
 
 
 def squares_of(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,13 @@ from scipy.linalg import lapack
 from ..chain.identifiability import Step
 from ..chain.layout import Layout
 from ..exceptions import IdentifiabilityError, NRFError
-from .inner_optimizer import Optimizer, fit_inner
+from .inner_optimizer import (
+    KeptTerms,
+    Optimizer,
+    fit_inner,
+    require_optimizer,
+    survives_compression,
+)
 from .normal_equations import PerBlock
 from .solution import StepFit
 
@@ -51,6 +57,9 @@ class SubProblem:
     layout : Layout
     kind : {"gram", "root"}
         What the factor was taken of.
+    rows : callable, optional
+        Gives the samples of the columns, (n_samples, p + 1), where they can be read
+        again.
     """
 
     step: Step
@@ -58,6 +67,7 @@ class SubProblem:
     n_samples: PerBlock
     layout: Layout
     kind: str
+    rows: Callable[[], np.ndarray] | None = None
 
     def solve(self, inner: Optimizer | None = None) -> tuple[np.ndarray, StepFit]:
         """The unknowns, and how well they are determined."""
@@ -190,7 +200,7 @@ class SubProblem:
         )
         if self.step.masses and weight[0] > NAMED_PART:
             raise IdentifiabilityError(
-                f"{what}, so {labels[0]} cannot be told from the storey's stiffness",
+                f"{what}, so {labels[0]} cannot be separated from a stiffness",
                 "A steady harmonic excitation or too few samples do this; excite"
                 " several frequencies, lower the degree, or give the mass in"
                 " known_masses.",
@@ -226,13 +236,16 @@ class SubProblem:
         """
         n_masses = len(self.step.masses)
         p = columns.shape[1]
-        rms = float(self.n_samples) ** 0.5
         coefficients = np.zeros(p)
         fitted: Optimizer | None = None
         warned: Warned = ()
         if p > n_masses:
-            terms = columns[n_masses:, n_masses:] * rms
-            values, fitted, warned = fit_inner(inner, terms, target[n_masses:] * rms)
+            optimizer = inner
+            if isinstance(inner, KeptTerms):
+                optimizer = inner.of_step(self.step.name)
+            require_optimizer(optimizer)
+            terms, rest = self._given_to(optimizer, columns, target)
+            values, fitted, warned = fit_inner(optimizer, terms, rest)
             coefficients[n_masses:] = values
         if n_masses:
             explained = columns[:n_masses, n_masses:] @ coefficients[n_masses:]
@@ -240,6 +253,35 @@ class SubProblem:
                 columns[:n_masses, :n_masses], target[:n_masses] - explained
             )
         return coefficients, fitted, warned
+
+    def _given_to(
+        self, optimizer: Optimizer, columns: np.ndarray, target: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Terms and right-hand side without the part of the masses, of rms one.
+
+        As their triangular factor, or as samples where the optimizer needs them.
+        """
+        n_masses = len(self.step.masses)
+        rms = float(self.n_samples) ** 0.5
+        if survives_compression(optimizer, columns.shape[1] - n_masses):
+            return columns[n_masses:, n_masses:] * rms, target[n_masses:] * rms
+        if self.rows is None:
+            what = (
+                f"{type(optimizer).__name__} needs the samples, and of the"
+                f" {self.step.name} only the sums of their products are known"
+            )
+            cure = (
+                "Fit data in memory, with strategy 'auto', 'complete' or 'sequential',"
+                " or use an optimizer that needs none (STLSQ, SR3, SSR, FROLS)."
+            )
+            raise NRFError(what, cure)
+
+        samples = self.rows() * (rms / self._lengths())
+        masses = columns[:n_masses, :n_masses]
+        basis = back_substituted(masses, samples[:, :n_masses].T, transposed=True).T
+        crossing = np.column_stack([columns[:n_masses, n_masses:], target[:n_masses]])
+        rest = samples[:, n_masses:] - basis @ crossing
+        return rest[:, :-1], rest[:, -1]
 
 
 def back_substituted(

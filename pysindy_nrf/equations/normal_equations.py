@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import Group, Layout
 from ..chain.sites import Site
+from ..common.plain_tables import PlainState
 from ..exceptions import NRFError
 from .jackknife import leave_one_out, share_of, variance
 from .ridge_regression import Regression, in_blocks
@@ -60,7 +61,7 @@ class ColumnPlaces(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class NormalEquations:
+class NormalEquations(PlainState):
     """Sums of products of ``[terms of the sites | a_j | F_j]`` of each equation.
 
     Attributes

@@ -102,7 +102,8 @@ class Solution:
         equation at the other end (paper eq. 10b).
     fits : sequence of StepFit
     alone : Solution, optional
-        Of a joint solve: that of each equation by itself, if every equation has one.
+        Of a joint solve, or one from the upper end down by default: that of each
+        equation by itself, if every equation has one.
     """
 
     masses: dict[int, PerBlock] = field(default_factory=dict)
@@ -133,12 +134,16 @@ class Solution:
     def followed(self, solve_order: SolveOrder) -> SolveOrder:
         """The order that was followed.
 
-        It is every equation by itself where a joint solve by default found
-        contradictions.
+        It is every equation by itself where a solve by default found contradictions.
         """
         gave_way = solve_order.yields and bool(self.twins)
         strategy = "complete" if gave_way else solve_order.strategy
-        return replace(solve_order, strategy=strategy, yields=False)
+        steps = (
+            solve_order.apart if gave_way and solve_order.apart else solve_order.steps
+        )
+        return replace(
+            solve_order, strategy=strategy, steps=steps, yields=False, apart=()
+        )
 
     def pass_on(self) -> None:
         """Warn once of what optimizers warned of, and on which equations."""

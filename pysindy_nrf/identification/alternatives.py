@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.stats import norm
 
 from ..chain.model import ChainModel
-from ..diagnosis.facts import Alternative
+from ..diagnosis.facts import Alternative, Move
 from ..diagnosis.force_delays import delays_of
 from ..diagnosis.residual import residual_of
 from ..exceptions import NRFError, NRFWarning
@@ -28,7 +28,13 @@ from ..laws.base import ForceLaw
 from ..laws.elastic import LinearElastic, LinearViscous
 from ..laws.sensor import shifted
 from ..records.dataset import Dataset, Segment
-from .intervals import Resolver, least_squares_resolver, newey_west, parameters_of
+from .intervals import (
+    Resolver,
+    Statistic,
+    least_squares_resolver,
+    newey_west,
+    parameters_of,
+)
 from .problem import Problem, least_squares
 
 # Step of a change of the data for derivatives, as a share of the channel that changes;
@@ -51,7 +57,6 @@ _NEAR = 0.1
 _QUANTILE = float(norm.ppf(0.975))
 
 Laws = Mapping[str, tuple[ForceLaw, ...]]
-Values = Callable[[ChainModel], pd.Series]
 
 
 def alternatives_of(
@@ -72,7 +77,7 @@ def alternatives_of(
     -------
     tuple of Alternative
         The one that leaves least first. Empty for one DOF, where a gain of its sensors
-        cannot be told from masses and forces.
+        cannot be separated from masses and forces.
     """
     if problem.chain.n_dof == 1:
         return ()
@@ -139,64 +144,99 @@ class _Comparison:
 
     def distance_to(self, model: ChainModel) -> float:
         """Largest relative difference of masses and stiffnesses to those of a model."""
-        there = self.masses_and_stiffnesses(model)
-        here = self.masses_and_stiffnesses(self.model)
+        there = self.parameters(model)[self.masses_and_stiffnesses]
+        here = self.parameters(self.model)[self.masses_and_stiffnesses]
         return float(((here - there).abs() / there.abs()).max())
 
-    def masses_and_stiffnesses(self, model: ChainModel) -> pd.Series:
-        """Those that are identified, by name."""
-        values = parameters_of(model, self.problem.known_masses)
-        is_mass = ~values.index.str.contains(":")
-        is_stiffness = values.index.str.match(r"storey \d+: s$")
-        return values[is_mass | is_stiffness]
+    def parameters(self, model: ChainModel) -> pd.Series:
+        """Masses and coefficients of a model that has those of the problem at least."""
+        known_masses = self.problem.known_masses
+        names = parameters_of(self.model, known_masses).index
+        return parameters_of(model, known_masses)[names]
 
-    def with_laws(self, description: str, more: Laws, values: Values) -> Alternative:
+    @cached_property
+    def masses_and_stiffnesses(self) -> pd.Index:
+        """Names of those that are identified."""
+        names = parameters_of(self.model, self.problem.known_masses).index
+        is_mass = ~names.str.contains(":")
+        is_stiffness = names.str.match(r"storey \d+: s$")
+        return names[is_mass | is_stiffness]
+
+    def with_laws(
+        self, description: str, more: Laws, numbers: Statistic, watched: pd.Index
+    ) -> Alternative:
         """The alternative that has some more laws.
 
-        It is compared by the values of both models.
+        Both models are compared by some of their numbers.
         """
         problem = self.problem.with_laws(more)
         estimate = least_squares(problem, self.data)
         resolver = _of_few_pieces(
             least_squares_resolver(problem, estimate.order, self.data)
         )
-        spread = np.sqrt(np.diag(resolver.covariance(values)))
+        spread = np.sqrt(np.diag(resolver.covariance(numbers)))
+        here, there = numbers(self.model), numbers(estimate.model)
         squares = self.squares_of(estimate.model, problem, self.data)
         return self.alternative(
             description,
             ", ".join(more),
-            values(self.model),
-            values(estimate.model) - values(self.model),
-            _QUANTILE * spread,
-            float(squares.sum(axis=0) @ self.weights),
+            _Numbers(here, there, pd.Series(_QUANTILE * spread, here.index)),
+            watched,
+            squares,
+            estimate.model,
         )
 
     def alternative(
         self,
         description: str,
         place: str,
-        values: pd.Series,
-        change: pd.Series,
-        half_width: pd.Series | np.ndarray,
-        squares: float,
+        numbers: _Numbers,
+        watched: pd.Index,
+        squares: np.ndarray,
+        model: ChainModel,
     ) -> Alternative:
-        """What an alternative does to the value that it moves most.
+        """What an alternative does to the number that it moves most.
 
-        ``squares`` are its squared residuals, those of all equations by their weights.
+        ``squares`` are its squared residuals by piece and equation, N^2.
         """
-        relative_change = change / values.abs()
-        relative_width = half_width / values.abs()
+        size = numbers.here[watched].abs()
+        relative_change = (numbers.there - numbers.here)[watched] / size
+        relative_width = numbers.half_width[watched] / size
         reach = np.maximum(relative_change.abs(), relative_width)
         parameter = str(reach.idxmax())
-        n_equations = np.count_nonzero(self.squares.sum(axis=0))
+        left, before = squares.sum(axis=0), self.squares.sum(axis=0)
+        unsolved = before > 0
+        ratios = left[unsolved] / before[unsolved]
         return Alternative(
             description,
             place,
             parameter,
             float(relative_change[parameter]),
             float(relative_width[parameter]),
-            float(np.sqrt(max(squares, 0.0) / max(int(n_equations), 1))),
+            float(np.sqrt(left.sum() / before.sum())) if unsolved.any() else 1.0,
+            float(np.sqrt(ratios.mean())) if unsolved.any() else 1.0,
+            numbers.moves,
+            model,
+            self.model,
         )
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Numbers of a model, the same beside an alternative, and their half-widths."""
+
+    here: pd.Series
+    there: pd.Series
+    half_width: pd.Series
+
+    @property
+    def moves(self) -> dict[str, Move]:
+        """What the alternative does to each number."""
+        change = self.there - self.here
+        moves = {}
+        for name, size in change.items():
+            moves[str(name)] = Move(float(size), float(self.half_width[name]))
+        return moves
 
 
 def _of_few_pieces(resolver: Resolver) -> Resolver:
@@ -213,11 +253,11 @@ def _of_few_pieces(resolver: Resolver) -> Resolver:
 
 def _other_structures(comparison: _Comparison) -> Iterator[Alternative]:
     """A brace at each place where none is declared."""
-    values = comparison.masses_and_stiffnesses
+    numbers, watched = comparison.parameters, comparison.masses_and_stiffnesses
     for site, description in _places_of_braces(comparison.problem).items():
         brace = {site: (LinearElastic(), LinearViscous())}
         try:
-            yield comparison.with_laws(description, brace, values)
+            yield comparison.with_laws(description, brace, numbers, watched)
         except NRFError:
             # these data cannot be solved with it, so they say nothing of it
             continue
@@ -246,10 +286,14 @@ def _dashpots_to_the_ground(comparison: _Comparison) -> Iterator[Alternative]:
     dashpots = {g: (LinearViscous(),) for g in grounds if g not in occupied}
     if not dashpots:
         return
+
+    def numbers(model: ChainModel) -> pd.Series:
+        return pd.concat([comparison.parameters(model), damping_ratios(model)])
+
+    description = "dashpots from the floors to the ground"
     try:
-        yield comparison.with_laws(
-            "dashpots from the floors to the ground", dashpots, damping_ratios
-        )
+        watched = damping_ratios(comparison.model).index
+        yield comparison.with_laws(description, dashpots, numbers, watched)
     except NRFError:
         return
 
@@ -318,14 +362,14 @@ def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None
 
     rate = (high.values - low.values) / (2 * step)
     at_best = _changed(comparison, change, best)
-    values = comparison.masses_and_stiffnesses(comparison.model)
+    here = comparison.parameters(comparison.model)
     return comparison.alternative(
         change.description.format(change.neutral + best),
         change.place,
-        values,
-        at_best.values - values,
-        _QUANTILE * rate.abs() * spread,
-        float(at_best.squares.sum(axis=0) @ weights),
+        _Numbers(here, at_best.values, _QUANTILE * rate.abs() * spread),
+        comparison.masses_and_stiffnesses,
+        at_best.squares,
+        at_best.model,
     )
 
 
@@ -373,12 +417,14 @@ class _Changed:
 
     Attributes
     ----------
+    model : ChainModel
     values : Series
-        Masses and stiffnesses.
+        Its masses and coefficients.
     squares : ndarray of shape (n_pieces, n_dof)
         Squared residuals, N^2, piece by piece.
     """
 
+    model: ChainModel
     values: pd.Series
     squares: np.ndarray
 
@@ -388,7 +434,8 @@ def _changed(comparison: _Comparison, change: _Change, amount: float) -> _Change
     data = replace(comparison.data, segments=segments)
     model = least_squares(comparison.problem, data).model
     return _Changed(
-        comparison.masses_and_stiffnesses(model),
+        model,
+        comparison.parameters(model),
         comparison.squares_of(model, comparison.problem, data),
     )
 
@@ -397,7 +444,7 @@ def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
     """Forces that come later or earlier than the motion they cause."""
     problem, data = comparison.problem, comparison.data
     delays = delays_of(data, problem.filters(data), problem.layout)
-    values = comparison.masses_and_stiffnesses
+    here = comparison.parameters(comparison.model)
     for channel, delay in delays[~delays["aligned"].astype(bool)].iterrows():
         samples = float(delay["samples"])
         if not np.isfinite(samples):
@@ -414,10 +461,10 @@ def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
         yield comparison.alternative(
             f"{channel} logged {abs(samples):.3g} samples {side}",
             f"sensor {channel}",
-            values(comparison.model),
-            values(model) - values(comparison.model),
-            0.0 * values(model),
-            float(squares.sum(axis=0) @ comparison.weights),
+            _Numbers(here, comparison.parameters(model), 0.0 * here),
+            comparison.masses_and_stiffnesses,
+            squares,
+            model,
         )
 
 

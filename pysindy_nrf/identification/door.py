@@ -55,25 +55,25 @@ _BESIDE_ARRAYS = frozenset(
     ("F", "record", "time", "base_acceleration", "covariates", "dt", "coordinates")
 )
 # Arguments whose use depends on the form of the data.
-_OF_THE_FORM = _BESIDE_ARRAYS | {"sample_weight", "state"}
+_OF_THE_FORM = _BESIDE_ARRAYS | {"sample_weight", "state", "varying"}
 
 ARRAYS = InputForm(
     "arrays in memory",
     "which are fitted at once",
     frozenset((EVERY_FLOOR, WHOLE_RECORDS)),
-    _BESIDE_ARRAYS | {"sample_weight"},
+    _BESIDE_ARRAYS | {"sample_weight", "varying"},
 )
 DATASET = InputForm(
     "a Dataset",
     "which holds its own",
     frozenset((EVERY_FLOOR, WHOLE_RECORDS)),
-    frozenset({"sample_weight"}),
+    frozenset({"sample_weight", "varying"}),
 )
 COMPLETE_RECORDS = InputForm(
     "records",
     "which hold their own",
     frozenset((EVERY_FLOOR, WHOLE_RECORDS, RECORDS)),
-    frozenset({"sample_weight"}),
+    frozenset({"sample_weight", "varying"}),
 )
 RECORDS_WITH_GAPS = InputForm(
     "records in which a floor has no sensor",

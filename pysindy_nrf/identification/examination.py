@@ -9,6 +9,7 @@ from operator import attrgetter
 
 import pandas as pd
 
+from ..common.plain_tables import PlainState
 from ..diagnosis import bias
 from ..diagnosis.force_channels import ForceProbes, copies_of
 from ..diagnosis.sample_windows import collect
@@ -44,7 +45,7 @@ def _no_jumps() -> pd.DataFrame:
 
 
 @dataclass(frozen=True)
-class Examination:
+class Examination(PlainState):
     """What an examination found; empty tables and lists where nothing was looked at.
 
     Attributes

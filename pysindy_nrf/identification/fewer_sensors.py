@@ -181,8 +181,8 @@ def _note_on_model_error(share: float) -> list[str]:
         return []
     return [
         f"The model misses {100 * share:.2g} % of a measured channel beyond its noise."
-        " Intervals of motions hold that, those of parameters do not: search for what"
-        " it lacks (close_loop)."
+        " Intervals of motions contain this error, intervals of parameters do not."
+        " Search for the missing law (close_loop)."
     ]
 
 

@@ -16,6 +16,7 @@ from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.limits import Diagnosis, diagnose
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import Verdict
+from ..drawing.matplotlib_renderer import Drawing
 from ..equations.errors import explained_accelerations, judge
 from ..exceptions import ChannelError
 from ..records.channels import require_two_dimensions, sample_weights
@@ -24,8 +25,8 @@ from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
 from ..records.named_columns import forces_by_name
 from ..records.record import Record
 from ..report.figures.forces import loop_figures
-from ..report.figures.matplotlib_renderer import Drawing
-from ..report.figures.motion import free_run_figure
+from ..report.figures.motion import free_run_figures
+from ..report.summary import Summary
 from ..simulation.api import simulate
 from .intervals import AskedFor
 from .problem import Problem, blocks_of
@@ -129,7 +130,9 @@ class FittedChain:
 
         It is weighted by the variances of the DOFs, and comparable under any
         excitation; ``scoring="r2"`` of scikit-learn uses the forces, which are zero on
-        unforced DOFs.
+        unforced DOFs. R^2 is a share of squares: 0.99 is a balance that misses 10 % of
+        its inertia. :meth:`balance_errors` and ``scorers.balance`` say that in percent
+        of the force.
 
         Parameters
         ----------
@@ -280,8 +283,10 @@ class FittedChain:
         -------
         DataFrame
             Columns ``parameter``, ``estimate``, ``lower``, ``upper``; SI units. Known
-            masses are left out. NaN with a BiasWarning where noise may bias least
-            squares by half a standard error or more, or another chain fits as well;
+            masses are left out. Where another structure or channel fits as well the
+            interval holds what it makes of the value, or is NaN with a BiasWarning if
+            that is more than a tenth (a hundredth where it fits better). NaN, too,
+            where noise may bias least squares by half a standard error or more;
             arrays show white noise only, with a clock: smoothed ones, or without a
             clock, count as free of it.
 
@@ -315,7 +320,7 @@ class FittedChain:
             ``v``, ``s``, ``force``, ``lower``, ``upper`` (N), ``visited``.
         """
         check_is_fitted(self)
-        return self.result_.intervals.forces(site, v, s, level)
+        return self.result_.force_intervals(site, v, s, level)
 
     def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
         """95 % intervals by parameter, and why there are none."""
@@ -366,13 +371,21 @@ class FittedChain:
         check_is_fitted(self)
         return self.model_.to_latex()
 
-    def summary(self) -> str:
-        """The verdict with its reasons, the masses and the equations, as text."""
-        return f"{self.verdict()}\n{self.model_}"
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares, and how they were found.
+
+        Returns
+        -------
+        Summary
+            ``str`` prints it as statsmodels does; ``to_frame``, ``as_html``,
+            ``as_latex``.
+        """
+        check_is_fitted(self)
+        return self.result_.summary()
 
     def print(self) -> None:
-        """Print :meth:`summary`."""
-        print(self.summary())
+        """Print the equations, then :meth:`summary`."""
+        print(self.model_, self.summary(), sep="\n\n")
 
     def plot(self, ax: Axes | np.ndarray | None = None) -> Drawing:
         """Draw the force of every site over its drift, and the free run (matplotlib).
@@ -390,7 +403,8 @@ class FittedChain:
         check_is_fitted(self)
         data = self.fit_data("Fit again to draw the model over its data.")
         loops = loops_of(self.model_, data, self.problem_.filters(data))
-        figures = loop_figures(self.model_, loops) + free_run_figure(self.free_runs())
+        free_runs = free_run_figures(self.free_runs())[:1]
+        figures = loop_figures(self.model_, loops) + free_runs
         return Drawing(figures).plot(ax)
 
     def simulate(

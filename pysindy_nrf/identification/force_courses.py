@@ -29,7 +29,7 @@ def with_force_courses(problem: Problem, data: Dataset) -> Dataset:
 
     Records that say the course of their forces keep it. The forces of the others are
     taken as band-limited, unless the equations close clearly better where they are
-    straight, or held: then those that act alike take their place.
+    straight, or constant between samples: then those that act alike take their place.
     """
     unknown = [segment for segment in data.segments if segment.hold is None]
     if not unknown or not data.forced:

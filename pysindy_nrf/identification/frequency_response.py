@@ -129,7 +129,7 @@ def _lines_in_band(frf: FrequencyResponse, band: Band) -> FrequencyResponse:
     n_lines = int(inside.sum())
     if n_lines <= 2 * HALF_WIDTH:
         raise ChainError(
-            f"{n_lines} lines of {frf.name} do not tell noise from motion",
+            f"{n_lines} lines of {frf.name} do not separate noise from motion",
             "Give more lines.",
         )
     return FrequencyResponse(frf.f[inside], frf.H[inside], frf.excited, frf.name)

@@ -222,8 +222,8 @@ class Instruments:
     def weights(self, model: ChainModel) -> EquationWeights | None:
         """Corrected forces, and weights of the equations; None without a noise model.
 
-        The noise cannot always be told from the motion. The forces in the equations
-        stay as measured; only the motion comes from the corrected ones.
+        There is none where noise and motion cannot be separated. The forces in the
+        equations stay as measured; only the motion comes from the corrected ones.
         """
         runner = with_decaying_modes(model)
         plain = [simulated(runner, segment) for segment in self.segments]

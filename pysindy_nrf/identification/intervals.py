@@ -16,6 +16,7 @@ from scipy import stats
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import LawLayout
 from ..chain.model import ChainModel
+from ..chain.model import parameters_of as parameters_of
 from ..chain.sites import Site
 from ..common import number_of
 from ..common.warn import warn_user
@@ -56,21 +57,6 @@ AskedFor = str | Callable[[ChainModel], pd.Series | Mapping[str, float]] | Point
 
 
 # -- statistics of a model -----------------------------------------------------------
-
-
-def parameters_of(
-    model: ChainModel, known_masses: Mapping[int, float] | None = None
-) -> pd.Series:
-    """Masses and coefficients by name: ``m1``, ``storey 1: v``, ..."""
-    known = known_masses or {}
-    values = {
-        f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
-    }
-    for site, force in model.restoring_forces.items():
-        if force.laws:
-            for term, coefficient in force.coefficients.items():
-                values[f"{site}: {term}"] = coefficient
-    return pd.Series(values, dtype=float)
 
 
 def energies_of(layout: LawLayout, data: Dataset) -> Statistic:
@@ -127,6 +113,25 @@ def _modes_of(model: ChainModel) -> pd.Series:
     return pd.Series(values, dtype=float)
 
 
+def forces_at(points: Points, model: ChainModel) -> pd.Series:
+    """Forces of sites at points (v, s), N, by name."""
+    forces: dict[str, float] = {}
+    for site, pair in points.items():
+        place = model.chain.site(site)
+        v, s = np.broadcast_arrays(*(np.asarray(x, float) for x in pair))
+        force = model.restoring_forces[place](v.ravel(), s.ravel())
+        names = names_of_points(place, v.ravel(), s.ravel())
+        forces |= dict(zip(names, force.tolist(), strict=True))
+    return pd.Series(forces)
+
+
+def names_of_points(site: Site, v: np.ndarray, s: np.ndarray) -> list[str]:
+    """Names of the forces of a site at points (v, s)."""
+    return [
+        f"{site} at v = {rate:.4g} m/s, s = {drift:.4g} m" for rate, drift in zip(v, s)
+    ]
+
+
 def statistic_of(
     of: AskedFor,
     known_masses: Mapping[int, float],
@@ -140,6 +145,8 @@ def statistic_of(
         has_site = values.index.str.contains(":")
         return values[has_site == (of == "coefficients")]
 
+    if isinstance(of, Mapping):
+        return lambda model: forces_at(of, model)
     if callable(of):
         return lambda model: pd.Series(of(model), dtype=float)
     if of == "parameters":
@@ -219,10 +226,17 @@ class Resolver:
         """Model of the pieces, each taken ``weights`` times."""
         return self.model(self.pieces.sum(weights))
 
-    def influences(self, statistic: Statistic) -> np.ndarray:
+    def influences(self, statistic: Statistic, removed: float = 1.0) -> np.ndarray:
         """Influence of each piece, shape (n_pieces, n_statistics).
 
         It is what the statistics are without the piece, less their mean.
+
+        Parameters
+        ----------
+        statistic : callable
+        removed : float
+            Share of each piece that is left out; of less than one the influence is
+            extrapolated.
 
         Raises
         ------
@@ -239,7 +253,8 @@ class Resolver:
             )
         try:
             models = [
-                self.weighted_model(weights) for weights in 1.0 - np.eye(n_pieces)
+                self.weighted_model(weights)
+                for weights in 1.0 - removed * np.eye(n_pieces)
             ]
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
@@ -248,7 +263,8 @@ class Resolver:
             ) from error
 
         values = np.array([statistic(model).to_numpy(float) for model in models])
-        return (values - values.mean(axis=0)) * np.sqrt((n_pieces - 1) / n_pieces)
+        scale = np.sqrt((n_pieces - 1) / n_pieces) / removed
+        return (values - values.mean(axis=0)) * scale
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife with neighbours."""
@@ -385,14 +401,11 @@ class IntervalMaker:
                     f"of[{site!r}]={pair!r} is not a pair (v, s)", "Give m/s and m."
                 )
             forces = self.forces(site, pair[0], pair[1], level)
-            name = self.model.chain.site(site)
+            place = self.model.chain.site(site)
             table = forces[["force", "lower", "upper"]]
             table = table.rename(columns={"force": "estimate"})
-            where = [
-                f"{name} at v = {v:.4g} m/s, s = {s:.4g} m"
-                for v, s in zip(forces["v"], forces["s"])
-            ]
-            table.insert(0, "parameter", where)
+            rates, drifts = forces["v"].to_numpy(), forces["s"].to_numpy()
+            table.insert(0, "parameter", names_of_points(place, rates, drifts))
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
@@ -465,10 +478,31 @@ class IntervalMaker:
             unknown = np.full(len(estimate), np.nan)
             return unknown, unknown.copy()
 
-        influences = self.resolver.influences(statistic)
+        influences = self._influences(statistic)
         quantile = stats.t.ppf(0.5 + level / 2, _degrees_of_freedom(influences))
         error = np.sqrt(self.repeats) * self._standard_errors(influences)
         return estimate - quantile * error, estimate + quantile * error
+
+    def _influences(self, statistic: Statistic) -> np.ndarray:
+        """Influences of the pieces; of their halves where one blow is all there is.
+
+        The rest then hides most of the error that the blow makes, unless there is none
+        but of arithmetic.
+        """
+        try:
+            return self.resolver.influences(statistic)
+        except IdentifiabilityError:
+            if self.repeats == 1.0:
+                raise
+            return self.resolver.influences(statistic, removed=0.5)
+
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of masses and coefficients by noise, by parameter."""
+        resolver = self.resolver
+        statistic = statistic_of("parameters", resolver.known_masses, resolver.layout)
+        names = statistic(self.model).index
+        errors = self._standard_errors(self._influences(statistic))
+        return dict(zip(map(str, names), np.sqrt(self.repeats) * errors))
 
     def _standard_errors(self, influences: np.ndarray) -> np.ndarray:
         """Standard errors; correlated neighbours count if they increase them."""

@@ -1,6 +1,6 @@
 """Intervals of coefficients that are estimated together with shape parameters.
 
-With its shape parameters held an interval of a coefficient is too narrow: what a shape
+With fixed shape parameters, an interval of a coefficient is too narrow: what a shape
 parameter may change, the coefficient makes good.
 """
 
@@ -56,7 +56,7 @@ class JointResolver(Resolver):
     def steps_over_errors(self) -> np.ndarray:
         """Step from each shape parameter to its joint estimate, in standard errors.
 
-        Shape (n_shapes,); zero for those that are held.
+        Shape (n_shapes,); zero for those that are fixed.
         """
         with warnings.catch_warnings(action="ignore", category=RankWarning):
             step = self.shapes.steps(self.solve(self.pieces.sum()))
@@ -79,7 +79,7 @@ class JointResolver(Resolver):
     def unsettled(self) -> list[tuple[str, float]]:
         """Shape parameters and the steps to their joint estimates, standard errors.
 
-        Those that would leave their range are held.
+        Those that would leave their range are fixed.
         """
         resolver = self.holding(self.leaving) if self.leaving else self
         steps = np.abs(resolver.steps_over_errors)
@@ -121,7 +121,7 @@ def joint_resolver(
 ) -> JointResolver | None:
     """Resolver that frees the shape parameters again; None if no law has any.
 
-    Those at the end of a range of sizes are held: their derivatives may vanish there.
+    Those at the end of a range of sizes are fixed: their derivatives may vanish there.
 
     Parameters
     ----------

@@ -109,7 +109,9 @@ class LeastSquares(IdentificationMethod[Dataset]):
     name = "ls"
     label = "least squares"
     requires = frozenset({EVERY_FLOOR})
-    uses = frozenset({"sample_weight", "optimizer", "strategy", "constraints", "band"})
+    uses = frozenset(
+        {"sample_weight", "optimizer", "strategy", "constraints", "band", "varying"}
+    )
 
     def read(self, passed: Input, settings: InputSettings) -> Dataset:
         """Motions of all floors."""
@@ -150,7 +152,8 @@ class InstrumentalVariables(IdentificationMethod[Dataset]):
 
     def refined(self, problem: Problem, start: Estimate, data: Dataset) -> Finding:
         """What this method makes of a least-squares estimate; it warns of nothing."""
-        refinement = refine(self.refinement, problem, start, _fused_apart(data))
+        same_terms = replace(problem, optimizer=start.problem.optimizer)
+        refinement = refine(self.refinement, same_terms, start, _fused_apart(data))
         if refinement.resolver is None:
             by_least_squares = LeastSquares(self.asked).finding(start, data)
             return replace(
@@ -191,7 +194,7 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
     """Instruments if they serve, or least squares that finds the same.
 
     Least squares is taken where there is no noise to speak of, and where the test of
-    Durbin, Wu and Hausman does not tell it from the instruments.
+    Durbin, Wu and Hausman does not distinguish it from the instruments.
     """
 
     name = "auto"
@@ -335,6 +338,8 @@ def examined_result(finding: Finding) -> IdentificationResult:
     error = float(result.errors.loc["pooled", "error"])
     examination = examined(finding, estimate, error)
     examination.warn_of_bias()
+    if finding.estimate.solution.dependent and result.smaller_order is not None:
+        warn_user(f"The model has too many terms: {result.smaller_order}", RankWarning)
     return replace(result, examination=examination)
 
 

@@ -16,7 +16,12 @@ from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of, masses_of
 from ..equations import chain_solve
 from ..equations.balances import States, blocks_of_segment
-from ..equations.inner_optimizer import Optimizer, balance_optimizer
+from ..equations.inner_optimizer import (
+    KeptTerms,
+    Optimizer,
+    balance_optimizer,
+    needs_samples,
+)
 from ..equations.normal_equations import NormalEquations
 from ..equations.shape_search import estimate_shapes
 from ..exceptions import ChainError
@@ -280,6 +285,8 @@ def least_squares(problem: Problem, data: Dataset) -> Estimate:
     solution.pass_on()
     model = chain_solve.model_of(problem.layout, solution)
     followed = solution.followed(order)
+    if needs_samples(problem.optimizer):
+        problem = replace(problem, optimizer=KeptTerms.of(solution.inner))
     return Estimate(problem, followed, model, solution, sums, declared)
 
 

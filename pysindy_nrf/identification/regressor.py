@@ -12,6 +12,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 
 from ..chain.sites import as_mapping
 from ..chain.structure import Chain, chain_of
+from ..common.plain_tables import plain, restored
 from ..equations.inner_optimizer import Optimizer
 from ..exceptions import ChainError, ChannelError
 from ..records.channels import column_names, require_two_dimensions
@@ -23,6 +24,7 @@ from .door import (
     PIECES,
     choose_method,
     form_of,
+    refuse_arguments,
     refuse_unused,
 )
 from .fitted import FittedChain
@@ -44,6 +46,7 @@ from .streaming import (
     identified,
     with_records,
 )
+from .time_variation import VaryingSetting, with_time_variation
 
 if TYPE_CHECKING:
     from sklearn.utils import Tags
@@ -67,24 +70,25 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     orders : mapping of str to int or (int, int), optional
         Other orders at some storeys, e.g. ``{"storey 2": 5, "storey 3": (2, 1)}``.
     strategy : {"auto", "complete", "sequential", "joint"}
-        ``"joint"``: all balances at once with shared laws, each over the residual that
-        it leaves by itself; ``"complete"``: each by itself, the paper's way (eq. 3);
-        both only where every DOF is forced (in one record or another). ``"auto"``:
-        joint there, but complete with an ``optimizer``, which chooses terms balance by
-        balance, and where two balances contradict each other; elsewhere sequential.
+        ``"joint"``: all balances at once with shared laws, each divided by the residual
+        that it leaves alone. ``"complete"``: each balance alone, the paper's way (eq.
+        3). Both need a force on every DOF, in one record or another. ``"auto"``: joint
+        if every DOF is forced, else sequential. Two exceptions: sequential with an
+        ``optimizer``, which chooses the terms storey by storey, and complete where two
+        balances contradict each other.
     optimizer : PySINDy optimizer, optional
         Runs inside :class:`ChainOptimizer` on every balance; plain least squares if
         None.
     coordinates : {"relative", "absolute"}
         X holds inter-storey motion v, s (eq. 8), or motion xdot, x of the DOFs.
     estimation : {"auto", "ls", "iv", "simulation"}
-        ``"ls"``: least squares. ``"iv"``: instrumental variables from the model's own
-        free run, which noise in the motion does not bias, also of shapes that were
-        searched; give records, or motions made with ``KinematicSmoother(joint=False)``.
-        ``"auto"``: the first where the noise that fusion measured leaves its bias below
-        half a standard error, and of arrays; else the second where it is possible.
-        ``"simulation"``: the free run fitted to the motion, started from ``"iv"`` and
-        kept where it predicts better. See :mod:`pysindy_nrf.identification`.
+        ``"ls"``: least squares. ``"iv"``: instrumental variables from the free run of
+        the model, without the bias by noise in the motion, also for searched shape
+        parameters; give records, or motions of ``KinematicSmoother(joint=False)``.
+        ``"auto"``: ``"ls"`` for arrays, and where the noise of the channels biases no
+        parameter by half a standard error; else ``"iv"``. ``"simulation"``: the free
+        run fitted to the motion, started from ``"iv"`` and kept where it predicts
+        better. See :mod:`pysindy_nrf.identification`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof
         j"`` sites join the chain. Shape parameters without a value are estimated; those
@@ -92,6 +96,12 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         given values (to fix one: ``constraints``).
     known_masses : mapping of int to float, optional
         kg, by DOF. With no force anywhere one known mass scales the chain.
+    varying : "auto" or mapping of str to sequence of str, optional
+        Coefficients that may change while the structure shakes, by storey: ``{"storey
+        2": ["s", "v"]}``. Each follows a penalised spline in time, with steps where the
+        data prefer them. ``"auto"`` tests stiffness, damping and the terms of further
+        laws of every storey. One record with a clock, by least squares; the courses are
+        ``time_variation_``. See :mod:`pysindy_nrf.identification.time_variation`.
     massless : bool
         An element tested by itself (a damper, a connection), whose force is measured
         and whose inertia is none: all masses are zero. With laws of the drift alone its
@@ -113,6 +123,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     result_ : IdentificationResult
         Everything that the fit found, from which the other attributes are taken. They
         are the same after every kind of fit; what does not apply is empty.
+        ``result_.smaller_order`` is the smallest degree that does as well; a
+        RankWarning names it where the data cannot separate the terms.
     masses_ : ndarray of shape (n_dof,)
         kg.
     restoring_forces_ : RestoringForces
@@ -143,6 +155,10 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         units, a wrong known mass), a force whose channel is not linear or steady,
         records of unlike structures; ``"masses"``, which are not positive or not
         determined against noise.
+    time_variation_ : TimeVariation or None
+        With ``varying``: courses of the coefficients with 95 % bands, their changes,
+        and the masses beside them. ``model_`` is then still the constant structure that
+        fits best, and a BiasWarning is raised if something changes.
     model_ : ChainModel
     problem_ : Problem
         The problem solved: chain, laws with their shape parameters, known masses, band,
@@ -199,6 +215,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         chain: Chain | None = None,
         constraints: Mapping[str, Parameter] | None = None,
         massless: bool = False,
+        varying: VaryingSetting | None = None,
     ) -> None:
         self.degree = degree
         self.orders = orders
@@ -213,6 +230,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.chain = chain
         self.constraints = constraints
         self.massless = massless
+        self.varying = varying
 
     def fit(
         self,
@@ -268,7 +286,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             If nothing scales the chain: no force and no known mass.
         IdentifiabilityError
             If the excitation reaches no balance that can be solved, or the data cannot
-            tell the terms apart.
+            separate the terms.
         ChainError
             If a setting is unknown or has no part in the method, or a site or DOF is
             not in the chain.
@@ -297,6 +315,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             )
         data = method.read(passed, self._input_settings(X))
         result = method.identify(self.problem(data.n_dof), data)
+        if self.varying is not None:
+            result = with_time_variation(result, self.varying)
         one_force = form is ARRAYS and y is not None and np.ndim(passed.F) == 1
         return self._publish(result, column_names(X), one_force)
 
@@ -318,6 +338,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         arguments = self._arguments(passed)
         form = form_of(X)
         refuse_unused(arguments, form, choose_method("ls", form))
+        refuse_arguments({"varying": self.varying}, "partial_fit")
 
         sums = with_records(self._sums, StreamSettings.of_estimator(self), passed)
         result = identified(lambda kind: sums, sums.kind)
@@ -366,6 +387,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             "optimizer": self.optimizer,
             "constraints": self.constraints,
             "band": self.band,
+            "varying": self.varying,
         }
         names = [name for name, value in values.items() if value is not None]
         if self.coordinates != "relative":
@@ -417,6 +439,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         self.jump_bias_ = result.examination.jump_bias
         self.data_warnings_ = result.data_warnings
         self.motions_ = result.motions
+        self.time_variation_ = result.time_variation
 
         self.n_features_in_ = (
             3 * result.model.n_dof if columns is None else len(columns)
@@ -427,6 +450,13 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
             del self.feature_names_in_
         self._one_force = one_force
         return self
+
+    def __getstate__(self) -> dict[str, object]:
+        state = super().__getstate__()
+        return {name: plain(value) for name, value in state.items()}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        super().__setstate__({name: restored(value) for name, value in state.items()})
 
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "result_")

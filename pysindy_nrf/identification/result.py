@@ -9,15 +9,25 @@ from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 from scipy.stats import norm
 
 from ..chain.identifiability import SolveOrder
 from ..chain.model import ChainModel
+from ..common.plain_tables import PlainState
+from ..diagnosis.assumptions import Assumption, scale_of
 from ..diagnosis.bias import NEGLIGIBLE, NoiseBias, noise_bias, noise_shares
 from ..diagnosis.effects import nonlinear_parts, shares_of
-from ..diagnosis.facts import Alternative, Facts, ShapeAtEnd, facts_of_model
+from ..diagnosis.facts import (
+    Alternative,
+    AmbiguousInterval,
+    Facts,
+    ShapeAtEnd,
+    facts_of_model,
+)
 from ..diagnosis.free_run import FreeRuns, free_runs
-from ..diagnosis.rules import FOLLOWS
+from ..diagnosis.open_alternatives import OpenAlternatives
+from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
 from ..diagnosis.wiring import suspect_channels
@@ -29,7 +39,10 @@ from ..exceptions import (
     NRFWarning,
 )
 from ..records.dataset import Dataset
+from ..report.summary import Summary, summary_of
+from ..report.words import band_text
 from .alternatives import alternatives_of
+from .ambiguity import ambiguous_in, table_with_ambiguity
 from .examination import Examination
 from .intervals import (
     AskedFor,
@@ -37,7 +50,7 @@ from .intervals import (
     Resolver,
     calibration_spread,
     least_squares_resolver,
-    parameters_of,
+    names_of_points,
     statistic_of,
 )
 from .joint_intervals import (
@@ -45,9 +58,12 @@ from .joint_intervals import (
     joint_resolver,
     shapes_at_ends,
 )
+from .noise_floor import BesideNoise, beside_noise
 from .nonlinear_terms import kinds_of_nonlinearity
 from .problem import Problem
 from .shape_derivatives import shapes_of_motion
+from .smaller_order import SmallerOrder, smaller_order
+from .time_variation.variation import TimeVariation
 from .wiring import records_of, wiring_error
 
 # Percent of the balances, pooled, that 16 bits of a range ten times the rms leave.
@@ -57,8 +73,16 @@ _CURE_OF_NOISE = "Give the Records themselves, with estimation='auto' or 'iv'."
 _NO_DATA = "Fit again, or ask for intervals before saving."
 
 
+# Names of the methods as a summary prints them.
+METHODS_IN_WORDS = {
+    "ls": "least squares",
+    "iv": "instrumental variables",
+    "simulation": "free run fitted to the motion",
+}
+
+
 @dataclass(frozen=True, eq=False)
-class IdentificationResult:
+class IdentificationResult(PlainState):
     """What an identification found.
 
     Intervals, free runs and the verdict are computed when they are asked for. A result
@@ -107,6 +131,8 @@ class IdentificationResult:
         Free runs that the fit compared with the measured channels.
     declared : Problem, optional
         The problem as declared, where it has free shape parameters.
+    time_variation : TimeVariation, optional
+        Courses of coefficients in time, where they were asked for.
     """
 
     model: ChainModel
@@ -129,10 +155,11 @@ class IdentificationResult:
     doubts: tuple[str, ...] = ()
     channel_runs: FreeRuns | None = None
     declared: Problem | None = None
+    time_variation: TimeVariation | None = None
 
     def __getstate__(self) -> dict[str, object]:
         # the data, and the free runs, which hold them, are no part of a saved result
-        state = vars(self) | {"data": None}
+        state = super().__getstate__() | {"data": None}
         state.pop("free_runs", None)
         return state
 
@@ -179,6 +206,15 @@ class IdentificationResult:
             segment.driving_force[segment.valid] - force
             for segment, force in zip(data.segments, left_hand_sides)
         ]
+
+    @cached_property
+    def smaller_order(self) -> SmallerOrder | None:
+        """The smallest degree of the power series that leaves as little as that fitted.
+
+        None if there is none below it.
+        """
+        error = float(self.errors.loc["pooled", "error"])
+        return smaller_order(self.problem, self.order, self.sums, error)
 
     # -- intervals -------------------------------------------------------------------
 
@@ -284,6 +320,8 @@ class IdentificationResult:
         """Intervals; see :meth:`NRFRegressor.confidence_intervals`."""
         intervals = self.intervals
         table = intervals.parameters(of, level, self.data)
+        ambiguous = self.ambiguous_in(table, of, level)
+        table = table_with_ambiguity(table, ambiguous)
         if calibration is None:
             return table
         if isinstance(of, Mapping):
@@ -304,6 +342,41 @@ class IdentificationResult:
             table[f"combined_{end}"] = table["estimate"] + sign * half
         return table
 
+    def force_intervals(
+        self, site: str | int, v: ArrayLike, s: ArrayLike, level: float = 0.95
+    ) -> pd.DataFrame:
+        """Intervals of forces; see :meth:`NRFRegressor.force_intervals`."""
+        forces = self.intervals.forces(site, v, s, level)
+        rates, drifts = forces["v"].to_numpy(), forces["s"].to_numpy()
+        place = self.model.chain.site(site)
+        table = forces.rename(columns={"force": "estimate"})
+        table.insert(0, "parameter", names_of_points(place, rates, drifts))
+        ambiguous = self.ambiguous_in(table, {str(place): (rates, drifts)}, level)
+        widened = table_with_ambiguity(table, ambiguous)
+        return forces.assign(lower=widened["lower"], upper=widened["upper"])
+
+    def ambiguous_in(
+        self, table: pd.DataFrame, of: AskedFor, level: float
+    ) -> tuple[AmbiguousInterval, ...]:
+        """Intervals of a table that alternatives widen, or that they forbid."""
+        among = OpenAlternatives.among(self.alternatives, self.unexplained)
+        if not among.alternatives or table["lower"].isna().all():
+            return ()
+        known_masses = self.intervals.resolver.known_masses
+        statistic = statistic_of(of, known_masses, self.problem.layout, self.data)
+        return ambiguous_in(table, among, statistic, level)
+
+    @cached_property
+    def ambiguous_intervals(self) -> tuple[AmbiguousInterval, ...]:
+        """95 % intervals of parameters that alternatives widen, or that they forbid."""
+        if self.intervals_withheld:
+            return ()
+        try:
+            table = self.intervals.parameters("parameters", 0.95, self.data)
+        except NRFError:
+            return ()
+        return self.ambiguous_in(table, "parameters", 0.95)
+
     @cached_property
     def bounds(self) -> tuple[dict[str, tuple[float, float]], list[str]]:
         """95 % intervals by parameter, and why there are none."""
@@ -319,25 +392,56 @@ class IdentificationResult:
             for row in table.itertuples()
         }, []
 
-    def summary(self) -> pd.DataFrame:
-        """Estimates with their 95 % intervals.
+    def standard_errors(self) -> dict[str, float]:
+        """Standard errors of masses and coefficients by noise, where they are known."""
+        if self.intervals_withheld:
+            return {}
+        try:
+            with warnings.catch_warnings(action="ignore", category=NRFWarning):
+                return self.intervals.standard_errors()
+        except NRFError:
+            return {}
+
+    def summary(self) -> Summary:
+        """Estimates with errors, intervals, units and shares, and how they were found.
 
         Returns
         -------
-        DataFrame
-            One row for each mass and coefficient: ``estimate``, ``lower``, ``upper``
-            (NaN where no interval can be given) and ``unit``.
+        Summary
+            ``str`` prints it; ``to_frame``, ``as_html``, ``as_latex``.
         """
-        estimates = parameters_of(self.model)
-        units = {f"m{j}": "kg" for j in range(1, self.model.n_dof + 1)}
-        for site, force in self.model.restoring_forces.items():
-            for term, unit in zip(force.coefficients.index, force.units):
-                units[f"{site}: {term}"] = unit
-        unknown = (np.nan, np.nan)
-        ends = [self.bounds[0].get(name, unknown) for name in estimates.index]
-        table = pd.DataFrame(ends, columns=["lower", "upper"], index=estimates.index)
-        table.insert(0, "estimate", estimates)
-        return table.assign(unit=pd.Series(units)).rename_axis("parameter")
+        model = self.model
+        shares = {} if self.data is None else shares_of(model, self.data)
+        known = self.problem.known_masses
+        table = summary_of(model, self.bounds[0], self.standard_errors(), shares, known)
+        n_forces = sum(bool(laws) for laws in model.laws.values())
+        return Summary(
+            f"Identification of {model.n_dof} masses and {n_forces} restoring forces",
+            self._head_of_summary(),
+            table,
+            self.verdict,
+            self.bounds[1],
+        )
+
+    def _head_of_summary(self) -> list[tuple[str, str]]:
+        """Method, data, band and errors, by name."""
+        head = [
+            ("method", METHODS_IN_WORDS.get(self.method, self.method)),
+            ("strategy", self.order.strategy),
+            ("samples", str(self.n_samples)),
+        ]
+        if self.data is not None:
+            rate = 1.0 / self.data.dt if self.data.dt else float("nan")
+            head.append(("records", str(len(self.data.segments))))
+            head.append(("sampling rate", f"{rate:.5g} Hz"))
+        head.append(("band", band_text(self.problem.band)))
+        if len(self.condition):
+            head.append(("condition number", f"{self.condition.max():.3g}"))
+        pooled = self.errors.loc["pooled", "error"]
+        head.append(("balance error", f"{pooled:.3g} % NRMSE"))
+        if self.data is not None and np.isfinite(self.free_runs.error):
+            head.append(("free-run error", f"{self.free_runs.error:.3g} % NRMSE"))
+        return head
 
     # -- free runs and the verdict ---------------------------------------------------
 
@@ -349,12 +453,18 @@ class IdentificationResult:
         data = self.require_data("Fit again to run the model over its data.")
         return free_runs(self.model, data, self.problem.filters(data))
 
+    @property
+    def unexplained(self) -> dict[int, float]:
+        """Share of each equation of motion that the model leaves, percent NRMSE."""
+        errors = self.errors["error"].drop("pooled")
+        return {int(str(name)[4:]): float(error) for name, error in errors.items()}
+
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """What the data allow beside the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
-        follows = self.free_runs.error < FOLLOWS
+        follows = self.free_runs.error < GOOD_RUN
         try:
             return alternatives_of(
                 self.problem, self.data, self.model if follows else None
@@ -362,6 +472,17 @@ class IdentificationResult:
         except NRFError:
             # excerpts of these data cannot be solved
             return ()
+
+    @cached_property
+    def beside_noise(self) -> BesideNoise:
+        """What the model leaves of each equation, beside what noise would leave."""
+        if self.data is None or self.motions:
+            return BesideNoise()
+        try:
+            return beside_noise(self.problem, self.model, self.data)
+        except NRFError:
+            # a stretch of these records is no record by itself
+            return BesideNoise()
 
     @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:
@@ -376,6 +497,13 @@ class IdentificationResult:
         except NRFError:
             # the data are gone, or too few pieces for a test
             return {}
+
+    @cached_property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """What sets the scale of the model, though nothing in the data checks it."""
+        if self.data is None:
+            return ()
+        return scale_of(self.data.forced, self.problem.known_masses)
 
     @cached_property
     def facts(self) -> Facts:
@@ -406,11 +534,12 @@ class IdentificationResult:
 
         kinds = self.kinds_of_nonlinearity
         holds = nonlinear_parts(self.model, shares, bounds, kinds)
-        balances = self.errors["error"].drop("pooled")
         known = self.problem.known_masses
         return replace(
             facts_of_model(self.model, bounds, runs, known),
-            unexplained={int(name[4:]): float(e) for name, e in balances.items()},
+            unexplained=self.unexplained,
+            beyond_noise=self.beside_noise.beyond(self.unexplained),
+            left_over=self.beside_noise.left_over,
             holds=tuple(holds.values()),
             channel_faults=faults,
             quality=examined.quality,
@@ -418,6 +547,8 @@ class IdentificationResult:
             unseen_drifts=hidden,
             shapes_at_ends=ends,
             alternatives=self.alternatives,
+            ambiguous_intervals=self.ambiguous_intervals,
+            assumptions=self.assumptions,
             noise_or_law=tuple(noise_or_law),
             doubts=(*examined.forces, *examined.records, *no_bounds),
         )

@@ -820,4 +820,4 @@ def _law_class(name: object) -> type[ForceLaw]:
         if name.removeprefix(PREFIX) in _REGISTRY:
             return asymmetric(_REGISTRY[name.removeprefix(PREFIX)])
     known = ", ".join(sorted(_REGISTRY))
-    raise LawError(f"There is no law {name!r}", f"Known laws: {known}.")
+    raise LawError(f"There is no law {name!r}", f"Known laws: {known}.", "laws")

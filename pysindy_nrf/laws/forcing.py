@@ -185,8 +185,8 @@ class HiddenOscillator(ForceLaw):
     DOF. The update is exact for a motion that is cubic in time over a step. Very stiff
     it is :class:`AddedMass`.
 
-    The base acceleration a_g is the covariate of that name (held at its mean between
-    samples), and zero if none is named. A search does not try it under base excitation
+    The base acceleration a_g is the covariate of that name (between samples: their
+    mean), and zero if none is named. A search does not try it under base excitation
     alone, where any inertia fits.
     """
 

@@ -281,7 +281,7 @@ class LaggedCovariateFriction(_CovariateFriction):
 
     (Spencer, Dyke, Sain, Carlson, J. Eng. Mech. 123, 1997, whose eta is 1/tau). The
     lagged covariate w starts in every record at the mean of the first two samples of u,
-    and is moved exactly for a covariate that is held at the mean between samples.
+    and is moved exactly for a covariate that is constant at its mean between samples.
     """
 
     name = "lagged_covariate_friction"

@@ -175,7 +175,8 @@ class ChangeReport:
             ]
             lines.append(f"As well explained by {', '.join(changes)}.")
         lines += self._explained_in_words()
-        return "\n".join([*lines, self.assumption])
+        lines.append(self.assumption)
+        return "\n".join(lines)
 
     def _explained_in_words(self) -> list[str]:
         """Parameters that differ by the amplitude alone, a sentence for each storey."""
@@ -214,17 +215,20 @@ def compare_tests(
     """Compare two tests of one structure, e.g. before and after an earthquake.
 
     Each storey's force follows from the forces and the inertia of the floors above it.
-    Where both tests moved, one law with kinks, loops and powers explains it in both,
-    and a term of a storey, or a mass, counts as changed if its difference is
-    significant and large: then no amplitude, and no law that the regressor lacks,
-    explains it. A declared law with a state or a shape is compared on its own
-    parameters. Rival explanations are compared: by stiffness, damping, or masses alone,
-    by one factor of all stiffnesses, by the gain of all forces. The one with the fewest
-    changes that leaves nothing significant to another is reported, the others that
-    leave as little are ``rivals``. Standard errors come from leaving out one of
-    ``n_blocks`` consecutive pieces of a test at a time (jackknife). Masses are equal in
-    both tests unless one changed. Give Records where channels are noisy: their DOFs are
-    fused one by one, and errors are then not alike.
+    Over the drifts and rates of both tests, one law with kinks, loops and powers
+    explains this force in both. A term of a storey, or a mass, counts as changed if its
+    difference is significant and large. Neither the amplitude nor a law that the
+    regressor lacks then explains it. A declared law with a state or a shape is compared
+    on its own parameters.
+
+    Rival explanations are compared: stiffness, damping, or masses alone, one factor of
+    all stiffnesses, the gain of all forces. The one with the fewest changes that leaves
+    nothing significant to another is reported. Others that leave as little are
+    ``rivals``. Masses are equal in both tests unless one changed.
+
+    Standard errors come from leaving out one of ``n_blocks`` consecutive pieces of a
+    test at a time (jackknife). Give Records where channels are noisy: their DOFs are
+    fused one by one, so that their errors are not related.
 
     Parameters
     ----------
@@ -294,7 +298,8 @@ def compare_tests(
     cuts = _cuts(fits, masses.mean(axis=0), n_blocks)
     differences = Differences(cuts, masses, _free_masses(fits[0].problem))
     explanations = ExplanationSearch(differences, level, least).sufficient()
-    comparison, *rivals = [Comparison(differences, e) for e in explanations or [()]]
+    comparisons = [Comparison(differences, e) for e in explanations or [()]]
+    comparison = comparisons[0]
 
     gain = comparison.gain_of_forces
     fits[1] = replace(fits[1], data=_with_forces_over(fits[1].data, gain))
@@ -311,7 +316,7 @@ def compare_tests(
         apart[0].model,
         apart[1].model,
         comparison,
-        tuple(rival.table() for rival in rivals),
+        tuple(rival.table() for rival in comparisons[1:]),
     )
 
 
@@ -328,7 +333,9 @@ class _Fit:
         cls, estimator: NRFRegressor, test: TestData, options: DataOptions
     ) -> _Fit:
         """Fit the motions of a test, whose DOFs are fused one by one."""
-        X, F = test if isinstance(test, tuple) else (test, None)
+        X, F = test, None
+        if isinstance(test, tuple):
+            X, F = test
         unfitted = clone(estimator)
         has_memory = any(law.has_memory for law in law_list(unfitted.laws))
         settings = {
@@ -599,7 +606,7 @@ def plain_model(resolver: Resolver, total: NormalEquations) -> ChainModel:
 # -- within a record -----------------------------------------------------------
 
 
-def track(
+def moving_windows(
     estimator: NRFRegressor,
     X: object,
     F: ArrayLike | None = None,
@@ -623,7 +630,7 @@ def track(
     window, step : float
         Length of a window and how far it moves, s.
     masses : "fitted", None or mapping of int to float
-        Masses held in every window, kg: those of the estimator, none (they are
+        Masses in every window, kg: those of the estimator, none (they are
         identified in each window anew), or given ones.
 
     Returns
@@ -656,7 +663,7 @@ def track(
     ... )
     >>> X, F = simulate(truth, F, 0.002).to_features(smooth=False)
     >>> fitted = NRFRegressor(degree=1, dt=0.002).fit(X, F)
-    >>> table = monitoring.track(fitted, X, F, masses={1: 10.0})
+    >>> table = monitoring.moving_windows(fitted, X, F, masses={1: 10.0})
     >>> early, late = table[table["t"] < 2.9], table[table["t"] > 5.1]
     >>> [int(part["k1"].median().round(-2)) for part in (early, late)]
     [40000, 32000]
@@ -674,13 +681,16 @@ def track(
         total = resolver.pieces[first : last + 1].sum()
         linear = _linear(plain_model(resolver, total))
         middle = 0.5 * (spans[first, 0] + spans[last, 1])
-        rows.append([resolver.record[first], middle, *linear["k"], *linear["c"]])
+        values = linear["k"].tolist() + linear["c"].tolist()
+        rows.append([resolver.record[first], middle] + values)
     if not rows:
         raise ChainError(
             f"No window of {window:g} s fits into the records", "Use a shorter one."
         )
     storeys = np.arange(1, estimator.model_.n_dof + 1).astype(str)
-    names = ["record", "t", *np.char.add("k", storeys), *np.char.add("c", storeys)]
+    names = ["record", "t"]
+    for letter in ("k", "c"):
+        names += np.char.add(letter, storeys).tolist()
     return pd.DataFrame(rows, columns=names)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from .differences import Difference, Differences, without_repetition
-from .explanations import Explanation, ExplanationSearch
+from .explanations import Explanation, ExplanationSearch, unknowns_of
 from .force_change import surfaces
 
 _WORDS = {
@@ -52,12 +52,11 @@ class Comparison:
     @property
     def used(self) -> list[int]:
         """Unknowns in use: departures of masses, and the changes."""
-        return [*self.differences.always, *(change.unknown for change in self.changes)]
+        return self.differences.always + unknowns_of(self.changes)
 
     def masses_of_tests(self) -> tuple[np.ndarray, np.ndarray]:
         """Masses of both tests, kg."""
-        changed = [change.unknown for change in self.changes]
-        return self.differences.masses_of_tests(changed)
+        return self.differences.masses_of_tests(unknowns_of(self.changes))
 
     @property
     def gain_of_forces(self) -> float:
@@ -82,7 +81,7 @@ class Comparison:
         if name not in self.differences.unknowns:
             return np.nan
         unknown = self.differences.unknowns.index(name)
-        used = without_repetition([*self.used, unknown])
+        used = without_repetition(self.used + [unknown])
         values = self.differences.solved(used)[:, used.index(unknown)]
         return float(np.sqrt(self.differences.variance(values)))
 

@@ -92,7 +92,7 @@ class Differences:
         self.always = [j - 1 for j in free]
         changes_of_masses = [self.n_masses + j - 1 for j in free]
         others = range(2 * self.n_masses, len(self.unknowns))
-        self.asked = [*changes_of_masses, *others]
+        self.asked = changes_of_masses + list(others)
 
         self._total = self._sums(fitted_masses - self.masses)
 
@@ -115,7 +115,10 @@ class Differences:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the standard errors."""
-        return min(len(blocks) for cut in self.cuts for blocks in cut.grams) - 1
+        n_blocks: list[int] = []
+        for cut in self.cuts:
+            n_blocks += map(len, cut.grams)
+        return min(n_blocks) - 1
 
     # -- values ----------------------------------------------------------------
 
@@ -127,7 +130,7 @@ class Differences:
 
     def masses_of_tests(self, changed: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """Masses of both tests where some unknowns changed, kg."""
-        used = [*self.always, *changed]
+        used = self.always + list(changed)
         values = np.zeros(len(self.unknowns))
         values[used] = self.solved(used)[0]
         before = self.masses + values[: self.n_masses]
@@ -138,7 +141,7 @@ class Differences:
 
         From all blocks, and without each of them.
         """
-        order = np.array([*used, *asked, len(self.unknowns)], int)
+        order = np.concatenate([used, asked, [len(self.unknowns)]]).astype(int)
         return unexplained(self._total[:, order[:, None], order], len(used))
 
     def is_known(self, asked: Sequence[int], remaining: np.ndarray) -> np.ndarray:

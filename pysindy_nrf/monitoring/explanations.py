@@ -41,6 +41,11 @@ class Change:
 Explanation = tuple[Change, ...]
 
 
+def unknowns_of(changes: Sequence[Change]) -> list[int]:
+    """Numbers of the unknowns of some changes."""
+    return [change.unknown for change in changes]
+
+
 @dataclass(frozen=True, eq=False)
 class ExplanationSearch:
     """Search of what changed between two tests.
@@ -139,10 +144,9 @@ class ExplanationSearch:
         changes = list(explanation)
         while changes:
             values = self._values(changes)
-            unknowns = [change.unknown for change in changes]
             n_unknowns = len(self.differences.unknowns)
             probability = self.differences.probability(values, n_unknowns)
-            large = self._is_large(unknowns, values[0])
+            large = self._is_large(unknowns_of(changes), values[0])
             needless = np.where(large, probability, 1.0)
             if needless.max() < self.level:
                 break
@@ -151,22 +155,24 @@ class ExplanationSearch:
 
     def _is_possible(self, explanation: Explanation) -> bool:
         """Whether all masses are positive in both tests."""
-        changed = [change.unknown for change in explanation]
+        changed = unknowns_of(explanation)
         masses = self.differences.masses_of_tests(changed)
         return bool(np.min(masses) > 0)
 
     def _terms(self, explanation: Explanation) -> frozenset[int]:
         """Unknowns of single places that an explanation changes."""
-        parts = [self.differences.parts(change.unknown) for change in explanation]
-        return frozenset().union(*parts)
+        terms: set[int] = set()
+        for change in explanation:
+            terms.update(self.differences.parts(change.unknown))
+        return frozenset(terms)
 
     def _without_larger(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """Explanations without those that only add to the first one."""
-        rivals = []
+        unlike = list(explanations[:1])
         for rival in explanations[1:]:
             if not self._terms(explanations[0]) <= self._terms(rival):
-                rivals.append(rival)
-        return [*explanations[:1], *rivals]
+                unlike.append(rival)
+        return unlike
 
     def _with_gain(self, explanations: Sequence[Explanation]) -> list[Explanation]:
         """The same with a change of the gain of all forces, where that suffices.
@@ -181,7 +187,7 @@ class ExplanationSearch:
         if any(self._leaves_less(other, gain) for other in explanations):
             return list(explanations)
         as_good = [e for e in explanations if not self._leaves_less(gain, e)]
-        return [*as_good, gain]
+        return as_good + [gain]
 
     def _gain_alone(self) -> Explanation | None:
         """A change of the gain of all forces, if it is significant and large."""
@@ -193,7 +199,9 @@ class ExplanationSearch:
             return None
         before = self._left(())[0]
         after = self._left((change,))[0]
-        return (change,) if before - after > LEAST_SHARE_OF_GAIN * before else None
+        if before - after > LEAST_SHARE_OF_GAIN * before:
+            return (change,)
+        return None
 
     def _leaves_less(self, explanation: Explanation, other: Explanation) -> bool:
         """Whether an explanation leaves significantly less than another."""
@@ -215,7 +223,7 @@ class ExplanationSearch:
         """
         differences = self.differences
         used = self._used(explanation)
-        rest = [change.unknown for change in rival if change.unknown not in used]
+        rest = [unknown for unknown in unknowns_of(rival) if unknown not in used]
         if not rest:
             return False
 
@@ -236,8 +244,11 @@ class ExplanationSearch:
 
     def _complexity(self, explanation: Explanation) -> tuple[int, int]:
         """Number of changes, and of those that are not of a storey's force."""
-        names = [self.differences.unknowns[change.unknown] for change in explanation]
-        return len(explanation), sum(name.is_mass or name.is_gain for name in names)
+        n_others = 0
+        for unknown in unknowns_of(explanation):
+            name = self.differences.unknowns[unknown]
+            n_others += name.is_mass or name.is_gain
+        return len(explanation), n_others
 
     def _values(self, changes: Sequence[Change]) -> np.ndarray:
         """Values of changes, from all blocks and without each of them."""
@@ -246,7 +257,7 @@ class ExplanationSearch:
 
     def _used(self, changes: Sequence[Change]) -> list[int]:
         """Unknowns in use: departures of masses, and the changes."""
-        return [*self.differences.always, *(change.unknown for change in changes)]
+        return self.differences.always + unknowns_of(changes)
 
     def _is_large(self, unknowns: Sequence[int], values: np.ndarray) -> np.ndarray:
         sizes = []

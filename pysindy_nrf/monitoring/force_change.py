@@ -72,7 +72,7 @@ class CommonLaw:
     @property
     def columns(self) -> np.ndarray:
         """All columns, those of the terms first."""
-        return np.column_stack([*self.terms.values(), *self.others])
+        return np.column_stack(list(self.terms.values()) + self.others)
 
 
 def common_law(
@@ -120,7 +120,7 @@ def _with_declared_laws(
     of_before = _columns(before, motion)
     of_after = _columns(after, motion)
     terms = {}
-    others = [*common.others, *of_after.T]
+    others = common.others + list(of_after.T)
     for name, column in common.terms.items():
         if name.split()[0] in ("Fc", "gap"):
             others.append(column)
@@ -214,7 +214,7 @@ def common_domain(site: Site, tests: Sequence[MeasuredTest]) -> Domain:
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """What the floors of a storey and above tell of its force in two tests.
+    """The force of a storey in two tests, from the floors above it.
 
     Parameters
     ----------

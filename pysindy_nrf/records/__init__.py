@@ -10,6 +10,7 @@ _NAMES = {
     "Input": "input_arrays",
     "KinematicSmoother": "fusion",
     "MappingFile": "files.mapping",
+    "Preparation": "files.preparation",
     "QualityNote": "quality",
     "Reading": "files.reading",
     "Record": "record",

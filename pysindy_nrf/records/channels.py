@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -110,7 +110,10 @@ def _two_dimensional(value: ArrayLike, what: str) -> np.ndarray:
             f"The {what} are sparse, which is not supported",
             "Give a dense array: .toarray().",
         )
-    if hasattr(value, "to_numpy"):
+    value = as_pandas(value)
+    if isinstance(value, (pd.DataFrame, pd.Series)):
+        value = _numpy_of_pandas(value)
+    elif hasattr(value, "to_numpy"):
         value = value.to_numpy()
 
     layout = "Give one row per sample and one column per channel."
@@ -124,6 +127,45 @@ def _two_dimensional(value: ArrayLike, what: str) -> np.ndarray:
     if array.ndim != 2:
         raise ChannelError(f"The {what} have {array.ndim} dimensions", layout)
     return array
+
+
+def as_pandas(table: object) -> Any:
+    """A table of polars or Arrow, or a labelled xarray, as a table of pandas.
+
+    Anything else is returned as it is.
+    """
+    library = type(table).__module__.partition(".")[0]
+    kind = type(table).__name__
+    value: Any = table
+    if library == "pyarrow" and hasattr(value, "to_pandas"):
+        return value.to_pandas()
+    if library == "polars":
+        value = value.collect() if kind == "LazyFrame" else value
+        if hasattr(value, "columns"):
+            return pd.DataFrame(
+                {name: value[name].to_numpy() for name in value.columns}
+            )
+    if library == "xarray":
+        return value.to_dataframe() if kind == "Dataset" else _labelled_table(value)
+    return value
+
+
+def _labelled_table(array: Any) -> Any:
+    """A two-dimensional xarray with names along its columns as a table."""
+    labels = array.indexes.get(array.dims[-1]) if array.ndim == 2 else None
+    if labels is None or labels.dtype.kind not in "OUT":
+        return array.to_numpy()
+    rows = array.indexes.get(array.dims[0])
+    return pd.DataFrame(array.to_numpy(), index=rows, columns=labels)
+
+
+def _numpy_of_pandas(table: pd.DataFrame | pd.Series) -> np.ndarray:
+    """Values of a table; empty cells of nullable numbers are NaN."""
+    dtypes = table.dtypes if isinstance(table, pd.DataFrame) else [table.dtype]
+    is_nullable = any(isinstance(d, pd.api.extensions.ExtensionDtype) for d in dtypes)
+    if is_nullable and all(pd.api.types.is_numeric_dtype(d) for d in dtypes):
+        return table.to_numpy(dtype=float, na_value=np.nan)
+    return table.to_numpy()
 
 
 def _column_name(names: Sequence[str] | str, i: int) -> str:
@@ -434,8 +476,11 @@ def require_two_dimensions(X: object) -> None:
 
 
 def is_dask(X: object) -> bool:
-    """True for a Dask array, table or delayed value; Dask is not imported."""
-    return hasattr(X, "__dask_graph__")
+    """True for a Dask array, table or delayed value; Dask is not imported.
+
+    An xarray of NumPy arrays is asked for chunks, of which it has none.
+    """
+    return hasattr(X, "__dask_graph__") and bool(getattr(X, "chunks", True))
 
 
 def sample_weights(weights: ArrayLike | None, size: int) -> np.ndarray:

@@ -5,8 +5,8 @@ through its samples loses 1.5e-4 of an amplitude at a tenth of the sampling rate
 1.4 % at a quarter; straight lines lose 3.3 and 19 %, the square of a sinc. A force that
 a D/A converter holds comes half a sample late, and loses a sinc.
 
-The motion of a mass hardly feels what a hold adds above half of the sampling rate. Of a
-force that is held, or straight, there is thus a band-limited one that acts alike; the
+The motion of a mass hardly feels what a hold adds above half of the sampling rate. For
+a constant or straight force there is thus a band-limited one that acts alike; the
 equations of motion of measured channels hold for it.
 """
 
@@ -23,7 +23,7 @@ BAND_LIMITED: Hold = "cubic"
 HOLD_IN_WORDS = {
     "cubic": "band-limited between the samples",
     "linear": "straight between the samples",
-    "zero": "held from each sample to the next",
+    "zero": "constant from each sample to the next",
 }
 # Weights of the samples k - 2, k - 1, k and k + 1 of a force in the band-limited one.
 # A straight force: the response of two straight lines, 1 - w^2 / 12 + .. with w in

@@ -36,7 +36,7 @@ from .fusion.kinematics import FusedRecord, Fusion, TwoWayFusion, fuse_record
 from .hold import BAND_LIMITED
 from .named_columns import MotionColumns, force_matrix, motion_columns, table_time
 from .quality import messages
-from .record import Record, row_times
+from .record import Record, row_times, seconds_of
 from .zero_phase_filter import ZeroPhaseFilter
 
 __all__ = [
@@ -311,7 +311,7 @@ def segment_of(
         resolved=fused.resolved,
         band=fused.band,
         noise=dict(fused.noise),
-        quality=fused.notes,
+        quality=record.quality + fused.notes,
         simulation_method=fused.simulation_method,
         hold=fused.hold or record.hold,
     )
@@ -451,9 +451,11 @@ def _contiguous_pieces(
     pieces = by_record(passed.record, n_samples)
     if settings.has_memory:
         _require_unbroken_records(pieces)
+    _refuse_alternating_ids(pieces, n_samples)
 
     clock = columns.time if passed.time is None else passed.time
-    if clock is None:
+    is_asked_for = passed.time is not None or passed.record is not None
+    if clock is None or not (is_asked_for or settings.has_memory or _rises(clock)):
         _require_step(settings.dt)
         return pieces, None
 
@@ -466,6 +468,32 @@ def _contiguous_pieces(
     else:
         pieces = _cut_at_gaps(pieces, time, settings.every_row)
     return pieces, time
+
+
+# Rows that follow each other under one id, on average; with fewer the ids alternate.
+_FEWEST_ROWS_TOGETHER = 3
+
+
+def _refuse_alternating_ids(pieces: Pieces, n_samples: int) -> None:
+    """Refuse records whose rows alternate, sample by sample."""
+    n_records = len({name for name, _ in pieces})
+    if n_records < len(pieces) and n_samples < _FEWEST_ROWS_TOGETHER * len(pieces):
+        raise ChannelError(
+            f"The ids in record change {len(pieces) - 1} times among {n_records}"
+            " records: their rows alternate",
+            "Sort the rows by record, each in the order of its time.",
+        )
+
+
+# Share of steps back in time from which on rows were drawn at random, one by one, as
+# cross-validation does; where records follow each other there are few.
+_DRAWN_AT_RANDOM = 0.25
+
+
+def _rises(clock: ArrayLike) -> bool:
+    """Whether rows are in the order of their time; else they are used one by one."""
+    seconds = seconds_of(clock, "time")
+    return bool((np.diff(seconds) < 0).sum() <= _DRAWN_AT_RANDOM * len(seconds))
 
 
 def _require_unbroken_records(pieces: Pieces) -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ..exceptions import ChannelError
-from .channels import as_matrix
+from .channels import as_matrix, as_pandas
 from .dataset import feature_names, numbered
 
 _TIME = ("t", "time")
@@ -55,6 +55,7 @@ def motion_columns(
     ChannelError
         If there are no rows, or columns are missing, unknown or too many.
     """
+    X = as_pandas(X)
     if hasattr(X, "columns"):
         columns = _columns_of_table(X, coordinates, n_dof)
     else:
@@ -195,6 +196,7 @@ def force_matrix(
     n_samples, n = len(columns.matrix), columns.n_dof
     if F is None:
         return np.zeros((n_samples, n))
+    F = as_pandas(F)
     if hasattr(F, "columns"):
         _require_order_of(X, F)
         F = forces_by_name(F, n)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
+    "assumed",  # a unit or a rate that nothing in the file states
     "clipped",  # repeats its extremes; share of the samples
     "clock",  # the unit of the time; true time over time read
     "corner",  # of a first-order high-pass filter that it has passed, Hz
@@ -25,13 +26,28 @@ Kind = Literal[
     "interpolated",  # made up between samples of a slower clock; share of the samples
     "noise",  # rms of its noise, in the channel's SI unit
     "offset",  # its zero, in the channel's SI unit; of an equation of motion, N
+    "overlap",  # time that all channels cover, s
     "quantised",  # moves in coarse steps
+    "resampled",  # brought to a slower clock; ratio of the rates
+    "rotation",  # all channels are rotations: N m, rad, rad/s
+    "shifted",  # started after the channel that is the witness, s; moved to its clock
     "sign",  # points the other way; -1
     "spikes",  # samples that stand out; share of the samples
     "swapped",  # looks like a channel of another place
     "unit",  # ratio that a known unit would explain, or a peak too large for the unit
     "other",
 ]
+# Kinds that are to be known, and are no fault.
+_ONLY_KNOWN = (
+    "assumed",
+    "computed",
+    "hold",
+    "offset",
+    "overlap",
+    "resampled",
+    "rotation",
+    "shifted",
+)
 
 
 @dataclass(frozen=True)
@@ -65,8 +81,8 @@ class QualityNote:
 
     @property
     def is_fault(self) -> bool:
-        """Whether it is to be mended, rather than only to be known."""
-        return self.kind not in ("computed", "hold", "offset")
+        """Whether it asks for a correction."""
+        return self.kind not in _ONLY_KNOWN
 
 
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,12 @@ from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
 from .hold import require_hold
+from .quality import QualityNote
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from ..drawing.matplotlib_renderer import Drawing
 
 LARGEST_VALUE = 1e100  # SI units; its square is still a double
 # Attributes with one column for each DOF, and the letter of their channels.
@@ -31,6 +37,8 @@ MATRICES = {
 BASES = {"base_acceleration": "ag", "base_velocity": "vg", "base_displacement": "xg"}
 ARRAYS = (*MATRICES, *BASES)
 OF_LETTER = {letter: key for key, letter in MATRICES.items()}
+# A record with so many times more DOFs than samples is an array that lies on its side.
+ON_ITS_SIDE = 20
 COORDINATES = ("relative", "absolute")
 
 
@@ -66,8 +74,8 @@ class Record:
         Time of the samples, s, equally spaced.
     hold : {"cubic", "linear", "zero"}, optional
         Course of forces, base acceleration and covariates between the samples:
-        band-limited, as what passes an anti-aliasing filter; straight; or held, as a
-        D/A converter does. If None it is not known: free runs take the channels as
+        band-limited, as what passes an anti-aliasing filter; straight; or constant, as
+        from a D/A converter. If None it is not known: free runs take the channels as
         band-limited, unless the motion follows another course clearly better.
 
     Attributes
@@ -78,6 +86,8 @@ class Record:
     time : ndarray of shape (n_samples,)
         Seconds, as they were given; from 0 if only a rate was. A window of a record
         keeps its times.
+    quality : tuple of QualityNote
+        What reading the record has changed: channels that were moved to one clock.
 
     Raises
     ------
@@ -160,6 +170,7 @@ class Record:
         self.base_velocity = bases.get("base velocity vg")
         self.base_displacement = bases.get("base displacement xg")
         self.covariates = others
+        self.quality: tuple[QualityNote, ...] = ()
         _require_usable_values(self.channels(), self.name)
 
     def channels(self) -> dict[str, np.ndarray]:
@@ -449,6 +460,20 @@ class Record:
         """
         return self._with_attributes(t0=t0)
 
+    @property
+    def rotates(self) -> bool:
+        """True if its channels are angles and torques: N m, rad, rad/s, rad/s^2."""
+        return any(note.kind == "rotation" for note in self.quality)
+
+    def with_quality(self, notes: Sequence[QualityNote]) -> Record:
+        """The same channels with notes on their quality.
+
+        Parameters
+        ----------
+        notes : sequence of QualityNote
+        """
+        return self._with_attributes(quality=tuple(notes))
+
     def _with_attributes(self, **attributes: object) -> Record:
         """A copy with other attributes; its channels are not checked again."""
         out = copy.copy(self)
@@ -475,15 +500,57 @@ class Record:
         }
         if self.has_clock:
             arguments["fs"] = self.fs
-        changed = Record(**arguments | changes)
+        changed = Record(**arguments | changes).with_quality(self.quality)
         if changes.get("time") is None:
             return changed.starting_at(self.t0)
         return changed
+
+    def plot(self, ax: Axes | Sequence[Axes] | np.ndarray | None = None) -> Drawing:
+        """Draw every channel over time (matplotlib).
+
+        Channels in doubt are red: those that :func:`~pysindy_nrf.records.channel_notes`
+        calls faulty.
+
+        Parameters
+        ----------
+        ax : sequence of Axes, optional
+            One for each channel that moves or acts; new ones if None.
+
+        Returns
+        -------
+        Drawing
+            With ``ax_`` and ``figure_``.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib, which the extra ``plot`` brings.
+
+        Examples
+        --------
+        >>> from pysindy_nrf import datasets
+        >>> drawn = datasets.load_demo().plot()
+        >>> [axes.get_ylabel() for axes in drawn.ax_][:2]
+        ['F2 (N)', 'a1 (m/s²)']
+        """
+        from ..drawing.matplotlib_renderer import Column
+        from .checks.channel_checks import doubts_by_channel
+        from .figures import time_figures
+
+        return Column(time_figures(self, doubts_by_channel(self))).plot(ax)
 
     def _repr_html_(self) -> str:
         from .files.summary import record_html
 
         return record_html(self)
+
+    def __array__(self, *args: object, **kwargs: object) -> np.ndarray:
+        """Refused: scikit-learn's searches ask for it where they are given a record."""
+        cure = (
+            "Pass X, F = record.to_features(), or a list of records: [record, ...], or"
+            " the parts of one, [record.window(0, 10), record.window(10, 20)]."
+        )
+        raise ChannelError("A Record is no array of samples", cure)
 
     def __repr__(self) -> str:
         if self.has_clock:
@@ -613,6 +680,13 @@ def _number_of_samples(arrays: Mapping[str, np.ndarray], name: str) -> int:
         )
 
     n_samples = next(iter(lengths.values()))
+    widest = max(np.shape(array)[-1] for array in arrays.values() if array.ndim == 2)
+    if widest > ON_ITS_SIDE * n_samples > 0:
+        raise ChannelError(
+            f"Record {name!r} has {n_samples} samples of {widest} DOFs: its arrays are"
+            " transposed",
+            "Give one row per sample and one column per DOF (array.T).",
+        )
     if n_samples < 2:
         raise ChannelError(
             f"Record {name!r} has {n_samples} samples", "At least two are needed."

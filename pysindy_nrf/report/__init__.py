@@ -8,18 +8,27 @@ apart from how they are drawn: on matplotlib's axes (:class:`Drawing`) or by plo
 from ..common.lazy import public_names
 
 _NAMES = {
-    "Axis": "figures.figure",
-    "Bars": "figures.figure",
-    "Drawing": "figures.matplotlib_renderer",
-    "Figure": "figures.figure",
-    "Line": "figures.figure",
+    "Axis": ".drawing.figure",
+    "Bars": ".drawing.figure",
+    "Drawing": ".drawing.matplotlib_renderer",
+    "Figure": ".drawing.figure",
+    "FreeRunDisplay": "displays",
+    "HysteresisDisplay": "displays",
+    "IntervalsDisplay": "displays",
+    "ModesDisplay": "displays",
+    "ResidualDisplay": "displays",
+    "RestoringForceDisplay": "displays",
+    "StepsDisplay": "displays",
+    "Line": ".drawing.figure",
     "as_html": "page",
     "as_plotly": "figures.plotly_renderer",
+    "Summary": "summary",
     "available": "page",
     "content_of": "page",
     "identification_of": "model_content",
     "order_figure": "figures.motion",
     "write_html": "page",
+    "write_workbook": "workbook",
 }
 __all__ = [*_NAMES]
 

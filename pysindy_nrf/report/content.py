@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,15 +24,20 @@ from ..common.audit import versions
 from ..diagnosis.effects import Bounds, Interval, plain_name
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import Verdict
+from ..drawing.figure import Figure, dof_words
+from ..drawing.tables import Table, table
 from ..exceptions import NRFError
-from ..records.checks.channel_checks import Measured
-from .figures.figure import Figure, dof_words
+from ..records.checks.channel_checks import Measured, doubts_by_channel
+from ..records.figures import coherence_figure, spectrum_figures, time_figures
+from ..records.quality import QualityNote
+from ..records.record import Record
 from .figures.forces import force_figure, loop_figures
-from .figures.motion import modes_figure
-from .tables import Table, table
-from .words import listed
+from .figures.motion import measured_response_figure, modes_figure
+from .words import Band, listed
 
 _UNKNOWN = (np.nan, np.nan)
+# Records whose channels are drawn: more make the page heavy.
+DRAWN_RECORDS = 3
 # Records by whose names a page is called.
 MAX_NAMES_IN_TITLE = 3
 
@@ -111,10 +118,12 @@ class ModelPart:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRecord:
-    """One record, and the table of its channels."""
+    """One record: its channels in numbers, what is known of them, and drawn."""
 
     record: Measured
     channels: Table
+    quality: Table | None = None
+    figures: list[Figure] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +132,8 @@ class Content:
 
     title: str
     lead: str
-    model: ModelPart
     audit: list[Table]
+    model: ModelPart | None = None
     verdict: Verdict | None = None
     care: list[str] = field(default_factory=list)
     frame: Frame | None = None
@@ -135,6 +144,7 @@ class Content:
     chapters: list[Chapter] = field(default_factory=list)
     effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
+    results: list[Figure | Table] = field(default_factory=list)
 
 
 # -- the model -----------------------------------------------------------------
@@ -305,25 +315,78 @@ def names_of(records: Sequence[Measured]) -> str:
     return listed(record.name for record in records[:MAX_NAMES_IN_TITLE])
 
 
-def measured_part(records: Iterable[Measured]) -> list[MeasuredRecord]:
-    """What was measured, record by record."""
+def measured_part(
+    records: Iterable[Measured],
+    model: ChainModel | None = None,
+    notes: Sequence[QualityNote] = (),
+    band: Band = None,
+) -> list[MeasuredRecord]:
+    """What was measured, record by record; the first records are drawn.
+
+    Parameters
+    ----------
+    records : iterable of Measured
+    model : ChainModel, optional
+        Whose frequency responses are drawn beside the measured ones.
+    notes : sequence of QualityNote
+        What is known of channels, clocks and units of all records.
+    band : (float or None, float or None), optional
+        Band that was used, Hz.
+    """
     head = {"what": "what it is", "noise": "noise estimate, rms"}
-    parts = []
+    parts: list[MeasuredRecord] = []
     for record in records:
         units = [pretty(str(unit)) for unit in record.channels["unit"]]
         channels = record.channels.assign(unit=units).dropna(axis=1, how="all")
         shown = table(f"Channels of {record.name}", channels, head)
-        parts.append(MeasuredRecord(record, shown))
+        figures = []
+        if len(parts) < DRAWN_RECORDS and record.record is not None:
+            figures = data_figures(record.record, notes, model, band)
+        quality = quality_table(record.name, notes)
+        parts.append(MeasuredRecord(record, shown, quality, figures))
     return parts
 
 
+def data_figures(
+    record: Record,
+    notes: Sequence[QualityNote],
+    model: ChainModel | None = None,
+    band: Band = None,
+) -> list[Figure]:
+    """A record over time and by frequency; its responses beside those of a model."""
+    doubts = doubts_by_channel(record, notes)
+    figures = time_figures(record, doubts)
+    coherence = coherence_figure(record)
+    if coherence is not None:
+        figures.append(coherence)
+    if model is not None:
+        # a mass or a stiffness of zero has no response
+        with suppress(NRFError, np.linalg.LinAlgError):
+            response = measured_response_figure(record, model, band)
+            if response is not None:
+                figures.append(response)
+    return figures + spectrum_figures(record, band)
+
+
+def quality_table(record: str, notes: Sequence[QualityNote]) -> Table | None:
+    """What is known of the channels of a record, and what was done about it."""
+    rows = []
+    for note in notes:
+        if note.record in ("", record):
+            rows.append([note.channel or "record", note.kind, note.size, note.message])
+    if not rows:
+        return None
+    head = ["channel", "what", "size", "in words"]
+    return Table(f"What is known of the channels of {record}", head, rows)
+
+
 def audit_part(
-    model: ChainModel, settings: Mapping[str, Mapping[str, object]]
+    info: Mapping[str, Any], settings: Mapping[str, Mapping[str, object]]
 ) -> list[Table]:
     """What was run, with which settings, and which versions."""
     installed = [[name, version] for name, version in versions().items()]
     return [
-        _run(model.info.get("command", ""), model.info.get("inputs", ())),
+        _run(info.get("command", ""), info.get("inputs", ())),
         _settings(settings),
         Table("Versions", ["package", "version"], installed),
     ]

@@ -17,6 +17,8 @@ from ..diagnosis.effects import (
     plain_name,
 )
 from ..diagnosis.wiring import OPEN
+from ..drawing.figure import Figure, dof_words
+from ..drawing.tables import Table, table
 from ..laws.base import registry
 from .content import (
     Chapter,
@@ -32,11 +34,10 @@ from .figures.evidence import (
     before_after_figure,
     dependence_figures,
     evidence_figures,
+    missing_force_figures,
 )
-from .figures.figure import Figure, dof_words
-from .figures.motion import free_run_figure
+from .figures.motion import free_run_figures
 from .results import Evidence, Loop, Step, confirmed, first_evidence
-from .tables import Table, table
 from .words import band_source, band_text, joined, listed, standing, summary_of
 
 # Candidates of the last search that are listed.
@@ -50,7 +51,10 @@ _QUESTIONS = {
 
 def loop_content(report: Loop, title: str | None = None) -> Content:
     """The page of a closed loop."""
-    by_site = {step.site: described(step) for step in confirmed(report)}
+    by_site: dict[str, str] = {}
+    for step in confirmed(report):
+        before = f"{by_site[step.site]}; " if step.site in by_site else ""
+        by_site[step.site] = before + described(step)
     open_dofs = []
     for j in range(1, report.model.n_dof + 1):
         if report.final.get(f"held-out dof {j}", 0.0) > OPEN:
@@ -60,7 +64,7 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
         title=title or names_of(report.measured) or "Closing the loop",
         lead=lead(report),
         model=model_part(report.model, report.loops, report.bounds),
-        audit=audit_part(report.model, settings),
+        audit=audit_part(report.model.info, settings),
         verdict=report.verdict,
         care=list(report.verdict.reasons),
         frame=frame_of(
@@ -69,7 +73,9 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
         picture=pictures(report),
         stopped=report.stopped_because,
         tiles=_tiles(report),
-        measured=measured_part(report.measured),
+        measured=measured_part(
+            report.measured, report.model, report.quality, report.band
+        ),
         chapters=chapters(report),
         effects=effects(report),
         errors=[errors(report)],
@@ -139,12 +145,32 @@ def band_and_source(report: Loop) -> str:
 
 def pictures(report: Loop) -> list[Figure]:
     """What comes first: errors before and after, the missing force, the free run."""
-    figures = [before_after_figure(report)]
+    figures = [before_after_figure(report), *_missing_force(report)]
+    return figures + free_run_figures(report.free_runs)[:1]
+
+
+def _missing_force(report: Loop) -> list[Figure]:
+    """The force that the first effect carries; its mean where nothing measures it."""
+    drawn = _law_over_missing_force(report)
     first = first_evidence(report)
-    if first is not None and first.characterisation is not None:
-        # what it depends on stands in the chapter
-        figures += dependence_figures(first.characterisation, f" at {first.site}")[1:]
-    return figures + free_run_figure(report.free_runs)
+    if drawn or first is None or first.characterisation is None:
+        return drawn
+    # what it depends on stands in the chapter
+    return dependence_figures(first.characterisation, f" at {first.site}")[1:]
+
+
+def _law_over_missing_force(report: Loop) -> list[Figure]:
+    """What the declared laws lack where the first effect acts, and the law found."""
+    effects_found = confirmed(report)
+    if not effects_found:
+        return []
+    site = effects_found[0].site
+    found = {step.law for step in effects_found if step.site == site}
+    for loop in report.loops:
+        if loop.site == site:
+            force = report.model.restoring_forces[site]
+            return missing_force_figures(force, loop, found)
+    return []
 
 
 # -- tables --------------------------------------------------------------------
@@ -220,7 +246,8 @@ def chapters(report: Loop) -> list[Chapter]:
     n_steps = len(report.steps)
     evidence: list[Evidence | None] = list(report.evidence)
     evidence += [None] * (n_steps + 1 - len(evidence))
-    first = first_evidence(report)
+    # its mean is pictured first where the law is not drawn over it
+    first = None if _law_over_missing_force(report) else first_evidence(report)
 
     made = []
     for number, (step, before) in enumerate(zip(report.steps, evidence), 1):
@@ -247,7 +274,7 @@ def _chapter_of_step(
         rows = []
         for law_name, site, reduction in step.tied:
             rows.append([plain_name(law_name), site, float(reduction)])
-        caption = f"The data cannot tell from {plain_name(step.law)}"
+        caption = f"The data cannot distinguish from {plain_name(step.law)}"
         tables.append(Table(caption, ["law", "site", "error reduction (dB)"], rows))
 
     name = law_at_site(step)

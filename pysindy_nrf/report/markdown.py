@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from ..drawing.tables import Table
 from .content import Chapter
 from .loop_content import band_and_source, chapters, effects, errors, lead
 from .results import Loop
-from .tables import Table, texts
+from .tables import texts
 
 
 def markdown(report: Loop) -> str:
@@ -16,6 +17,7 @@ def markdown(report: Loop) -> str:
     verdict = report.verdict
     lines += [f"**{verdict.state.upper()}: {_safe(verdict.sentence)}**", ""]
     lines += _items(verdict.reasons)
+    lines += _items(f"Assumed: {text}" for text in verdict.assumptions)
     lines += [_safe(lead(report)), ""]
     lines += _steps(report)
     lines += [f"Stopped: {_safe(report.stopped_because)}.", ""]

@@ -18,9 +18,12 @@ from ..diagnosis.residual import residual_of
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import Verdict
 from ..diagnosis.wiring import OPEN
+from ..drawing.figure import Figure, dof_words
+from ..drawing.tables import Table, table
 from ..exceptions import ChannelError, NRFError
 from ..records.checks.channel_checks import Measured, measured
 from ..records.dataset import Dataset
+from ..records.quality import QualityNote
 from ..records.record import Record
 from ..records.zero_phase_filter import filters_of
 from .content import (
@@ -33,9 +36,7 @@ from .content import (
     names_of,
 )
 from .figures.evidence import residual_figure
-from .figures.figure import Figure, dof_words
-from .figures.motion import free_run_figure
-from .tables import Table, table
+from .figures.motion import free_run_figures
 from .words import Band, band_text
 
 _HEAD_OF_ERRORS = {
@@ -209,13 +210,13 @@ def model_content(
         title=title or names_of(records) or "Chain model",
         lead=_lead(model),
         model=model_part(model, loops, identified.bounds),
-        audit=audit_part(model, _settings(identified)),
+        audit=audit_part(model.info, _settings(identified)),
         verdict=identified.verdict,
         care=list(dict.fromkeys(care)),
         frame=frame,
         picture=picture,
         tiles=_tiles(identified),
-        measured=measured_part(records),
+        measured=measured_part(records, model, _quality(identified), identified.band),
         errors=_errors(identified),
     )
 
@@ -233,7 +234,7 @@ def _picture(identified: Identification) -> tuple[list[Figure], list[str]]:
             figures.append(residual)
     except NRFError as error:
         obstacles.append(str(error))
-    return figures + free_run_figure(identified.free_runs), obstacles
+    return figures + free_run_figures(identified.free_runs)[:1], obstacles
 
 
 def _measured_records(identified: Identification) -> list[Measured]:
@@ -244,6 +245,11 @@ def _measured_records(identified: Identification) -> list[Measured]:
     for record, segment in zip(identified.records, identified.data.segments):
         records.append(measured(record, segment.noise))
     return records
+
+
+def _quality(identified: Identification) -> tuple[QualityNote, ...]:
+    """What is known of the channels of the records."""
+    return () if identified.data is None else identified.data.quality
 
 
 def _open_dofs(identified: Identification) -> list[int]:

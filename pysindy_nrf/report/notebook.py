@@ -6,9 +6,10 @@ from html import escape
 
 import pandas as pd
 
+from ..drawing.tables import Table
 from .loop_content import errors
 from .results import Loop
-from .tables import Table, texts
+from .tables import texts
 
 # Rows of a table.
 MAX_ROWS = 30

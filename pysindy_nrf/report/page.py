@@ -18,19 +18,29 @@ from ..chain.latex import mathml
 from ..chain.model import ChainModel
 from ..common.files import atomic_write
 from ..common.lazy import require
+from ..drawing.figure import Figure
 from ..exceptions import NRFError
 from ..records.record import Record
 from .content import Content
-from .figures.figure import Figure
+from .data_content import data_content
 from .figures.plotly_renderer import as_plotly
 from .loop_content import loop_content
 from .model_content import Fitted, Identification, identification_of, model_content
 from .results import Loop
+from .results_page import ResultsPage, results_content
 from .tables import cells
 from .words import Band
 
 # What a page is about.
-Subject = Loop | Fitted | ChainModel | Identification
+Subject = (
+    Loop
+    | Fitted
+    | ChainModel
+    | Identification
+    | ResultsPage
+    | Record
+    | Sequence[Record]
+)
 
 _PURPOSE = "The HTML report"
 # A literal of a script that is at least this long is the program of the street maps.
@@ -61,7 +71,8 @@ def write_html(
     ----------
     path : path-like
         An older file is replaced whole.
-    subject : LoopReport, fitted NRFRegressor, ChainModel or Identification
+    subject : LoopReport, fitted NRFRegressor, ChainModel, Identification or Record
+        A record, or several, are drawn as they were measured.
     record : Record or sequence of Record, optional
         Over which a model is drawn.
     title : str, optional
@@ -77,9 +88,16 @@ def write_html(
     NRFError
         If the subject is none of these.
     """
-    html = as_html(subject, record, title=title, notes=notes, band=band)
+    content = content_of(subject, record, title=title, notes=notes, band=band)
+    write_content(path, content)
+
+
+def write_content(path: str | PathLike[str], content: Content) -> None:
+    """Write what a page shows; see :func:`write_html`."""
+    for package in ("jinja2", "plotly.offline"):
+        require(package, "report", _PURPOSE)
     with atomic_write(path) as file:
-        file.write(html)
+        file.write(_rendered(content))
 
 
 def as_html(
@@ -109,16 +127,28 @@ def content_of(
         return loop_content(subject, title)
     if isinstance(subject, ChainModel) or _is_fitted(subject):
         subject = identification_of(subject, record, band)
+    if isinstance(subject, Record):
+        subject = [subject]
+    if isinstance(subject, ResultsPage):
+        return results_content(subject, title)
+    if _are_records(subject):
+        return data_content(subject, title, notes)
     if isinstance(subject, Identification):
         return model_content(subject, title, notes)
     raise NRFError(
         f"{type(subject).__name__} cannot be reported",
-        "Give a LoopReport, a fitted NRFRegressor or a ChainModel.",
+        "Give a LoopReport, a fitted NRFRegressor, a ChainModel or Records.",
     )
 
 
 def _is_loop(subject: object) -> TypeGuard[Loop]:
     return hasattr(subject, "steps") and hasattr(subject, "stopped_because")
+
+
+def _are_records(subject: object) -> TypeGuard[Sequence[Record]]:
+    if not isinstance(subject, (list, tuple)) or not subject:
+        return False
+    return all(isinstance(record, Record) for record in subject)
 
 
 def _is_fitted(subject: object) -> TypeGuard[Fitted]:

@@ -13,6 +13,7 @@ from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import Verdict
 from ..records.checks.channel_checks import Measured
+from ..records.quality import QualityNote
 from .words import Band
 
 
@@ -157,6 +158,10 @@ class Loop(Protocol):
     @property
     def measured(self) -> Sequence[Measured]:
         """What was measured."""
+
+    @property
+    def quality(self) -> tuple[QualityNote, ...]:
+        """What is known of the quality of the records."""
 
     @property
     def loops(self) -> Sequence[SiteLoop]:

@@ -1,4 +1,4 @@
-"""The simplest candidate that is as good as the best, as far as folds can tell."""
+"""The simplest candidate that is as good as the best within the folds' scatter."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any

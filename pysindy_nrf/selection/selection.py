@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from ..chain.sites import Site
+from ..drawing.figure import Figure
+from ..drawing.matplotlib_renderer import Drawing
 from ..equations.measured_motion import require_moving
 from ..exceptions import ChainError, ChannelError, NRFError
 from ..identification.problem import LEAST_SQUARES, law_list
@@ -19,8 +21,6 @@ from ..identification.regressor import NRFRegressor
 from ..laws.power_series import exponents_of
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
-from ..report.figures.figure import Figure
-from ..report.figures.matplotlib_renderer import Drawing
 from ..report.figures.motion import order_figure
 from .held_out import SCORES, errors_on_folds, scores_on_folds
 from .one_se_rule import Degree, choose, complexity_of, errors_of, standard_error
@@ -196,8 +196,8 @@ def select_order(
     The samples are read once, into Gram matrices of the pieces that the folds cut. The
     scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,
     scoring=...)`` to 1e-9, or to the root of the machine precision where the balances
-    close (with ``band`` or with laws that remember the path, records are here filtered
-    and followed whole, and there from each fold's edge anew).
+    close. With ``band`` or with laws that have memory the scores differ: here records
+    are filtered and followed whole, there anew from the edge of each fold.
 
     Parameters
     ----------
@@ -298,11 +298,10 @@ def data_of(
     """
     cure = "Use GridSearchCV over NRFRegressor."
     if estimator.constraints is not None:
-        raise ChainError("constraints cannot be had from Gram matrices alone", cure)
+        raise ChainError("constraints need the samples, not sums of them", cure)
     if estimator.estimation not in LEAST_SQUARES:
         what = (
-            f"estimation={estimator.estimation!r} cannot be had from Gram matrices"
-            " alone"
+            f"estimation={estimator.estimation!r} needs the samples, not sums of them"
         )
         raise ChainError(what, cure)
     has_memory = False

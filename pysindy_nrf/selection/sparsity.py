@@ -1,6 +1,8 @@
 """Which terms: those of the power series that held-out data miss when left out."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -10,17 +12,25 @@ from sklearn.base import clone
 
 from ..chain.layout import LawLayout
 from ..chain.sites import Site
+from ..drawing.tables import table
 from ..equations.errors import pooled_error
 from ..exceptions import NRFError
 from ..identification.regressor import NRFRegressor
 from ..laws.base import ForceLaw
+from ..records.dataset import Dataset
+from ..report.content import Chapter
+from ..report.page import content_of, write_content
 from .held_out import errors_on_folds
+from .inclusion import Draws, inclusion_table
 from .one_se_rule import Degree, choose, standard_error
 from .order_sums import Monomials, Order, OrderSums
 from .selection import CrossValidation, data_of, order_sums_of
 
 # Rise of the held-out error, as a share, that the absence of a term may cost at most.
 MARGIN = 0.02
+
+# Draws of each kind: a share of one half is known to 0.07.
+N_DRAWS = 50
 
 # By site: mask of the monomials that the model has.
 Support = Mapping[Site, np.ndarray]
@@ -46,16 +56,76 @@ class SparsitySelection:
         terms: pd.Series,
         laws: Laws,
         estimator: NRFRegressor,
+        data: Dataset,
     ) -> None:
         self.table = table
         self.terms = terms
         self._laws = laws
         self._estimator = estimator
+        self._data = data
 
     def regressor(self) -> NRFRegressor:
         """An estimator, not yet fitted, with the terms that are left."""
         laws = {str(site): list(group) for site, group in self._laws.items()}
         return clone(self._estimator).set_params(laws=laws, orders=None)
+
+    def inclusion(
+        self, n_draws: int = N_DRAWS, random_state: int | None = None
+    ) -> pd.DataFrame:
+        """How often each term, and each storey's law, is found on parts of the data.
+
+        PySINDy's STLSQ runs on draws of 64 consecutive pieces of the data, at the
+        threshold whose terms on all data are nearest to those chosen. ``bagging``: as
+        many pieces as there are, with replacement (Fasel et al. 2022). ``stability``:
+        half of the pieces (Meinshausen and Buehlmann 2010); a term below 0.6 there is
+        a matter of chance.
+
+        Parameters
+        ----------
+        n_draws : int
+            Of each kind.
+        random_state : int, optional
+
+        Returns
+        -------
+        DataFrame
+            By site and term: ``coefficient``, and shares of the draws, ``bagging`` and
+            ``stability``. The term ``"all"``, without a coefficient, is the storey:
+            how often it has exactly the terms chosen.
+        """
+        estimator = clone(self._estimator)
+        problem = estimator.problem(self._data.n_dof)
+        chosen: dict[Site, np.ndarray] = {}
+        for site in problem.layout.acting:
+            if str(site) in self.terms.index.get_level_values("site"):
+                values = self.terms[str(site)]
+                chosen[site] = values[problem.layout.labels(site)].to_numpy() != 0
+        draws = Draws.of(problem, self._data)
+        shares = inclusion_table(draws, chosen, n_draws, random_state)
+        shares.insert(0, "coefficient", self.terms.reindex(shares.index))
+        return shares
+
+    def to_html(
+        self, path: str | PathLike[str], random_state: int | None = None
+    ) -> None:
+        """Write the page of the model with the terms left, and their probabilities.
+
+        Parameters
+        ----------
+        path : path-like
+        random_state : int, optional
+            Of :meth:`inclusion`.
+        """
+        model = self.regressor().fit(self._data)
+        content = content_of(model)
+        shares = self.inclusion(random_state=random_state).reset_index()
+        chapter = Chapter(
+            "How sure the terms are",
+            [],
+            [table("Shares of draws of the data in which a term is found", shares)],
+        )
+        chapters = [*content.chapters, chapter]
+        write_content(path, replace(content, chapters=chapters))
 
     def __repr__(self) -> str:
         n_terms = int(self.table["terms"].iloc[-1])
@@ -76,9 +146,9 @@ def select_sparsity(
 ) -> SparsitySelection:
     """Leave out the terms of the power series that held-out data do not miss.
 
-    The samples are read once. In each step the term goes whose absence raises the
-    balance error least. The steps end where the folds can tell the error from the least
-    so far: by more than one standard error of the difference, and by more than 2 %.
+    The samples are read once. Each step removes the term whose absence raises the
+    balance error least. The steps end where the error exceeds the least so far by more
+    than one standard error of the difference, over the folds, and by more than 2 %.
     Each storey keeps one term at least. No threshold is needed, and none would fit all
     storeys.
 
@@ -96,7 +166,8 @@ def select_sparsity(
     -------
     SparsitySelection
         ``table`` (one row for each step), ``terms`` (coefficients); ``regressor()``: an
-        estimator with the terms left.
+        estimator with the terms left; ``inclusion()``: how sure each term is;
+        ``to_html(path)``: a page with both.
 
     Raises
     ------
@@ -128,11 +199,12 @@ def select_sparsity(
         elimination.terms(),
         elimination.order.layout.laws,
         estimator,
+        data,
     )
 
 
 class _Elimination:
-    """Terms go one by one, until the folds can tell."""
+    """Terms go one by one, until the error of the folds rises."""
 
     def __init__(self, sums: OrderSums, degree: Degree) -> None:
         self.sums = sums

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from ..exceptions import SimulationError
+from ..exceptions import DivergenceError, SimulationError
 
 # Why a run ended.
 DONE = 0
@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
     steps: StepCounts
 
     def require_done(self, dt: float) -> None:
-        """Raise SimulationError if the run has not reached its end."""
+        """Raise an error if the run has not reached its end."""
         time = self.interval * dt
         if self.why == CRAWLS:
             raise SimulationError(
@@ -48,7 +48,7 @@ class Outcome(NamedTuple):
                 " site that sticks.",
             )
         if self.why == DIVERGED:
-            raise SimulationError(
+            raise DivergenceError(
                 f"The free run diverges at {time:.6g} s, at DOF {self.dof + 1}",
                 "The model is unstable there (a softening or negative term beyond the"
                 " range it was fitted in), or dt is too long for its stiffness: lower"

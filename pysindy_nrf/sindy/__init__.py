@@ -6,9 +6,11 @@ _NAMES = {
     "ChainOptimizer": "optimizers",
     "ForceLawLibrary": "feature_library",
     "InterstoryPolynomialLibrary": "feature_library",
+    "ShearSINDy": "shears",
     "StateSpaceChainOptimizer": "optimizers",
     "compare_with_sindy": "comparison",
     "from_sindy": "state_space",
+    "storey_shears": "shears",
     "to_sindy": "state_space",
 }
 __all__ = [*_NAMES]

@@ -25,6 +25,7 @@ from .compared_models import (
     RecordPart,
     Regressor,
     SelectedTerms,
+    Shears,
 )
 
 __all__ = ["compare_with_sindy"]
@@ -97,9 +98,12 @@ def compare_with_sindy(
         * ``SINDy, defaults``: state [x, xdot], u = F, ``PolynomialLibrary(degree)``,
           default STLSQ;
         * ``SINDy, normalised``: the same with ``normalize_columns=True``;
-        * ``SINDy, hand-steered``: SINDy at its best: the accelerations alone from terms
-          of each storey by itself and the forces that act, columns and targets of norm
-          one, threshold 0.01, ridge 1e-8;
+        * ``SINDy, hand-steered``: the accelerations alone from terms of each storey by
+          itself and the forces that act, columns and targets of norm one, threshold
+          0.01, ridge 1e-8;
+        * ``SINDy, storey shears``: SINDy at its best,
+          :class:`~pysindy_nrf.sindy.ShearSINDy`: the forces above each storey from the
+          accelerations above it and the terms of that storey alone;
         * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers
           given.
 
@@ -125,9 +129,10 @@ def compare_with_sindy(
 
     Notes
     -----
-    SINDy finds accelerations, not forces. To give it a restoring force, and balance
+    SINDy of accelerations finds no forces. To give it a restoring force, and balance
     errors in N, it is handed the masses: the true ones, or those of this package's
-    least squares. All rows see the same measured accelerations.
+    least squares. SINDy of storey shears has its own. All rows see the same measured
+    accelerations.
 
     Examples
     --------
@@ -195,6 +200,7 @@ def _models(
         "SINDy, defaults": PlainSINDy(degree, normalise=False),
         "SINDy, normalised": PlainSINDy(degree),
         "SINDy, hand-steered": ExpertSINDy(degree),
+        "SINDy, storey shears": Shears(degree),
         "pysindy_nrf, least squares": Regressor(NRFRegressor(degree, estimation="ls")),
         "pysindy_nrf, instrumental variables": Regressor(
             NRFRegressor(degree, estimation="iv")

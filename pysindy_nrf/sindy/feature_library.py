@@ -26,9 +26,13 @@ from ..laws.base import ForceLaw, subscript
 from ..records.channels import checked, same_columns
 from ..records.dataset import Segment
 from ..selection.one_se_rule import Degree
+from .state_columns import StateColumns
 
 _INPUTS = ("balance", "state")
+# Names that PySINDy gives to the columns of a model by themselves.
 _UNNAMED = re.compile(r"[xu]\d+")
+# A rate, drift or acceleration in the label of a term.
+_MOTION = re.compile(r"\b([vsa])\b")
 
 # One law or several.
 Laws = ForceLaw | Sequence[ForceLaw]
@@ -62,16 +66,18 @@ class ForceLawLibrary(BaseFeatureLibrary):
         ``"balance"``: columns a_1..a_n, v_1..v_n, s_1..s_n (paper eq. 8); the features
         are a_1..a_n and the terms of every site, to be fitted to the forces by
         :class:`ChainOptimizer`. ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative
-        to the base) and u = F_1..F_n; the features are xdot, the terms and F, for
-        :class:`StateSpaceChainOptimizer`.
+        to the base) and u = F_1..F_n; the features are the terms and F, for
+        :class:`StateSpaceChainOptimizer`, with the velocity xdot_j of each DOF whose
+        storey has no term v_j.
     dt : float, optional
         Sampling step, s, for laws that need the time or remember the path (not with
         ``inputs="state"``).
     excited : int or sequence of int, optional
         With ``inputs="state"``: the DOFs on which the columns of u act, in their order;
-        ``()`` is free vibration without any. The features F_j of the others are zero:
-        known to be unforced. If None, u is one column a DOF, or, where the number of
-        columns can only mean that and a warning says so, there is none.
+        ``()`` is free vibration without any. There are features F_j of these DOFs
+        alone; the others are known to be unforced. If None, u is one column a DOF, or,
+        where the number of columns can only mean that and a warning says so, there is
+        none.
 
     Attributes
     ----------
@@ -104,7 +110,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
     ...     [laws.Duffing()], inputs="state", excited=[2]
     ... ).fit(np.zeros((5, 5)))
     >>> shaken.get_feature_names()
-    ['xdot1', 'xdot2', 's1', 's1^3', 's2', 's2^3', 'F1', 'F2']
+    ['xdot1', 'xdot2', 's1', 's1^3', 's2', 's2^3', 'F2']
     """
 
     dt: float | None = None
@@ -161,10 +167,17 @@ class ForceLawLibrary(BaseFeatureLibrary):
         if self.inputs == "state":
             _require_state_space(self.layout_)
 
-        passed_through = 1 if self.inputs == "balance" else 2
-        n_dof = columns.n_dof
-        self.n_output_features_ = self.layout_.n_terms + passed_through * n_dof
+        if self.inputs == "state":
+            self.n_output_features_ = self.state_columns.n_columns
+        else:
+            self.n_output_features_ = columns.n_dof + self.layout_.n_terms
         return self
+
+    @property
+    def state_columns(self) -> StateColumns:
+        """Features of a fitted library of ``inputs="state"``."""
+        check_is_fitted(self)
+        return StateColumns.of_laws(self.layout_, self.excited_)
 
     def layout_of(self, n_dof: int) -> LawLayout:
         """Which of the terms belong to which site.
@@ -239,18 +252,19 @@ class ForceLawLibrary(BaseFeatureLibrary):
         leading_axes = matrix.shape[:-1]
         matrix = matrix.reshape(-1, matrix.shape[-1])
         n_dof = self.layout_.n_dof
-        last_term = n_dof + self.layout_.n_terms
 
         kind = np.result_type(matrix.dtype, np.float32)
         out = np.empty((len(matrix), self.n_output_features_), dtype=kind)
         first, second, third = np.split(matrix, [n_dof, 2 * n_dof], axis=1)
         if self.inputs == "balance":
+            terms = slice(n_dof, None)
             out[:, :n_dof] = first
             segment = self._segment(first, second, third)
         else:
-            out[:, :n_dof] = second
-            out[:, last_term:] = 0.0
-            out[:, [last_term + j - 1 for j in self.excited_]] = third
+            columns = self.state_columns
+            terms = columns.terms
+            out[:, : terms.start] = second[:, [j - 1 for j in columns.velocities]]
+            out[:, terms.stop :] = third
             v = np.diff(second, axis=1, prepend=0.0)
             s = np.diff(first, axis=1, prepend=0.0)
             segment = self._segment(np.zeros_like(first), v, s)
@@ -259,7 +273,7 @@ class ForceLawLibrary(BaseFeatureLibrary):
         # the columns that every fit sums up
         for block in blocks_of_segment(segment, self.layout_):
             stop = start + block.n_samples
-            out[start:stop, n_dof:last_term] = block.terms.T
+            out[start:stop, terms] = block.terms.T
             start = stop
         return LawColumns(out.reshape(*leading_axes, -1), self)
 
@@ -286,9 +300,10 @@ class ForceLawLibrary(BaseFeatureLibrary):
         Parameters
         ----------
         input_features : sequence of str, optional
-            The user's names of the input columns, for the columns that are passed
-            through: accelerations, or velocities and forces. PySINDy's own x0, x1, ...,
-            u0 say nothing and count as no names.
+            The user's names of the input columns: of a, v and s in the terms of a
+            balance, of F in state space. PySINDy's own x0, x1, ..., u0 say nothing and
+            count as no names, but x1, x4, x7 do: there the library is one of several in
+            a ``GeneralizedLibrary``.
 
         Raises
         ------
@@ -297,29 +312,30 @@ class ForceLawLibrary(BaseFeatureLibrary):
         """
         check_is_fitted(self)
         n_dof = self.layout_.n_dof
+        dofs = range(1, n_dof + 1)
         in_balance = self.inputs == "balance"
         heads = ("a", "v", "s") if in_balance else ("x", "xdot", "F")
-        names: list[str] = []
-        for head in heads:
-            names.extend(f"{head}{j}" for j in range(1, n_dof + 1))
+        names = [[f"{head}{j}" for j in dofs] for head in heads]
+        if not in_balance:
+            names[2] = [f"F{j}" for j in self.excited_]
 
         if input_features is not None:
             users_names = list(map(str, input_features))
-            # those of the names that are columns of the input
-            columns = list(range(2 * n_dof))
-            columns.extend(2 * n_dof + j - 1 for j in self.excited_)
-            if len(users_names) != len(columns):
-                what = f"{len(users_names)} names for {len(columns)} columns"
+            n_columns = sum(map(len, names))
+            if len(users_names) != n_columns:
+                what = f"{len(users_names)} names for {n_columns} columns"
                 cure = f"Give the names of {', '.join(heads)} of every DOF."
                 raise ChannelError(what, cure)
-            if not all(map(_UNNAMED.fullmatch, users_names)):
-                for column, name in zip(columns, users_names):
-                    names[column] = name
+            if not _are_defaults(users_names):
+                ends = [n_dof, 2 * n_dof, None]
+                starts = [0, n_dof, 2 * n_dof]
+                names = [users_names[i:j] for i, j in zip(starts, ends)]
 
-        terms = term_names(self.layout_)
         if in_balance:
-            return names[:n_dof] + terms
-        return names[n_dof : 2 * n_dof] + terms + names[2 * n_dof :]
+            return names[0] + term_names(self.layout_, *names)
+        terms = term_names(self.layout_)
+        velocities = [names[1][j - 1] for j in self.state_columns.velocities]
+        return velocities + terms + names[2]
 
     def get_feature_names_out(self, input_features: object = None) -> np.ndarray:
         """The same, as scikit-learn asks for them; see :meth:`get_feature_names`.
@@ -400,16 +416,48 @@ def _is_list_of_records(x: ArrayLike) -> TypeGuard[Sequence[ArrayLike]]:
     return isinstance(x, (list, tuple)) and len(x) > 0 and np.ndim(np.asarray(x[0])) > 1
 
 
-def term_names(layout: LawLayout) -> list[str]:
-    """Names of the terms of all sites, e.g. ``"v2^2 s2"``."""
+def _are_defaults(names: Sequence[str]) -> bool:
+    """Whether names are PySINDy's own of all columns: x0, x1, ..., u0, ..."""
+    if not all(map(_UNNAMED.fullmatch, names)):
+        return False
+    states = [name for name in names if name.startswith("x")]
+    return states == [f"x{i}" for i in range(len(states))]
+
+
+def term_names(
+    layout: LawLayout,
+    accelerations: Sequence[str] = (),
+    rates: Sequence[str] = (),
+    drifts: Sequence[str] = (),
+) -> list[str]:
+    """Names of the terms of all sites, e.g. ``"v2^2 s2"``.
+
+    Those of the storeys with the names of their motions, if these are given.
+    """
     names = []
     for site in layout.acting:
         index = str(site.p)
+        motions: dict[str, str] = {}
         if not site.is_storey:
             index = f"_{str(site).replace(' ', '').replace('-', '')}"
+        elif rates:
+            motions["a"] = accelerations[site.p - 1]
+            motions["v"] = rates[site.p - 1]
+            motions["s"] = drifts[site.p - 1]
         for label in layout.labels(site):
-            names.append(f"1_{index}" if label == "1" else subscript(label, index))
+            if label == "1":
+                names.append(f"1_{index}")
+                continue
+            names.append(_named(label, index, motions))
     return names
+
+
+def _named(label: str, index: str, motions: Mapping[str, str]) -> str:
+    """The label of a term with the names of its motions, or with the site's number."""
+    if not motions:
+        return subscript(label, index)
+    named = _MOTION.sub(lambda found: motions[found[1]], label)
+    return named if named != label else subscript(label, index)
 
 
 class ForceLawLibrarySum(ForceLawLibrary):

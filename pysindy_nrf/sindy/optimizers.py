@@ -14,8 +14,8 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted
 
 from ..chain.identifiability import SolveOrder, plan_solve_order
-from ..chain.layout import Layout, blocks_of
-from ..chain.sites import Site
+from ..chain.layout import LawLayout, Layout, blocks_of
+from ..chain.sites import Site, dofs_of
 from ..chain.structure import Chain, chain_of, masses_of
 from ..common.warn import warn_user
 from ..equations.chain_solve import Solution, doubtful_masses, solve_blocks
@@ -23,7 +23,19 @@ from ..equations.errors import explained_accelerations
 from ..equations.inner_optimizer import balance_optimizer
 from ..exceptions import BiasWarning, ChainError, ChannelError
 from ..records.channels import as_matrix, checked, rows_text, sample_weights
-from .feature_library import ForceLawLibrary, LawColumns
+from .feature_library import (
+    ForceLawLibrary,
+    InterstoryPolynomialLibrary,
+    LawColumns,
+)
+from .read_layout import read_series
+from .state_columns import StateColumns
+
+_STATE_CURE = (
+    "The features are the terms and F: use InterstoryPolynomialLibrary(inputs='state')"
+    " and pass u=F; the targets are [xdot | a], or an odd number of accelerations"
+    " alone."
+)
 
 # The library that makes the terms, or their numbers at the sites.
 Terms = ForceLawLibrary | Sequence[int] | None
@@ -129,7 +141,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         raise ChainError(what, cure)
 
     def _solve(
-        self, x: ArrayLike, samples: _Samples, sample_weight: ArrayLike | None
+        self, layout: Layout, samples: _Samples, sample_weight: ArrayLike | None
     ) -> np.ndarray:
         """Find masses and coefficients; coefficients of the terms by equation."""
         n_samples = len(samples.acceleration)
@@ -140,7 +152,6 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
             )
             raise ChannelError(what, "Cut both to the same clock.")
 
-        layout = self._layout(x, samples.n_dof, samples.terms.shape[1])
         known_masses = masses_of(self.known_masses, layout.chain)
         inner = balance_optimizer(self.optimizer)
         order = plan_solve_order(
@@ -184,10 +195,23 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         self.masses_ = np.array([solution.masses[j] for j in dofs])
         return equation_rows(layout, solution.coefficients, solution.twins)
 
-    def _layout(self, x: ArrayLike, n_dof: int, n_terms: int) -> Layout:
-        """Which terms belong to which site."""
+    def _layout(self, x: ArrayLike, terms: np.ndarray, n_dof: int) -> Layout:
+        """Which columns of terms belong to which site.
+
+        Parameters
+        ----------
+        x : array-like
+            The features as they came.
+        terms : ndarray of shape (n_samples, n_terms)
+        n_dof : int
+        """
+        n_terms = terms.shape[1]
         library = self._library(x)
-        if library is None:
+        read = self._layout_read(terms, n_dof)
+        if _source_of(x) is None and read is not None and not self._has_counts:
+            # a search may have cloned the library apart, and changed it since
+            layout: Layout = read
+        elif library is None:
             layout = self._layout_by_counts(n_dof, n_terms)
         else:
             layout = self._layout_of_library(library, n_dof)
@@ -196,17 +220,50 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
 
         if library is not None:
             self._require_same_chain(library, layout, n_dof)
-        fits = layout.n_terms == n_terms
-        source = _source_of(x)
-        if source is not None:
-            fits = fits and layout.slices == source.layout_.slices
         what = (
             f"{n_terms} columns do not come from terms={self.terms!r} on a chain of"
             f" {n_dof} DOFs"
         )
-        cure = "Give the library that made these features: terms=library."
+        cure = (
+            "Give the library that made these features: terms=library. A search that"
+            " changes its laws has to change optimizer__terms, too."
+        )
+        fits = layout.n_terms == n_terms
+        source = _source_of(x)
+        if source is not None:
+            fits = fits and layout.slices == source.layout_.slices
         _require(fits, what, cure)
         return layout
+
+    @property
+    def _has_counts(self) -> bool:
+        """Whether the numbers of terms were given."""
+        return self.terms is not None and not isinstance(self.terms, ForceLawLibrary)
+
+    def _chain_of(self, n_dof: int) -> Chain:
+        """The chain of the library named, or of this optimizer."""
+        named = None
+        if isinstance(self.terms, ForceLawLibrary):
+            named = self.terms.chain
+        return chain_of(named or self.chain, n_dof)
+
+    def _layout_read(self, terms: np.ndarray, n_dof: int) -> LawLayout | None:
+        """The layout that the columns themselves show: power series at every site.
+
+        Any two columns are a series of degree 1, which shows nothing by itself.
+        """
+        known_series = isinstance(self.terms, InterstoryPolynomialLibrary)
+        if isinstance(self.terms, ForceLawLibrary) and not known_series:
+            return None
+        chain = self._chain_of(n_dof)
+        orders = read_series(terms, len(chain.sites))
+        if orders is None or (1 in orders and not known_series):
+            return None
+        by_site = dict(zip(map(str, chain.sites), orders))
+        library = InterstoryPolynomialLibrary(
+            chain=chain, orders=by_site, inputs=self._inputs
+        )
+        return library.layout_of(chain.n_dof)
 
     def _layout_by_counts(self, n_dof: int, n_terms: int) -> Layout:
         """The layout by the numbers of terms at the sites."""
@@ -214,7 +271,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         counts = _counts(self.terms, n_terms, len(chain.sites))
         return Layout(chain, dict(zip(chain.sites, counts)))
 
-    def _layout_of_library(self, library: ForceLawLibrary, n_dof: int) -> Layout:
+    def _layout_of_library(self, library: ForceLawLibrary, n_dof: int) -> LawLayout:
         """The layout of a library that makes features of the kind that is needed."""
         what = f"The library makes features of inputs={library.inputs!r}"
         _require(library.inputs == self._inputs, what, f"It needs {self._inputs!r}.")
@@ -242,7 +299,7 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
         """
         named = self.terms if isinstance(self.terms, ForceLawLibrary) else None
         source = _source_of(x)
-        if source is None or (named is None and self.terms is not None):
+        if source is None or self._has_counts:
             return named
         return source
 
@@ -379,8 +436,10 @@ class ChainOptimizer(_ChainOptimizerBase):
         DOFs on which a force acts; those with a non-zero target if None.
     terms : ForceLawLibrary or sequence of int, optional
         The library that makes the features, or the number of its terms at each site, in
-        the order of ``chain.sites``. Not needed with one site, nor last in a
-        scikit-learn pipeline behind the library, whose features bring it.
+        the order of ``chain.sites``. Not needed with one site, for power series of
+        degree 2 and more, whose columns show it, nor last in a scikit-learn pipeline
+        behind the library, whose features bring it. Where a search changes the degree
+        of the one library, that of the other does not matter.
     strategy, known_masses
         See :class:`NRFRegressor`.
 
@@ -391,6 +450,9 @@ class ChainOptimizer(_ChainOptimizerBase):
     ind_ : ndarray of bool
     masses_ : ndarray of shape (n_dof,)
         kg.
+    targets_ : list of str
+        F1, F2, ...: ``sindy.print(lhs=sindy.optimizer.targets_)`` names the left-hand
+        sides, which SINDy takes for rates of its variables.
     solve_order_ : SolveOrder
     solution_ : Solution
     inner_ : dict of str to PySINDy optimizer
@@ -462,7 +524,9 @@ class ChainOptimizer(_ChainOptimizerBase):
             raise ChannelError(what, "The first columns are a_1..a_n, then the terms.")
 
         samples = _Samples(x[:, n_dof:], x[:, :n_dof], F)
-        rows = self._solve(x_, samples, sample_weight)
+        layout = self._layout(x_, samples.terms, n_dof)
+        rows = self._solve(layout, samples, sample_weight)
+        self.targets_ = [f"F{j}" for j in range(1, n_dof + 1)]
         return self._finish(np.hstack([np.diag(self.masses_), rows]))
 
     def score(
@@ -525,12 +589,12 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     >>> a = (F - 3 * v - 500 * x) / 10
     >>> (
     ...     StateSpaceChainOptimizer()
-    ...     .fit(np.hstack([v, v, x, F]), np.hstack([v, a]))
+    ...     .fit(np.hstack([v, x, F]), np.hstack([v, a]))
     ...     .coef_.round(6)
     ...     + 0.0
     ... )
-    array([[  1. ,   0. ,   0. ,   0. ],
-           [  0. ,  -0.3, -50. ,   0.1]])
+    array([[  1. ,   0. ,   0. ],
+           [ -0.3, -50. ,   0.1]])
     """
 
     _inputs = "state"
@@ -542,8 +606,9 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
 
         Parameters
         ----------
-        x_ : array-like of shape (n_samples, n_dof + n_terms + n_dof)
-            Features: xdot_1..xdot_n, the terms of every site, F_1..F_n.
+        x_ : array-like of shape (n_samples, n_features)
+            Features: xdot_j where storey j has no term v_j, the terms of every site,
+            F_j where a force acts.
         y : array-like of shape (n_samples, 2 n_dof), (n_samples, n_dof) with n_dof odd,
         or (n_samples,)
             Targets: velocities and accelerations, or the accelerations alone.
@@ -555,28 +620,62 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         n_targets = target.shape[1]
         has_velocities = n_targets % 2 == 0
         n_dof = n_targets // 2 if has_velocities else n_targets
-        if x.shape[1] < 2 * n_dof:
-            what = f"{x.shape[1]} feature(s) for the accelerations of {n_dof} DOFs"
+        columns = self._state_columns(x_, x, n_dof)
+        if x.shape[1] != columns.n_columns:
+            what = (
+                f"{x.shape[1]} features for the accelerations of {n_dof} DOFs, which"
+                f" have {columns.n_columns}"
+            )
             if not has_velocities:
                 what += " (an odd number of targets: accelerations alone)"
-            cure = (
-                "The features are xdot, the terms and F: use"
-                " InterstoryPolynomialLibrary(inputs='state') and pass u=F; the targets"
-                " are [xdot | a]."
-            )
-            raise ChannelError(what, cure)
-
-        last_term = x.shape[1] - n_dof
-        terms = x[:, n_dof:last_term]
-        samples = _Samples(terms, target[:, -n_dof:], x[:, last_term:])
-        coef = self._state_rows(self._solve(x_, samples, sample_weight))
+            raise ChannelError(what, _STATE_CURE)
+        samples = _Samples(x[:, columns.terms], target[:, -n_dof:], columns.force(x))
+        equations = self._solve(columns.layout, samples, sample_weight)
+        coef = columns.rows(equations, self.masses_)
         return self._finish(coef if has_velocities else coef[n_dof:])
 
-    def _state_rows(self, rows: np.ndarray) -> np.ndarray:
-        """Kinematic rows and those of the accelerations, from the equations' terms."""
-        n_dof = len(self.masses_)
-        masses = self.masses_[:, None]
-        nothing = np.zeros((n_dof, n_dof))
-        kinematic = np.eye(n_dof, 2 * n_dof + rows.shape[1])
-        accelerations = np.hstack([nothing, -rows / masses, np.eye(n_dof) / masses])
-        return np.vstack([kinematic, accelerations])
+    def _forces(self, n_dof: int) -> tuple[int, ...]:
+        """DOFs whose force is a feature."""
+        library = self.terms if isinstance(self.terms, ForceLawLibrary) else None
+        excited = self.excited if library is None else library.excited
+        if library is not None and hasattr(library, "excited_"):
+            excited = library.excited_
+        if excited is None:
+            return tuple(range(1, n_dof + 1))
+        return dofs_of("excited", excited, n_dof)
+
+    def _state_columns(self, x_: ArrayLike, x: np.ndarray, n_dof: int) -> StateColumns:
+        """Which features are velocities, terms and forces."""
+        source = _source_of(x_)
+        if source is not None and not self._has_counts:
+            self._layout_of_library(source, n_dof)
+            columns = source.state_columns
+            self._layout(x_, x[:, columns.terms], n_dof)
+            return columns
+
+        forces = self._forces(n_dof)
+        terms = x[:, : x.shape[1] - len(forces)]
+        read = None if self._has_counts else self._layout_read(terms, n_dof)
+        if read is not None:
+            self._layout(x_, terms, n_dof)
+            return StateColumns.of_laws(read, forces)
+
+        library = self._library(x_)
+        if library is not None:
+            laws = self._layout_of_library(library, n_dof)
+            return self._checked_columns(StateColumns.of_laws(laws, forces), x_, x)
+        if x.shape[1] < 2 * n_dof:
+            what = f"{x.shape[1]} feature(s) for the accelerations of {n_dof} DOFs"
+            raise ChannelError(what, _STATE_CURE)
+        # every velocity and every force
+        layout = self._layout(x_, x[:, n_dof:-n_dof], n_dof)
+        return StateColumns.of_counts(layout)
+
+    def _checked_columns(
+        self, columns: StateColumns, x_: ArrayLike, x: np.ndarray
+    ) -> StateColumns:
+        """Columns of a library that was named; refused if the features are others."""
+        n_velocities = len(columns.velocities)
+        terms = x[:, n_velocities : x.shape[1] - len(columns.forces)]
+        self._layout(x_, terms, columns.layout.n_dof)
+        return columns

@@ -13,6 +13,7 @@ from ..exceptions import ChainError, LawError
 from ..identification.regressor import NRFRegressor
 from .feature_library import ForceLawLibrary
 from .optimizers import StateSpaceChainOptimizer, equation_rows
+from .state_columns import StateColumns
 
 __all__ = ["from_sindy", "to_sindy"]
 
@@ -29,8 +30,9 @@ class IdentifiedChain(StateSpaceChainOptimizer):
         layout = LawLayout(self.model.chain, self.model.laws)
         self.masses_ = self.model.masses
         self._one_target = False
-        rows = equation_rows(layout, self.model.coefficients)
-        self._finish(self._state_rows(rows))
+        equations = equation_rows(layout, self.model.coefficients)
+        columns = StateColumns.of_laws(layout, range(1, layout.n_dof + 1))
+        self._finish(columns.rows(equations, self.masses_))
         self.n_features_in_ = self.coef_.shape[1]
         return self
 
@@ -62,7 +64,7 @@ def to_sindy(model: ChainModel | NRFRegressor, dt: float | None = None) -> ps.SI
     >>> from pysindy_nrf.sindy import from_sindy, to_sindy
     >>> model = ChainModel([10.0], {1: laws.PowerSeries(1, [100.0, 1e5])})
     >>> to_sindy(model).print()
-    (x1)' = 1.000 xdot1
+    (x1)' = 1.000 v1
     (xdot1)' = -10.000 v1 + -10000.000 s1 + 0.100 F1
     >>> from_sindy(to_sindy(model)) == model
     True
@@ -133,17 +135,14 @@ def from_sindy(sindy: ps.SINDy) -> ChainModel:
                 raise LawError(what, "Give them to the library.")
 
     coefficients = np.asarray(sindy.coefficients(), dtype=float)
-    in_state_space = library.inputs == "state"
     masses = getattr(optimizer, "masses_", None)
     if masses is None:
-        masses = _masses_of(coefficients, layout, in_state_space)
-
-    n_dof = layout.n_dof
-    if in_state_space:
-        accelerations = coefficients[n_dof:, n_dof : n_dof + layout.n_terms]
+        masses = _masses_of(library, coefficients)
+    if library.inputs == "state":
+        accelerations = coefficients[layout.n_dof :, library.state_columns.terms]
         rows = -masses[:, None] * accelerations
     else:
-        rows = coefficients[:, n_dof:]
+        rows = coefficients[:, layout.n_dof :]
 
     values = {}
     for site in layout.acting:
@@ -152,15 +151,16 @@ def from_sindy(sindy: ps.SINDy) -> ChainModel:
     return ChainModel(masses, with_coefficients(layout.laws, values), layout.chain)
 
 
-def _masses_of(
-    coefficients: np.ndarray, layout: LawLayout, in_state_space: bool
-) -> np.ndarray:
+def _masses_of(library: ForceLawLibrary, coefficients: np.ndarray) -> np.ndarray:
     """Masses from the coefficients of the forces (1/m) or of the accelerations (m)."""
-    n_dof = layout.n_dof
+    n_dof = library.layout_.n_dof
+    in_state_space = library.inputs == "state"
+    diagonal = np.diag(coefficients[:, :n_dof])
     if in_state_space:
-        diagonal = np.diag(coefficients[n_dof:, n_dof + layout.n_terms :])
-    else:
-        diagonal = np.diag(coefficients[:, :n_dof])
+        columns = library.state_columns
+        diagonal = np.zeros(n_dof)
+        for i, dof in enumerate(columns.forces):
+            diagonal[dof - 1] = coefficients[n_dof + dof - 1, columns.terms.stop + i]
 
     lost = [f"m{j + 1}" for j in np.flatnonzero(diagonal == 0)]
     if lost:

@@ -269,7 +269,7 @@ def test_a_margin_widens_the_surface(fitted):
 
 
 def test_a_force_that_depends_on_the_path_is_no_surface():
-    with pytest.raises(LawError, match="it is no surface"):
+    with pytest.raises(LawError, match="it has no surface"):
         ChainModel([1.0], {1: laws.Dahl(sigma=5e4, Fd=3.0)}).surface(1)
 
 

@@ -116,7 +116,7 @@ def test_a_key_twice():
         ({"mases": [1.0]}, "'mases' was unexpected"),
         ({"masses": [float("nan"), 1.0]}, "NaN"),
         ({"masses": [1.0, 2.0, 3.0]}, "3 masses for 2 DOFs"),
-        ({"schema": "another"}, "not hold a chain model"),
+        ({"schema": "another"}, "not a saved chain model"),
     ],
 )
 def test_loopholes_of_json(change, message):

@@ -274,7 +274,8 @@ def test_emps_is_understood_and_cared_for(emps, capsys):
     assert "<- vir * 35.1507" in text
     assert "not used: gtau, kp, kv, qg" in text
     assert "0 to 20 Hz" in text
-    assert "Next: pysindy-nrf close-loop" in text
+    found = text.split("What run finds")[1]
+    assert "pysindy-nrf run" in found
 
     care = text.split("Take care")[1].split("Written to")[0]
     assert max(map(len, care.splitlines())) <= 110, "a terminal shows it whole"
@@ -431,7 +432,7 @@ def test_damage_says_where_how_much_and_draws_it(tests_of_a_frame, spoken):
     assert data["said"][0].startswith("Stiffness of storey 2 changed by -10.0")
     assert data["changed"][0]["change"] == pytest.approx(-10.0, abs=0.05)
     names = [Path(name).name for name in data["files"]]
-    assert names == ["changed.csv", "fitted_apart.csv", "change.png"]
+    assert names[:3] == ["changed.csv", "fitted_apart.csv", "change.png"]
     table = pd.read_csv("nrf_output/changed.csv")
     assert table["place"].tolist() == ["storey 2"]
 

@@ -72,6 +72,19 @@ def test_inspect_proposes_a_mapping_that_run_can_read(here, capsys, demo_file):
 # -- laws ----------------------------------------------------------------------
 
 
+def test_inspect_draws_a_page_of_the_channels(here, needs_pages, demo_file):
+    assert run(["inspect", str(demo_file), "--html", "data.html"]) == 0
+    page = Path("data.html").read_text("utf-8")
+    assert "What was measured" in page
+    assert page.count("<figure") >= 5
+
+
+def test_inspect_loses_no_file_for_its_page(here, capsys, demo_file):
+    Path("mine.txt").write_text("notes")
+    assert run(["inspect", str(demo_file), "--html", "mine.txt"]) == 3
+    assert Path("mine.txt").read_text() == "notes"
+
+
 def test_laws_are_chosen_by_words(spoken):
     assert run(["laws", "coulomb", "--json"]) == 0
     listed = {row["name"]: row for row in spoken()["laws"]}

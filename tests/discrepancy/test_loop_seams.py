@@ -12,6 +12,7 @@ from simulated_cases import Plan, simulated
 
 from pysindy_nrf import (
     ChainModel,
+    NRFRegressor,
     Record,
     close_loop,
     excitation,
@@ -83,6 +84,17 @@ def silent():
 def report(request):
     """Either loop."""
     return request.getfixturevalue(request.param)
+
+
+# -- the final estimate --------------------------------------------------------
+
+
+def test_the_model_is_the_estimate_of_its_laws_by_a_fit(searched, found):
+    """One number has one interval, whoever is asked."""
+    fit = NRFRegressor(laws=found.model.laws, band=found.band).fit(searched)
+    assert found.model.masses == pytest.approx(fit.masses_, rel=1e-9)
+    assert found.bounds == fit.bounds()[0]
+    assert found.verdict.state == fit.verdict().state
 
 
 # -- long records --------------------------------------------------------------

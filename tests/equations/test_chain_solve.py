@@ -409,7 +409,7 @@ def test_a_warning_of_rank_names_the_terms_that_depend_on_each_other():
 
 def test_a_mass_that_depends_on_a_term_is_refused():
     s, v, e = at_angle(0.5)[1:]
-    with pytest.raises(IdentifiabilityError, match="m1 cannot be told from"):
+    with pytest.raises(IdentifiabilityError, match="m1 cannot be separated from"):
         single([s, v], 2 * s, s + v + e)
 
 

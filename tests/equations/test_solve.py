@@ -316,7 +316,7 @@ def harmonic(noise=0.0):
 
 @pytest.mark.parametrize("degree", [1, 3])
 def test_a_steady_harmonic_force_cannot_separate_mass_from_stiffness(degree):
-    with pytest.raises(IdentifiabilityError, match="m1 cannot be told from"):
+    with pytest.raises(IdentifiabilityError, match="m1 cannot be separated from"):
         NRFRegressor(degree=degree).fit(*harmonic())
 
 

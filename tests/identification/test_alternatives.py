@@ -128,3 +128,57 @@ def test_one_floor_has_no_alternative():
     )
     record = simulate(model, F, 1 / 256, hold="cubic")
     assert NRFRegressor(degree=1).fit(record).result_.alternatives == ()
+
+
+def covered(fitted, truth):
+    """Whether each interval that is given holds the truth, by parameter."""
+    table = fitted.confidence_intervals().set_index("parameter").dropna()
+    values = {f"m{j}": mass for j, mass in enumerate(truth.masses, 1)}
+    for site, force in truth.restoring_forces.items():
+        values |= {f"{site}: {term}": k for term, k in force.coefficients.items()}
+    return {
+        name: row.lower <= values[name] <= row.upper for name, row in table.iterrows()
+    }
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_intervals_of_a_braced_frame_shaken_in_one_mode_are_withheld(seed):
+    """The brace makes m1 half as heavy again, and closes the equations as well."""
+    braced = frame(ground_2=spring_and_dashpot(9e3, 5.0))
+    fitted = NRFRegressor(degree=1).fit(shaken(braced, FIRST_MODE, seed=seed))
+    assert abs(fitted.masses_[0] / MASSES[0] - 1) > 0.2
+    given = covered(fitted, braced)
+    assert "m1" not in given
+    assert all(given.values())
+    withheld = {x.parameter for x in fitted.result_.ambiguous_intervals if x.withheld}
+    assert "m1" in withheld
+    assert np.isnan(fitted.result_.summary().to_frame().loc["m1", "lower"])
+    limits = fitted.diagnose().table.set_index("limit")["where"]
+    assert "ground 2" in set(limits[limits.index.isin(["ambiguity", "alternative"])])
+
+
+def test_dampings_of_a_frame_with_rayleigh_damping_are_withheld():
+    dashpots = {
+        f"ground_{j}": [laws.LinearViscous(0.9 * MASSES[j - 1])] for j in (2, 3)
+    }
+    record = shaken(frame(**dashpots), ALL_MODES)
+    fitted = NRFRegressor(degree=1).fit(record)
+    given = covered(fitted, frame(**dashpots))
+    assert not any(name.endswith(": v") for name in given)
+    modes = fitted.confidence_intervals(of="modes").set_index("parameter")
+    assert np.isnan(modes.loc["damping 1", "lower"])
+    assert np.isfinite(modes.loc["frequency 3", "lower"])
+
+
+def test_forces_of_a_storey_hold_what_a_brace_makes_of_them():
+    """The stiffness of storey 2 is ambiguous, and so is its force at any drift."""
+    fitted = NRFRegressor(degree=1).fit(shaken(frame(), FIRST_MODE))
+    drifts = np.array([-2e-3, 1e-3])
+    forces = fitted.force_intervals(2, np.zeros(2), drifts)
+    truth = STIFFNESS[1] * drifts
+    given = forces["lower"].notna().to_numpy()
+    holds = (forces["lower"] <= truth) & (forces["upper"] >= truth)
+    assert holds[given].all()
+    alone = fitted.result_.intervals.forces(2, np.zeros(2), drifts, 0.95)
+    wider = forces["upper"] - forces["lower"] > 2 * (alone["upper"] - alone["lower"])
+    assert (wider | ~given).all()

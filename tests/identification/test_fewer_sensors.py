@@ -223,7 +223,7 @@ def test_sensors_that_cannot_determine_a_chain_say_so():
 
     assert (sensing.rank, sensing.unknowns) == (7, 8)
     assert not sensing.complete
-    assert "cannot be told apart" in str(sensing)
+    assert "cannot be distinguished" in str(sensing)
 
 
 @pytest.mark.parametrize("end", [1, 4])

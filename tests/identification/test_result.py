@@ -25,7 +25,7 @@ def result():
 
 
 def test_a_summary_has_every_estimate_with_its_interval(result):
-    table = result.summary()
+    table = result.summary().to_frame()
     names = ["m1", "m2", "storey 1: v", "storey 1: s", "storey 2: v", "storey 2: s"]
     assert list(table.index) == names
     assert list(table["unit"]) == ["kg", "kg", "N s/m", "N/m", "N s/m", "N/m"]

@@ -15,7 +15,7 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.exceptions import ChainError, ChannelError
-from pysindy_nrf.monitoring import compare_tests, track
+from pysindy_nrf.monitoring import compare_tests, moving_windows
 from pysindy_nrf.simulation import add_noise
 
 MASS = 10.0
@@ -250,9 +250,9 @@ def drifting():
     return features(run(chain((2, laws.StiffnessDrift(DRIFT))), [3], duration=20.0))
 
 
-def test_track_follows_a_drifting_stiffness(drifting):
+def test_windows_follow_a_drifting_stiffness(drifting):
     fitted = NRFRegressor(degree=1, known_masses=KNOWN).fit(*drifting)
-    table = track(fitted, *drifting, window=1.0, masses=KNOWN)
+    table = moving_windows(fitted, *drifting, window=1.0, masses=KNOWN)
     assert np.allclose(table["k2"], STIFFNESS + DRIFT * table["t"], rtol=3e-3)
     assert table["k1"].to_numpy() == pytest.approx(STIFFNESS, rel=3e-3)
     assert np.diff(table["t"]) == pytest.approx(0.25)
@@ -262,7 +262,7 @@ def test_a_window_is_the_fit_of_its_samples():
     softening = chain((2, laws.StiffnessDrift(DRIFT)))
     X, F = features(run(softening, [1, 2, 3], duration=10.0))
     model = NRFRegressor(degree=1).fit(X, F)
-    row = track(model, X, F, window=2.0, step=0.5, masses=None).iloc[3]
+    row = moving_windows(model, X, F, window=2.0, step=0.5, masses=None).iloc[3]
     rows = slice(int(1.5 * FS), int(3.5 * FS))
     own = NRFRegressor(degree=1).fit(X.iloc[rows], F.iloc[rows])
     for i in (1, 2, 3):
@@ -277,7 +277,7 @@ def test_a_window_never_joins_two_records(chain2):
     F = chain2.F
     ids = np.repeat(["a", "b"], [1200, 800])
     model = NRFRegressor(dt=1e-3, degree=1).fit(X, F, record=ids)
-    found = track(model, X, F, window=0.4, step=0.2, record=ids)
+    found = moving_windows(model, X, F, window=0.4, step=0.2, record=ids)
     assert found["record"].value_counts().to_dict() == {0: 5, 1: 3}
 
 
@@ -288,7 +288,7 @@ def test_seconds_without_a_step_are_refused(chain2):
     X = chain2.X
     F = chain2.F
     with pytest.raises(ChannelError, match="needs the sampling step"):
-        track(NRFRegressor().fit(X, F), X, F, window=0.5, step=0.1)
+        moving_windows(NRFRegressor().fit(X, F), X, F, window=0.5, step=0.1)
 
 
 @pytest.mark.parametrize(
@@ -304,7 +304,7 @@ def test_windows_that_cannot_be_are_refused(chain2, error, words, settings):
     F = chain2.F
     timed = NRFRegressor(dt=1e-3).fit(X, F)
     with pytest.raises(error, match=words):
-        track(timed, X, F, **{"window": 0.5, "step": 0.5, **settings})
+        moving_windows(timed, X, F, **{"window": 0.5, "step": 0.5, **settings})
 
 
 def test_few_blocks_are_refused():

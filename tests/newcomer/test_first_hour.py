@@ -138,6 +138,124 @@ def matlab():
     return "data.mat"
 
 
+def french():
+    """Units as French laboratories write them, with points; decimal commas."""
+    test = shaken()
+    columns = {"Temps (s)": test.time, "Effort 2 (daN)": test.force[:, 1] / 10}
+    columns |= by_name("Accélération {} (m.s-2)", test.acceleration)
+    columns |= by_name("Déplacement {} (mm.)", 1e3 * test.displacement)
+    return write_csv("essai 3.csv", columns, sep=";", decimal=",")
+
+
+def labview():
+    """A LabVIEW measurement: tabs, units and steps in a header, no time."""
+    test = shaken()
+    names = ["Hammer 2", "Acc 1", "Acc 2", "Laser 1", "Laser 2"]
+    units = ["N", "g", "g", "mm", "mm"]
+    lines = [test.force[:, 1], *(test.acceleration.T / G), *(1e3 * test.displacement.T)]
+    n = len(names)
+    head = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t."]
+    head += ["X_Columns\tNo", "***End_of_Header***", "", f"Channels\t{n}"]
+    for key, cells in {
+        "Y_Unit_Label": units,
+        "X0": ["0.0"] * n,
+        "Delta_X": [repr(test.dt)] * n,
+    }.items():
+        head.append("\t".join([key, *cells]))
+    head += ["***End_of_Header***", "\t".join(["X_Value", *names, "Comment"])]
+    rows = ["\t".join(["", *(f"{y:.9g}" for y in row)]) for row in zip(*lines)]
+    Path("daq_1.lvm").write_text("\n".join([*head, *rows]) + "\n")
+    return "daq_1.lvm"
+
+
+def measuring_program():
+    """MATLAB structures with an axis, values, a unit and a name for each signal."""
+    io = pytest.importorskip("scipy.io")
+    test = shaken()
+
+    def signal(name, line, unit):
+        axis = {"start_value": 0.0, "increment": test.dt}
+        values = {"values": line[:, None], "quantity": {"label": unit}}
+        return {
+            "x_values": axis,
+            "y_values": values,
+            "function_record": {"name": name},
+        }
+
+    signals = {"Signal_0": signal("Force top:2", test.force[:, 1], "N")}
+    for j, line in enumerate(test.acceleration.T, 1):
+        signals[f"Signal_{j}"] = signal(f"Acc:{j}", line / G, "g")
+    io.savemat("lab.mat", signals)
+    return "lab.mat"
+
+
+def structure():
+    """A MATLAB structure whose fields are channels, with fs beside them."""
+    io = pytest.importorskip("scipy.io")
+    test = shaken()
+    fields = {"fs": test.fs, "F2": test.force[:, 1]}
+    fields |= by_name("xddot{}", test.acceleration)
+    fields |= by_name("x{}", test.displacement)
+    io.savemat("run7.mat", {"data": fields})
+    return "run7.mat"
+
+
+def three_rows():
+    """A sheet with points, quantities and units, a stale range and a blank tail."""
+    openpyxl = pytest.importorskip("openpyxl")
+    test = shaken()
+    book = openpyxl.Workbook()
+    book.active.append(["Point", "F:2", "ACC:1", "ACC:2"])
+    book.active.append(["Quantity", "Force", "Acceleration", "Acceleration"])
+    book.active.append(["s", "kN", "g", "g"])
+    force = test.force[:, 1:] / 1e3
+    for row in np.column_stack([test.time, force, test.acceleration / G]).tolist():
+        book.active.append(row)
+    for _ in range(20):
+        book.active.append([None, None, None, " "])
+    book.save("points.xlsx")
+    return "points.xlsx"
+
+
+def attributes():
+    """HDF5 with units as attributes and one rate for the file."""
+    h5py = pytest.importorskip("h5py")
+    test = shaken()
+    columns = {"force_2": (test.force[:, 1] / 1e3, "kN")}
+    for j, line in enumerate(test.acceleration.T, 1):
+        columns[f"accelerometer_{j}"] = (line / G, "g")
+    for j, line in enumerate(test.displacement.T, 1):
+        columns[f"laser_{j}"] = (1e3 * line, "mm")
+    with h5py.File("scan.h5", "w") as file:
+        file.attrs["sampling_rate"] = test.fs
+        for name, (line, unit) in columns.items():
+            file[name] = line
+            file[name].attrs["units"] = unit
+    return "scan.h5"
+
+
+def directions():
+    """Each sensor has three directions; the chain moves along Y."""
+    test = shaken()
+    noise = np.random.default_rng(0).standard_normal((3, test.n_samples))
+    columns = {"time_s": test.time, "Force_2 [N]": test.force[:, 1]}
+    for j, line in enumerate(test.acceleration.T, 1):
+        columns[f"IMU{j}_X [m/s²]"] = 0.02 * noise[j]
+        columns[f"IMU{j}_Y [m/s²]"] = line
+        columns[f"IMU{j}_Z [m/s²]"] = 9.81 + 0.02 * noise[0]
+    return write_csv("imu.csv", columns)
+
+
+def compressed():
+    """A compressed text with times of day."""
+    test = shaken()
+    start = np.datetime64("2024-05-01T10:00:00", "ns")
+    stamps = start + (1e9 * test.time).round().astype("m8[ns]")
+    columns = {"timestamp": stamps, "shaker_top [lbf]": test.force[:, 1] / LBF}
+    columns |= by_name("acc_{}_g", test.acceleration / G)
+    return write_csv("station.csv.gz", columns, compression="gzip")
+
+
 def spanish_on_another_floor():
     """The force stands in the channel list of the wrong floor."""
     test = shaken()
@@ -172,8 +290,12 @@ def verdict_by_proposed_mapping(file, capsys):
     return code, json.loads(capsys.readouterr().out)
 
 
+RIGHT = [german, american, suffixes, excel, tdms, matlab, french, labview]
+RIGHT += [measuring_program, structure, three_rows, attributes, directions, compressed]
+
+
 @pytest.mark.usefixtures("in_folder")
-@pytest.mark.parametrize("vendor", [german, american, suffixes, excel, tdms, matlab])
+@pytest.mark.parametrize("vendor", RIGHT)
 def test_the_proposed_mapping_leads_to_the_right_model(vendor, capsys):
     pytest.importorskip("pint")
     code, report = verdict_by_proposed_mapping(vendor(), capsys)

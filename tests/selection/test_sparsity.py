@@ -89,3 +89,37 @@ def test_a_series_that_a_fold_cannot_determine_is_no_beginning():
 def test_orders_that_were_given_stand_in_the_laws(three):
     regressor = select_sparsity(*three, degree=1, orders={2: 3}).regressor()
     assert regressor.fit(*three).masses_ == pytest.approx([10.0, 12.0, 8.0], rel=0.02)
+
+
+# -- how sure the terms are ----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def shares(found):
+    return found.inclusion(n_draws=12, random_state=1)
+
+
+def test_true_terms_are_found_on_parts_of_the_data_and_others_are_not(shares):
+    terms = shares.drop("all", level="term")
+    true = terms.index.get_level_values("term").isin(TRUE)
+    for kind in ("bagging", "stability"):
+        assert (terms[kind][true] > 0.8).all()
+        assert (terms[kind][~true] < 0.5).all()
+        # a storey is as sure as its least sure term at most
+        least = terms[kind][true].groupby("site").min()
+        storeys = shares[kind].xs("all", level="term")
+        assert (storeys <= least).all()
+
+
+def test_draws_depend_on_the_random_state_alone(found, shares):
+    again = found.inclusion(n_draws=12, random_state=1)
+    assert again.equals(shares)
+
+
+def test_the_page_shows_how_sure_the_terms_are(tmp_path):
+    pytest.importorskip("plotly")
+    case = chains.duffing(1, [1], seed=3, n_samples=1500)
+    select_sparsity(record_of(case, 0.01)).to_html(tmp_path / "page.html", 0)
+    page = (tmp_path / "page.html").read_text("utf-8")
+    assert "bagging" in page
+    assert "stability" in page

@@ -70,6 +70,19 @@ def test_sindy_is_dealt_its_best_hand(forced, noise, limit):
         assert expert.force_error_own_masses < limit
 
 
+@pytest.mark.parametrize("forced", [[2], [1, 2]], ids=str)
+def test_sindy_of_storey_shears_finds_masses_and_terms(forced):
+    case = chains.duffing(2, forced, seed=1, n_samples=3000)
+    shears = compared(case).loc["SINDy, storey shears"]
+    assert shears.terms == 6 + 2
+    assert (shears.precision, shears.recall) == (1.0, 1.0)
+    assert shears.mass_error < 1e-6
+    assert shears.force_error_own_masses < 1e-6
+    assert shears.storeys_found == "once"
+    # noise in the accelerations, which are columns, biases the masses a little
+    assert compared(case, 0.02).loc["SINDy, storey shears", "mass_error"] < 3
+
+
 def test_this_package_finds_two_masses_and_three_terms_of_each_storey(table):
     sparse = table.loc["pysindy_nrf, STLSQ, threshold 0.01"]
     assert (sparse.terms, sparse.precision, sparse.recall) == (8, 1.0, 1.0)

@@ -71,14 +71,29 @@ def test_names_of_features_are_distinct_and_placeholders_are_no_names(library):
     assert library.get_feature_names(placeholders) == names
 
 
-def test_the_users_names_replace_those_of_columns_that_pass_through(library):
+def test_the_users_names_replace_those_of_the_columns(library):
     names = library.fit(X).get_feature_names()
     given = [f"channel {i}" for i in range(3 * N)]
     renamed = library.get_feature_names(input_features=given)
-    if library.inputs == "balance":
-        assert renamed == given[:N] + names[N:]
-    else:
-        assert renamed == given[N : 2 * N] + names[N:-N] + given[2 * N :]
+    if library.inputs == "state":
+        assert renamed == names[:-N] + given[2 * N :]
+        return
+    own = [f"{kind}{j}" for kind in "avs" for j in range(1, N + 1)]
+    assert renamed[:N] == given[:N]
+    for plain, name in zip(names, renamed, strict=True):
+        if plain in own:
+            assert name == given[own.index(plain)]
+
+
+def test_a_library_for_each_storey_names_each_storey():
+    parts = [InterstoryPolynomialLibrary(2), InterstoryPolynomialLibrary(1)]
+    columns = [[0, 2, 4], [1, 3, 5]]
+    library = ps.GeneralizedLibrary(parts, inputs_per_library=columns)
+    library.fit(np.ones((5, 6)))
+    channels = ["a1", "a2", "v1", "v2", "s1", "s2"]
+    named = library.get_feature_names(channels)
+    assert named == "a1,v1,s1,v1^2,v1 s1,s1^2,a2,v2,s2".split(",")
+    assert library.get_feature_names()[-3:] == ["x1", "x3", "x5"]
 
 
 def test_a_wrong_number_of_names_is_refused(library):
@@ -92,7 +107,7 @@ def named_channels(inputs):
     channels = {"a": first, "v": second, "s": third}
     if inputs == "state":
         v, s = np.diff(second, prepend=0.0), np.diff(first, prepend=0.0)
-        channels = {"v": v, "s": s, "xdot": second, "F": third}
+        channels = {"v": v, "s": s, "F": third}
     named = {}
     for kind, matrix in channels.items():
         for j in range(N):
@@ -298,15 +313,19 @@ def test_sindy_prints_an_equation_for_each_target(task, capsys):
     assert all("=" in line for line in lines)
 
 
+def test_the_force_stands_on_the_left_of_a_balance(capsys):
+    sindy = Task.of(ChainOptimizer).sindy()
+    sindy.print(lhs=sindy.optimizer.targets_)
+    assert capsys.readouterr().out.startswith("F1 = ")
+
+
 def test_the_users_names_reach_the_equations(capsys):
     names = "x_low x_mid x_top v_low v_mid v_top P1 shaker P3".split()
     model = Task.of(StateSpaceChainOptimizer).sindy(feature_names=names)
-    found = model.get_feature_names()
-    assert found[:3] == ["v_low", "v_mid", "v_top"]
-    assert found[-2] == "shaker"
+    assert model.get_feature_names()[-2] == "shaker"
     model.print()
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1] == "(x_mid)' =  1.000 v_mid"
+    assert lines[1] == "(x_mid)' =  1.000 v1 +  1.000 v2"
     assert "shaker" in lines[4]
 
 

@@ -1,8 +1,6 @@
 """The seam to PySINDy: one layout, honest optimizers, settings, warnings and scores."""
 
-import re
 import warnings
-from pathlib import Path
 
 import chains
 import numpy as np
@@ -10,7 +8,7 @@ import pandas as pd
 import pysindy as ps
 import pytest
 from chains import worst
-from sklearn import linear_model
+from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.model_selection import GridSearchCV, KFold
 from sklearn.pipeline import make_pipeline
@@ -29,7 +27,6 @@ from pysindy_nrf import (
 from pysindy_nrf.exceptions import ChainError, ChannelError, NRFError
 
 pytestmark = pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.BiasWarning")
-PAGE = Path(__file__).parents[2] / "docs" / "coming_from_pysindy.md"
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +37,26 @@ def case():
 def fitted_sindy(case, library, optimizer):
     sindy = ps.SINDy(feature_library=library, optimizer=optimizer)
     return sindy.fit(case.X, t=case.dt, x_dot=case.F)
+
+
+OPTIMIZERS = {"balance": ChainOptimizer, "state": StateSpaceChainOptimizer}
+
+
+def sindy_data(case, inputs):
+    """x, and x_dot and u, as ``ps.SINDy.fit`` takes them."""
+    if inputs == "balance":
+        return case.X, {"x_dot": case.F}
+    x, xdot = case.s.cumsum(axis=1), case.v.cumsum(axis=1)
+    rates = np.hstack([xdot, case.a])
+    return np.hstack([x, xdot]), {"x_dot": rates, "u": case.F}
+
+
+def passed_to_sindy(case, library):
+    """A ``ps.SINDy`` whose optimizer knows nothing of the library."""
+    optimizer = OPTIMIZERS[library.inputs]()
+    x, data = sindy_data(case, library.inputs)
+    sindy = ps.SINDy(feature_library=library, optimizer=optimizer)
+    return sindy.fit(x, t=case.dt, **data)
 
 
 # -- one layout for library and optimizer --------------------------------------
@@ -76,10 +93,71 @@ def test_features_bring_their_layout_in_a_pipeline(case, library):
     assert np.array_equal(behind.coef_, inside.coefficients())
 
 
-@LIBRARIES
-def test_an_optimizer_that_cannot_know_the_layout_asks_for_it(case, library):
+@pytest.mark.parametrize("name", ["laws", "sum"])
+def test_an_optimizer_that_cannot_know_the_layout_asks_for_it(case, name):
+    library = UNEVEN[name]
     with pytest.raises(ChannelError, match="not known which .* terms=library"):
         fitted_sindy(case, library, ChainOptimizer())
+
+
+@pytest.mark.parametrize("inputs", ["balance", "state"])
+def test_power_series_show_their_layout_in_their_columns(case, inputs):
+    library = InterstoryPolynomialLibrary((1, 3), orders={2: 3}, inputs=inputs)
+    sindy = passed_to_sindy(case, library)
+    assert worst(sindy.optimizer.masses_, case.m) < 1e-8
+
+
+@pytest.mark.parametrize("inputs", ["balance", "state"])
+@pytest.mark.parametrize("knows", ["the library", "nothing"])
+def test_a_search_over_the_degree_clones_library_and_optimizer_apart(
+    case, inputs, knows
+):
+    library = InterstoryPolynomialLibrary(2, inputs=inputs)
+    terms = library if knows == "the library" else None
+    lowest = 1 if knows == "the library" else 2
+    optimizer = OPTIMIZERS[inputs](ps.STLSQ(threshold=0.003), terms=terms)
+    search = GridSearchCV(
+        ps.SINDy(feature_library=library, optimizer=optimizer),
+        {"feature_library__degree": [lowest, 3]},
+        scoring=lambda model, x: -worst(model.optimizer.masses_, case.m),
+        cv=KFold(3),
+        error_score="raise",
+    )
+    x, data = sindy_data(case, inputs)
+    search.fit(x, t=case.dt, **data)
+    assert search.best_params_ == {"feature_library__degree": 3}
+    assert worst(search.best_estimator_.optimizer.masses_, case.m) < 1e-8
+
+
+def test_columns_say_more_than_a_library_of_another_time(case):
+    """Two libraries of as many terms, the one behind the other's features."""
+    made = InterstoryPolynomialLibrary(1, orders={1: 3})
+    other = InterstoryPolynomialLibrary(1, orders={3: 3})
+    sindy = fitted_sindy(case, made, ChainOptimizer(terms=other))
+    names = sindy.get_feature_names()
+    shared = [names[i] for i in np.flatnonzero(sindy.coefficients()[2])]
+    assert shared == ["a3", "v3", "s3"]
+
+
+def test_two_columns_a_storey_show_no_layout():
+    """Three terms at one storey and one at the other are no two series."""
+    case = chains.duffing(2, [2], seed=6, n_samples=500)
+    library = ForceLawLibrary({1: [VISCOUS, CUBIC], 2: [SPRING]})
+    sindy = ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))
+    model = clone(sindy).fit(case.X, t=case.dt, x_dot=case.F)
+    counts = model.optimizer.coef_[1] != 0
+    assert counts.tolist() == [False, True, False, False, False, True]
+    with pytest.raises(ChannelError, match="not known which"):
+        fitted_sindy(case, library, ChainOptimizer())
+
+
+def test_laws_that_a_search_changes_are_named(case):
+    library = ForceLawLibrary(STOREY)
+    sindy = ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))
+    changed = clone(sindy)
+    changed.feature_library.set_params(laws=[*STOREY, laws.CoulombFriction()])
+    with pytest.raises(ChannelError, match="optimizer__terms"):
+        changed.fit(case.X, t=case.dt, x_dot=case.F)
 
 
 @pytest.mark.parametrize("is_copy", [False, True], ids=["the library", "a copy"])
@@ -97,33 +175,7 @@ def test_a_forgotten_excited_is_named(is_copy):
         sindy.fit(np.hstack([x, xdot]), t=case.dt, x_dot=rates, u=case.F[:, 1:2])
 
 
-# -- honest optimizers ---------------------------------------------------------
-
-ROW_OF_TABLE = re.compile(r"^\| `(.*)` \| ((?:yes|no).*) \|$", re.MULTILINE)
-TABLE = ROW_OF_TABLE.findall(PAGE.read_text("utf-8"))
-
-
-def named_optimizer(code):
-    """The optimizer that a line of the page makes."""
-    names = {"ps": ps}
-    for name in linear_model.__all__:
-        names[name] = getattr(linear_model, name)
-    return eval(code, names)
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(("code", "verdict"), TABLE)
-def test_optimizers_that_need_rows_are_refused_as_the_page_says(case, code, verdict):
-    np.random.seed(0)  # EnsembleOptimizer draws from NumPy's global state
-    model = NRFRegressor(optimizer=named_optimizer(code))
-    if verdict == "yes":
-        # the equation of DOF 3 has m3 alone
-        fitted = model.fit(case.X, case.F).inner_
-        assert list(fitted) == ["balance of DOF 2", "balance of DOF 1"]
-    else:
-        with pytest.raises(NRFError) as error:
-            model.fit(case.X, case.F)
-        assert verdict == f"no. {error.value.cure}"
+# -- inner optimizers ----------------------------------------------------------
 
 
 def test_the_users_own_draws_do_not_depend_on_a_fit(case):
@@ -135,7 +187,7 @@ def test_the_users_own_draws_do_not_depend_on_a_fit(case):
     assert np.random.rand() == expected
 
 
-class Failing(linear_model.Ridge):
+class Failing(BaseEstimator):
     def fit(self, X, y):
         raise IndexError("needs a quadratic library")
 

@@ -81,9 +81,9 @@ def localisation(localisation: Localisation, chosen: str) -> str:
 
     first, *others = _located(localisation.table)
     if localisation.verdict == Location.ONE_BALANCE:
-        first = "One balance: the signs say nothing"
+        first = "With one equation of motion the signs say nothing"
     else:
-        first = f"The signs across the balances point to {first}"
+        first = f"By its signs in the equations of motion the force acts at {first}"
     text = f"{'; '.join([first, *others])}."
     if not chosen:
         return text
@@ -98,11 +98,12 @@ def _located(table: pd.DataFrame) -> list[str]:
     """What the best site explains, and which others come near it."""
     first, rest = table.iloc[0], table.iloc[1:]
     interval = ""
-    if np.isfinite(first["low"]):
-        interval = f"{first['low']:.0f} to {first['high']:.0f}, "
+    low, high = first["low"], first["high"]
+    if np.isfinite(low) and round(low) != round(high):
+        interval = f" ({low:.0f} to {high:.0f} %)"
     parts = [
-        f"{first.name}: explains {first['share']:.0f} % ({interval}balances"
-        f" {first['balances']})"
+        f"{first.name}, where it explains {first['share']:.0f} %{interval} of what is"
+        " left"
     ]
     if np.isfinite(first["own"]):
         parts.append(_own_motion(Site(first.name), first["own"]))
@@ -111,11 +112,11 @@ def _located(table: pd.DataFrame) -> list[str]:
     others = rest[~alike & rest["share"].notna()]
     if len(others):
         other = others.iloc[0]
-        how = "hardly told from" if other["near"] else "next"
-        parts.append(f"{how} {other.name} ({other['share']:.0f} %)")
+        how = "hardly distinguishable from" if other["near"] else "next comes"
+        parts.append(f"{how} {other.name} with {other['share']:.0f} %")
     if alike.any():
         names = ", ".join(map(str, rest.index[alike]))
-        parts.append(f"the same pattern as {names}")
+        parts.append(f"a force at {names} would look the same")
     return parts
 
 

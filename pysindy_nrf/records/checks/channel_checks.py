@@ -1,7 +1,7 @@
 """What is wrong with the channels of a record; a summary of it for pages."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import pandas as pd
 
@@ -50,6 +50,32 @@ def data_warnings(record: Record) -> list[str]:
     return messages(channel_notes(record))
 
 
+def doubts_by_channel(
+    record: Record, notes: Iterable[QualityNote] | None = None
+) -> dict[str, list[str]]:
+    """What is doubtful of each channel.
+
+    Parameters
+    ----------
+    record : Record
+    notes : iterable of QualityNote, optional
+        Those of :func:`channel_notes` if None. Notes of other records are left out.
+
+    Returns
+    -------
+    dict of str to list of str
+        Sentences by channel.
+    """
+    doubts: dict[str, list[str]] = {}
+    for note in channel_notes(record) if notes is None else notes:
+        is_of_record = note.record in ("", record.name)
+        if note.is_fault and note.channel and is_of_record:
+            sentences = doubts.setdefault(note.channel, [])
+            if note.message not in sentences:
+                sentences.append(note.message)
+    return doubts
+
+
 def check_channels(record: Record, warn: bool = False) -> pd.DataFrame:
     """Table of what is wrong with each measured channel of a record by itself.
 
@@ -93,6 +119,8 @@ class Measured:
     base_moves : bool
     role : str
         What the record is used for.
+    record : Record, optional
+        Its channels, to be drawn.
     """
 
     name: str
@@ -104,6 +132,7 @@ class Measured:
     unknown: tuple[int, ...] = ()
     base_moves: bool = False
     role: str = ""
+    record: Record | None = field(default=None, repr=False, compare=False)
 
     @property
     def facts(self) -> str:
@@ -156,4 +185,5 @@ def measured(
         record.unknown,
         record.base_moves,
         role,
+        record,
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...exceptions import ChannelError
-from ..files.reading import SLOW
+from ..files.mapping.column_facts import SLOW
 from ..quality import QualityNote
 from ..record import Record
 from .alignment import ChannelComparison, compare_channels
@@ -49,6 +49,8 @@ MIN_GAIN_DRIFT = 0.05
 
 def unit_notes(record: Record) -> tuple[QualityNote, ...]:
     """Notes on channels whose size suggests a wrong unit."""
+    if record.rotates:
+        return ()  # an angle, or its rate, has no usual size
     notes = []
     for name, values in record.channels().items():
         base = name in ("ag", "vg", "xg")

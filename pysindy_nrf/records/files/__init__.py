@@ -1,6 +1,7 @@
 """Reading and writing of records, frequency responses, tables and forces."""
 
-from .frequency_response import frf_to_features, read_frf
+from .frequency_response import frf_to_features
+from .frf_files import read_frf
 from .reading import inspect_record, read_record
 from .sep005 import from_sep005, to_sep005
 from .summary import describe

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from os import PathLike
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ...exceptions import ChannelError, FileFormatError
-from .formats import DELIMITED_TEXT, format_called
-from .table import MAX_BYTES, check_file, unreadable
-from .tables import read_table
+from ...exceptions import ChannelError
 
 # Power of i w that converts a response to acceleration over force.
 KINDS = {"accelerance": 0, "mobility": 1, "receptance": 2}
@@ -120,55 +114,6 @@ class FrequencyResponse:
             f"  accelerance in m/s^2/N, peak {sizes}\n"
             f"  {forces}"
         )
-
-
-def read_frf(
-    path: str | PathLike[str],
-    *,
-    excited: int = 1,
-    kind: str = "accelerance",
-    max_bytes: int = MAX_BYTES,
-) -> FrequencyResponse:
-    """Read measured frequency responses.
-
-    Parameters
-    ----------
-    path : path-like
-        Delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of complex
-        numbers (``0.1-0.2j``), header or not; or MATLAB, HDF5 or NumPy with ``f`` and
-        ``H`` (lines x DOFs) or ``H1``, ``H2``, ...
-    excited : int
-        The DOF on which the force acts.
-    kind : {"accelerance", "mobility", "receptance"}
-        Acceleration, velocity or displacement over force, SI units.
-    max_bytes : int
-
-    Raises
-    ------
-    FileFormatError
-        If the file holds no frequencies and complex responses.
-    ChannelError
-        If ``excited`` or ``kind`` is wrong, or a number is not finite.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from pysindy_nrf.records.files import read_frf
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     path = pathlib.Path(folder, "shaker.csv")
-    ...     _ = path.write_text(
-    ...         "f;H1;H2\\n1.0;0.1+0.01j;0.2+0.02j\\n2.0;0.3-0.1j;0.1+0j\\n"
-    ...     )
-    ...     read_frf(path, excited=1).H.shape
-    (2, 2)
-    """
-    file = Path(path)
-    check_file(file, max_bytes)
-    if format_called(file) is DELIMITED_TEXT:
-        f, H = _from_text(file)
-    else:
-        f, H = _from_variables(file, max_bytes)
-    return FrequencyResponse.from_arrays(f, H, excited, kind, file.stem)
 
 
 def _real_frequencies(f: np.ndarray, name: str) -> np.ndarray:
@@ -327,88 +272,3 @@ def in_band(f: np.ndarray, band: Band | None) -> np.ndarray:
     above = f >= (0.0 if low is None else low)
     below = f <= (np.inf if high is None else high)
     return above & below
-
-
-_COMMENT = re.compile(r"\s*([#%]|$)")
-_CURE = "Give rows of frequency and complex responses: f;H1;H2."
-
-
-def _from_text(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and responses from the columns of a text."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (UnicodeError, OSError) as error:
-        raise unreadable(path, "a frequency response in text", error) from error
-    lines = [line for line in text.splitlines() if not _COMMENT.match(line)]
-    if not lines:
-        raise FileFormatError(f"{path} holds no rows", _CURE)
-
-    separators = [mark for mark in (";", "\t", ",") if mark in lines[-1]]
-    if not separators:
-        raise FileFormatError(f"{path} has one column only", _CURE)
-    values = _complex_rows(path, lines, separators[0])
-    if np.abs(values[:, 1:].imag).max() == 0:
-        raise FileFormatError(
-            f"{path} holds no complex responses",
-            "Magnitudes alone do not identify a model; export real and imaginary parts"
-            " as 0.1-0.2j.",
-        )
-    return values[:, 0], values[:, 1:]
-
-
-def _complex_rows(path: Path, lines: list[str], separator: str) -> np.ndarray:
-    """Complex numbers of the lines, of which the first may be a header."""
-    width = len(lines[-1].split(separator))
-    has_header = _complex_numbers(lines[0].split(separator)) is None
-    rows = []
-    for number, line in enumerate(lines, 1):
-        if number == 1 and has_header:
-            continue
-        row = _complex_numbers(line.split(separator))
-        if row is None or len(row) != width:
-            raise FileFormatError(
-                f"{path}, row {number}: {line[:60]!r} is not {width} numbers separated"
-                f" by {separator!r}",
-                "Write complex numbers as 0.1-0.2j.",
-            )
-        rows.append(row)
-    if not rows:
-        raise FileFormatError(f"{path} holds no rows of numbers", _CURE)
-    return np.array(rows)
-
-
-def _complex_numbers(cells: list[str]) -> list[complex] | None:
-    """Numbers of cells, with i or j; None if one is a text."""
-    plain = [re.sub("[ijIJ]", "j", cell.replace(" ", "")) for cell in cells]
-    try:
-        return [complex(cell) for cell in plain]
-    except ValueError:
-        return None
-
-
-def _from_variables(path: Path, max_bytes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies and responses from the variables f and H, or H1, H2, ..."""
-    table = read_table(path, max_bytes=max_bytes)
-    variables = {name.lower(): values for name, values in table.variables.items()}
-    names = ("f", "freq", "frequency", "frequencies")
-    f = next((variables[name] for name in names if name in variables), None)
-
-    H = variables.get("h")
-    if H is None:
-        H = _side_by_side(variables)
-    if f is None or H is None or not np.iscomplexobj(H):
-        raise FileFormatError(
-            f"{path} holds no frequencies 'f' and complex responses 'H'",
-            f"It holds {table.names}.",
-        )
-    return f, H
-
-
-def _side_by_side(variables: dict[str, np.ndarray]) -> np.ndarray | None:
-    """The responses h1, h2, ... as columns; None if there are none of one length."""
-    columns: list[np.ndarray] = []
-    while f"h{len(columns) + 1}" in variables:
-        columns.append(variables[f"h{len(columns) + 1}"])
-    if len({len(column) for column in columns}) != 1:
-        return None
-    return np.column_stack(columns)

@@ -2,51 +2,30 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
 
 import numpy as np
-import pandas as pd
 
-from ...exceptions import ChannelError, FileFormatError
+from ...common.warn import warn_user
+from ...exceptions import ChannelError, DataQualityWarning, FileFormatError
 from ..channels import channel_of
-from ..clock import seconds_of
+from ..quality import QualityNote
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
+from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
+from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
+from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
-from .units import dimension_of, kind_of_unit, si_factor, si_unit, split_suffix
+from .units import dimension_of, kind_of_unit, rotation_factor, si_factor, si_unit
 
-SLOW = 8.0  # Hz; accelerations of structures are sampled faster
-EVEN_PERCENT = 0.01  # by which steps of an even clock may vary
+MAX_CHANNELS_SHOWN = 4  # of one length, in a message
 _MOTIONS = ("length", "velocity", "acceleration")
 T = TypeVar("T")
-_TIME_OF_DAY = re.compile(r"\d{1,2}:\d\d:\d\d(\.\d+)?")
-
-
-@dataclass(frozen=True)
-class Source:
-    """Origin of a channel.
-
-    Parameters
-    ----------
-    text : str
-        Its mapping, or the name of its column.
-    unit : str
-    name : str
-        The variable of the file.
-    declared : bool
-        Whether the unit was given, by the user or the file.
-    """
-
-    text: str
-    unit: str
-    name: str = ""
-    declared: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,6 +59,7 @@ class ReadingOptions(TypedDict, total=False):
     units: Mapping[str, str] | None
     name: str | None
     coordinates: str | None
+    preparation: Preparation | None
 
 
 def read_record(
@@ -90,6 +70,7 @@ def read_record(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
     coordinates: str | None = None,
+    preparation: Preparation | None = None,
     max_bytes: int = MAX_BYTES,
 ) -> Record:
     """Read the measured channels of one test from a file.
@@ -100,11 +81,12 @@ def read_record(
         See :func:`read_table` for the types and for several files of one test.
     mapping : mapping of str to str, optional
         Channels by ``[-] name [:, k] * factor @ unit``: ``{"x1": "qm", "F1":
-        "vir*35.1507", "a2": "-acc[:, 2] @ g"}``. The factor may name a number held by
-        the file. ``"none"`` drops a channel, ``"unknown"`` means that a force acts but
-        was not measured. Channels are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any
-        other name becomes a covariate. Columns that carry a channel's name need no
-        mapping; all others are left out.
+        "vir*35.1507", "a2": "-acc[:, 2] @ g"}``, or by several columns, ``"mean(left,
+        right) @ g"``. The factor may name a number in the file. ``"none"`` drops a
+        channel, ``"unknown"`` means that a force acts but was not measured. Channels
+        are ``a1.., v1.., x1.., F1.., ag, vg, xg, t``; any other name becomes a
+        covariate. Columns that carry a channel's name need no mapping; all others are
+        left out.
     fs : float, optional
         Sampling rate, Hz, where the file has no time.
     units : mapping of str to str, optional
@@ -116,13 +98,17 @@ def read_record(
     coordinates : {"relative", "absolute"}, optional
         Reference of velocities and displacements; if None, as the file says, else
         relative to the base.
+    preparation : Preparation, optional
+        A part of the test, a lower rate, rows left out, accelerations relative to the
+        base.
     max_bytes : int
 
     Returns
     -------
     Record
-        SI units. A file written by :func:`write_record` gives its record back bit for
-        bit.
+        SI units. Channels with clocks of their own (several files, start times and
+        rates in the file) are brought to the slowest; ``quality`` says how. A file
+        written by :func:`write_record` gives its record back bit for bit.
 
     Raises
     ------
@@ -152,7 +138,13 @@ def read_record(
     """
     table = read_table(path, max_bytes=max_bytes)
     reading = understand(
-        table, mapping=mapping, fs=fs, units=units, name=name, coordinates=coordinates
+        table,
+        mapping=mapping,
+        fs=fs,
+        units=units,
+        name=name,
+        coordinates=coordinates,
+        preparation=preparation,
     )
     return reading.record
 
@@ -222,16 +214,16 @@ def read_excitation(
     for kind in ("v", "x") if base_moves else ("v", "x", "a"):
         units.pop(kind, None)
 
-    lines, sources = _lines_in_si(table, mapping, units)
-    lines = _without_responses(lines)
-    _require_excitation(lines, table, n_dof)
+    measured, sources = _measured_in_si(table, mapping, units)
+    measured = _without_responses(measured)
+    _require_excitation(measured, sources, table, n_dof)
 
+    clock, lines = clock_of_file(table, measured, sources, fs)
+    lines = _with_unknown_forces(lines, sources, table, clock)
     n_samples = len(next(iter(lines.values())))
-    clock = _clock_of(table, lines.get("t"), fs)
     for j in range(1, n_dof + 1):
         lines[f"x{j}"] = np.zeros(n_samples)  # a record needs motions
     record = _record_of(lines, clock, name or table.path.stem, "relative")
-    _refuse_time_in_milliseconds(record, clock, sources, table)
     if record.unknown:
         raise ChannelError(
             f"F{record.unknown[0]} is unknown", "A simulation needs the force itself."
@@ -250,10 +242,13 @@ def _without_responses(by_channel: Mapping[str, T]) -> dict[str, T]:
 
 
 def _require_excitation(
-    lines: Mapping[str, np.ndarray], table: Table, n_dof: int
+    lines: Mapping[str, np.ndarray],
+    sources: Mapping[str, Source],
+    table: Table,
+    n_dof: int,
 ) -> None:
     """Refuse a file without forces, and forces beyond the structure."""
-    forces = [channel for channel in lines if dimension_of(channel) == "force"]
+    forces = [channel for channel in sources if dimension_of(channel) == "force"]
     if not forces and "ag" not in lines:
         raise FileFormatError(
             f"{table.path}: no column is known to be a force or the base acceleration;"
@@ -277,29 +272,103 @@ def understand(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
     coordinates: str | None = None,
+    preparation: Preparation | None = None,
 ) -> Reading:
     """Record and its origin from the variables of a file; see :func:`read_record`."""
+    preparation = preparation or Preparation()
     if coordinates is not None:
         require_coordinates(coordinates)
-    if table.attributes is not None and not mapping and not units and fs is None:
+    as_written = not mapping and not units and fs is None
+    if table.attributes is not None and as_written and preparation == Preparation():
         return _own_reading(table, table.attributes, name, coordinates)
 
-    lines, sources = _lines_in_si(table, mapping or {}, units or {})
-    _require_motion(lines, table)
-    clock = _clock_of(table, lines.get("t"), fs)
+    measured, sources = _measured_in_si(table, mapping or {}, units or {})
+    measured = preparation.of_lines(measured)
+    _require_motion(measured, table)
+    clock, lines = clock_of_file(table, measured, sources, fs)
+    lines = _with_unknown_forces(lines, sources, table, clock)
     stated_name, stated_coordinates = _stated_in_file(table)
     record = _record_of(
         lines, clock, name or stated_name, coordinates or stated_coordinates
     )
-    _refuse_time_in_milliseconds(record, clock, sources, table)
+    record = _noted_if_rotating(preparation.of_record(record), sources)
+    assumed = _assumed(sources, clock, record)
+    record = record.with_quality(record.quality + assumed)
 
-    return Reading(
-        record,
-        table,
-        sources,
-        unused=_unused_variables(table, sources),
-        clock=_clock_in_words(record, clock, sources),
+    unused = _unused_variables(table, sources, clock)
+    for warning in _overlooked(table, sources, unused):
+        warn_user(warning)
+    return Reading(record, table, sources, unused, clock=clock.in_words(record))
+
+
+def _overlooked(
+    table: Table, sources: Mapping[str, Source], unused: Sequence[str]
+) -> Iterator[DataQualityWarning]:
+    """Warnings of a force, or a motion of the base, that no channel uses.
+
+    Only where none is mapped, so that it would be taken as zero.
+    """
+    used = [name for source in sources.values() for name in source.columns]
+    lengths = {table.variables[name].shape[:1] for name in used}
+    candidates = [name for name in unused if table.variables[name].shape[:1] in lengths]
+    has_force = any(dimension_of(channel) == "force" for channel in sources)
+    has_base = any(channel in sources for channel in BASES.values())
+    for name in candidates:
+        letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
+        is_of_base = names_one_of(name, WORDS_OF_BASE)
+        if letter == "F" and not has_force:
+            yield DataQualityWarning(
+                f"The column {name!r} seems to be a force, and no channel uses it: all"
+                " floors are taken as unforced",
+                "Map it (F1 = name), or leave it out of the file.",
+            )
+        elif letter in ("a", "v", "x") and is_of_base and not has_base:
+            yield DataQualityWarning(
+                f"The column {name!r} seems to be a motion of the base, and no channel"
+                " uses it: the base is taken at rest",
+                "Map it (ag = name), or leave it out of the file.",
+            )
+
+
+def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
+    """A record of rotations, with a note on the units that it then has."""
+    if not any(is_rotation(c, source) for c, source in sources.items() if c != "t"):
+        return record
+    message = (
+        "its motion is a rotation: read N as N m, m as rad, kg as kg m^2 in all results"
     )
+    note = QualityNote("rotation", message, "", record.name)
+    return record.with_quality((*record.quality, note))
+
+
+def _assumed(
+    sources: Mapping[str, Source], clock: FileClock, record: Record
+) -> tuple[QualityNote, ...]:
+    """Units and a rate that nothing in the file states."""
+    bare = [name for name in record.channels() if _has_bare_unit(name, sources)]
+    sentences = []
+    if bare:
+        units = ", ".join(dict.fromkeys(si_unit(channel) for channel in bare))
+        sentences.append(
+            f"{', '.join(bare)} are taken in {units}: no unit is given for them."
+        )
+    if clock.time is None:
+        sentences.append(
+            f"The rate of {record.fs:g} Hz is {clock.origin}: no time is read."
+        )
+    elif not clock.unit_is_known:
+        sentences.append("The time is taken in s: no unit is given for it.")
+    return tuple(
+        QualityNote("assumed", sentence, record=record.name) for sentence in sentences
+    )
+
+
+def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
+    """Whether a channel of the file has a dimension, and no unit."""
+    source = sources.get(channel)
+    if source is None or source.declared:
+        return False
+    return dimension_of(channel) is not None
 
 
 def _stated_in_file(table: Table) -> tuple[str, str]:
@@ -309,8 +378,11 @@ def _stated_in_file(table: Table) -> tuple[str, str]:
     return table.attributes.name, table.attributes.coordinates
 
 
-def _unused_variables(table: Table, sources: Mapping[str, Source]) -> tuple[str, ...]:
-    used = {source.name for source in sources.values()}
+def _unused_variables(
+    table: Table, sources: Mapping[str, Source], clock: FileClock
+) -> tuple[str, ...]:
+    used = {name for source in sources.values() for name in source.columns}
+    used.update(clock.columns)
     return tuple(name for name in table.variables if name not in used)
 
 
@@ -341,34 +413,68 @@ def _own_reading(
     return Reading(record, table, sources, (), clock)
 
 
-def _lines_in_si(
+def _measured_in_si(
     table: Table, mapping: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[dict[str, np.ndarray], dict[str, Source]]:
-    """Samples in SI units and their origin, by channel."""
+    """Measured samples in SI units by channel, and the origin of all channels."""
     assignment = assign_channels(table, mapping)
     declared = _declared_units(units)
 
     lines: dict[str, np.ndarray] = {}
     sources: dict[str, Source] = {}
     for channel, expression in assignment.items():
-        if expression is not None:
-            line = line_of(expression, table, channel)
-            unit = _unit_of(channel, expression, table, declared)
-            lines[channel] = _in_si(line, unit, channel)
-            sources[channel] = Source(
-                expression.text,
-                unit or si_unit(channel),
-                expression.name,
-                declared=unit is not None,
-            )
-    _require_channels_of_units(declared, lines)
-    n_samples = _common_length(lines, table)
-
-    for channel, expression in assignment.items():
         if expression is None:
-            lines[channel] = np.full(n_samples, np.nan)
             sources[channel] = Source("unknown", "")
+            continue
+        line = line_of(expression, table, channel)
+        unit = _unit_of(channel, expression, table, declared)
+        lines[channel] = in_si(line, unit, channel)
+        sources[channel] = Source(
+            expression.text,
+            unit or si_unit(channel),
+            expression.columns,
+            declared=unit is not None,
+        )
+    _require_channels_of_units(declared, lines)
+    _require_one_kind_of_motion(sources)
     return lines, sources
+
+
+def _require_one_kind_of_motion(sources: Mapping[str, Source]) -> None:
+    """Refuse rotations beside translations: a chain has one kind of motion."""
+    channels = [c for c, source in sources.items() if c != "t" and source.declared]
+    rotating = [c for c in channels if is_rotation(c, sources[c])]
+    others = [c for c in channels if dimension_of(c) and c not in rotating]
+    if rotating and others:
+        first, second = rotating[0], others[0]
+        raise ChannelError(
+            f"{first} in {sources[first].unit} is a rotation, {second} in"
+            f" {sources[second].unit} is a translation",
+            "A chain has one kind of motion: N m with rad, rad/s and kg m^2, or N with"
+            " m, m/s and kg. Leave one out ('none'), or scale it by a lever arm.",
+        )
+
+
+def is_rotation(channel: str, source: Source) -> bool:
+    """Whether a channel is an angle, its rate or a torque, by its unit."""
+    return bool(source.unit) and rotation_factor(source.unit, channel) is not None
+
+
+def _with_unknown_forces(
+    lines: Mapping[str, np.ndarray],
+    sources: Mapping[str, Source],
+    table: Table,
+    clock: FileClock,
+) -> dict[str, np.ndarray]:
+    """Lines of one length, and NaN for forces that act and were not measured."""
+    times = {} if clock.time is None else {"t": clock.time}
+    n_samples = _common_length({**times, **lines}, table)
+    unknown = {
+        channel: np.full(n_samples, np.nan)
+        for channel, source in sources.items()
+        if source.text == "unknown" and not source.columns
+    }
+    return {**lines, **unknown}
 
 
 def _declared_units(units: Mapping[str, str]) -> dict[str, str]:
@@ -396,20 +502,25 @@ def _unit_of(
     if dimension_of(channel) is not None and channel[0] in declared:
         return declared[channel[0]]
 
-    written = _written_unit(channel, expression.name, table)
+    written = _written_unit_of_columns(channel, expression, table)
     if written is None or expression.factor is None:
         return written
     return _unit_beside_factor(channel, expression, written)
 
 
-def _written_unit(channel: str, name: str, table: Table) -> str | None:
-    """Unit of a variable in the file, or at the end of its name."""
-    if name in table.units:
-        return table.units[name]
-    _, suffix = split_suffix(name)
-    if suffix is None or dimension_of(channel) is None:
-        return None
-    return suffix if kind_of_unit(suffix) == channel[0] else None
+def _written_unit_of_columns(
+    channel: str, expression: Expression, table: Table
+) -> str | None:
+    """The unit that the file says of the columns of a channel, which is one."""
+    units = {written_unit(channel, name, table) for name in expression.columns}
+    if len(units) > 1:
+        shown = ", ".join(sorted(str(unit or "no unit") for unit in units))
+        raise ChannelError(
+            f"{channel} = {expression.text!r} combines columns in {shown}",
+            "Combine columns of one unit, or bring them to one by factors and say it:"
+            f" '{expression.text} @ {si_unit(channel)}'.",
+        )
+    return units.pop()
 
 
 def _unit_beside_factor(
@@ -428,19 +539,11 @@ def _unit_beside_factor(
         return written
     raise ChannelError(
         f"{channel} = {expression.text!r} has a factor, and the header says that"
-        f" {expression.name!r} is in {written}: it is not clear in which unit the"
+        f" {expression.text!r} is in {written}: it is not clear in which unit the"
         " product is",
         f"Write '{expression.text} @ {written}' or '{expression.text} @"
         f" {si_unit(channel)}'.",
     )
-
-
-def _in_si(line: np.ndarray, unit: str | None, channel: str) -> np.ndarray:
-    """Samples of a channel in SI units; a covariate keeps its unit."""
-    if not unit or dimension_of(channel) is None or line.dtype.kind != "f":
-        return line
-    scale = si_factor(unit, channel)
-    return line if scale == 1 else line * scale
 
 
 def _require_channels_of_units(
@@ -461,46 +564,36 @@ def _common_length(lines: Mapping[str, np.ndarray], table: Table) -> int:
     """Number of samples of all channels."""
     lengths = {channel: len(line) for channel, line in lines.items()}
     if len(set(lengths.values())) > 1:
-        shown = ", ".join(f"{channel} {n}" for channel, n in lengths.items())
         raise ChannelError(
-            f"{table.path}: channels differ in length, {shown}",
-            "Map channels of one test; resample channels that were sampled with another"
-            " clock.",
+            f"{table.path}: channels differ in length, {_lengths_in_words(lengths)}",
+            "Map channels of one test. Where they have clocks of their own, give each"
+            " its file with its own time, or resample them.",
         )
     return max(lengths.values(), default=0)
 
 
-@dataclass(frozen=True)
-class _Clock:
-    """Times of a file or a sampling rate, Hz, and where the rate came from."""
+def _lengths_in_words(lengths: Mapping[str, int]) -> str:
+    """Channels by their length: ``1500 of t, 3 of a1, a2, a3 and 97 more``."""
+    by_length: dict[int, list[str]] = {}
+    for channel, length in lengths.items():
+        by_length.setdefault(length, []).append(channel)
 
-    time: np.ndarray | None
-    fs: float | None
-    origin: str = ""
-
-
-def _clock_of(table: Table, time: np.ndarray | None, fs: float | None) -> _Clock:
-    """The clock of a file: its time, a given rate, or the rate that it states."""
-    if time is not None:
-        is_text = time.dtype == object
-        return _Clock(_timestamps(table, time) if is_text else time, fs)
-    if fs is not None:
-        return _Clock(None, fs, "as given")
-    if table.fs is not None:
-        return _Clock(None, table.fs, "as stated in the file")
-    raise ChannelError(
-        f"{table.path} has no time column",
-        "Give the sampling rate, fs= (--fs, Hz), or map one: --map t=name.",
-    )
+    parts = []
+    for length, channels in by_length.items():
+        shown = ", ".join(channels[:MAX_CHANNELS_SHOWN])
+        hidden = len(channels) - MAX_CHANNELS_SHOWN
+        more = f" and {hidden} more" if hidden > 0 else ""
+        parts.append(f"{shown}{more} {length}")
+    return "; ".join(parts[:MAX_CHANNELS_SHOWN])
 
 
 def _record_of(
-    lines: Mapping[str, np.ndarray], clock: _Clock, name: str, coordinates: str
+    lines: Mapping[str, np.ndarray], clock: FileClock, name: str, coordinates: str
 ) -> Record:
     """Record of lines in SI units."""
-    channels = {c: line for c, line in lines.items() if dimension_of(c) and c != "t"}
+    channels = {c: line for c, line in lines.items() if dimension_of(c)}
     covariates = {c: line for c, line in lines.items() if dimension_of(c) is None}
-    return Record.from_channels(
+    record = Record.from_channels(
         channels,
         fs=clock.fs,
         time=clock.time,
@@ -508,59 +601,8 @@ def _record_of(
         name=name,
         coordinates=coordinates,
     )
-
-
-def _refuse_time_in_milliseconds(
-    record: Record, clock: _Clock, sources: Mapping[str, Source], table: Table
-) -> None:
-    """Refuse a time without a unit at which accelerations come far too slowly."""
-    time = clock.time
-    if time is None or clock.fs is not None or sources["t"].declared:
-        return
-    if record.fs >= SLOW or record.acceleration is None or time.dtype.kind not in "iuf":
-        return
-
-    unit = "ms" if 1e3 * record.fs >= SLOW else "us"
-    raise ChannelError(
-        f"{table.path}: accelerations at {record.fs:.3g} Hz say that the time is in"
-        f" {unit}, not in s",
-        f"Declare its unit: units={{'t': '{unit}'}}, --unit t={unit} (or --unit t=s).",
-    )
-
-
-def _clock_in_words(
-    record: Record, clock: _Clock, sources: Mapping[str, Source]
-) -> str:
-    """The sampling rate, where it came from, and how even the time is."""
-    if clock.time is None:
-        return f"{record.fs:g} Hz, {clock.origin}"
-
-    steps = np.diff(seconds_of(clock.time, record.name))
-    variation = 100 * float(np.abs(steps * record.fs - 1).max())
-    evenness = "even"
-    if variation >= EVEN_PERCENT:
-        evenness = f"steps vary by up to {variation:.2g} %"
-    return f"{record.fs:g} Hz, from the time {sources['t'].text!r}, {evenness}"
-
-
-def _timestamps(table: Table, values: np.ndarray) -> np.ndarray:
-    """Texts as time stamps, or as times of day."""
-    texts = pd.Series(values)
-    is_number = pd.to_numeric(texts, errors="coerce").notna().to_numpy()
-    if len(values) / 2 < is_number.sum() < len(values):  # a footer, or names again
-        row = int(np.argmin(is_number))
-        raise FileFormatError(
-            f"{table.path}: the time holds the text {values[row]!r} in data row"
-            f" {row + 1}",
-            "Remove this row; every row is one sample.",
-        )
-
-    try:
-        if _TIME_OF_DAY.fullmatch(str(values[0]).strip()):
-            return pd.to_timedelta(texts).to_numpy()
-        return pd.DatetimeIndex(pd.to_datetime(texts)).to_numpy()
-    except (ValueError, TypeError) as error:
-        raise FileFormatError(
-            f"{table.path}: the time {values[0]!r} is not understood",
-            "Give seconds, or timestamps like 2024-05-01T12:00:00.125.",
-        ) from error
+    if clock.start is not None:
+        record = record.starting_at(clock.start)
+    if record.acceleration is not None:
+        clock.refuse_slow_rate(record.fs)
+    return record.with_quality(clock.notes)

@@ -7,16 +7,24 @@ import numpy as np
 import pandas as pd
 
 from ..channels import finite_span
+from ..quality import messages
 from ..record import BASES, Record
-from .reading import Reading, Source
+from .file_clock import Source
+from .reading import Reading
 from .table import Table, short
-from .units import si_unit
+from .units import SI_OF_ROTATION, si_unit
 
 _KINDS = {
     "a": "absolute acceleration",
     "v": "velocity",
     "x": "displacement",
     "F": "force",
+}
+_KINDS_OF_ROTATION = {
+    "a": "absolute angular acceleration",
+    "v": "angular velocity",
+    "x": "angle",
+    "F": "torque",
 }
 MAX_VARIABLES_SHOWN = 40
 MAX_UNUSED_SHOWN = 12
@@ -67,12 +75,13 @@ def _describe_reading(reading: Reading) -> str:
         f"  read as {table.in_words}",
         f"  clock: {reading.clock}",
     ]
+    lines += [f"    {sentence}" for sentence in messages(record.quality)]
 
     # a force that is not in the file is not shown: it is known to be zero
     assumed = {f"F{j}" for j in range(1, record.n_dof + 1)} - set(reading.sources)
     channels = {c: line for c, line in record.channels().items() if c not in assumed}
     lines += _channel_lines(record, channels, reading.sources)
-    lines += _lines_on_use(record)
+    lines += _lines_on_use(record, reading.sources)
 
     if reading.unused:
         shown = ", ".join(reading.unused[:MAX_UNUSED_SHOWN])
@@ -103,9 +112,11 @@ def _channel_lines(
     return lines
 
 
-def _lines_on_use(record: Record) -> list[str]:
+def _lines_on_use(
+    record: Record, sources: dict[str, Source] | None = None
+) -> list[str]:
     """Which DOFs are forced, and which rows are not used."""
-    lines = [f"  {_forces(record)}"]
+    lines = [f"  {_forces(record, sources)}"]
     columns = record.channels()
     valid = finite_span(list(columns.values()), list(columns), record.name)
     n_lost = record.n_samples - (valid.stop - valid.start)
@@ -152,7 +163,7 @@ def _extent(values: np.ndarray) -> str:
 def summary(record: Record) -> dict[str, object]:
     """Summary of a record as plain data, for JSON."""
     channels = {
-        name: {"unit": si_unit(name), "rms": _rms(line), "peak": _peak(line)}
+        name: {"unit": unit_of(record, name), "rms": _rms(line), "peak": _peak(line)}
         for name, line in record.channels().items()
     }
     return {
@@ -182,7 +193,7 @@ def record_html(record: Record) -> str:
 def channel_table(record: Record) -> pd.DataFrame:
     """Quantity, unit, root mean square and peak of every channel."""
     rows = [
-        [name, kind_of(record, name), si_unit(name), _rms(line), _peak(line)]
+        [name, kind_of(record, name), unit_of(record, name), _rms(line), _peak(line)]
         for name, line in record.channels().items()
     ]
     return pd.DataFrame(rows, columns=["channel", "what", "unit", "rms", "peak"])
@@ -196,11 +207,17 @@ def kind_of(record: Record, name: str) -> str:
     if name[:1] not in _KINDS or not name[1:].isdigit():
         return "covariate"
 
-    kind = _KINDS[name[0]]
+    kind = (_KINDS_OF_ROTATION if record.rotates else _KINDS)[name[0]]
     if name[0] not in "vx":
         return kind
     is_relative = record.coordinates == "relative"
     return f"{kind} relative to base" if is_relative else f"{kind}, absolute"
+
+
+def unit_of(record: Record, name: str) -> str:
+    """SI unit of a channel of a record, whose motion may be a rotation."""
+    unit = si_unit(name)
+    return SI_OF_ROTATION[name[0]] if unit and record.rotates else unit
 
 
 def _rms(line: np.ndarray) -> float:
@@ -216,7 +233,7 @@ def _size(record: Record, name: str, line: np.ndarray) -> str:
     peak = _peak(line)
     if peak == 0:
         return "zero throughout"
-    unit = "" if name in record.covariates else f" {si_unit(name)}"
+    unit = "" if name in record.covariates else f" {unit_of(record, name)}"
     return f"rms {_rms(line):.4g}{unit}, peak {peak:.4g}{unit}"
 
 
@@ -230,19 +247,37 @@ def _origin(name: str, source: Source) -> str:
     return f"   <- {' '.join(parts)}" if parts else ""
 
 
-def _forces(record: Record) -> str:
-    """Which DOFs are forced, unforced and unknown, and whether the base moves."""
+def _forces(record: Record, sources: dict[str, Source] | None = None) -> str:
+    """Which DOFs are forced, unforced and unknown, and whether the base moves.
+
+    With the sources of a file: what it does not hold is said to be taken as zero.
+    """
     forced, unknown = record.forced, record.unknown
     others = set(range(1, record.n_dof + 1)).difference(forced, unknown)
+    without_column: set[int] = set()
+    if sources is not None:
+        without_column = {j for j in others if f"F{j}" not in sources}
+
     parts = ["no force is measured"]
     if forced:
         parts = [f"forced: {_dofs(forced)}"]
-    if others:
-        parts.append(f"known to be unforced: {_dofs(sorted(others))}")
+    if others - without_column:
+        parts.append(f"known to be unforced: {_dofs(sorted(others - without_column))}")
+    if without_column:
+        dofs = _dofs(sorted(without_column))
+        parts.append(f"no column is a force on {dofs}, taken as unforced")
     if unknown:
         parts.append(f"force unknown: {_dofs(unknown)}")
-    parts.append("the base moves" if record.base_moves else "the base is at rest")
+    parts.append(_motion_of_base(record, sources))
     return "; ".join(parts)
+
+
+def _motion_of_base(record: Record, sources: dict[str, Source] | None) -> str:
+    if record.base_moves:
+        return "the base moves"
+    if sources is None or any(channel in sources for channel in BASES.values()):
+        return "the base is at rest"
+    return "no column is a motion of the base, taken at rest"
 
 
 def _dofs(numbers: Sequence[int]) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from ...exceptions import FileFormatError, NRFError
 from .attributes import Attributes
@@ -15,6 +16,30 @@ from .attributes import Attributes
 MAX_BYTES = 4_000_000_000  # larger files are refused; a record of a test is far below
 MAX_NAMES_SHOWN = 20
 MAX_NAME_LENGTH = 80  # characters of a name in a message
+
+
+@dataclass(frozen=True)
+class Clock:
+    """An even clock of one variable.
+
+    Parameters
+    ----------
+    fs : float
+        Sampling rate, Hz.
+    start : float
+        Time of the first sample, s: from the origin, else on a clock that all variables
+        share.
+    origin : numpy.datetime64, optional
+        A time of day from which the start counts.
+    """
+
+    fs: float
+    start: float = 0.0
+    origin: np.datetime64 | None = None
+
+    def end(self, n_samples: int) -> float:
+        """Time of the last sample, s."""
+        return self.start + (n_samples - 1) / self.fs
 
 
 @dataclass(frozen=True)
@@ -38,6 +63,11 @@ class Table:
         Sampling rate, Hz, where the file states one and has no time.
     decimal : str
         Decimal mark of columns that are still text.
+    clocks : dict of str to Clock
+        By variable, where the file states rates and starts.
+    files : tuple of str
+        Names of the files of one test, without their ends; variables are called
+        ``file.variable``. Empty for one file.
     """
 
     path: Path
@@ -48,6 +78,13 @@ class Table:
     attributes: Attributes | None = None
     fs: float | None = None
     decimal: str = "."
+    clocks: dict[str, Clock] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
+
+    def file_of(self, variable: str) -> str:
+        """The file of a variable, among those of one test."""
+        matching = [stem for stem in self.files if variable.startswith(f"{stem}.")]
+        return max(matching, key=len, default="")
 
     @property
     def in_words(self) -> str:
@@ -139,6 +176,30 @@ def reading_as(path: Path, kind: str) -> Iterator[None]:
         raise unreadable(path, kind, error) from error
 
 
+def without_empty_rows(
+    frame: pd.DataFrame, has_time: bool
+) -> tuple[pd.DataFrame, list[str]]:
+    """A table without rows in which every cell is empty, and a note on them.
+
+    Empty rows between others are kept where no time would show that samples are missing
+    there.
+    """
+    is_empty = frame.isna().all(axis=1).to_numpy()
+    filled = np.flatnonzero(~is_empty)
+    if not is_empty.any() or not filled.size:
+        return frame, []
+
+    inside = slice(filled[0], filled[-1] + 1)
+    kept = frame.iloc[inside]
+    if has_time:
+        kept = kept[~is_empty[inside]]
+    n_dropped = len(frame) - len(kept)
+    if not n_dropped:
+        return frame, []
+    rows = "row" if n_dropped == 1 else "rows"
+    return kept.infer_objects(), [f"{n_dropped} empty {rows} left out"]
+
+
 def two_columns_of_one_name(path: Path, name: str) -> FileFormatError:
-    """Error for a table whose columns cannot be told apart."""
+    """Error for a table whose columns cannot be distinguished."""
     return FileFormatError(f"{path} has two columns named {name!r}", "Rename one.")

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
+from ...common.files import atomic_write
 from ...exceptions import FileFormatError
+from ..clock import rate_of
 from .formats import format_of
-from .table import MAX_BYTES, Table, check_file
-from .units import si_factor
+from .table import MAX_BYTES, Clock, Table, check_file, check_size, reading_as
 
 AnyPath = str | PathLike[str]
 
@@ -26,9 +34,11 @@ def read_table(
     ----------
     path : path-like or sequence of path-like
         CSV and other delimited text (``.csv .txt .tsv .dat .asc``), Parquet (``.parquet
-        .pq``), Excel (``.xlsx``), TDMS (``.tdms``), MATLAB v5 and v7.3 (``.mat``), HDF5
-        (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF 58 (``.uff .unv``) or strong motion
-        (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``, or ``.txt`` that starts as one).
+        .pq``), Excel (``.xlsx``), TDMS (``.tdms``), LabVIEW measurement (``.lvm``),
+        MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy (``.npz .npy``), UFF
+        58 (``.uff .unv``), strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1 .v1c``),
+        PEER (``.at2 .vt2 .dt2``), K-NET and KiK-net (``.ew .ns .ud``, ``.ew1`` ..) or
+        SMC (``.smc``); each compressed, too (``.csv.gz``, ``.bz2``, ``.xz``).
         Several files are channels of one test: their variables are called
         ``<file>.<variable>``.
     max_bytes : int
@@ -64,7 +74,10 @@ def read_table(
 
     file = Path(path)
     check_file(file, max_bytes)
-    table = format_of(file).read(file, max_bytes)
+    with unpacked(file, max_bytes) as plain:
+        table = _with_stated_rate(format_of(plain).read(plain, max_bytes))
+    if plain != file:
+        table = replace(table, path=file.with_suffix(""))
     if all(values.size <= 1 for values in table.variables.values()):
         raise FileFormatError(
             f"{file} holds no channel of numbers",
@@ -73,37 +86,65 @@ def read_table(
     return table
 
 
+_OPENERS: dict[str, Any] = {".gz": gzip.open, ".bz2": bz2.open, ".xz": lzma.open}
+PIECE_BYTES = 1 << 20  # that are unpacked at once
+
+
+@contextmanager
+def unpacked(path: Path, max_bytes: int) -> Iterator[Path]:
+    """The path itself, or a temporary copy of a compressed file (``.csv.gz``)."""
+    opener = _OPENERS.get(path.suffix.lower())
+    if opener is None:
+        yield path
+        return
+
+    with TemporaryDirectory() as folder:
+        plain = Path(folder, path.stem)
+        size = 0
+        with reading_as(path, "a compressed file"):
+            with opener(path, "rb") as packed, atomic_write(plain, "wb") as file:
+                while piece := packed.read(PIECE_BYTES):
+                    size += len(piece)
+                    check_size(path, size, max_bytes)
+                    file.write(piece)
+        yield plain
+
+
 def _join(tables: Sequence[Table]) -> Table:
     """One table of the channels of one test in several files."""
-    _require_different_files(tables)
-    first = tables[0]
-    fs = _common_rate(tables)
-
+    names = _names_of_files(tables)
     variables: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
+    clocks: dict[str, Clock] = {}
     notes: list[str] = []
-    for table in tables:
-        stem = table.path.stem
+    for stem, table in zip(names, tables):
         variables |= {f"{stem}.{name}": line for name, line in table.variables.items()}
         units |= {f"{stem}.{name}": unit for name, unit in table.units.items()}
+        clocks |= {f"{stem}.{name}": clock for name, clock in _stated_clocks(table)}
         notes += [f"{stem}: {note}" for note in table.notes]
-
-    if all("t" in table.variables for table in tables):
-        _require_one_time(tables)
-        variables["t"] = first.variables["t"]
-        if "t" in first.units:
-            units["t"] = first.units["t"]
 
     kinds = ", ".join(dict.fromkeys(table.kind for table in tables))
     return Table(
-        first.path,
+        tables[0].path,
         f"{kinds} ({len(tables)} files)",
         variables,
         units,
         tuple(notes),
-        fs=fs,
+        fs=_common_rate(tables),
         decimal=_decimal_mark(tables),
+        clocks=clocks,
+        files=tuple(names),
     )
+
+
+def _stated_clocks(table: Table) -> Iterator[tuple[str, Clock]]:
+    """Variables of a file with the clocks that it states."""
+    for name, values in table.variables.items():
+        clock = table.clocks.get(name)
+        if clock is not None:
+            yield name, clock
+        elif table.fs is not None and values.ndim:
+            yield name, Clock(table.fs)
 
 
 def _decimal_mark(tables: Sequence[Table]) -> str:
@@ -111,43 +152,59 @@ def _decimal_mark(tables: Sequence[Table]) -> str:
     return "," if any(table.decimal == "," for table in tables) else "."
 
 
-def _require_different_files(tables: Sequence[Table]) -> None:
-    """Refuse no file, and two of one name, since variables are called after it."""
+def _names_of_files(tables: Sequence[Table]) -> list[str]:
+    """Names of files without their ends; with them where they differ in the end alone.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no file, or two have one name.
+    """
     if not tables:
         raise FileFormatError("No file was given", "Name at least one.")
-    for stem, count in Counter(table.path.stem for table in tables).items():
+    stems = [table.path.stem for table in tables]
+    names = [
+        table.path.name.replace(".", "_") if stems.count(stem) > 1 else stem
+        for stem, table in zip(stems, tables)
+    ]
+    for name, count in Counter(names).items():
         if count > 1:
             raise FileFormatError(
-                f"Two files are called {stem!r}",
+                f"Two files are called {stems[names.index(name)]!r}",
                 "Rename one: variables are named after their file.",
             )
+    return names
 
 
 def _common_rate(tables: Sequence[Table]) -> float | None:
-    """The sampling rate, Hz, that the files state; None if none does."""
-    rates = {table.path.name: table.fs for table in tables if table.fs is not None}
-    if len(set(rates.values())) > 1:
-        shown = ", ".join(f"{name} {fs:g} Hz" for name, fs in rates.items())
-        raise FileFormatError(
-            f"The files are sampled differently: {shown}", "Resample them to one clock."
-        )
-    return next(iter(rates.values()), None)
+    """The sampling rate, Hz, that all files state; None if there is not one."""
+    rates = {table.fs for table in tables}
+    return rates.pop() if len(rates) == 1 else None
 
 
-def _require_one_time(tables: Sequence[Table]) -> None:
-    """Refuse files whose times differ, or have different units."""
-    first = tables[0]
-    for table in tables[1:]:
-        if not np.array_equal(table.variables["t"], first.variables["t"]):
-            raise FileFormatError(
-                f"The times of the files {first.path.stem!r} and {table.path.stem!r}"
-                " differ",
-                "Resample them to one clock.",
-            )
+# Names by which a number beside arrays is their sampling rate, Hz, or step, s.
+_RATE_NAMES = ("fs", "samplerate", "samplingrate", "samplingfrequency", "samplefreq")
+_STEP_NAMES = ("dt", "deltat", "ts", "timestep", "samplinginterval")
 
-    units = {table.units.get("t", "s") for table in tables}
-    if len({si_factor(unit, "t") for unit in units}) > 1:
-        raise FileFormatError(
-            f"The times of the files have different units: {', '.join(sorted(units))}",
-            "Export them in one unit.",
-        )
+
+def _with_stated_rate(table: Table) -> Table:
+    """The table with the sampling rate that a number of the file states."""
+    if table.fs is not None or table.clocks or table.attributes is not None:
+        return table
+
+    rates = {}
+    for name, values in table.variables.items():
+        plain = name.rpartition(".")[2].lower().replace("_", "")
+        if values.size != 1 or values.dtype.kind not in "iuf":
+            continue
+        number = float(values.reshape(()))
+        if plain in _STEP_NAMES and number > 0:
+            rates[name] = rate_of(number)
+        elif plain in _RATE_NAMES and number > 0:
+            rates[name] = number
+
+    if len(set(rates.values())) != 1:
+        return table
+    name, rate = next(iter(rates.items()))
+    note = f"the number {name!r} is its sampling rate, {rate:g} Hz"
+    return replace(table, fs=rate, notes=(*table.notes, note))

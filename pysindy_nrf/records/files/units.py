@@ -31,9 +31,27 @@ class Quantity:
     jargon: dict[str, str] = field(default_factory=dict)
 
 
+# Angles, by which a unit measures a rotation, and torques as engineers write them.
+_ANGLES = {
+    *("rad", "mrad", "radian", "radians", "deg", "degree", "degrees", "°"),
+    *("rev", "revs", "revolution", "turn", "rpm"),
+}
+_TORQUES = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "Nmm": "N*mm", "Ncm": "N*cm"}
+SI_OF_ROTATION = {"x": "rad", "v": "rad/s", "a": "rad/s^2", "F": "N m"}
+_DIMENSION_OF_ROTATION = {
+    "x": "[]",
+    "v": "1 / [time]",
+    "a": "1 / [time] ** 2",
+    "F": "[force] * [length]",
+}
+
 QUANTITIES = {
     "x": Quantity(
-        "length", "a displacement", "m", "m, mm, in", {"mil": "thou", "mils": "thou"}
+        "length",
+        "a displacement",
+        "m",
+        "m, mm, in",
+        {"mil": "thou", "mils": "thou", "zoll": "inch", "Zoll": "inch"},
     ),
     "v": Quantity("velocity", "a velocity", "m/s", "m/s, mm/s, in/s"),
     "a": Quantity(
@@ -43,7 +61,12 @@ QUANTITIES = {
         "m/s^2, g, cm/s^2",
         {
             "g": "standard_gravity",
+            "gs": "standard_gravity",
+            "g's": "standard_gravity",
+            "G's": "standard_gravity",
+            "gn": "standard_gravity",
             "mg": "millistandard_gravity",
+            "µg": "microstandard_gravity",
             "gal": "galileo",
             "gals": "galileo",
         },
@@ -56,6 +79,8 @@ QUANTITIES = {
         {
             "lb": "lbf",
             "lbs": "lbf",
+            "pounds": "lbf",
+            "klb": "kip",
             "kp": "kgf",
             "n": "N",
             "kn": "kN",
@@ -68,7 +93,7 @@ QUANTITIES = {
 _OTHER_DIMENSIONS = {
     "mass": "[mass]",
     "a frequency": "[frequency]",
-    "energy": "[energy]",
+    "energy or a torque": "[energy]",
     "a pressure": "[pressure]",
     "a stiffness": "[force] / [length]",
     "a number or an angle": "[]",
@@ -113,6 +138,10 @@ def si_factor(unit: str, channel: str) -> float:
     if text == quantity.si:
         return 1.0
 
+    of_rotation = rotation_factor(unit, channel)
+    if of_rotation is not None:
+        return of_rotation
+
     known = [m for m in map(_measured, _readings(text, quantity)) if m is not None]
     for measured in known:
         if measured.check(f"[{quantity.name}]"):
@@ -128,6 +157,24 @@ def si_factor(unit: str, channel: str) -> float:
         f"The unit {unit!r} of channel {channel} is unknown",
         f"Write e.g. {quantity.examples}, or scale the channel: name * number.",
     )
+
+
+def rotation_factor(unit: str, channel: str) -> float | None:
+    """Factor to rad, rad/s, rad/s^2 or N m; None for a unit that is of no rotation."""
+    letter = channel[:1]
+    text = _one_spelling(unit)
+    text = _TORQUES.get(text, text).replace("°", "deg").replace("-", "*")
+    factors = _factors(text)
+    if factors is None or letter not in SI_OF_ROTATION:
+        return None
+
+    names = {name for name, _ in factors}
+    is_of_angle = letter != "F" and factors[0][0] in _ANGLES
+    is_product = letter == "F" and len(names) == 2 and "/" not in text
+    measured = _measured(text) if is_of_angle or is_product else None
+    if measured is None or not measured.check(_DIMENSION_OF_ROTATION[letter]):
+        return None
+    return float(f"{measured.magnitude:.15g}")
 
 
 def _dimension_in_words(text: str, measured: PlainQuantity[float]) -> str:
@@ -155,6 +202,9 @@ def kind_of_unit(unit: str | None) -> str | None:
     # sorted: "mn" is a millinewton before it is anything else
     for letter, quantity in sorted(QUANTITIES.items()):
         if text == quantity.si or _measures(text, quantity):
+            return letter
+    for letter in SI_OF_ROTATION:
+        if rotation_factor(text, letter) is not None:
             return letter
     return None
 
@@ -220,23 +270,54 @@ def split_unit(column: str) -> tuple[str, str | None]:
     return name, text[opening + 1 : -1].strip() or None
 
 
-_SPELLINGS = {"⁻¹": "^-1", "⁻²": "^-2", "²": "^2", "·": "*", "**": "^", "μ": "µ"}
+_SPELLINGS = {"·": "*", "⋅": "*", "×": "*", "**": "^", "μ": "µ", "’": "'"}
+_RAISED = str.maketrans("⁻⁺¹²³⁴", "-+1234")
+# Units of Russian files: millimetre, metre, second, newton.
+_CYRILLIC = str.maketrans("мсНкг", "msNkg")
+_PER_SECOND = re.compile(r"(mm|cm|m|in|i|ft|f)ps(?:\^?(2))?")
 
 
 def _one_spelling(unit: str) -> str:
     """One spelling of powers, products and brackets; SI as ``m/s^2``."""
-    text = unit.strip().strip("[]()").strip()
+    text = _without_brackets(unit.strip())
     if len(text) > 2 * MAX_UNIT_LENGTH:
         return text
 
+    text = re.sub(
+        r"\^?([⁻⁺¹²³⁴]+)", lambda match: "^" + match[1].translate(_RAISED), text
+    )
     for old, new in _SPELLINGS.items():
         text = text.replace(old, new)
+    if re.search("[мсН]", text):
+        text = text.translate(_CYRILLIC)
     text = re.sub(r"\s*([*/^])\s*", r"\1", text)
-    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s|m/\(s\^2\)", text):
+    text = _without_points(text)
+    text = re.sub(r"/\((\w+\^?\d?)\)", r"/\1", text)
+
+    if re.fullmatch(r"m\*?\s*s\^?-2|m/s2|m/s/s", text):
         return "m/s^2"
     if re.fullmatch(r"m\*?\s*s\^?-1", text):
         return "m/s"
+    return _PER_SECOND.sub(_quotient, text) if _PER_SECOND.fullmatch(text) else text
+
+
+def _without_brackets(text: str) -> str:
+    """A unit without the brackets around it."""
+    while text[:1] in ("[", "(") and text[-1:] in ("]", ")"):
+        text = text[1:-1].strip()
     return text
+
+
+def _without_points(text: str) -> str:
+    """A unit whose points are products, ``m.s-2``, or end an abbreviation, ``mm.``."""
+    text = re.sub(r"(?<=[A-Za-zµ\d])\.(?=[A-Za-zµ])", "*", text)
+    return re.sub(r"(?<=[A-Za-z])\.(?=$|/)|(?<=[A-Za-z]\d)\.$", "", text)
+
+
+def _quotient(match: re.Match) -> str:
+    """``mps2`` as ``m/s^2``, ``ips`` as ``in/s``."""
+    length = {"i": "in", "f": "ft"}.get(match[1], match[1])
+    return f"{length}/s^2" if match[2] else f"{length}/s"
 
 
 def _readings(text: str, quantity: Quantity) -> Iterator[str]:

@@ -260,7 +260,7 @@ def choose_band(tables: Sequence[ChannelTable], settings: FusionSettings) -> Ban
 
     warn_user(
         f"DOF {', '.join(map(str, sorted(accelerated)))}: only the acceleration is"
-        f" measured, which tells the displacement above about {max(edges):.3g} Hz."
+        f" measured, which determines the displacement above about {max(edges):.3g} Hz."
         " Force and response are taken from there up; give band=(lo, hi) to choose"
         " yourself.",
         DataQualityWarning,

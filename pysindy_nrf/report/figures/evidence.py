@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
+from ...chain.restoring_force import RestoringForce
 from ...diagnosis.effects import plain_name
+from ...diagnosis.site_loops import SiteLoop
+from ...drawing.figure import (
+    CYCLE,
+    Axis,
+    Bars,
+    Figure,
+    Line,
+    Mark,
+    Table,
+    dof_words,
+    rms,
+    table,
+)
 from ..results import Characterisation, Detection, Evidence, Loop, NoiseFloor
-from .figure import CYCLE, Axis, Bars, Figure, Line, Mark, dof_words, table
 
 # Word and unit of the variables over which the mean of a missing force is drawn.
 _VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}
@@ -171,7 +184,7 @@ def _detection_figure(detection: Detection) -> Figure | None:
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Sites that no balance tells apart, and the row of the first of them."""
+    """Sites that no balance distinguishes, and the row of the first of them."""
 
     sites: list[str]
     row: pd.Series
@@ -190,7 +203,7 @@ class _Pattern:
 def localisation_figure(sites: pd.DataFrame, chosen: str = "") -> Figure | None:
     """Share of the residual that a force at each site explains.
 
-    Sites that no balance tells apart share a bar.
+    Sites that no balance distinguishes share a bar.
 
     Parameters
     ----------
@@ -253,7 +266,7 @@ def localisation_figure(sites: pd.DataFrame, chosen: str = "") -> Figure | None:
 
 
 def _patterns_of(sites: pd.DataFrame) -> list[_Pattern]:
-    """Groups of sites that no balance tells apart, best first."""
+    """Groups of sites that no balance distinguishes, best first."""
     patterns = []
     for _, rows in sites.groupby("pattern", sort=False):
         patterns.append(_Pattern(list(rows.index), rows.iloc[0]))
@@ -390,3 +403,82 @@ def before_after_figure(report: Loop) -> Figure:
         wide=True,
         height=280,
     )
+
+
+# -- the missing force, and the law found --------------------------------------
+
+
+def missing_force_figures(
+    force: RestoringForce, loop: SiteLoop, found: Collection[str]
+) -> list[Figure]:
+    """The force that the declared laws lack at a site, with the found law over it.
+
+    Over drift and over rate. Empty where the force was not measured, or where declared
+    laws are not linear: their parts can then not be separated along filtered lines.
+
+    Parameters
+    ----------
+    force : RestoringForce
+        Of the final model.
+    loop : SiteLoop
+        Forces along the data.
+    found : collection of str
+        Names of the laws that the loop added there.
+    """
+    declared = [law for law in force.laws if law.name not in found]
+    linear = RestoringForce(force.site, declared)
+    if loop.measured is None or len(declared) == len(force.laws):
+        return []
+    if not set(linear.coefficients.index) <= {"v", "s"}:
+        return []
+
+    c, k = linear.linear_part()[["c", "k"]]
+    carried = c * loop.v + k * loop.s
+    missing, law = loop.measured - carried, loop.identified - carried
+    figures = []
+    for variable, values in (("s", loop.s), ("v", loop.v)):
+        figures.append(_law_over_missing(loop, variable, values, missing, law))
+    return figures
+
+
+def _law_over_missing(
+    loop: SiteLoop,
+    variable: str,
+    values: np.ndarray,
+    missing: np.ndarray,
+    law: np.ndarray,
+) -> Figure:
+    """The missing force over one variable."""
+    word, unit = _VARIABLES[variable]
+    size = rms(missing)
+    share = 100.0 * rms(missing - law) / size if size > 0 else 0.0
+    return Figure(
+        f"The missing force at {loop.site} and the law found, over the {word[:-2]}",
+        [
+            Line(values, missing, "missing: measured less declared", "orange", 3.0),
+            Line(values, law, "the law found", "blue", 1.2),
+        ],
+        Axis(word, unit),
+        Axis("force", "N", zero=True),
+        alt=(
+            f"Force missing at {loop.site}, {size:.3g} N rms, over the {word[:-2]}; the"
+            f" law found leaves {share:.2g} percent of it."
+        ),
+        caption=(
+            "Orange: the measured force less the declared laws. Blue: the law that was"
+            f" found. It leaves {share:.2g} % of the missing force."
+        ),
+        legend="above",
+        size=(4.2, 3.2),
+        height=300,
+        table=_table_of_missing(loop.site, missing, law),
+    )
+
+
+def _table_of_missing(site: str, missing: np.ndarray, law: np.ndarray) -> Table:
+    """Sizes of a missing force, of the law found, and of what it leaves."""
+    rows: list[list[object]] = []
+    forces = {"missing": missing, "the law found": law, "left": missing - law}
+    for name, force in forces.items():
+        rows.append([name, rms(force), float(np.abs(force).max())])
+    return Table(f"The missing force at {site}", ["force", "rms (N)", "peak (N)"], rows)

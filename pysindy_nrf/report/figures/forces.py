@@ -12,8 +12,18 @@ from numpy.typing import ArrayLike
 from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
 from ...diagnosis.site_loops import SiteLoop
+from ...drawing.figure import (
+    CYCLE,
+    DASHES,
+    Axis,
+    Figure,
+    Line,
+    Mark,
+    Surface,
+    Table,
+    rms,
+)
 from ...exceptions import NRFError
-from .figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Surface, Table, rms
 
 _TURN = "Drag to turn, or use the arrow keys."
 # Points along each side of a surface on the page, and the share by which it goes beyond
@@ -155,7 +165,7 @@ def force_figure(
     None where it is no surface and there are no data.
     """
     is_surface = not model.restoring_forces[site].has_memory
-    why = "The force depends on the path, so it is no surface"
+    why = "The force depends on the path, so it has no surface"
     if is_surface and site in model.visited:
         try:
             grid = model.surface(site, GRID_SIZE, margin=GRID_MARGIN)

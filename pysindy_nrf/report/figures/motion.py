@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
+from ...chain.frequency_response import transfer
+from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
 from ...diagnosis.free_run import FreeRuns
-from .figure import CYCLE, DASHES, Axis, Figure, Line, Map, Mark, Table
+from ...drawing.figure import CYCLE, DASHES, Axis, Figure, Line, Map, Mark, Table
+from ...records.channels import finite_span
+from ...records.figures import driving_and_answering
+from ...records.record import Record
+from ...records.spectra import spectra_of
+from ..words import Band
 
 # Cycles of a free run that are drawn, about the largest motion.
 DRAWN_CYCLES = 25
@@ -26,47 +34,61 @@ def below(dof: int, label: str, unit: str) -> Axis:
     return Axis(label, unit) if dof == 1 else Axis()
 
 
-def free_run_figure(runs: FreeRuns | None) -> list[Figure]:
-    """The first free run over the measurement, at the DOF that moves most.
+def free_run_figures(runs: FreeRuns | None) -> list[Figure]:
+    """The first free run over the measurement, with its error below.
 
-    Empty without a run.
+    One figure a DOF; the DOF that moves most comes first. Empty without a run.
     """
     if runs is None or not runs.runs:
         return []
     segment, run = runs.runs[0]
-    errors = runs.table.iloc[0]
     measured = np.cumsum(segment.s[segment.valid], axis=1)
     largest = np.abs(measured).max(axis=0)
-    j = int(np.argmax(largest))
-    rows = _rows_about_the_largest(measured[:, j])
+    in_order = np.argsort(-largest, kind="stable")
+    return [_free_run_of(int(j), runs, measured, run) for j in in_order]
 
-    bound = CUT_OFF * largest[j]
+
+def _free_run_of(j: int, runs: FreeRuns, measured: np.ndarray, run: Record) -> Figure:
+    """The free run at one DOF, whose column is j."""
+    errors = runs.table.iloc[0]
+    rows = _rows_about_the_largest(measured[:, j])
+    bound = CUT_OFF * np.abs(measured[:, j]).max()
     free = np.clip(np.asarray(run.displacement)[rows, j], -bound, bound)
+    time, motion = run.time[rows], measured[rows, j]
+
     alone = f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)"
     by_dof = [f"{name} {error:.3g} %" for name, error in errors.items()]
-    figure = Figure(
+    error = Figure(
+        f"Error of the free run, DOF {j + 1}",
+        [Line(time, free - motion, "model less measured", "red", 0.9)],
+        Axis("time", "s"),
+        Axis(f"error of x_{{{j + 1}}}", "m", zero=True),
+        size=(8.0, 1.8),
+        height=150,
+    )
+    return Figure(
         f"Free run: the model alone under the measured force, DOF {j + 1}",
         [
-            Line(run.time[rows], measured[rows, j], "measured", "orange", 3.4),
-            Line(run.time[rows], free, alone, "blue", 1.1),
+            Line(time, motion, "measured", "orange", 3.4),
+            Line(time, free, alone, "blue", 1.1),
         ],
-        Axis("time", "s"),
+        Axis(),
         Axis(f"x_{{{j + 1}}}", "m"),
         alt=f"Free-run error over the record, percent NRMSE: {', '.join(by_dof)}.",
         wide=True,
         caption=(
             f"Error over the whole record: {', '.join(by_dof)}. Drawn about the largest"
-            " motion."
+            " motion; the error stands below."
         ),
-        size=(8.0, 3.0),
-        height=320,
+        size=(8.0, 2.6),
+        height=230,
+        below=(error,),
         table=Table(
             "Free-run error, percent NRMSE",
             ["DOF", "error (%)"],
             [list(pair) for pair in errors.items()],
         ),
     )
-    return [figure]
 
 
 def _rows_about_the_largest(x: np.ndarray) -> slice:
@@ -106,6 +128,116 @@ def response_figures(
         )
         figures.append(figure)
     return figures
+
+
+def measured_response_figure(
+    record: Record, model: ChainModel, band: Band = None
+) -> Figure | None:
+    """Measured frequency responses of a record, and those of a model's linear part.
+
+    Parameters
+    ----------
+    record : Record
+    model : ChainModel
+    band : (float or None, float or None), optional
+        Hz; all that is in it is drawn.
+
+    Returns
+    -------
+    Figure or None
+        None without a clock, or where forces and a moving base drive together.
+    """
+    drive, answers = _drive_and_answers(record)
+    if not record.has_clock or drive is None or not answers:
+        return None
+    name, column = drive
+    inputs, outputs = _columns(record, [name]), _columns(record, answers)
+    rows = finite_span([*inputs.T, *outputs.T], [name, *answers], record.name)
+    spectra = spectra_of(inputs[rows], outputs[rows], record.fs)
+    low, high = band or (None, None)
+    shown = (spectra.f > (low or 0.0)) & (spectra.f < (high or 0.5 * record.fs))
+    f = spectra.f[shown]
+    measured = np.abs(spectra.responses[shown, :, 0])
+    modelled = np.abs(transfer(model.matrices(), f, answers)[:, :, column])
+    return _stacked_responses(record, name, answers, (f, measured, modelled))
+
+
+def _drive_and_answers(
+    record: Record,
+) -> tuple[tuple[str, int] | None, list[str]]:
+    """What alone drives a record with its column among responses, and what answers."""
+    inputs, outputs = driving_and_answering(record)
+    answers = list(outputs)
+    if record.base_moves:
+        # displacements may be those seen from outside
+        answers = [name for name in answers if name[0] == "a"]
+    if list(inputs) == ["ag"]:
+        return ("ag", -1), answers
+    if record.base_moves or len(inputs) != 1:
+        return None, answers
+    (name,) = inputs
+    return (name, int(name[1:]) - 1), answers
+
+
+def _columns(record: Record, names: Sequence[str]) -> np.ndarray:
+    """Channels as columns."""
+    channels = record.channels()
+    return np.column_stack([channels[name].astype(float) for name in names])
+
+
+def _stacked_responses(
+    record: Record,
+    drive: str,
+    answers: Sequence[str],
+    lines: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> Figure:
+    """Responses of all floors below each other, the uppermost first."""
+    f, measured, modelled = lines
+    panels: list[Figure] = []
+    for k in reversed(range(len(answers))):
+        is_lowest = k == 0
+        label = "" if panels else "measured"
+        panels.append(
+            Figure(
+                answers[k],
+                [
+                    Line(f, measured[:, k], label, "orange", 2.6),
+                    Line(f, modelled[:, k], label and "model", "blue", 1.1),
+                ],
+                Axis("frequency", "Hz") if is_lowest else Axis(),
+                Axis(f"|{answers[k]}/{drive}|", log=True),
+                size=(6.5, 1.8),
+                height=130,
+            )
+        )
+    return replace(
+        panels[0],
+        title=f"Frequency responses to {drive}, {record.name}",
+        alt=f"Measured and modelled responses of {', '.join(answers)} to {drive}.",
+        caption=(
+            "Measured (Welch's averages) and of the linear part of the model, in SI"
+            " units. Nonlinear forces move and blunt the measured peaks."
+        ),
+        wide=len(panels) > 2,
+        table=_table_of_peaks(answers, lines),
+        below=tuple(panels[1:]),
+    )
+
+
+def _table_of_peaks(
+    answers: Sequence[str], lines: tuple[np.ndarray, np.ndarray, np.ndarray]
+) -> Table:
+    """The largest response of each floor, measured and modelled."""
+    f, measured, modelled = lines
+    rows: list[list[object]] = []
+    for k, name in enumerate(answers):
+        row: list[object] = [name]
+        for response in (measured[:, k], modelled[:, k]):
+            peak = int(np.argmax(response))
+            row += [float(f[peak]), float(response[peak])]
+        rows.append(row)
+    head = ["channel", "measured at (Hz)", "peak", "model at (Hz)", "peak of the model"]
+    return Table("Largest responses", head, rows)
 
 
 def modes_figure(modes: pd.DataFrame) -> Figure:
@@ -221,4 +353,16 @@ def change_figure(
     )
     index = index_of(site)
     x, y = Axis(f"drift s_{{{index}}}", "m"), Axis(f"rate v_{{{index}}}", "m/s")
-    return Figure(f"Change of the force of {site}", [mark], x, y, heading=str(site))
+    largest_change = float(np.nan_to_num(np.abs(change)).max())
+    return Figure(
+        f"Change of the force of {site}",
+        [mark],
+        x,
+        y,
+        alt=(
+            f"Change of the force of {site} over drift and rate; the largest is"
+            f" {largest_change:.3g} N."
+        ),
+        caption="On the page only what is significant is coloured.",
+        heading=str(site),
+    )

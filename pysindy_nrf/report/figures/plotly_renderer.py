@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TypedDict
+from typing import TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .figure import Axis, Bars, Figure, Line, Surface
+from ...drawing.figure import Axis, Bars, Figure, Line, Map, Surface
 
 _INK, _MUTED = "var(--ink)", "var(--muted)"
 _MARKERS = {"|": "line-ns-open", "ring": "circle-open", "s": "square"}
@@ -34,6 +34,10 @@ DIGITS, DIGITS_OF_SURFACES = 4, 3
 # Pixels of a lying bar, and of what stands around the bars, with and without a legend.
 LYING_BAR = 26
 AROUND_BARS, AROUND_NAMED_BARS = 66, 92
+# Points from which on an even abscissa is not written point by point.
+LONG_LINE = 100
+# Part of the height between two axes that stand below each other.
+PANEL_GAP = 0.03
 # Share of the range at its ends in which no tick of an axis in space stands, and the
 # most ticks.
 FREE_END, MAX_TICKS = 0.12, 5
@@ -70,11 +74,40 @@ def as_plotly(figure: Figure) -> Plot:
         titles.append(plain(label))
     if figure.z is not None:
         return {"data": data, "layout": _layout_in_space(titles, data, figure.height)}
-    return {"data": data, "layout": _layout_in_plane(titles, figure)}
+    plot: Plot = {"data": data, "layout": _layout_in_plane(titles, figure)}
+    return _with_panels_below(plot, figure) if figure.below else plot
+
+
+def _with_panels_below(plot: Plot, figure: Figure) -> Plot:
+    """A plot with the figures below it, on the same abscissa."""
+    data, layout = list(plot["data"]), dict(plot["layout"])
+    bottoms, tops = _stacked_domains(len(figure.panels))
+    upright = cast(Spec, layout["yaxis"])
+    layout["yaxis"] = upright | {"domain": [bottoms[0], tops[0]]}
+    for number, panel in enumerate(figure.below, 2):
+        further = as_plotly(panel)
+        data += [trace | {"yaxis": f"y{number}"} for trace in further["data"]]
+        upright = cast(Spec, further["layout"]["yaxis"])
+        domain = [bottoms[number - 1], tops[number - 1]]
+        layout[f"yaxis{number}"] = upright | {"domain": domain}
+
+    lowest = cast(Spec, further["layout"]["xaxis"])
+    clock: Spec = {"title": lowest["title"], "anchor": f"y{number}"}
+    layout["xaxis"] = cast(Spec, layout["xaxis"]) | clock
+    layout["showlegend"] = any(panel.named for panel in figure.panels)
+    layout["height"] = sum(panel.height for panel in figure.panels)
+    return {"data": data, "layout": layout}
+
+
+def _stacked_domains(n_panels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper ends of panels of equal height, from the top down."""
+    height = (1.0 - PANEL_GAP * (n_panels - 1)) / n_panels
+    tops = 1.0 - np.arange(n_panels) * (height + PANEL_GAP)
+    return np.clip(tops - height, 0.0, 1.0), tops
 
 
 def _traces(figure: Figure, scales: list[float]) -> list[Spec]:
-    """What plotly draws of each mark; a map is for the sheet only."""
+    """What plotly draws of each mark."""
     traces = []
     for mark in figure.marks:
         if isinstance(mark, Bars):
@@ -83,6 +116,8 @@ def _traces(figure: Figure, scales: list[float]) -> list[Spec]:
             traces.append(_line(mark, scales))
         elif isinstance(mark, Surface):
             traces.append(_surface(mark, scales))
+        else:
+            traces.append(_map(mark, scales))
     return traces
 
 
@@ -163,6 +198,8 @@ def _line(line: Line, scales: list[float]) -> Spec:
     }
     for side, values, scale in zip("xyz", (line.x, line.y, line.z), scales):
         trace[side] = rounded(scale * np.asarray(values))
+    if line.z is None:
+        trace = _with_even_abscissa(trace, scales[0] * np.asarray(line.x, dtype=float))
     if line.marker:
         trace["marker"] = _marker(line.marker, color)
     if line.error is not None:
@@ -172,6 +209,17 @@ def _line(line: Line, scales: list[float]) -> Spec:
     if line.z is not None:
         trace |= {"type": "scatter3d", "hoverinfo": "skip"}
     return trace
+
+
+def _with_even_abscissa(trace: Spec, x: np.ndarray) -> Spec:
+    """A trace whose long even abscissa is written by its start and its step."""
+    if len(x) < LONG_LINE:
+        return trace
+    step = (x[-1] - x[0]) / (len(x) - 1)
+    if not np.allclose(np.diff(x), step, rtol=1e-3, atol=0.0):
+        return trace
+    even = {name: values for name, values in trace.items() if name != "x"}
+    return even | {"x0": float(f"{x[0]:.6g}"), "dx": float(f"{step:.8g}")}
 
 
 def _marker(name: str, color: str) -> Spec:
@@ -245,6 +293,24 @@ def _surface(surface: Surface, scales: list[float]) -> Spec:
     }
 
 
+def _map(field: Map, scales: list[float]) -> Spec:
+    """Values by colour; what is in doubt is left out."""
+    values = np.where(field.hatched, np.nan, np.asarray(field.values, dtype=float))
+    colours = [[0.0, "var(--orange)"], [0.5, "var(--card)"], [1.0, "var(--blue)"]]
+    return {
+        "type": "heatmap",
+        "x": rounded(scales[0] * np.asarray(field.x)[0]),
+        "y": rounded(scales[1] * np.asarray(field.y)[:, 0]),
+        "z": rounded(values, DIGITS_OF_SURFACES),
+        "name": plain(field.label),
+        "zmin": -field.limit,
+        "zmax": field.limit,
+        "colorscale": colours,
+        "showscale": field.bar,
+        "colorbar": {"title": {"text": plain(field.label), "side": "right"}},
+    }
+
+
 # -- layout --------------------------------------------------------------------
 
 
@@ -280,11 +346,21 @@ def _axis(title: str, axis: Axis) -> Spec:
     if axis.ticks is not None:
         layout["tickvals"] = list(range(len(axis.ticks)))
         layout["ticktext"] = [plain(text) for text in axis.ticks]
+    if axis.log:
+        # plotly takes the ends of such an axis as powers of ten
+        layout |= {"type": "log", "exponentformat": "power", "dtick": 1}
     if axis.limits == (0, None):
         layout["rangemode"] = "tozero"
     elif axis.limits is not None:
-        layout["range"] = list(axis.limits)
+        layout["range"] = [_plotted(end, axis.log) for end in axis.limits]
     return layout
+
+
+def _plotted(end: float | None, log: bool) -> float | None:
+    """An end of an axis as plotly reads it."""
+    if end is None or not log:
+        return end
+    return math.log10(end)
 
 
 def _layout_in_space(titles: list[str], data: list[Spec], height: int) -> Spec:

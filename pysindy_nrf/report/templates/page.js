@@ -41,7 +41,10 @@
     const layout = figure.layout;
     if ("paper" in document.documentElement.dataset) {
       layout.width = document.getElementById(name).clientWidth;
-      layout.height = Math.min(layout.height, Math.max(170, 0.6 * layout.width), 240);
+      const highest = layout.scene ? 420 : 240;
+      if (!layout.yaxis2) {
+        layout.height = Math.min(layout.height, Math.max(170, 0.6 * layout.width), highest);
+      }
     }
     layout.paper_bgcolor = CLEAR;
     layout.plot_bgcolor = CLEAR;
@@ -57,7 +60,9 @@
     };
     if (layout.scene) { stepBack(layout.scene, document.getElementById(name).clientWidth); }
     const scene = layout.scene || {};
-    for (const axis of [layout.xaxis, layout.yaxis, scene.xaxis, scene.yaxis, scene.zaxis]) {
+    const ofPlane = Object.keys(layout).filter((key) => /^[xy]axis/.test(key));
+    const axes = ofPlane.map((key) => layout[key]);
+    for (const axis of [...axes, scene.xaxis, scene.yaxis, scene.zaxis]) {
       if (axis) { themeAxis(axis, color, Boolean(layout.scene)); }
     }
     return figure;
@@ -198,7 +203,9 @@
     later();
   }
   function idle() {
-    const next = places.find((place) => !drawn.has(place.id) && !inSpace(place.id));
+    // a place in a closed part of the page has no width yet; it is drawn when it opens
+    const waits = (place) => !drawn.has(place.id) && !inSpace(place.id) && place.clientWidth > 0;
+    const next = places.find(waits);
     if (!next) {
       document.documentElement.dataset.drawn = "all";
       return;
@@ -221,13 +228,24 @@
     // as wide as paper, to be measured
     Object.assign(document.documentElement.dataset, { theme: "light", paper: "" });
     for (const { id } of places) {
-      if (!figures[id] || !inSpace(id) || scenes.length < MAX_SCENES) { draw(id); }
+      const isOpen = document.getElementById(id).clientWidth > 0;
+      if (isOpen && (!figures[id] || !inSpace(id) || scenes.length < MAX_SCENES)) { draw(id); }
     }
     redraw();
   });
   window.addEventListener("afterprint", () => {
     for (const name of ["theme", "paper"]) { delete document.documentElement.dataset[name]; }
     redraw();
+  });
+
+  // the first screen, the first figures and the numbers, as one page of paper
+  document.addEventListener("click", (event) => {
+    if (!event.target.closest("[data-print]")) { return; }
+    document.documentElement.dataset.onepage = "";
+    window.addEventListener("afterprint", () => {
+      delete document.documentElement.dataset.onepage;
+    }, { once: true });
+    window.print();
   });
 
   // -- numbers in sentences as printed ones: 1.5e+09 is 1.5×10⁹

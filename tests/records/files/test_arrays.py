@@ -424,3 +424,69 @@ def test_a_timetable_says_how_it_is_exported(tmp_path):
     for name in ("v7.mat", "v73.mat"):
         with pytest.raises(FileFormatError, match=r"TT \(timetable\).*timetable2table"):
             read_table(tmp_path / name)
+
+
+def signal(name, samples, unit, start=0.0):
+    """A structure of a measuring program: its axis, its values, its name."""
+    return {
+        "x_values": {"start_value": start, "increment": 1 / 256},
+        "y_values": {"values": samples[:, None], "quantity": {"label": unit}},
+        "function_record": {"name": name},
+    }
+
+
+def test_structures_of_a_measuring_program(tmp_path):
+    pytest.importorskip("pint")
+    t = np.arange(512) / 256
+    path = tmp_path / "signals.mat"
+    content = {
+        "Signal_0": signal("F2", np.cos(9 * t), "kN"),
+        "Signal_1": signal("x2", np.sin(9 * t[5:]), "mm", start=5 / 256),
+    }
+    scipy.io.savemat(path, content)
+    record = read_record(path)
+    assert record.fs == 256
+    assert record.n_samples == 507
+    np.testing.assert_allclose(record.force[:, 1], 1e3 * np.cos(9 * t[5:]))
+    np.testing.assert_allclose(record.displacement[:, 1], 1e-3 * np.sin(9 * t[5:]))
+
+
+def test_cells_and_arrays_of_structures(tmp_path):
+    t = np.arange(512) / 256
+    cells = np.empty((1, 2), object)
+    cells[0, 0], cells[0, 1] = np.sin(9 * t), np.cos(9 * t)
+    laser = {"data": np.sin(t), "unit": "mm"}
+    runs = np.array([laser | {"name": "low"}, laser | {"name": "top"}], dtype=object)
+    path = tmp_path / "cells.mat"
+    scipy.io.savemat(path, {"acc": cells, "Fs": 256.0, "runs": runs})
+    table = read_table(path)
+    assert {"acc.1", "acc.2", "low", "top"} <= table.variables.keys()
+    assert table.units == {"low": "mm", "top": "mm"}
+    assert table.fs == 256
+
+
+@pytest.mark.parametrize("key", ["unit", "units", "unit_string"])
+def test_attributes_of_hdf5_data_sets(tmp_path, key):
+    h5py = pytest.importorskip("h5py")
+    pytest.importorskip("pint")
+    path = tmp_path / "u.h5"
+    with h5py.File(path, "w") as file:
+        file["x1"], file["F1"] = np.sin(np.arange(99)), np.cos(np.arange(99))
+        file["x1"].attrs[key] = "mm"
+        file["F1"].attrs[key] = np.bytes_("kN")
+        file.attrs["fs"] = 250.0
+    record = read_record(path)
+    assert record.fs == 250
+    np.testing.assert_allclose(record.displacement[:, 0], 1e-3 * np.sin(np.arange(99)))
+    np.testing.assert_allclose(record.force[:, 0], 1e3 * np.cos(np.arange(99)))
+
+
+def test_a_matrix_on_its_side(tmp_path):
+    """Its rows are as long as the time: they are the channels."""
+    t = np.arange(500) / 100
+    path = tmp_path / "side.npz"
+    np.savez(path, t=t, a=np.vstack([np.sin(t), np.cos(t)]))
+    np.testing.assert_array_equal(read_record(path).acceleration[:, 1], np.cos(t))
+    np.savez(path, a=np.vstack([np.sin(t), np.cos(t)]))
+    with pytest.raises(ChannelError, match="transposed"):
+        read_record(path, fs=100.0)

@@ -3,12 +3,13 @@
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.exceptions import ChannelError, DataQualityWarning, FileFormatError
 from pysindy_nrf.records import FrequencyResponse
-from pysindy_nrf.records.files import frf_to_features, read_frf
+from pysindy_nrf.records.files import frf_to_features, read_frf, read_table
 
 MASSES = np.array([5.0, 4.0, 6.0])
 DAMPING = np.array([3.0, 2.0, 4.0])
@@ -199,3 +200,101 @@ def test_a_fault_of_a_response_is_named(words, fault):
     )
     with pytest.warns(DataQualityWarning, match=words):
         NRFRegressor(degree=1).fit(response)
+
+
+def in_two_columns(form):
+    """The responses as columns of real numbers."""
+    columns = {"f": F}
+    for j, h in enumerate(H.T, 1):
+        if form == "parts":
+            columns |= {f"H{j}_re": h.real, f"H{j}_im": h.imag}
+        elif form == "words":
+            columns |= {f"Real(H{j})": h.real, f"Imag(H{j})": h.imag}
+        elif form == "degrees":
+            columns |= {
+                f"|H{j}| mag": abs(h),
+                f"H{j} phase [deg]": np.angle(h, deg=True),
+            }
+        else:
+            columns |= {f"H{j} dB": 20 * np.log10(abs(h))}
+            columns |= {f"H{j} phase (rad)": np.angle(h)}
+    return columns
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("form", ["parts", "words", "degrees", "decibel"])
+def test_responses_in_two_columns(tmp_path, form, separator):
+    path = tmp_path / "h.csv"
+    pd.DataFrame(in_two_columns(form)).to_csv(path, index=False, sep=separator)
+    np.testing.assert_allclose(read_frf(path, excited=2).H, H, rtol=1e-9)
+
+
+def test_a_phase_in_no_unit_is_asked_for(tmp_path):
+    path = tmp_path / "h.csv"
+    columns = {"f": F, "mag": abs(H[:, 0]), "phase": np.angle(H[:, 0])}
+    pd.DataFrame(columns).to_csv(path, index=False)
+    with pytest.raises(FileFormatError, match="unit of the column 'phase'"):
+        read_frf(path)
+
+
+def test_responses_by_a_mapping(tmp_path):
+    path = tmp_path / "h.csv"
+    columns = {"Freq": F}
+    for j, h in enumerate(H.T, 1):
+        columns |= {f"A{j}": h.real, f"B{j}": h.imag}
+    pd.DataFrame(columns).to_csv(path, index=False)
+    mapping = {"f": "Freq"} | {f"H{j}": f"complex(A{j}, B{j})" for j in (1, 2, 3)}
+    np.testing.assert_allclose(read_frf(path, excited=2, mapping=mapping).H, H)
+    with pytest.raises(ChannelError, match="one response for each DOF"):
+        read_frf(path, mapping={"f": "Freq", "H2": "A2"})
+    with pytest.raises(ChannelError, match="no channel of a frequency response"):
+        read_frf(path, mapping={"f": "Freq", "a1": "A2"})
+
+
+def uff_response(node, values, reference=12, **more):
+    """A frequency response of a node to a force on another, in m/s^2/N."""
+    return {
+        "type": 58,
+        "func_type": 4,
+        "binary": 0,
+        "id1": "NONE",
+        "rsp_node": node,
+        "rsp_dir": 3,
+        "ref_node": reference,
+        "ref_dir": 3,
+        "abscissa_spacing": 1,
+        "abscissa_spec_data_type": 18,
+        "ordinate_spec_data_type": 12,
+        "orddenom_spec_data_type": 13,
+        "data": values,
+        "x": F,
+    } | more
+
+
+def test_responses_of_a_universal_file(uff):
+    """Nodes 11, 12 and 13 are DOFs 1, 2 and 3; the force is on node 12."""
+    g = {"ordinate_axis_units_lab": "g", "orddenom_axis_units_lab": "kN"}
+    sets = [uff_response(10 + j, H[:, j - 1] * 1e3 / 9.80665, **g) for j in (3, 1, 2)]
+    spectrum = uff_response(11, abs(H[:, 0]), func_type=2)
+    frf = read_frf(uff(*sets, spectrum))
+    assert frf.excited == 2
+    np.testing.assert_allclose(frf.f, F, rtol=1e-5)
+    np.testing.assert_allclose(frf.H, H, rtol=1e-5)
+
+
+def test_the_force_of_a_universal_file_is_chosen(uff):
+    sets = []
+    for excited in (1, 2):
+        for j, h in enumerate(accelerance(F, excited).T, 1):
+            sets.append(uff_response(j, h, reference=excited))
+    path = uff(*sets)
+    with pytest.raises(FileFormatError, match="several nodes"):
+        read_frf(path)
+    np.testing.assert_allclose(read_frf(path, excited=2).H, H, rtol=1e-5)
+
+
+def test_a_universal_file_of_spectra(uff):
+    with pytest.raises(FileFormatError, match="no frequency response"):
+        read_frf(uff(uff_response(11, abs(H[:, 0]), func_type=2)))
+    with pytest.raises(FileFormatError, match="--frf"):
+        read_table(uff(uff_response(11, H[:, 0])))

@@ -10,7 +10,9 @@ import pytest
 from pysindy_nrf.exceptions import FileFormatError
 from pysindy_nrf.records.files import inspect_record, read_record, read_table
 
-STATED_PEAK = re.compile(r"PEAK\s+(\w+)\s+=\s*(-?[\d.]+)\s+\S+\s+AT\s+([\d.]+)")
+STATED_PEAK = re.compile(
+    r"PEAK\s+(\w+)\s+=\s*(-?[\d.]+)\s+\S+\s+AT\s+([\d.]+)", re.IGNORECASE
+)
 
 
 def path_of(channel):
@@ -18,7 +20,31 @@ def path_of(channel):
     return folder / f"CHAN{channel:02d}.V2"
 
 
-@pytest.mark.parametrize("channel", [1, 5, 13])
+LATER = (
+    ("csmip_89324_1992_ch3.V2", 6561, 100),
+    ("csmip_54730_2006_ch2.V2", 7808, 100),
+    ("csmip_58658_2021_ch7.v2", 13000, 200),
+)
+
+
+@pytest.mark.parametrize(("name", "n_samples", "fs"), LATER)
+def test_the_peaks_of_the_dialect_since_1990(name, n_samples, fs):
+    """Peak acceleration = 16.917 cm/sec/sec at 18.410 sec, and so on."""
+    folder = measured.folder("strong_motion_v2_later")
+    table = read_table(folder / "strong_motion_v2_later" / name)
+    assert table.fs == fs
+    assert [*table.units.values()] == ["cm/sec2", "cm/sec", "cm"]
+    assert not any("take care" in note for note in table.notes)
+    text = table.path.read_text("latin-1")
+    for kind, peak, time in STATED_PEAK.findall(text):
+        line = table.variables[kind.lower()]
+        assert len(line) == n_samples
+        largest = np.abs(line).argmax()
+        assert line[largest] == pytest.approx(float(peak), abs=6e-4)
+        assert largest / fs == pytest.approx(float(time), abs=1.1 / fs)
+
+
+@pytest.mark.parametrize("channel", range(1, 14))
 def test_the_peaks_are_those_of_the_header(channel):
     """PEAK ACCELERATION = 171.589 CM/SEC/SEC AT 3.140 SEC, and so on."""
     path = path_of(channel)
@@ -222,7 +248,6 @@ def test_raw_counts_are_refused(written):
 
 Y = 100 * np.sin(np.arange(16) / 100)
 CONTRADICTIONS = {
-    "sampled every 0.01, 0.02 s": csmip(1, Y, ".020") + csmip(2, Y, ".010"),
     "acceleration of channel 1 twice": csmip(1, Y) + csmip(1, Y),
     "not .* numbers 10 characters wide": [
         line.replace("     0.000", "     0.0x0") for line in csmip(1, Y)
@@ -272,3 +297,36 @@ def test_only_ends_of_lines_end_a_line(written, mark, end):
     assert list(table.variables) == ["acceleration"]
     assert any(note.startswith("channel 2:") for note in table.notes)
     np.testing.assert_array_equal(table.variables["acceleration"], np.arange(10.0))
+
+
+NAMED = {
+    "Uncorrected accelerogram   54730-F1275": "V1, .* not corrected",
+    "Response and Fourier amplitude spectra": "V3, response spectra",
+}
+
+
+@pytest.mark.parametrize(("title", "words"), NAMED.items())
+def test_other_volumes_are_named(written, title, words):
+    lines = [title, "Station 1", *["    1.00000    2.00000"] * 40]
+    with pytest.raises(FileFormatError, match=words):
+        read_table(written("\n".join(lines) + "\n", "a.v2"))
+
+
+def test_a_line_that_is_only_unknown_is_not_called_damage(written):
+    lines = ["Corrected accelerogram 1", "1138 samples of acceleration, every .02 s"]
+    with pytest.raises(FileFormatError) as refused:
+        read_table(written("\n".join(lines) + "\n", "a.v2"))
+    assert "damaged" not in str(refused.value)
+    assert "cut off" not in str(refused.value)
+
+
+def test_channels_of_one_file_with_other_lengths_and_rates(written):
+    pytest.importorskip("pint")
+    slow, fast = np.arange(2000) * 0.02, np.arange(3990) * 0.01
+    lines = csmip(1, 900 * np.sin(9 * slow), ".020")
+    lines += csmip(2, 900 * np.sin(9 * fast), ".010")
+    path = written("\n".join(lines) + "\n", "two.v2")
+    mapping = {"a1": "ch1.acceleration", "a2": "ch2.acceleration"}
+    record = read_record(path, mapping=mapping)
+    assert record.fs == 50
+    np.testing.assert_allclose(*record.acceleration[40:-40].T, atol=0.01)

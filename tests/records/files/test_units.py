@@ -34,6 +34,18 @@ DEFINITIONS = """
     g           a1  9.80665
     G           a1  9.80665
     mg          ag  9.80665e-3
+    g's         a1  9.80665
+    m.s-2       a1  1
+    m.s^-2      a1  1
+    m.s⁻²       a1  1
+    m·s⁻²       ag  1
+    m/(s^2)     a1  1
+    mps2        a1  1
+    м/с²        a1  1
+    cm/sec2.    a1  0.01
+    ips         v1  0.0254
+    mm.         x1  1e-3
+    Zoll        x1  0.0254
     Gal         a1  0.01
     cm/s^2      a1  0.01
     CM/SEC/SEC  a1  0.01
@@ -57,6 +69,17 @@ DEFINITIONS = """
     kgf         F1  9.80665
     ms          t   1e-3
     min         t   60.0
+    rad         x1  1
+    deg         x1  0.017453292519943295
+    rad/s       v1  1
+    rpm         v1  0.10471975511965977
+    deg/s       v1  0.017453292519943295
+    rad/s^2     a1  1
+    N.m         F1  1
+    Nm          F1  1
+    kNm         F1  1e3
+    Nmm         F1  1e-3
+    lbf*ft      F1  1.3558179483314004
 """
 OTHER_DIMENSIONS = """
     mm     F1  F1 is a force.*measures length
@@ -67,7 +90,8 @@ OTHER_DIMENSIONS = """
     kN     x2  x2 is a displacement.*measures force
     kN/mm  F1  a force.*measures a stiffness
     Hz     t   t is the time.*measures a frequency
-    deg    x1  a number or an angle
+    Hz     v1  a velocity.*measures a frequency
+    J      F1  a force.*measures energy
     wug    x1  'wug' of channel x1
     mV     F1  unknown
     K      temperature  'temperature' is a covariate
@@ -161,3 +185,18 @@ def test_a_column_that_names_a_force_is_read_or_asked_for(written, name):
     assert read_record(path, mapping={"F2": "none"}).forced == (1,)
     record = read_record(path, mapping={"F2": f'"{name}" * 2 @ N'})
     assert record.force[:, 1].max() == 12
+
+
+def test_a_rotation_is_one_consistent_set(written):
+    text = "t [s],F1 [Nm],x1 [deg],v1 [rpm]\n" + "".join(
+        f"{k / 100},{k % 3},{k % 5},{k % 7}\n" for k in range(40)
+    )
+    record = read_record(written(text))
+    assert record.displacement.max() == pytest.approx(4 * np.pi / 180)
+    assert [note.kind for note in record.quality] == ["rotation"]
+
+
+def test_a_torque_beside_a_displacement_is_refused(written):
+    text = "t [s],F1 [Nm],x1 [mm]\n0,1,1\n1,2,2\n2,3,3\n"
+    with pytest.raises(ChannelError, match="F1 in Nm is a rotation, x1 in mm"):
+        read_record(written(text))

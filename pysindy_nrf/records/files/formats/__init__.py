@@ -8,7 +8,9 @@ from ....exceptions import FileFormatError
 from ..table import Table
 from .delimited import read_delimited
 from .excel import read_excel
+from .ground_motion import is_smc, read_knet, read_peer, read_smc
 from .hdf5 import HDF5_SIGNATURE, read_hdf5
+from .lvm import read_lvm
 from .matlab import read_mat
 from .numpy_files import read_npy, read_npz
 from .parquet import read_parquet
@@ -57,6 +59,15 @@ TDMS = FileFormat("TDMS", (".tdms",), read_tdms, (b"TDSm",))
 STRONG_MOTION = FileFormat(
     "strong motion", (".v2", ".v2c", ".v1", ".v1c", ".v0c"), read_strong_motion
 )
+LVM = FileFormat("LabVIEW measurement", (".lvm",), read_lvm, (b"LabVIEW Measurement",))
+PEER = FileFormat("PEER", (".at2", ".vt2", ".dt2"), read_peer)
+KNET_SUFFIXES = tuple(
+    f".{direction}{place}"
+    for place in ("", "1", "2")
+    for direction in ("ew", "ns", "ud")
+)
+KNET = FileFormat("K-NET", KNET_SUFFIXES, read_knet)
+SMC = FileFormat("SMC", (".smc",), read_smc)
 
 FORMATS = (
     DELIMITED_TEXT,
@@ -69,6 +80,10 @@ FORMATS = (
     TDMS,
     UFF,
     STRONG_MOTION,
+    LVM,
+    PEER,
+    KNET,
+    SMC,
 )
 
 
@@ -99,9 +114,23 @@ def format_of(path: Path) -> FileFormat:
     if begins_as and called not in begins_as:
         raise _wrong_suffix(path, begins_as)
 
-    if called is DELIMITED_TEXT and is_strong_motion(head.decode("latin-1")):
-        return STRONG_MOTION
+    if called is DELIMITED_TEXT:
+        return _archive_in_text(head.decode("latin-1")) or called
     return called
+
+
+def _archive_in_text(head: str) -> FileFormat | None:
+    """The format of an archive that is called a text; None for any other text."""
+    if is_smc(head):
+        return SMC
+    if is_strong_motion(head):
+        return STRONG_MOTION
+    first = head.lstrip().upper()
+    if first.startswith("PEER "):
+        return PEER
+    if first.startswith("ORIGIN TIME") and "STATION CODE" in first:
+        return KNET
+    return None
 
 
 def _unknown_type(path: Path) -> FileFormatError:

@@ -7,7 +7,14 @@ import numpy as np
 import pandas as pd
 
 from ..attributes import SCHEMA, Attributes
-from ..table import MAX_BYTES, Table, two_columns_of_one_name, unreadable
+from ..mapping.words import letter_named
+from ..table import (
+    MAX_BYTES,
+    Table,
+    two_columns_of_one_name,
+    unreadable,
+    without_empty_rows,
+)
 from .dialect import BLANK, HEAD_BYTES, MISSING, Dialect, Notation, sniff
 
 _OWN_START = f'# {{"schema": "{SCHEMA}"'.encode()  # of a record written here
@@ -26,9 +33,13 @@ def read_delimited(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     dialect = sniff(path)
     cut_number = _number_cut_off(path, dialect)
     frame = _read_frame(path, dialect, without_last_row=bool(cut_number))
+    header = dialect.header
+    header.require_distinct_channels(path)
+    has_time = any(letter_named(name) == "t" for name in header.names)
+    frame, notes_on_rows = without_empty_rows(frame, has_time)
     variables, units = _columns(path, frame, dialect)
 
-    notes = [_dialect_in_words(dialect)]
+    notes = [_dialect_in_words(dialect), *header.notes, *notes_on_rows]
     if cut_number:
         notes.append(
             f"the file ends inside a number, {cut_number!r}: its last row is left out;"

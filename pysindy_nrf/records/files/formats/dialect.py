@@ -3,13 +3,15 @@
 import codecs
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ....exceptions import FileFormatError
+from ...channels import channel_of
 from ..mapping.words import EASTERN_WORDS
-from ..table import unreadable
+from ..table import two_columns_of_one_name, unreadable
 from ..units import is_unit, split_unit
 
 HEAD_BYTES = 65536  # from which the dialect is found
@@ -17,6 +19,7 @@ ROWS_TRIED = 200  # below the first row of numbers
 MIN_EVEN_SHARE = 0.8  # of these rows, which must have one width
 MIN_SHARE_WITH_TEXT = 0.5  # of the cells of a row, where some columns are texts
 LINES_COMPARED = 400  # to find the notation under which most cells are numbers
+MAX_ROWS_OF_NAMES = 2  # above the last one
 BLANK = " "  # separator that stands for any run of blanks
 
 _COMMENTS = ("#", "%", "//")
@@ -73,6 +76,22 @@ class Header:
     names: tuple[str, ...]
     units: tuple[str, ...]
     named: bool  # by the file; otherwise the names are c1, c2, ...
+    repeated: tuple[str, ...] = ()  # names of more than one column
+
+    def require_distinct_channels(self, path: Path) -> None:
+        """Refuse two columns that are one channel by their name."""
+        for name in self.repeated:
+            if channel_of(name):
+                raise two_columns_of_one_name(path, name)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is said of names that repeat."""
+        return [
+            f"several columns are named {name!r}: they are called '{name} (column A)'"
+            " and so on, by the letters of a spreadsheet"
+            for name in self.repeated
+        ]
 
 
 @dataclass(frozen=True)
@@ -263,7 +282,8 @@ def header_of(above: Sequence[Sequence[str]], width: int) -> Header:
     ----------
     above : sequence of rows of ``width`` cells
         The last one names the columns. A row of units stands below the names, as a
-        rule; some programs write it above them.
+        rule; some programs write it above them. Where names repeat, the rows above them
+        say more: a point, a floor, a group.
     width : int
         Number of columns.
     """
@@ -273,18 +293,72 @@ def header_of(above: Sequence[Sequence[str]], width: int) -> Header:
         names = [f"c{i}" for i in range(1, width + 1)]
         return Header(tuple(names), tuple(units), named=False)
 
-    cells = [cell.strip('"') for cell in rows[-1]]
-    split = [split_unit(cell) for cell in cells]
-    bare = [name for name, _ in split]
-    names = cells.copy()
-    for i, (name, unit) in enumerate(split):
+    split = [split_unit(cell.strip('"')) for cell in rows[-1]]
+    names = [cell.strip('"') for cell in rows[-1]]
+    brackets: dict[str, set[str | None]] = {}
+    for bare, unit in split:
+        brackets.setdefault(bare, set()).add(unit)
+
+    for i, (bare, unit) in enumerate(split):
         if unit is None:
-            names[i] = name
+            names[i] = bare
         # "acc (N)" and "acc (S)" are two directions of one name, not a force and a time
-        elif bare.count(name) == 1 and is_unit(unit):
-            names[i] = name
+        elif len(brackets[bare]) == 1 and is_unit(unit):
+            names[i] = bare
             units[i] = unit
-    return Header(tuple(names), tuple(units), named=True)
+
+    names, repeated = _distinct(names, rows[:-1])
+    return Header(tuple(names), tuple(units), named=True, repeated=repeated)
+
+
+def _distinct(
+    names: list[str], rows_above: Sequence[Sequence[str]]
+) -> tuple[list[str], tuple[str, ...]]:
+    """Names that differ: by the rows above them, else by the letter of their column.
+
+    Returns
+    -------
+    names : list of str
+    repeated : tuple of str
+        Those that only the letter of the column distinguishes.
+    """
+    for row in reversed(rows_above[-MAX_ROWS_OF_NAMES:]):
+        if not _repeated(names):
+            break
+        groups = _with_blanks_filled(row)
+        names = [f"{group} {name}".strip() for group, name in zip(groups, names)]
+
+    repeated = _repeated(names)
+    distinct = [
+        f"{name} (column {_letter(i)})" if name in repeated else name
+        for i, name in enumerate(names)
+    ]
+    return distinct, tuple(repeated)
+
+
+def _repeated(names: Sequence[str]) -> list[str]:
+    """Names that stand above more than one column."""
+    return [name for name, count in Counter(names).items() if name and count > 1]
+
+
+def _with_blanks_filled(row: Sequence[str]) -> list[str]:
+    """Cells of a row; an empty one belongs to the group that began before it."""
+    cells = []
+    group = ""
+    for cell in row:
+        group = cell.strip('"') or group
+        cells.append(group)
+    return cells
+
+
+def _letter(i: int) -> str:
+    """Letters of a column of a spreadsheet, counted from 0: A, B, ..., AA."""
+    letters = ""
+    i += 1
+    while i:
+        i, digit = divmod(i - 1, 26)
+        letters = chr(ord("A") + digit) + letters
+    return letters
 
 
 def _pop_units(rows: list[Sequence[str]], width: int) -> list[str]:

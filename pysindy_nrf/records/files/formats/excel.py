@@ -8,18 +8,29 @@ import pandas as pd
 
 from ....common.lazy import require
 from ....exceptions import FileFormatError
-from ..table import MAX_BYTES, Table, check_size, reading_as
+from ..mapping.words import letter_named
+from ..table import (
+    MAX_BYTES,
+    Table,
+    check_size,
+    reading_as,
+    two_columns_of_one_name,
+    without_empty_rows,
+)
 from .dialect import header_of
 
+MAX_NAMES_SHOWN = 6
 Row = Sequence[object]  # cells, None where nothing is written
 
 
 def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     """Read the longest sheet of an Excel file.
 
-    It has a row of names, one of units if there is any, and rows of numbers.
+    It has up to three rows of names and units, and rows of numbers.
     """
-    title, rows = _longest_sheet(path, max_bytes)
+    sheets = _sheets(path, max_bytes)
+    title = max(sheets, key=lambda title: len(sheets[title]))
+    rows = sheets[title]
     start = _first_row_of_numbers(rows)
     if start is None:
         raise FileFormatError(
@@ -28,24 +39,32 @@ def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             " is no number.",
         )
 
-    width = len(rows[start])
-    while rows[start][width - 1] is None:
-        width -= 1
-    columns = pd.DataFrame(rows[start:])
-    header = header_of([_texts(row[:width]) for row in rows[:start]], width)
+    width = max(map(_width, rows[start:]))
+    header = header_of([_texts(row, width) for row in rows[:start]], width)
+    header.require_distinct_channels(path)
+    has_time = any(letter_named(name) == "t" for name in header.names)
+    frame = pd.DataFrame([_cells(row, width) for row in rows[start:]])
+    frame, notes_on_rows = without_empty_rows(frame, has_time)
 
     variables, units = {}, {}
     for k in range(width):
+        if not header.names[k] and frame[k].isna().all():
+            continue
         name = header.names[k] or f"c{k + 1}"
-        is_numeric = columns[k].dtype.kind in "biuf"
-        variables[name] = columns[k].to_numpy(dtype=float if is_numeric else None)
+        if name in variables:
+            raise two_columns_of_one_name(path, name)
+        is_numeric = frame[k].dtype.kind in "biuf"
+        variables[name] = frame[k].to_numpy(dtype=float if is_numeric else None)
         if header.units[k]:
             units[name] = header.units[k]
-    return Table(path, "Excel", variables, units, (f"sheet {title!r}",))
+
+    others = [_note_on(other, sheets[other]) for other in sheets if other != title]
+    notes = [f"sheet {title!r}", *header.notes, *notes_on_rows, *filter(None, others)]
+    return Table(path, "Excel", variables, units, tuple(notes))
 
 
-def _longest_sheet(path: Path, max_bytes: int) -> tuple[str, list[Row]]:
-    """Title and rows of the sheet with the most rows."""
+def _sheets(path: Path, max_bytes: int) -> dict[str, list[Row]]:
+    """Rows of each sheet by its title."""
     openpyxl = require("openpyxl", "files", "Reading Excel sheets")
     with reading_as(path, "Excel"):
         with zipfile.ZipFile(path) as archive:
@@ -53,24 +72,61 @@ def _longest_sheet(path: Path, max_bytes: int) -> tuple[str, list[Row]]:
         check_size(path, unpacked, max_bytes)
 
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        title = ""
-        rows: list[Row] = []
-        for sheet in book:
-            rows_of_sheet = list(sheet.iter_rows(values_only=True))
-            if not title or len(rows_of_sheet) > len(rows):
-                title, rows = sheet.title, rows_of_sheet
-    return title, rows
+        sheets = {}
+        for sheet in book.worksheets:
+            sheet.reset_dimensions()  # some programs write a range that is too small
+            sheets[sheet.title] = list(sheet.iter_rows(values_only=True))
+        if not sheets:
+            raise ValueError("it has no sheet of cells")
+    return sheets
+
+
+def _note_on(title: str, rows: Sequence[Row]) -> str:
+    """What another sheet holds; empty if it holds no rows of numbers."""
+    start = _first_row_of_numbers(rows)
+    if start is None or len(rows) - start < 2:
+        return ""
+    width = max(map(_width, rows[start:]))
+    header = header_of([_texts(row, width) for row in rows[:start]], width)
+    names = [name for name in header.names if name]
+    has_force = any(letter_named(name) == "F" for name in [title, *names])
+    care = "take care, it seems to hold a force: " if has_force else ""
+    return (
+        f"{care}the sheet {title!r} with {', '.join(names[:MAX_NAMES_SHOWN])} is not"
+        " read; save it as a file of its own and join the two (together = true)"
+    )
+
+
+def _width(row: Row) -> int:
+    """Number of cells up to the last that is filled."""
+    width = len(row)
+    while width and row[width - 1] is None:
+        width -= 1
+    return width
+
+
+def _cells(row: Row, width: int) -> list[object]:
+    """Cells of a row in this width; blanks alone are an empty cell."""
+    cells = [*row[:width], *[None] * (width - len(row))]
+    return [None if isinstance(c, str) and not c.strip() else c for c in cells]
 
 
 def _first_row_of_numbers(rows: Sequence[Row]) -> int | None:
-    """Position of the first row with two cells or more and no text among them."""
-    for position, row in enumerate(rows):
-        filled = [cell for cell in row if cell is not None]
-        if len(filled) > 1 and not any(isinstance(cell, str) for cell in filled):
-            return position
+    """Position of the first row with two numbers or more.
+
+    It has no text among them; if there is no such row, more numbers than texts.
+    """
+    for strict in (True, False):
+        for position, row in enumerate(rows):
+            filled = [cell for cell in row if cell is not None]
+            n_texts = sum(isinstance(cell, str) for cell in filled)
+            n_numbers = len(filled) - n_texts
+            if n_numbers > 1 and n_texts < (1 if strict else n_numbers):
+                return position
     return None
 
 
-def _texts(row: Row) -> list[str]:
+def _texts(row: Row, width: int) -> list[str]:
     """Cells as texts, empty where nothing is written."""
-    return ["" if cell is None else str(cell).strip() for cell in row]
+    cells = _cells(row, width)
+    return ["" if cell is None else str(cell).strip() for cell in cells]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from ....common.lazy import require
 from ....exceptions import FileFormatError
-from ..table import MAX_BYTES, Table, check_size, reading_as
+from ...clock import rate_of
+from ..table import MAX_BYTES, Clock, Table, check_size, reading_as
 from .numeric_arrays import numeric_arrays
 
 if TYPE_CHECKING:
@@ -29,6 +32,8 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
     library = require("h5py", "files", "Reading HDF5 and MATLAB v7.3 files")
     kind = "MATLAB v7.3" if matlab else "HDF5"
     arrays: dict[str, np.ndarray] = {}
+    units: dict[str, str] = {}
+    rates: dict[str, float] = {}
     objects = []
     total = 0
 
@@ -45,9 +50,62 @@ def read_hdf5(path: Path, max_bytes: int = MAX_BYTES, matlab: bool = False) -> T
             total += data_set.size * data_set.dtype.itemsize
             check_size(path, total, max_bytes)
             values = np.asarray(data_set[()])
-            arrays[name.replace("/", ".")] = values.T if matlab else values
+            title = name.replace("/", ".")
+            arrays[title] = values.T if matlab else values
+            units |= _stated(data_set, title, UNIT_ATTRIBUTES, _as_text)
+            rates |= _stated(data_set, title, RATE_ATTRIBUTES, _as_rate)
+            rates |= _stated(data_set, title, STEP_ATTRIBUTES, _as_rate_of_step)
 
-    return table_without_objects(path, kind, numeric_arrays(arrays), objects)
+    table = table_without_objects(path, kind, numeric_arrays(arrays), objects)
+    clocks = {name: Clock(rate) for name, rate in rates.items()}
+    fs = next(iter(rates.values()), None) if len(set(rates.values())) == 1 else None
+    return replace(table, units=units, clocks=clocks, fs=fs)
+
+
+# Attributes of a data set, or of its group, that state its unit, rate (Hz) or step (s).
+UNIT_ATTRIBUTES = ("units", "unit", "unit_string", "Units", "Unit", "UNITS")
+RATE_ATTRIBUTES = ("fs", "sampling_rate", "sample_rate", "samplerate", "SampleRate")
+STEP_ATTRIBUTES = ("dt", "delta_t", "wf_increment", "time_step")
+Stated = TypeVar("Stated")
+
+
+def _stated(
+    data_set: h5py.Dataset,
+    title: str,
+    attributes: tuple[str, ...],
+    read: Callable[[object], Stated | None],
+) -> dict[str, Stated]:
+    """What an attribute of a data set, or of a group around it, states."""
+    for holder in (data_set, data_set.parent, data_set.file):
+        for attribute in attributes:
+            if attribute in holder.attrs:
+                value = read(holder.attrs[attribute])
+                return {} if value is None else {title: value}
+    return {}
+
+
+def _as_text(value: object) -> str | None:
+    """The text of an attribute; None if it holds no single text."""
+    value = np.asarray(value).ravel().tolist()
+    if len(value) != 1 or not isinstance(value[0], (str, bytes)):
+        return None
+    text = (
+        value[0] if isinstance(value[0], str) else value[0].decode("utf-8", "replace")
+    )
+    return text.strip() or None
+
+
+def _as_rate(value: object) -> float | None:
+    """A positive number of an attribute."""
+    number = np.asarray(value)
+    if number.size != 1 or number.dtype.kind not in "iuf" or not number.item() > 0:
+        return None
+    return float(number.item())
+
+
+def _as_rate_of_step(value: object) -> float | None:
+    step = _as_rate(value)
+    return None if step is None else rate_of(step)
 
 
 def _is_numeric(data_set: h5py.Dataset, matlab: bool) -> bool:

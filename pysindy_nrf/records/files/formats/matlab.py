@@ -6,16 +6,19 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, TypeVar
 
 import numpy as np
 
-from ..table import MAX_BYTES, Table, check_size, reading_as
+from ...clock import rate_of
+from ..table import MAX_BYTES, Clock, Table, check_size, reading_as
 from . import numeric_arrays
 from .hdf5 import HDF5_SIGNATURE, read_hdf5, table_without_objects
 
+Value = TypeVar("Value")
 MAX_SECONDS = 60.0  # for reading a small file
 MIN_BYTES_PER_SECOND = 5e6  # by which a large file may take longer
 
@@ -32,12 +35,53 @@ def read_mat(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
     with reading_as(path, "MATLAB"):
         _check_unpacked_size(path, head, max_bytes)
-        arrays, objects = _load(path)
-    return table_without_objects(path, "MATLAB", arrays, objects)
+        arrays, stated = _load(path)
+    table = table_without_objects(path, "MATLAB", arrays, stated["objects"])
+    units = {name: unit for name, unit in stated["units"].items() if name in arrays}
+    clocks = _clocks(arrays, stated["clocks"])
+    rates = {clock.fs for clock in clocks.values()}
+    fs = rates.pop() if len(rates) == 1 else None
+
+    titles = _distinct_titles(arrays, stated["titles"])
+    return replace(
+        table,
+        variables=_renamed(arrays, titles),
+        units=_renamed(units, titles),
+        clocks=_renamed(clocks, titles),
+        fs=fs,
+    )
 
 
-def _load(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Arrays and objects of a v4 to v7 file.
+def _distinct_titles(
+    arrays: Mapping[str, np.ndarray], stated: Mapping[str, str]
+) -> dict[str, str]:
+    """Names that structures give to their samples, where these distinguish them."""
+    titles = {name: title for name, title in stated.items() if name in arrays}
+    names = [*titles.values(), *(name for name in arrays if name not in titles)]
+    return titles if len(set(names)) == len(names) else {}
+
+
+def _renamed(
+    by_name: Mapping[str, Value], titles: Mapping[str, str]
+) -> dict[str, Value]:
+    return {titles.get(name, name): value for name, value in by_name.items()}
+
+
+def _clocks(
+    arrays: Mapping[str, np.ndarray], stated: Mapping[str, Sequence[float]]
+) -> dict[str, Clock]:
+    """Clocks of the arrays in structures that state them."""
+    clocks = {}
+    for name, values in arrays.items():
+        inside = [prefix for prefix in stated if name.startswith(prefix)]
+        if inside and values.ndim:
+            rate, start = stated[max(inside, key=len)]
+            clocks[name] = Clock(rate_of(1.0 / rate), start)
+    return clocks
+
+
+def _load(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays of a v4 to v7 file, its objects, and what its structures state.
 
     They are read in a process of its own, since damaged bytes can crash SciPy's reader.
     """
@@ -61,7 +105,7 @@ def _load(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
     with np.load(io.BytesIO(process.stdout), allow_pickle=False) as archive:
         index, *arrays = (archive[name] for name in archive.files)
     content = json.loads(str(index))
-    return dict(zip(content["names"], arrays)), content["objects"]
+    return dict(zip(content["names"], arrays)), content
 
 
 _HEADER_BYTES = 128

@@ -1,11 +1,13 @@
 r"""Strong-motion records: CSMIP "volume 2" and COSMOS v1.20 text (V1 and V2).
 
-CSMIP V2: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, three series in
-8F10.3, each under a line such as ``1138 POINTS OF ACCEL DATA EQUALLY SPACED AT  .020
-SEC.  (UNITS: CM/SEC/SEC)``, and ``/&`` at the end. COSMOS, one series for each block:
-text, integers, reals (the 62nd is the sampling interval of the series, ms; the 34th
-that of the raw record, s) and comments, each under a line that states how many follow,
-then the series. V0 (counts) is refused.
+CSMIP V2: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, three series of
+fixed width, each under a line such as ``1138 POINTS OF ACCEL DATA EQUALLY SPACED AT
+.020 SEC.  (UNITS: CM/SEC/SEC)`` (1979 to about 1990, always 8F10.3) or ``7808 points of
+accel data equally spaced at .010 sec, in cm/sec2. (8f10.6)``, and ``/&`` at the end of
+each channel. COSMOS, one series for each block: text, integers, reals (the 62nd is the
+sampling interval of the series, ms; the 34th that of the raw record, s) and comments,
+each under a line that states how many follow, then the series. V0 (counts), V1 of CSMIP
+(not corrected) and V3 (spectra) are refused by name.
 
 References: A. F. Shakal, M. J. Huang, "Standard tape format for CSMIP strong-motion
 data tapes", California Division of Mines and Geology, OSMS 85-03, 1985; COSMOS,
@@ -13,7 +15,7 @@ data tapes", California Division of Mines and Geology, OSMS 85-03, 1985; COSMOS,
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,13 +23,18 @@ import numpy as np
 
 from ....exceptions import FileFormatError
 from ...clock import rate_of
-from ..table import MAX_BYTES, Table, unreadable
+from ..table import MAX_BYTES, Clock, Table, unreadable
 
 _CSMIP_SERIES = re.compile(
     r"\s*(?P<n>\d+)\s+POINTS OF\s+(?P<kind>ACCEL|VELOC|DISPL)\w*\s+DATA"
-    r"\s+EQUALLY SPACED AT\s+(?P<step>[\d.]+)\s*SEC\.?"
-    r".*?\(UNITS:?\s*(?P<unit>[^)\s]+)\s*\)",
+    r"\s+EQUALLY[ -]SPACED AT\s+(?P<step>[\d.]+)\s*SEC(?P<rest>.*)",
     re.IGNORECASE,
+)
+_CSMIP_UNIT = re.compile(
+    r"\(UNITS:?\s*(?P<old>[^)\s]+)\s*\)|\bIN\s+(?P<new>[^\s(,]+)", re.IGNORECASE
+)
+_CSMIP_FORMAT = re.compile(
+    r"\(\s*\d*(?:P,?)?\d*[EFG](?P<width>\d+)\.\d+", re.IGNORECASE
 )
 _COSMOS_SERIES = re.compile(
     r"\s*(?P<n>\d+)\s+.*?(?P<kind>accel|veloc|displ)\S*\s*pts?,?"
@@ -50,12 +57,19 @@ _PEAK = re.compile(
     re.IGNORECASE,
 )
 _END_OF_SERIES = re.compile(r"\s*(/&|[A-Za-z])")
-_TITLES = re.compile(r"(un)?correct(ed|\.)\s+accel", re.IGNORECASE)
+_TITLES = re.compile(
+    r"\s*((un)?correct(ed|\.)\s+accel|response\s+and\s+fourier)", re.IGNORECASE
+)
+_OTHER_VOLUMES = {
+    "UNCORRECTED ACC": "CSMIP V1, an accelerogram that is not corrected",
+    "RESPONSE AND FOU": "CSMIP V3, response spectra and no motion",
+    "RESPONSE SPECTR": "V3, response spectra and no motion",
+}
 # "Velocity data", "Raw acceleration counts", ... of COSMOS
 _COSMOS_TITLE = re.compile(r"\(Format v\d+\.\d+ with\s+\d+ text lines\)", re.IGNORECASE)
 
 _KINDS = {"ACCEL": "acceleration", "VELOC": "velocity", "DISPL": "displacement"}
-CSMIP_WIDTH = 10  # characters of a number
+CSMIP_WIDTH = 10  # characters of a number, where no format is stated
 # Places among COSMOS's reals: interval of the series (ms), of the raw record (s).
 _INTERVAL_MS = 61
 _RAW_INTERVAL_S = 33
@@ -98,22 +112,10 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     reader.read()
     series = reader.series
     if not series:
-        raise unreadable(
-            path,
-            "strong motion",
-            "no line announces a series ('... POINTS OF ACCEL DATA ...', '... pts,"
-            " units=...')",
-        )
-
-    steps = sorted({motion.step for motion in series})
-    if len(steps) > 1:
-        shown = ", ".join(f"{step:g}" for step in steps)
-        raise FileFormatError(
-            f"{path}: its series are sampled every {shown} s", "Split it by channel."
-        )
+        raise _no_series(path, reader.lines)
 
     has_one_channel = len({motion.channel for motion in series}) == 1
-    variables, units = {}, {}
+    variables, units, clocks = {}, {}, {}
     for motion in series:
         name = motion.kind
         if not has_one_channel:
@@ -122,9 +124,36 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             raise FileFormatError(f"{path} holds the {motion.title} twice", "Split it.")
         variables[name] = motion.values
         units[name] = motion.unit
+        clocks[name] = Clock(rate_of(motion.step))
 
     notes = tuple(dict.fromkeys(reader.notes))
-    return Table(path, "strong motion", variables, units, notes, fs=rate_of(steps[0]))
+    rates = {clock.fs for clock in clocks.values()}
+    return Table(
+        path,
+        "strong motion",
+        variables,
+        units,
+        notes,
+        fs=rates.pop() if len(rates) == 1 else None,
+        clocks=clocks,
+    )
+
+
+def _no_series(path: Path, lines: Sequence[str]) -> FileFormatError:
+    """Error for a file without a series of a kind that is known."""
+    title = " ".join(next((line for line in lines if line.strip()), "").split())
+    for start, volume in _OTHER_VOLUMES.items():
+        if title.upper().startswith(start):
+            return FileFormatError(
+                f"{path} is of {volume}",
+                "Get the corrected record (V2) of the same channel.",
+            )
+    return FileFormatError(
+        f"{path}: no line announces a series in a way that is known ('... points of"
+        " accel data equally spaced at ...', '... pts, ... units=...'); it starts with"
+        f" {title[:60]!r}",
+        "Export the series as a table with a time column.",
+    )
 
 
 def _lines_of(text: str) -> list[str]:
@@ -183,9 +212,18 @@ class _BlockReader:
     def _read_csmip_series(self, announced: re.Match) -> None:
         kind = announced["kind"].upper()
         title = f"{_KINDS[kind]} of channel {self.channel}"
-        values = self._numbers(int(announced["n"]), CSMIP_WIDTH, title)
+        unit = _CSMIP_UNIT.search(announced["rest"])
+        if unit is None:
+            raise FileFormatError(
+                f"{self.path}: the line {announced[0].strip()!r} states no unit",
+                "Export the series as a table with units.",
+            )
+        form = _CSMIP_FORMAT.search(announced["rest"])
+        width = int(form["width"]) if form else CSMIP_WIDTH
+        values = self._numbers(int(announced["n"]), width, title)
         step = self._interval(self._number(announced["step"]))
-        series = Series(self.channel, _KINDS[kind], values, step, announced["unit"])
+        stated = (unit["old"] or unit["new"]).rstrip(".")
+        series = Series(self.channel, _KINDS[kind], values, step, stated)
         self.series.append(series)
         if kind in self.peaks:
             self._compare_peak(series, self.peaks[kind])

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ....common.lazy import require
-from ..table import MAX_BYTES, Table, check_size, reading_as
+from ...clock import rate_of
+from ..table import MAX_BYTES, Clock, Table, check_size, reading_as
 
 
 def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
@@ -16,7 +18,7 @@ def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
 
     variables: dict[str, np.ndarray] = {}
     units: dict[str, str] = {}
-    steps = set()
+    clocks: dict[str, Clock] = {}
     with reading_as(path, "TDMS"):
         groups = nptdms.TdmsFile.read(path).groups()
         channels = [channel for group in groups for channel in group.channels()]
@@ -30,12 +32,23 @@ def read_tdms(path: Path, max_bytes: int = MAX_BYTES) -> Table:
             unit = _unit_of(channel.properties)
             if unit:
                 units[name] = unit
-            steps.add(float(channel.properties.get("wf_increment", 0.0)))
+            clock = _clock_of(channel.properties)
+            if clock is not None:
+                clocks[name] = clock
 
-    fs = None
-    if len(steps) == 1 and 0.0 not in steps:
-        fs = 1.0 / steps.pop()
-    return Table(path, "TDMS", variables, units, fs=fs)
+    rates = {clock.fs for clock in clocks.values()}
+    fs = rates.pop() if len(rates) == 1 and len(clocks) == len(variables) else None
+    return Table(path, "TDMS", variables, units, fs=fs, clocks=clocks)
+
+
+def _clock_of(properties: Mapping[str, Any]) -> Clock | None:
+    """The clock of a waveform; None for a channel that is none."""
+    step = float(properties.get("wf_increment", 0.0))
+    if step <= 0:
+        return None
+    started = properties.get("wf_start_time")
+    origin = None if started is None else np.datetime64(started, "ns")
+    return Clock(rate_of(step), float(properties.get("wf_start_offset", 0.0)), origin)
 
 
 def _unit_of(properties: Mapping[str, object]) -> str:

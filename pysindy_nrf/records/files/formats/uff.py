@@ -16,7 +16,7 @@ from ....common.lazy import require
 from ....exceptions import FileFormatError
 from ...clock import rate_of
 from ..attributes import Attributes
-from ..table import MAX_BYTES, Table, check_size, reading_as, unreadable
+from ..table import MAX_BYTES, Clock, Table, check_size, reading_as, unreadable
 from ..units import si_unit
 
 if TYPE_CHECKING:
@@ -58,6 +58,11 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     with reading_as(path, "UFF"):
         file = pyuff.UFF(str(path))
         histories = _read_histories(file, path, max_bytes)
+        if not histories and read_uff_responses(path, max_bytes):
+            raise FileFormatError(
+                f"{path} holds frequency responses and no time history",
+                "Read them with read_frf (--frf).",
+            )
         types = [int(kind) for kind in file.get_set_types()]
         systems = [file.read_sets(i) for i, kind in enumerate(types) if kind == _UNITS]
 
@@ -65,6 +70,65 @@ def read_uff(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     if types[0] == _ATTRIBUTES:
         return _own_record(path, histories)
     return _measured_channels(path, histories, systems, len(types) - len(histories))
+
+
+@dataclass(frozen=True)
+class UffResponse:
+    """A frequency response of a universal file.
+
+    Parameters
+    ----------
+    f : ndarray of shape (n_lines,)
+        Hz.
+    values : ndarray of complex, shape (n_lines,)
+    node, reference : int
+        Nodes of the response and of the force.
+    letter : {"a", "v", "x"}
+        What responds; accelerance, mobility or receptance.
+    units : tuple of str
+        Of the response and of the force; empty where they are not stated.
+    """
+
+    f: np.ndarray
+    values: np.ndarray
+    node: int
+    reference: int
+    letter: str
+    units: tuple[str, str]
+
+
+_FREQUENCY_RESPONSE = 4  # function type
+
+
+def read_uff_responses(path: Path, max_bytes: int = MAX_BYTES) -> list[UffResponse]:
+    """Frequency responses (data sets 58, function type 4) of a universal file."""
+    pyuff = require("pyuff", "files", "Reading UFF files")
+    _require_end(path)
+    with reading_as(path, "UFF"):
+        file = pyuff.UFF(str(path))
+        check_size(path, path.stat().st_size, max_bytes)
+        kinds = [int(kind) for kind in file.get_set_types()]
+        sets = [
+            file.read_sets(i) for i, kind in enumerate(kinds) if kind == _TIME_HISTORY
+        ]
+
+    responses = []
+    for data_set in sets:
+        letter = _LETTERS.get(int(data_set["ordinate_spec_data_type"]), "")
+        is_response = int(data_set["func_type"]) == _FREQUENCY_RESPONSE
+        if is_response and letter in ("a", "v", "x"):
+            units = ("ordinate_axis_units_lab", "orddenom_axis_units_lab")
+            stated, of_force = (_text(data_set.get(key, "")) for key in units)
+            response = UffResponse(
+                np.asarray(data_set["x"], dtype=float),
+                np.asarray(data_set["data"], dtype=complex),
+                int(data_set["rsp_node"]),
+                int(data_set["ref_node"]),
+                letter,
+                (stated, of_force),
+            )
+            responses.append(response)
+    return responses
 
 
 def _require_end(path: Path) -> None:
@@ -200,19 +264,15 @@ def _measured_channels(
     n_skipped: int,
 ) -> Table:
     """The table of a file of another program."""
-    lengths = sorted({len(history["data"]) for history in histories})
-    if len(lengths) > 1:
-        raise FileFormatError(
-            f"{path}: its time histories have {', '.join(map(str, lengths))} points",
-            "Export those of one test into one file.",
-        )
-
-    fs, times = _clock(path, histories)
+    times = _times_of_uneven(path, histories)
     variables = {} if times is None else {"t": times}
     implied, notes_on_units = _units_of_file(systems)
     units: dict[str, str] = {}
+    clocks: dict[str, Clock] = {}
     notes: list[str] = []
     for channel in _channels(histories):
+        if times is None:
+            clocks[channel.name] = _clock_of(path, channel.history)
         samples = _samples(channel.history)
         variables[channel.name] = -samples if channel.is_reversed else samples
         stated = _text(channel.history.get("ordinate_axis_units_lab", ""))
@@ -224,7 +284,9 @@ def _measured_channels(
     if n_skipped:
         notes.append(f"{n_skipped} other data sets are left out")
     notes += notes_on_units
-    return Table(path, "UFF 58", variables, units, tuple(notes), fs=fs)
+    rates = {clock.fs for clock in clocks.values()}
+    fs = rates.pop() if len(rates) == 1 else None
+    return Table(path, "UFF 58", variables, units, tuple(notes), fs=fs, clocks=clocks)
 
 
 def _units_of_file(systems: Sequence[DataSet]) -> tuple[dict[str, str], list[str]]:
@@ -238,19 +300,22 @@ def _units_of_file(systems: Sequence[DataSet]) -> tuple[dict[str, str], list[str
     return {"x": length, "v": f"{length}/s", "a": f"{length}/s^2", "F": force}, []
 
 
-def _clock(
-    path: Path, histories: Sequence[DataSet]
-) -> tuple[float | None, np.ndarray | None]:
-    """Sampling rate of even histories, or times of uneven ones; all share them."""
+def _clock_of(path: Path, history: DataSet) -> Clock:
+    """The clock of an even history."""
+    step = float(history.get("abscissa_inc", 0.0))
+    if step <= 0:
+        raise FileFormatError(
+            f"{path}: {history['id1'].strip()!r} has no sampling interval",
+            "Export it again.",
+        )
+    start = float(history.get("abscissa_min", 0.0))
+    return Clock(rate_of(step, RATE_TOLERANCE), start)
+
+
+def _times_of_uneven(path: Path, histories: Sequence[DataSet]) -> np.ndarray | None:
+    """Times that uneven histories share; None if all are even."""
     if all(int(history["abscissa_spacing"]) for history in histories):
-        steps = {float(history.get("abscissa_inc", 0.0)) for history in histories}
-        if len(steps) > 1 or min(steps) <= 0:
-            shown = ", ".join(f"{step:g}" for step in sorted(steps))
-            raise FileFormatError(
-                f"{path}: its time histories are sampled every {shown} s",
-                "Export those of one clock into one file.",
-            )
-        return rate_of(steps.pop(), RATE_TOLERANCE), None
+        return None
 
     times = np.asarray(histories[0]["x"], dtype=float)
     for history in histories[1:]:
@@ -259,7 +324,7 @@ def _clock(
                 f"{path}: the times of its time histories differ",
                 "Export histories with one clock.",
             )
-    return None, times
+    return times
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,11 @@
 """The grammar of one mapping, and the samples that it stands for.
 
-It is ``[-] name [ "[:, k]" | "[k, :]" ] [* factor] [@ unit]``. Nothing is evaluated as
-code.
+A term is ``[-] name [ "[:, k]" | "[k, :]" ] [* factor]``. A mapping is ``term [@
+unit]``, or ``mean(term, term, ..) [* factor] [@ unit]`` and the same with ``sum``.
+Nothing is evaluated as code.
 """
+
+from __future__ import annotations
 
 import difflib
 import re
@@ -17,7 +20,7 @@ from ..table import Table
 
 GRAMMAR = (
     '[-] name [:, k] * factor @ unit, e.g. "vir*35.1507", "-acc[:, 2] @ g", "laser'
-    ' @ mm"'
+    ' @ mm", or "mean(left, right) @ g"'
 )
 _PATTERN = re.compile(
     r"""\s*(?P<sign>-)?\s*
@@ -27,10 +30,22 @@ _PATTERN = re.compile(
     (?:@\s*(?P<unit>\S.*?))?\s*\Z""",
     re.VERBOSE,
 )
+_COMBINED = re.compile(
+    r"""\s*(?P<sign>-)?\s*(?P<combine>mean|sum)\((?P<terms>.*)\)\s*
+    (?:\*\s*(?P<factor>[^*@\s]+))?\s*
+    (?:@\s*(?P<unit>\S.*?))?\s*\Z""",
+    re.VERBOSE,
+)
+_TERM = re.compile(r"""(?:"[^"]*"|\[[^\]]*\]|[^,"\[])+""")
 # Numbers with marks of thousands, or with another decimal mark than the file's.
 _GROUPED_DIGITS = re.compile(
     r"[+-]?\d{1,3}([.,' \u00a0\u2009\u202f]\d{3})+([.,]\d*)?|[+-]?\d+\.\d*"
 )
+
+
+def as_name(name: str) -> str:
+    """A name as a mapping writes it: in quotes if it holds marks of the grammar."""
+    return f'"{name}"' if re.search(r"[\[\]*@(),]|^-", name) else name
 
 
 @dataclass(frozen=True)
@@ -40,13 +55,16 @@ class Expression:
     Parameters
     ----------
     name : str
-        A variable of the file.
+        A variable of the file; empty for a mean or a sum.
     column, row : int, optional
         Of a matrix, counted from 0.
     factor : str, optional
         A number, or the name of a variable that holds one.
     sign : {1, -1}
     unit : str, optional
+    combine : {"", "mean", "sum"}
+        What is made of the terms.
+    terms : tuple of Expression
     """
 
     name: str
@@ -55,11 +73,22 @@ class Expression:
     factor: str | None = None
     sign: int = 1
     unit: str | None = None
+    combine: str = ""
+    terms: tuple[Expression, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Variables of the file that it uses."""
+        names = [term.name for term in self.terms]
+        return tuple(names) or (self.name,)
 
     @property
     def text(self) -> str:
         """The mapping without its unit."""
-        text = f"-{self.name}" if self.sign < 0 else self.name
+        name = self.name
+        if self.combine:
+            name = f"{self.combine}({', '.join(term.text for term in self.terms)})"
+        text = f"-{name}" if self.sign < 0 else name
         if self.column is not None:
             text += f"[:, {self.column}]"
         if self.row is not None:
@@ -84,6 +113,10 @@ def parse(text: str, table: Table, channel: str) -> Expression:
     if text.strip() in table.variables:
         return Expression(text.strip())
 
+    combined = _COMBINED.match(text)
+    if combined is not None:
+        return _combination(combined, table, channel)
+
     match = _PATTERN.match(text)
     if match is None:
         raise ChannelError(
@@ -96,6 +129,25 @@ def parse(text: str, table: Table, channel: str) -> Expression:
         factor=match["factor"],
         sign=-1 if match["sign"] else 1,
         unit=match["unit"],
+    )
+
+
+def _combination(match: re.Match, table: Table, channel: str) -> Expression:
+    """A mean or a sum of terms."""
+    texts = [text.strip() for text in _TERM.findall(match["terms"])]
+    terms = tuple(parse(text, table, channel) for text in texts if text)
+    if len(terms) < 2 or any(term.unit or term.combine for term in terms):
+        raise ChannelError(
+            f"The mapping {channel} = {match[0]!r} is not understood",
+            "Write mean(left, right) @ unit: two terms or more, one unit behind them.",
+        )
+    return Expression(
+        name="",
+        factor=match["factor"],
+        sign=-1 if match["sign"] else 1,
+        unit=match["unit"],
+        combine=match["combine"],
+        terms=terms,
     )
 
 
@@ -115,6 +167,8 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
     ChannelError
         If the factor is not a usable number.
     """
+    if expression.combine:
+        return _combined(expression, table, channel)
     if expression.name not in table.variables:
         raise _no_variable(expression.name, table, channel)
     title = f"Channel {channel} = {expression.name!r} of {table.path}"
@@ -132,6 +186,22 @@ def line_of(expression: Expression, table: Table, channel: str) -> np.ndarray:
 
     scale = expression.sign * _factor(expression.factor, table, channel)
     return line if scale == 1 else line * scale
+
+
+def _combined(expression: Expression, table: Table, channel: str) -> np.ndarray:
+    """Samples of a mean or a sum; where a term is empty, so is the result."""
+    lines = [line_of(term, table, channel) for term in expression.terms]
+    lengths = sorted({len(line) for line in lines})
+    if len(lengths) > 1:
+        raise ChannelError(
+            f"Channel {channel} = {expression.text!r}: its terms have"
+            f" {' and '.join(map(str, lengths))} samples",
+            "Combine columns of one length.",
+        )
+    total = np.sum(lines, axis=0)
+    if expression.combine == "mean":
+        total = total / len(lines)
+    return total * (expression.sign * _factor(expression.factor, table, channel))
 
 
 def _no_variable(name: str, table: Table, channel: str) -> FileFormatError:

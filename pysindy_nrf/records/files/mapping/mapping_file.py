@@ -33,6 +33,9 @@ class MappingFile:
     coordinates : {"relative", "absolute"}, optional
     name : str, optional
         Name of the test.
+    prepare : dict
+        ``from``, ``to`` (s), ``resample`` (Hz), ``drop_blank`` and
+        ``relative_acceleration`` (true or false): see :class:`Preparation`.
     """
 
     path: Path
@@ -43,6 +46,7 @@ class MappingFile:
     fs: float | None = None
     coordinates: str | None = None
     name: str | None = None
+    prepare: dict[str, float | bool] = field(default_factory=dict)
 
 
 def read_mapping(path: str | PathLike[str]) -> MappingFile:
@@ -80,8 +84,22 @@ _KEYS = {
     "coordinates": "'relative' or 'absolute'",
     "channels": "a table CHANNEL = 'column'",
     "units": "a table CHANNEL = 'unit'",
+    "prepare": "a table of from, to, resample, drop_blank, relative_acceleration",
 }
-_TYPES = {"together": bool, "name": str, "channels": dict, "units": dict}
+_PREPARATIONS = {
+    "from": float,
+    "to": float,
+    "resample": float,
+    "drop_blank": bool,
+    "relative_acceleration": bool,
+}
+_TYPES = {
+    "together": bool,
+    "name": str,
+    "channels": dict,
+    "units": dict,
+    "prepare": dict,
+}
 _EXAMPLES = {"channels": "F2 = 'Shaker @ kN'", "units": "a = 'g'"}
 
 
@@ -101,11 +119,31 @@ def _check_entry(path: Path, key: str, value: object) -> None:
         )
     if not isinstance(value, dict):
         return
+    if key == "prepare":
+        _check_preparation(path, value)
+        return
     for name, text in value.items():
         if not _is_text(text):
             raise FileFormatError(
                 f"{path}: {key}.{name} = {_shown(text)} is not a text",
                 f"Write e.g. {_EXAMPLES[key]}.",
+            )
+
+
+def _check_preparation(path: Path, entries: dict[str, object]) -> None:
+    """Refuse an unknown preparation, and a wrong value."""
+    for name, value in entries.items():
+        kind = _PREPARATIONS.get(name)
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if kind is None or (kind is float and not is_number):
+            raise FileFormatError(
+                f"{path}: prepare.{name} = {_shown(value)} is not understood",
+                f"Write numbers or true and false for {', '.join(_PREPARATIONS)}.",
+            )
+        if kind is bool and not isinstance(value, bool):
+            raise FileFormatError(
+                f"{path}: prepare.{name} = {_shown(value)} is not true or false",
+                "Correct it.",
             )
 
 

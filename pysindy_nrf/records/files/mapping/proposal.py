@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -15,7 +15,18 @@ import numpy as np
 from ...channels import channel_of
 from ..table import Table
 from ..units import kind_of_unit, si_unit, split_suffix
-from .words import WORDS_OF_BASE, WORDS_OF_TOP, letter_named, names_one_of
+from .column_facts import ColumnFacts, column_facts, unit_of_ticks
+from .column_words import words_of_columns
+from .expression import as_name
+from .words import (
+    VERTICAL,
+    WORDS_OF_BASE,
+    WORDS_OF_TOP,
+    axis_of,
+    letter_named,
+    names_one_of,
+    notation_of,
+)
 
 # Numbers in names count floors if none is larger than this many times the columns.
 MAX_FLOORS_PER_COLUMN = 2
@@ -72,13 +83,24 @@ class _Column:
         return replace(self, floor=floor, doubts=self.doubts + doubts)
 
 
-def propose(table: Table) -> list[Proposal]:
-    """Channels of the columns of a file, with what is not sure about them."""
+def propose(table: Table, facts: Sequence[ColumnFacts] | None = None) -> list[Proposal]:
+    """Channels of the columns of a file, with what is not sure about them.
+
+    Parameters
+    ----------
+    table : Table
+    facts : sequence of ColumnFacts, optional
+        As :func:`column_facts` finds them.
+    """
+    facts = column_facts(table) if facts is None else facts
+    columns = _without_input_numbers(_channel_columns(table, facts))
     by_letter = defaultdict(list)
-    for column in _without_input_numbers(_channel_columns(table)):
+    for column in _in_one_direction(columns, facts):
         by_letter[column.letter].append(column)
 
     placed = by_letter["t"][:1]
+    if by_letter["a"]:  # other motions may be sampled slowly
+        placed = [_with_unit_of_ticks(column, facts) for column in placed]
     for letter in "axv":
         placed += _motions_on_floors(by_letter[letter])
     n_floors = max([column.floor for column in placed], default=0)
@@ -91,34 +113,61 @@ def propose(table: Table) -> list[Proposal]:
     return list(proposals.values())
 
 
-def _channel_columns(table: Table) -> list[_Column]:
-    """Columns that may be channels, of the longest variables."""
-    lengths = [len(values) for values in table.variables.values() if values.ndim]
-    longest = max(lengths, default=0)
+def _with_unit_of_ticks(time: _Column, facts: Sequence[ColumnFacts]) -> _Column:
+    """A time without a unit, in that of its ticks if seconds would be far too slow."""
+    step = next((fact.step for fact in facts if fact.text == time.text), np.nan)
+    is_unsaid = any(doubt.startswith("no unit") for doubt in time.doubts)
+    unit = unit_of_ticks(step)
+    if not is_unsaid or unit == "s":
+        return time
+    doubt = f"no unit: {unit} taken, since s would be {1 / step:.2g} Hz"
+    return replace(time, text=f"{time.text} @ {unit}", doubts=(doubt,))
+
+
+def _channel_columns(table: Table, facts: Sequence[ColumnFacts]) -> list[_Column]:
+    """Columns that may be channels: by their names and units, else by their shape."""
     columns: list[_Column] = []
-    for name, values in table.variables.items():
-        if values.ndim in (1, 2) and len(values) == longest:
-            columns += _columns_of_variable(name, values, table.units.get(name))
-    return columns
+    for fact in facts:
+        column = _named_column(fact, table)
+        if column is not None:
+            columns.append(column)
+    return columns + _columns_by_shape(columns, facts)
 
 
-def _columns_of_variable(
-    name: str, values: np.ndarray, unit: str | None
-) -> Iterator[_Column]:
-    """A variable as a channel, or each column of a matrix as one."""
-    bare, suffix = split_suffix(name)
-    unit = unit or suffix
+def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
+    """A column whose name or unit says which kind of channel it is."""
+    bare, suffix = split_suffix(_without_prefix(fact.variable, table))
+    unit = table.units.get(fact.variable) or suffix
+    notation = notation_of(bare)
     letter = _letter_of(bare, unit)
+    if bare in AXES_OF_A_GRAPH <= table.variables.keys() and not unit:
+        letter = None
     if letter is None:
-        return
+        return None
 
     doubts = _doubts(bare, unit, letter)
-    text = f'"{name}"' if re.search(r"[\[\]*@]|^-", name) else name
-    if values.ndim == 1:
-        yield _Column(letter, bare, text, doubts)
-        return
-    for k in range(values.shape[1]):
-        yield _Column(letter, f"{bare} {k + 1}", f"{text}[:, {k}]", doubts)
+    is_known = channel_of(bare) is not None
+    if notation is not None and notation.letter == letter and not is_known:
+        bare = f"{notation.letter} {notation.place}"
+    if fact.text != as_name(fact.variable):  # a column of a matrix
+        bare = f"{bare} {_number_of_column(fact)}"
+    return _Column(letter, bare, fact.text, doubts)
+
+
+def _number_of_column(fact: ColumnFacts) -> int:
+    """Number of a column of a matrix, counted from 1."""
+    return int(fact.text.rpartition(" ")[2].rstrip("]")) + 1
+
+
+def _without_prefix(name: str, table: Table) -> str:
+    """Name without the structure, group or file that it stands in: ``data.F2``."""
+    last = name.rpartition(".")[2].strip()
+    is_telling = channel_of(last) or notation_of(last) or letter_named(last) is not None
+    return last if is_telling and not table.files else name
+
+
+SINGLE_LETTERS = {"x": "x", "v": "v", "a": "a", "f": "F", "F": "F"}
+AXES_OF_A_GRAPH = {"x", "y"}
 
 
 def _letter_of(name: str, unit: str | None) -> str | None:
@@ -129,7 +178,89 @@ def _letter_of(name: str, unit: str | None) -> str | None:
         return None  # a temperature, a counter
     if kind_of_unit(unit):
         return kind_of_unit(unit)
-    return channel[0] if channel else words
+    if channel:
+        return channel[0]
+    notation = notation_of(name)
+    if notation is not None:
+        return notation.letter
+    return words or SINGLE_LETTERS.get(name.strip())
+
+
+def _columns_by_shape(
+    named: Sequence[_Column], facts: Sequence[ColumnFacts]
+) -> list[_Column]:
+    """Columns without a meaningful name: the time, and pairs of a motion and its
+    derivative.
+    """
+    letters = {column.text: column.letter for column in named}
+    unnamed = [fact for fact in facts if fact.text not in letters]
+    out = []
+    if "t" not in letters.values():
+        rising = [fact for fact in facts[:1] if fact.is_time and fact in unnamed]
+        for fact in rising:
+            doubt = "rises in even steps; s taken"
+            out.append(_Column("t", fact.text, fact.text, (doubt,)))
+
+    by_derivative = {0: "x", 1: "v", 2: "a"}
+    for fact in unnamed:
+        relation = fact.relation
+        if relation is None:
+            continue
+        lower = letters.get(relation.of, "x")
+        if lower not in "xv":
+            continue
+        order = relation.order + "xv".index(lower)
+        words = "second derivative" if relation.order == 2 else "derivative"
+        doubt = f"no name and no unit; looks like the {words} of {relation.of}"
+        for text, letter in (
+            (relation.of, lower),
+            (fact.text, by_derivative[min(order, 2)]),
+        ):
+            if text not in letters:
+                letters[text] = letter
+                out.append(_Column(letter, "", text, (doubt,)))
+    return out
+
+
+def _in_one_direction(
+    columns: Sequence[_Column], facts: Sequence[ColumnFacts]
+) -> list[_Column]:
+    """Columns without the other directions of sensors that measure several.
+
+    The direction that moves most is taken, of those that are not vertical.
+    """
+    directions: dict[tuple[str, str], dict[str, _Column]] = defaultdict(dict)
+    for column in columns:
+        stem, axis = axis_of(column.name)
+        if axis is not None and column.letter in "avx":
+            directions[column.letter, stem][axis] = column
+    of_several = [axes for axes in directions.values() if len(axes) > 1]
+    if not of_several:
+        return list(columns)
+
+    variance = {fact.text: _variance(fact) for fact in facts}
+    total: dict[str, float] = defaultdict(float)
+    for axes in of_several:
+        for axis, column in axes.items():
+            total[axis] += variance[column.text]
+    level = [axis for axis in total if axis not in VERTICAL] or list(total)
+    taken = max(level, key=lambda axis: total[axis])
+
+    doubt = f"{taken} of {', '.join(total)}: is it the direction of the chain?"
+    others = {c for axes in of_several for axis, c in axes.items() if axis != taken}
+    kept = []
+    for column in columns:
+        stem, axis = axis_of(column.name)
+        if column in others:
+            continue
+        if axis == taken and column.letter in "avx":
+            column = replace(column, name=stem, doubts=(*column.doubts, doubt))
+        kept.append(column)
+    return kept
+
+
+def _variance(fact: ColumnFacts) -> float:
+    return 0.0 if fact.values is None else float(np.nanvar(fact.values))
 
 
 def _doubts(name: str, unit: str | None, letter: str) -> tuple[str, ...]:
@@ -217,16 +348,62 @@ def _forces_on_floors(columns: Sequence[_Column], n_floors: int) -> list[_Column
     return placed
 
 
-def mapping_text(files: Sequence[Path], proposals: Sequence[Proposal]) -> str:
-    """A mapping file (TOML) of proposals; doubts stand behind a question mark."""
+def mapping_text(
+    files: Sequence[Path],
+    proposals: Sequence[Proposal],
+    table: Table | None = None,
+    facts: Sequence[ColumnFacts] = (),
+) -> str:
+    """A mapping file (TOML) of proposals; doubts stand behind a question mark.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    proposals : sequence of Proposal
+    table : Table, optional
+        Its columns are listed as comments, with what they look like.
+    facts : sequence of ColumnFacts
+    """
     names = ", ".join(_quoted(path.name) for path in files)
-    lines = [f"files = [{names}]", "", "[channels]"]
+    lines = [f"files = [{names}]"]
+    if table is not None and table.files:
+        lines.append("together = true")
+    if table is not None:
+        used = {
+            proposal.text.partition(" @ ")[0]: proposal.channel
+            for proposal in proposals
+        }
+        lines += ["", "# Columns of the file, and what they look like:"]
+        lines += [f"#   {words}" for words in words_of_columns(table, facts, used)]
+        if lacks_clock(proposals, table):
+            lines += ["", "# fs = 100.0   # ? the file has no time: its rate in Hz"]
+
+    lines += ["", "[channels]"]
     for proposal in proposals:
         line = f"{proposal.channel} = {_quoted(proposal.text)}"
         if proposal.doubts:
             line += f"   # ? {'; '.join(proposal.doubts)}"
         lines.append(line)
     return "\n".join(lines) + "\n"
+
+
+def is_element_alone(proposals: Sequence[Proposal]) -> bool:
+    """Whether a test of one element is proposed: a force, its drift, and no mass."""
+    motions = {proposal.channel for proposal in proposals} - {"t", "F1"}
+    has_force = any(proposal.channel == "F1" for proposal in proposals)
+    return has_force and bool(motions) and motions <= {"x1", "v1"}
+
+
+def lacks_clock(proposals: Sequence[Proposal], table: Table) -> bool:
+    """Whether neither a time is proposed nor a rate stated in the file."""
+    has_time = any(proposal.channel == "t" for proposal in proposals)
+    return not has_time and table.fs is None and not table.clocks and not table.files
+
+
+def lacks_motion(proposals: Sequence[Proposal]) -> bool:
+    """Whether no motion of the structure is proposed, so that nothing can be read."""
+    channels = {proposal.channel for proposal in proposals}
+    return not any(re.fullmatch(r"[avx]\d+", channel) for channel in channels)
 
 
 def _quoted(text: str) -> str:

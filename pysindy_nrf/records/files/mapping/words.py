@@ -7,6 +7,7 @@ Japanese ones stand anywhere.
 
 import re
 import unicodedata
+from dataclasses import dataclass
 
 # By the letter of the channels; "" for columns that are no channels. The first that
 # fits counts.
@@ -20,13 +21,13 @@ WORDS_OF_CHANNELS = {
     "F": (
         "force kraft fuerza forza effort load last charge carga carico shaker hammer"
         " impact impakt marteau martillo martello exciter erreger excit vibrodin"
-        " dynamom 荷重 力 加振"
+        " dynamom torque drehmoment couple coppia 荷重 力 加振"
     ),
     "x": (
-        "disp lvdt laser string weg verschieb auslenk deplac desplaz spost dist abstand"
-        " potentiom 位移 变位 変位"
+        "disp lvdt laser string drift weg verschieb auslenk deplac desplaz spost dist"
+        " abstand potentiom angle winkel angolo angulo 位移 变位 変位"
     ),
-    "v": "vel geschw vitess speed ldv 速度",
+    "v": "vel geschw vitess speed ldv omega drehzahl 速度",
 }
 WORDS_OF_BASE = (
     "ag xg vg base basis ground boden table tisch sol suelo terreno fundament"
@@ -43,7 +44,8 @@ EASTERN_WORDS = [
 
 def names_one_of(name: str, words: str) -> bool:
     """Whether the name of a column holds one of some words."""
-    decomposed = unicodedata.normalize("NFKD", name.lower())
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)  # SampleTimeFine
+    decomposed = unicodedata.normalize("NFKD", spaced.lower())
     plain = "".join(c for c in decomposed if not unicodedata.combining(c))
     words_of_name = re.findall(r"[^\W\d_]+", plain)
     return any(_contains(word, plain, words_of_name) for word in words.split())
@@ -67,3 +69,58 @@ def letter_named(name: str) -> str | None:
         if names_one_of(name, words):
             return letter
     return None
+
+
+# Derivatives as mathematicians write them: xddot_1, ddotxg, x1_dd, dotu_top, ug.
+_PLACE = r"(?P<{}>\d+|g|gr|ground|base|top|roof)?"
+_DOTS = r"(?:ddot|dotdot|dot|dd|d)"
+_NOTATIONS = [
+    re.compile(rf"(?P<dots>{_DOTS})_?[xu]_?{_PLACE.format('place')}", re.IGNORECASE),
+    re.compile(rf"[xu]_?(?P<dots>{_DOTS})_?{_PLACE.format('place')}", re.IGNORECASE),
+    re.compile(rf"[xu]_?{_PLACE.format('place')}_?(?P<dots>{_DOTS})", re.IGNORECASE),
+    re.compile(rf"(?P<dots>)u_?{_PLACE.format('place')}", re.IGNORECASE),
+]
+
+
+@dataclass(frozen=True)
+class Notation:
+    """A motion in the notation of mathematics.
+
+    Parameters
+    ----------
+    letter : {"a", "v", "x"}
+    place : str
+        A number, a word for the base or the top, or empty.
+    """
+
+    letter: str
+    place: str
+
+
+def notation_of(name: str) -> Notation | None:
+    """The motion that a name such as ``ddotxg`` means; None for any other name."""
+    for pattern in _NOTATIONS:
+        match = pattern.fullmatch(name.strip())
+        if match is None or (not match["dots"] and not match["place"]):
+            continue
+        dots = match["dots"].lower().replace("dotdot", "dd").replace("ddot", "dd")
+        place = (match["place"] or "").lower()
+        letter = {"": "x", "dd": "a"}.get(dots, "v")
+        return Notation(letter, "base" if place in ("g", "gr", "0") else place)
+    return None
+
+
+# Directions at the end of a name: of one sensor, or of the sensors of one floor.
+_AXIS = re.compile(
+    r"(?P<stem>.*?)(?:[\s_\-./:]+|(?<=\d)|(?<=[a-z])(?=[A-Z])|^)"
+    r"(?P<axis>[XYZ]|NS|EW|UD|UP|(?<![^\W_])[xyz](?![^\W_])|(?<=\d)[xyz])"
+)
+VERTICAL = ("Z", "UD", "UP")
+
+
+def axis_of(name: str) -> tuple[str, str | None]:
+    """Name without the direction at its end, and the direction: ``X``, ``NS``, ..."""
+    match = _AXIS.fullmatch(name.strip())
+    if match is None:
+        return name.strip(), None
+    return match["stem"].strip(" _-./:"), match["axis"].upper()

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from ...common.files import atomic_write
-from ...common.lazy import require
-from .figure import Axis, Bars, Figure, Line, Map
+from ..common.files import atomic_write
+from ..common.lazy import require
+from ..exceptions import NRFError
+from .figure import Axis, Bars, Figure, Line, Map, Surface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Sheet
     from matplotlib.figure import SubFigure
+    from mpl_toolkits.mplot3d import Axes3D
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and in grey by their
 # lightness.
@@ -56,6 +58,9 @@ _MARKERS: dict[str, Style] = {
 }
 # Units in which an axis is drawn, and the factor from SI.
 _DRAWN_UNITS = {"m": ("mm", 1e3)}
+# Colour of the legend of a surface; colour, width and stride of the lines of nets.
+_FULL_SURFACE = "#7b7b78"
+_NETS = {"faint": ("0.75", 0.3, 4), "net": ("black", 0.6, 3)}
 # Points of a curve: a long record becomes a picture and not a 100 MB file.
 MAX_POINTS = 20_000
 # Share of the distance between two bars that they take up.
@@ -74,6 +79,8 @@ class Drawing:
 
     # axes beside each other; 0: a single figure, and ``ax_`` is no array
     _columns: ClassVar[int] = 2
+    # whether axes below each other have one abscissa
+    _shared: ClassVar[bool] = True
     ax_: Axes | np.ndarray
     figure_: Sheet | SubFigure
 
@@ -92,17 +99,29 @@ class Drawing:
         ax : Axes or array of Axes, optional
             New ones if None.
         """
-        figures = self.figures()
+        figures = _panels(self.figures())
         if ax is None:
             pyplot = require("matplotlib.pyplot", "plot", "Drawing")
             sheet = pyplot.figure(layout="constrained")
-            ax = _subplots(sheet, figures, self._columns or 1)
+            ax = _subplots(sheet, figures, self._columns or 1, self._shared)
 
         axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
         _draw_all(figures, list(axes))
         self.figure_ = axes[0].figure
         self.ax_ = axes if self._columns else axes[0]
         return self
+
+
+class Column(Drawing):
+    """Figures below each other."""
+
+    _columns = 1
+
+
+class Single(Drawing):
+    """One figure; ``ax_`` is no array."""
+
+    _columns = 0
 
 
 def available() -> bool:
@@ -128,7 +147,8 @@ def save(
 
     sheet = Sheet(layout="constrained")
     FigureCanvasAgg(sheet)
-    _draw_all(figures, _subplots(sheet, figures, columns))
+    panels = _panels(figures)
+    _draw_all(panels, _subplots(sheet, panels, columns))
     if title:
         sheet.suptitle(title)
     with atomic_write(path, "wb") as file:
@@ -136,8 +156,15 @@ def save(
     return [path]
 
 
-def _subplots(sheet: Sheet, figures: Sequence[Figure], columns: int) -> list[Axes]:
-    """New axes for figures, in rows; in a single column they share their abscissa."""
+def _panels(figures: Sequence[Figure]) -> list[Figure]:
+    """All pairs of axes, those below a figure behind it."""
+    return [panel for figure in figures for panel in figure.panels]
+
+
+def _subplots(
+    sheet: Sheet, figures: Sequence[Figure], columns: int, shared: bool = True
+) -> list[Axes]:
+    """New axes for figures, in rows; in a single column they may share the abscissa."""
     columns = min(columns, len(figures))
     rows = -(-len(figures) // columns)
     width, height = np.max([figure.size for figure in figures], axis=0)
@@ -147,9 +174,17 @@ def _subplots(sheet: Sheet, figures: Sequence[Figure], columns: int) -> list[Axe
 
     axes: list[Axes] = []
     for k in range(len(figures)):
-        shared = axes[0] if axes and columns == 1 else None
-        ax = sheet.add_subplot(rows, columns, k + 1, sharex=shared)
-        if columns == 1 and k < rows - 1:
+        in_space = figures[k].z is not None
+        shares = shared and axes and columns == 1 and not in_space
+        projection = "3d" if in_space else None
+        ax = sheet.add_subplot(
+            rows,
+            columns,
+            k + 1,
+            sharex=axes[0] if shares else None,
+            projection=projection,
+        )
+        if shared and columns == 1 and k < rows - 1:
             ax.tick_params(labelbottom=False)
         axes.append(ax)
     return axes
@@ -159,6 +194,8 @@ def _draw_all(figures: Sequence[Figure], axes: Sequence[Axes]) -> None:
     """Draw figures on axes; a legend of the sheet is drawn once."""
     for figure, ax in zip(figures, axes):
         _draw(figure, ax)
+        if not ax.xaxis.get_tick_params().get("labelbottom", True):
+            ax.set_xlabel("")
     if figures and figures[0].legend == "sheet":
         sheet = axes[0].figure
         handles, labels = axes[0].get_legend_handles_labels()
@@ -174,6 +211,9 @@ def _draw_all(figures: Sequence[Figure], axes: Sequence[Axes]) -> None:
 
 def _draw(figure: Figure, ax: Axes) -> None:
     """Draw one figure on its axes."""
+    if figure.z is not None:
+        _draw_in_space(figure, ax)
+        return
     scales = [_DRAWN_UNITS.get(axis.unit, ("", 1.0))[1] for axis in figure.axes]
     n_bars_drawn = 0
     for mark in figure.marks:
@@ -299,6 +339,56 @@ def _style_of_bars(bars: Bars, lying: bool) -> Style:
     if bars.hatched:
         style |= {"hatch": "////", "edgecolor": "white"}
     return style
+
+
+def _draw_in_space(figure: Figure, ax: Axes) -> None:
+    """Draw surfaces and paths over drift and rate."""
+    from matplotlib.ticker import MaxNLocator
+    from mpl_toolkits.mplot3d import Axes3D
+
+    if not isinstance(ax, Axes3D):
+        raise NRFError(
+            f"{figure.title} is drawn in space",
+            "Give axes with projection='3d', or none.",
+        )
+    scales = [_DRAWN_UNITS.get(axis.unit, ("", 1.0))[1] for axis in figure.axes]
+    for mark in figure.marks:
+        if isinstance(mark, Surface):
+            color = _draw_surface(ax, mark, scales)
+            ax.plot([], [], [], color=color, linewidth=3, label=mark.name)
+        elif isinstance(mark, Line):
+            lines = []
+            for line, scale in zip((mark.x, mark.y, mark.z), scales):
+                lines.append(scale * np.asarray(line, dtype=float))
+            color = _COLORS[mark.color]
+            ax.plot(*lines, color=color, linewidth=0.7 * mark.width, label=mark.name)
+
+    for side, axis in zip("xyz", figure.axes):
+        dress(ax, side, axis)
+        getattr(ax, f"{side}axis").set_major_locator(MaxNLocator(5))
+    ax.set_title(figure.heading)
+    ax.tick_params(labelsize="small", pad=1)
+    ax.tick_params(axis="z", pad=4)
+    ax.zaxis.labelpad = 11
+    ax.view_init(elev=24, azim=-125)
+    ax.set_box_aspect(None, zoom=0.8)
+    ax.legend(loc="upper left", fontsize="x-small", frameon=False)
+
+
+def _draw_surface(ax: Axes3D, surface: Surface, scales: Sequence[float]) -> str:
+    """Draw a surface, and give the colour of its legend."""
+    grid = []
+    for values, scale in zip((surface.x, surface.y, surface.z), scales):
+        grid.append(scale * np.asarray(values, dtype=float))
+    if surface.style == "full":
+        look: Style = {"cmap": "cividis", "linewidth": 0, "alpha": 0.95}
+        ax.plot_surface(*grid, rstride=1, cstride=1, **look)
+        return _FULL_SURFACE
+    color, width, stride = _NETS[surface.style]
+    ax.plot_wireframe(
+        *grid, color=color, linewidth=width, rstride=stride, cstride=stride
+    )
+    return color
 
 
 def _draw_map(ax: Axes, field: Map, x_scale: float, y_scale: float) -> None:

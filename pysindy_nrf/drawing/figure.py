@@ -1,7 +1,6 @@
 """The language of figures: axes in SI units, marks, words, and a table of the numbers.
 
-A figure says what is drawn, apart from how. Two renderers read it: matplotlib's sheet
-and plotly's page.
+Two renderers read it: matplotlib's sheet and plotly's page.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..tables import Table, table
+from .tables import Table, table
 
 __all__ = [
     "CYCLE",
@@ -186,6 +185,8 @@ class Figure:
         On the sheet, inches.
     height : int
         On the page, pixels.
+    below : sequence of Figure
+        Further axes below these, on the same abscissa.
     """
 
     title: str
@@ -202,6 +203,7 @@ class Figure:
     legend: str = "inside"
     size: tuple[float, float] = (4.5, 3.4)
     height: int = 300
+    below: Sequence[Figure] = ()
 
     @property
     def named(self) -> bool:
@@ -212,6 +214,11 @@ class Figure:
     def axes(self) -> list[Axis]:
         """Its two or three axes."""
         return [axis for axis in (self.x, self.y, self.z) if axis is not None]
+
+    @property
+    def panels(self) -> list[Figure]:
+        """This figure and those below it, from the top down."""
+        return [self, *self.below]
 
     @property
     def n_bars(self) -> int:

@@ -1,0 +1,197 @@
+"""What a model leaves of each equation of motion, beside what noise would leave.
+
+Noise as strong as that of the channels is added to the records once more. What it adds
+to the fused motion, and with it to the residual, is what the noise that was measured
+has left there.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..chain.model import ChainModel
+from ..diagnosis.facts import LeftOver
+from ..diagnosis.residual import residual_of
+from ..diagnosis.rules import ABOVE_NOISE
+from ..exceptions import NRFWarning
+from ..records.dataset import Dataset, Segment
+from ..records.fusion.noise_levels import levels_of
+from ..records.input_arrays import from_arrays
+from ..records.record import Record
+from .problem import Problem
+
+# Samples of all records that are fused again. Noise of 10 000 samples has a known rms
+# to 1 %, and that of an octave to 3 %.
+MAX_SAMPLES = 10_000
+# Lines of a spectrum in the lowest octave, at least.
+LEAST_LINES = 32
+# Share of the squared residual from which on an octave is counted.
+LEAST_SHARE = 0.01
+# Times what noise leaves that is taken for noise: one draw shows it to a fifth.
+TIMES_NOISE = 1.2
+# A verdict on the same data is the same, so its noise is.
+_SEED = 0
+_PARTS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
+
+
+@dataclass(frozen=True)
+class BesideNoise:
+    """What a model leaves of each equation of motion, beside what noise would leave.
+
+    Parameters
+    ----------
+    left_over : dict of int to LeftOver
+        By DOF. Where some octaves hold far more than noise they alone are counted.
+    noise : dict of int to float
+        What noise would leave at all frequencies, percent of the force.
+    """
+
+    left_over: dict[int, LeftOver] = field(default_factory=dict)
+    noise: dict[int, float] = field(default_factory=dict)
+
+    def beyond(self, unexplained: Mapping[int, float]) -> dict[int, float]:
+        """What equations leave beyond noise, percent, by DOF."""
+        beyond = {}
+        for j, noise in self.noise.items():
+            power = unexplained.get(j, np.nan) ** 2 - (TIMES_NOISE * noise) ** 2
+            beyond[j] = float(np.sqrt(max(power, 0.0)))
+        return beyond
+
+
+def beside_noise(problem: Problem, model: ChainModel, data: Dataset) -> BesideNoise:
+    """What a model leaves of each equation of motion, beside what noise would leave.
+
+    Parameters
+    ----------
+    problem : Problem
+    model : ChainModel
+    data : Dataset
+        Fused from records.
+
+    Returns
+    -------
+    BesideNoise
+        Empty where no noise is known.
+    """
+    if not data.records or not all(segment.noise for segment in data.segments):
+        return BesideNoise()
+    with warnings.catch_warnings(action="ignore", category=NRFWarning):
+        of_noise, step = _residual_of_noise(problem, model, data)
+    residual = residual_of(model, data, problem.filters(data))
+    n_octaves = _number_of_octaves([*of_noise, *residual.balance])
+    noise = _powers_by_octave(of_noise, step, n_octaves)
+    left = _powers_by_octave(residual.balance, step, n_octaves)
+
+    known = BesideNoise()
+    for j, reference in enumerate(residual.reference["reference"][: model.n_dof]):
+        if np.isfinite(left[:, j]).all() and reference > 0:
+            of_dof = _above_noise(left[:, j], noise[:, j], step)
+            percent = 100.0 * of_dof.rms / float(reference)
+            known.left_over[j + 1] = replace(of_dof, percent=percent)
+            known.noise[j + 1] = 100.0 * float(np.sqrt(noise[:, j].sum()) / reference)
+    return known
+
+
+def _above_noise(left: np.ndarray, noise: np.ndarray, step: float) -> LeftOver:
+    """What is left in the octaves far above noise; in all if there is none."""
+    holds_something = left > LEAST_SHARE * left.sum()
+    counted = holds_something & (left > ABOVE_NOISE**2 * noise)
+    if not counted.any():
+        counted = np.ones(len(left), dtype=bool)
+    rms = float(np.sqrt(left[counted].sum()))
+    of_noise = float(np.sqrt(noise[counted].sum()))
+    number = np.flatnonzero(counted)
+    highest = 0.5 / step / 2.0 ** number[0]
+    is_lowest = number[-1] == len(left) - 1
+    lowest = 0.0 if is_lowest else 0.25 / step / 2.0 ** number[-1]
+    return LeftOver(rms, of_noise, np.nan, (lowest, highest))
+
+
+def _residual_of_noise(
+    problem: Problem, model: ChainModel, data: Dataset
+) -> tuple[list[np.ndarray], float]:
+    """What further noise adds to the residual, N, record by record; the step, s."""
+    rng = np.random.default_rng(_SEED)
+    stretches = [_stretch(problem, data, k) for k in range(len(data.segments))]
+    noisy = [
+        _with_noise(record, segment, rng)
+        for record, segment in zip(stretches, data.segments)
+    ]
+    residuals = []
+    for records in (stretches, noisy):
+        fused = from_arrays(
+            records,
+            n_dof=model.n_dof,
+            has_memory=model.has_memory,
+            check=False,
+            needs_clock=problem.needs_clock,
+        )
+        residuals.append(residual_of(model, fused, problem.filters(fused)).balance)
+
+    differences = []
+    for plain, more in zip(*residuals):
+        n_samples = min(len(plain), len(more))
+        differences.append(more[:n_samples] - plain[:n_samples])
+    return differences, data.segments[0].step
+
+
+def _stretch(problem: Problem, data: Dataset, number: int) -> Record:
+    """The strongest stretch of a record; the record itself if laws have a memory."""
+    record, segment = data.records[number], data.segments[number]
+    share = MAX_SAMPLES / sum(each.n_valid for each in data.segments)
+    if share >= 1 or problem.layout.has_memory:
+        return record
+    size = max(1, int(share * segment.n_valid))
+    first = segment.valid.start + segment.strongest(slice(0, segment.n_valid), size)
+    return record.rows(slice(first, first + size))
+
+
+def _with_noise(record: Record, segment: Segment, rng: np.random.Generator) -> Record:
+    """A record with further noise on every channel, as strong as what it has."""
+    levels = levels_of(record, segment.noise)
+    changes: dict[str, np.ndarray] = {}
+    for letter, part in _PARTS.items():
+        measured = getattr(record, part)
+        if measured is None:
+            continue
+        rms = [levels.get(f"{letter}{j}", 0.0) for j in range(1, record.n_dof + 1)]
+        scatter = rng.standard_normal(np.shape(measured)) * rms
+        changes[part] = np.asarray(measured, dtype=float) + scatter
+    return record.replace(**changes)
+
+
+def _number_of_octaves(lines: Sequence[np.ndarray]) -> int:
+    """Octaves of which the lowest has enough lines in the shortest record."""
+    shortest = min(map(len, lines))
+    return max(1, int(np.log2(max(shortest / 2 / LEAST_LINES, 1.0))) + 1)
+
+
+def _powers_by_octave(
+    lines: Sequence[np.ndarray], step: float, n_octaves: int
+) -> np.ndarray:
+    """Variance of lines by octave, the highest first, (n_octaves, n_columns).
+
+    Parameters
+    ----------
+    lines : sequence of ndarray of shape (n_samples, n_columns)
+    step : float
+        s.
+    n_octaves : int
+        The lowest holds all that is below it.
+    """
+    lowest = 0.5 / step / 2**n_octaves
+    powers = np.zeros((n_octaves, lines[0].shape[1]))
+    for record in lines:
+        spectrum = np.abs(np.fft.rfft(record, axis=0)) ** 2
+        # the means are zeros of sensors
+        spectrum[0] = 0.0
+        frequencies = np.fft.rfftfreq(len(record), step)
+        octaves_down = np.log2(0.5 / step / np.maximum(frequencies, lowest))
+        number = np.clip(octaves_down.astype(int), 0, n_octaves - 1)
+        for k in range(n_octaves):
+            powers[k] += 2.0 * spectrum[number == k].sum(axis=0) / len(record)
+    return powers / sum(map(len, lines))

@@ -1,0 +1,155 @@
+"""Stiffness, damping and friction against time: what a fit with ``varying`` gives."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from ...chain.sites import Site, SiteName
+from ...drawing.matplotlib_renderer import Drawing
+from ...exceptions import ChainError
+from ...report.figures.courses import course_figures
+
+if TYPE_CHECKING:
+    from ...drawing.figure import Figure
+
+# Kinds of ``changes``.
+CONSTANT = "constant"
+GRADUAL = "gradual"
+SUDDEN = "sudden"
+BOTH = "gradual and sudden"
+AMPLITUDE = "amplitude dependence"
+EITHER = "change or amplitude dependence"
+UNCERTAIN = "not certain"
+CHANGING = (GRADUAL, SUDDEN, BOTH)
+
+
+@dataclass(frozen=True, eq=False)
+class TimeVariation:
+    """Courses of coefficients in time, with what is known of their changes.
+
+    Attributes
+    ----------
+    table : DataFrame
+        ``site``, ``term``, ``unit``, ``t`` (s), ``value``, ``lower``, ``upper`` (95 %
+        band), a row for each piece of the record.
+    changes : DataFrame
+        A row for each coefficient that was followed: ``site``, ``term``, ``kind``
+        (``"constant"``, ``"gradual"``, ``"sudden"``, ``"gradual and sudden"``,
+        ``"amplitude dependence"``, ``"change or amplitude dependence"``, ``"not
+        certain"`` where a constant lies within the band all along), ``first``,
+        ``last`` and ``lowest`` value (SI), ``change`` from the first to the last with
+        ``lower`` and ``upper`` (percent of the first), and ``p``, a bound of the
+        probability of the evidence if nothing changes.
+    instants : DataFrame
+        Sudden changes: ``site``, ``term``, ``t`` with ``t_lower`` and ``t_upper`` (s),
+        ``change`` (percent of the value before).
+    masses : ndarray of shape (n_dof,)
+        Found beside the courses, kg.
+    errors : Series
+        What the equations of motion leave, percent of the forces: ``constant`` and
+        ``varying``.
+    false_alarm_rate : float
+        Probability that anything of a structure that does not change is called
+        changing.
+    period : float
+        Of the first mode, s; an eighth of it is the resolution in time.
+    """
+
+    table: pd.DataFrame
+    changes: pd.DataFrame
+    instants: pd.DataFrame
+    masses: np.ndarray
+    errors: pd.Series
+    false_alarm_rate: float
+    period: float
+
+    @property
+    def changing(self) -> list[str]:
+        """Sites at which something changes in time."""
+        changes = self.changes[self.changes["kind"].isin(CHANGING)]
+        return list(dict.fromkeys(changes["site"]))
+
+    def course(self, site: SiteName, term: str) -> pd.DataFrame:
+        """Value and band of one coefficient, by time.
+
+        Parameters
+        ----------
+        site : str or int
+        term : str
+            Its label, such as ``"s"``.
+
+        Returns
+        -------
+        DataFrame
+            ``value``, ``lower``, ``upper``, SI, indexed by ``t``, s.
+
+        Raises
+        ------
+        ChainError
+            If the coefficient was not followed.
+        """
+        table = self.table
+        here = table[(table["site"] == str(Site(site))) & (table["term"] == term)]
+        if here.empty:
+            followed = [f"{row.site}: {row.term}" for row in self.changes.itertuples()]
+            raise ChainError(
+                f"The term {term!r} of {Site(site)} was not followed in time",
+                f"Ask for one of {', '.join(followed)}, or name it in varying=.",
+            )
+        return here.set_index("t")[["value", "lower", "upper"]]
+
+    def __str__(self) -> str:
+        lines = [_sentence(row) for row in self.changes.to_dict("records")]
+        return "\n".join(lines)
+
+    def to_json(self) -> str:
+        """All tables, the masses and the errors as JSON."""
+        content = {
+            "changes": self.changes.to_dict("records"),
+            "instants": self.instants.to_dict("records"),
+            "courses": self.table.to_dict("list"),
+            "masses_kg": self.masses.tolist(),
+            "errors_percent": self.errors.to_dict(),
+            "false_alarm_rate": self.false_alarm_rate,
+            "first_period_s": self.period,
+        }
+        return json.dumps(content, indent=1)
+
+    def figures(self) -> list[Figure]:
+        """One figure for each coefficient that was followed."""
+        return course_figures(self.table, self.instants)
+
+    def plot(self) -> Drawing:
+        """Draw every course with its band (matplotlib).
+
+        Returns
+        -------
+        Display
+            With ``axes_`` and ``figure_``.
+        """
+        return Drawing(self.figures()).plot()
+
+
+def _sentence(row: dict[str, object]) -> str:
+    """One coefficient in words."""
+    name = f"{row['site']}, {row['term']}"
+    if row["kind"] == CONSTANT:
+        return f"{name}: no change is seen."
+    if row["kind"] in CHANGING:
+        return (
+            f"{name}: {row['kind']} change of {row['change']:+.3g} %"
+            f" ({row['lower']:+.3g} to {row['upper']:+.3g})."
+        )
+    if row["kind"] == UNCERTAIN:
+        return f"{name}: follows the record, but a constant lies within its band."
+    if row["kind"] == AMPLITUDE:
+        return f"{name}: depends on the amplitude; no change in time is seen."
+    return (
+        f"{name}: changes in time or depends on the amplitude; the record does not show"
+        " which."
+    )

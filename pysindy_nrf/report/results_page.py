@@ -1,0 +1,42 @@
+"""A page of tables and figures that are no model: a comparison, a change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ..drawing.figure import Figure, Table
+from .content import Content, audit_part
+
+
+@dataclass(frozen=True, eq=False)
+class ResultsPage:
+    """Tables and figures with a headline.
+
+    Parameters
+    ----------
+    title, lead : str
+        What was asked, and the answer in a sentence.
+    parts : sequence of Figure or Table
+    care : sequence of str
+        What is to be taken care of.
+    info : mapping of str to object
+        ``command`` and ``inputs`` of the run.
+    """
+
+    title: str
+    lead: str
+    parts: Sequence[Figure | Table]
+    care: Sequence[str] = ()
+    info: Mapping[str, object] = field(default_factory=dict)
+
+
+def results_content(page: ResultsPage, title: str | None = None) -> Content:
+    """What such a page shows."""
+    return Content(
+        title=title or page.title,
+        lead=page.lead,
+        audit=audit_part(page.info, {}),
+        care=list(page.care),
+        results=list(page.parts),
+    )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import pandas as pd
+
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
@@ -27,6 +29,7 @@ from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
 from ..records.record import Record
 from .balance_judgement import BalanceJudgement, BalanceOutcome
+from .effects import Finding
 from .excerpts import EXCERPTS
 from .final_estimate import final_estimate, with_final_estimate
 from .fitted_model import FittedModel
@@ -60,6 +63,7 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         measured=measured_records(outcome.records.records, noise, len(request.heldout)),
         loops=loops_of(report.model, pieces, filters),
         free_runs=_free_runs(report, outcome, final),
+        lack_of_fit=_lack_of_fit(outcome.result.general),
         beyond_noise=remainder.certainty.beyond_noise,
         alternatives=_alternatives(request, outcome, report),
         unseen_drifts=unseen_drifts(outcome.measured.data),
@@ -79,6 +83,19 @@ def _with_ambiguity(report: LoopReport) -> LoopReport:
     ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.better)
     bounds = with_ambiguity(report.bounds, ambiguous)
     return replace(report, bounds=bounds, ambiguous_intervals=ambiguous)
+
+
+def _lack_of_fit(general: Sequence[Finding]) -> pd.DataFrame:
+    """The table of what general laws would still gain beside the last model."""
+    rows = []
+    for finding in general:
+        if finding.reduction is not None:
+            reduction = finding.reduction
+            name = finding.candidate.law.name
+            error = reduction.standard_error
+            rows.append((finding.candidate.site_names, name, reduction.value, error))
+    columns = ["site", "general law", "reduction (dB)", "standard error"]
+    return pd.DataFrame(rows, columns=columns).set_index(columns[:2])
 
 
 def _records_of_estimate(

@@ -42,11 +42,15 @@ class ClassSettings:
     # Names of the best place that are tried at all storeys at once.
     together: int = 2
     # A name carries the model if it loses at most so much against the general law, dB,
-    # a standard error, or a tenth: it has fewer parameters.
+    # or a standard error or a tenth up to a limit: it has fewer parameters, but another
+    # class takes what an inexact law leaves.
     loss_of_name: float = 0.25
+    most_lost: float = 0.75
     # Least error reduction of an outside force, or an inertia, dB: a fifth of what is
     # left. One line or one resonance is soon found.
     least_of_narrow: float = 2.0
+    # The same of any other later effect, dB: less is what an inexact law leaves.
+    least_of_later: float = 1.0
     # Share of the force at its site that an effect changes at least: less is within
     # the calibration of any sensor.
     least_share: float = 0.01
@@ -132,6 +136,8 @@ class ClassResult:
         What the judge refused.
     last : sequence of RankedFinding
         Candidates of the last round, the best first.
+    general : tuple of Finding
+        General laws of the last round: what they would still gain.
     why_refused : str
         What speaks against the best candidate of the last round.
     """
@@ -141,6 +147,7 @@ class ClassResult:
     accepted: tuple[TriedEffect, ...] = ()
     refused: tuple[TriedEffect, ...] = ()
     last: Sequence[RankedFinding] = ()
+    general: tuple[Finding, ...] = ()
     why_refused: str = ""
 
     @property
@@ -199,8 +206,9 @@ class ClassSearch:
         """Add effects until none is accepted, or there are enough of them."""
         result = ClassResult(first, first)
         while len(result.effects) < max_effects:
-            proposals = self.proposals(result.state, max_effects - len(result.effects))
-            result = replace(result, last=_ranked(proposals))
+            room = max_effects - len(result.effects)
+            proposals, general = self.proposals(result.state, room)
+            result = replace(result, last=_ranked(proposals), general=tuple(general))
             accepted, result = self._first_that_holds(proposals, result)
             if accepted is None:
                 break
@@ -225,8 +233,10 @@ class ClassSearch:
 
     # -- scan, grow, name ------------------------------------------------------
 
-    def proposals(self, state: SearchState, room: int) -> list[Proposal]:
-        """What stands best at the most promising places beside a state."""
+    def proposals(
+        self, state: SearchState, room: int
+    ) -> tuple[list[Proposal], list[Finding]]:
+        """What stands best at the most promising places, and all general laws."""
         promising = sorted(self._promises(state), key=lambda promise: -promise.value)
         proposals: list[Proposal] = []
         for promise in promising[: CLASSES.places]:
@@ -238,7 +248,8 @@ class ClassSearch:
             best = max(proposals, key=lambda proposal: proposal.value)
             proposals += _at_all_storeys(best, self.places, state, room)
         proposals += _faults(self.tools.faults.findings(state), state)
-        return sorted(proposals, key=lambda proposal: -proposal.value)
+        general = [p.general for p in promising if p.general is not None]
+        return sorted(proposals, key=lambda proposal: -proposal.value), general
 
     def _promises(self, state: SearchState) -> Iterator[_Promise]:
         """What each place promises beside a state, if it is free."""
@@ -475,8 +486,8 @@ def _carries(name: Finding, general: Finding | None) -> bool:
     without_fold = general.reduction.without_fold - name.reduction.without_fold
     error = float(np.sqrt(variance(without_fold)))
     lost = general.value - name.value
-    share_lost = JUDGE.loss_of_simplest * general.value
-    return lost <= max(CLASSES.loss_of_name, error, share_lost)
+    nearly = max(JUDGE.loss_of_simplest * general.value, error)
+    return lost <= max(CLASSES.loss_of_name, min(nearly, CLASSES.most_lost))
 
 
 def _simplest_of_tied(
@@ -566,6 +577,8 @@ def _is_there(proposal: Proposal, state: SearchState) -> bool:
     least = JUDGE.least_reduction
     if proposal.naming.effect_class in ("inertial", "outside force"):
         least = CLASSES.least_of_narrow
+    elif state.effects and not finding.is_fault and not _only_enriches(finding, state):
+        least = CLASSES.least_of_later
     if not judge.is_there(reduction, law, least):
         return False
     if finding.is_fault:
@@ -577,6 +590,14 @@ def _is_there(proposal: Proposal, state: SearchState) -> bool:
     shares = judge.shares_of_force(finding, state)
     matters = max(shares.values()) >= CLASSES.least_share
     return matters and not judge.takes_over(finding, shares)
+
+
+def _only_enriches(finding: Finding, state: SearchState) -> bool:
+    """Whether a finding only adds to effects that are there, or grows one anew."""
+    assert finding.after is not None
+    new = finding.new_effects(state.effects)
+    is_larger = len(finding.after.effects) > len(state.effects)
+    return all(effect.enriches for effect in new) or not is_larger
 
 
 def _in_words(judged: JudgedEffect) -> str:
@@ -627,7 +648,7 @@ def _with_refused(
     assert after is not None
     (effect, *_) = proposal.finding.new_effects(result.effects)
     position = result.n_claims
-    is_claim = not effect.enriches and len(after.effects) > len(result.effects)
+    is_claim = not _only_enriches(proposal.finding, result.state)
     if not is_claim or any(tried.position == position for tried in result.refused):
         return result
     tried = _tried(effect, proposal, judged, result)

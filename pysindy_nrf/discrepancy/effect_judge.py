@@ -1,8 +1,14 @@
 """The judge: does an effect hold at a condition that its fit has not seen?
 
 Another record, if one was held out; else another amplitude, which held-out time must
+<<<<<<< HEAD
 not contradict; held-out time alone decides where amplitude cannot. Every answer is
 an error reduction in dB with its standard error.
+=======
+not contradict; held-out time alone decides where amplitude cannot tell, and of a change
+in time, of which it says little. Every answer is an error reduction in dB with its
+standard error.
+>>>>>>> issue63
 """
 
 from __future__ import annotations
@@ -33,8 +39,10 @@ class EffectJudgeSettings:
     records of the same structure.
     """
 
-    # Of another record.
+    # Of another record, and of held-out time where another amplitude speaks for a later
+    # effect.
     least_of_record: float = 0.25
+    least_of_later: float = 0.25
     # Of held-out time by itself: 1 dB is a fifth of the power that is left.
     least_alone: float = 1.0
     # Pieces of what is held out, for the standard error, and windows of each at least.
@@ -99,8 +107,11 @@ class EffectJudge:
         amplitude = UNTOLD
         if not (finding.is_fault or finding.candidate.law.narrow_band):
             amplitude = _on_amplitude(before, after, new)
-        if amplitude.holds:
+        changes_in_time = finding.candidate.law.permanent_change
+        if amplitude.holds and not changes_in_time:
             holds = not heldout.fails
+            if state.effects:
+                holds = heldout.value >= EFFECT_JUDGE.least_of_later
             return JudgedEffect(holds, "another amplitude", amplitude, heldout)
         if amplitude.fails:
             return JudgedEffect(False, "another amplitude", amplitude, heldout)

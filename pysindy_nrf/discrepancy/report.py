@@ -203,10 +203,8 @@ class LoopReport:
     settings : dict of str to dict
         Every setting of the run, by group.
     lack_of_fit : DataFrame
-        What a general law without memory (:class:`~pysindy_nrf.laws.SmoothSurface`) and
-        a general hysteresis (:class:`~pysindy_nrf.laws.PrandtlIshlinskii`) would still
-        gain at each storey beside the final model, dB: what no law of the catalogue
-        explains.
+        What the general law of each class would still gain at each storey when the
+        search ended, dB.
     bounds : dict of str to (float, float)
         95 % intervals of masses and coefficients, by the names of
         ``confidence_intervals``.

@@ -59,6 +59,10 @@ class Effect(Protocol):
         """Whether its name is sure."""
 
     @property
+    def carries(self) -> bool:
+        """Whether the model has the law of this name, and not the general law."""
+
+    @property
     def alternatives(self) -> list[str]:
         """Families that the data cannot distinguish from its own."""
 

@@ -1,14 +1,8 @@
 """The judge: does an effect hold at a condition that its fit has not seen?
 
 Another record, if one was held out; else another amplitude, which held-out time must
-<<<<<<< HEAD
-not contradict; held-out time alone decides where amplitude cannot. Every answer is
-an error reduction in dB with its standard error.
-=======
-not contradict; held-out time alone decides where amplitude cannot tell, and of a change
-in time, of which it says little. Every answer is an error reduction in dB with its
-standard error.
->>>>>>> issue63
+not contradict. Held-out time alone decides where amplitude says nothing, and of a
+change in time. Every answer is an error reduction in dB with its standard error.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class DictionarySettings:
     # Backlashes and yield drifts of sliders, as shares of the largest drift.
     gaps: tuple[float, ...] = (0.0, 0.05, 0.15, 0.3, 0.5)
     yields: tuple[float, ...] = (0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
-    # Yield drifts of further sliders without a backlash: after a blow most of the
+    # Yield drifts of sliders without a backlash besides: after a blow most of the
     # motion is far smaller than its peak. Chosen on the second case of docs/paper.md.
     fine_yields: tuple[float, ...] = (0.001, 0.003)
     # A slider slips if its backlash and yield drift are less than this share of the

@@ -124,7 +124,9 @@ class BalanceJudge:
         """Judge the model with each effect, and find how sure they are."""
         result = self.outcome.result
         course = self._course()
-        final, drafts, judged = course.final, course.drafts, course.judged
+        final = course.final
+        drafts = course.drafts
+        judged = course.judged
         stopped = self._why_stopped()
 
         no_claim = why_no_claim(judged[final].model)
@@ -158,7 +160,9 @@ class BalanceJudge:
         largest.powers_on(self.heldout.heldout(largest.spectra))
 
         current = self.heldout.judged("baseline", result.first.model)
-        judged, drafts, final = [current], [], 0
+        judged = [current]
+        drafts = []
+        final = 0
         claims = [t for t in result.accepted if not t.effect.enriches]
         refused = {tried.position: tried for tried in result.refused}
         for number, tried in enumerate([*claims, None]):

@@ -254,7 +254,9 @@ class _Cycle:
 
 def _cycle(storey: _Storey, rows: slice) -> _Cycle:
     """Fit a cycle."""
-    drift, rate, force = storey.drift[rows], storey.rate[rows], storey.force[rows]
+    drift = storey.drift[rows]
+    rate = storey.rate[rows]
+    force = storey.force[rows]
     columns = np.column_stack([drift, rate, np.ones_like(drift)])
     scale = np.linalg.norm(columns, axis=0)
     unit = columns / scale

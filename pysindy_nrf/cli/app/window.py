@@ -26,7 +26,9 @@ from ..options import read_tests
 from ..session import SHOW_PROGRESS
 
 MAPPING, RESULT = "mapping.toml", "result"
-PAGE, MODEL, WORKBOOK = "closed_loop.html", "closed_loop.json", "closed_loop.xlsx"
+PAGE = "closed_loop.html"
+MODEL = "closed_loop.json"
+WORKBOOK = "closed_loop.xlsx"
 # Characters of a name of a file; no file system takes fewer than 255 bytes.
 LONGEST_NAME = 60
 # Seconds after which a run that does not stop is ended.

@@ -154,8 +154,14 @@ _SMC_TYPES = {
     "3": ("velocity", "cm/s"),
     "4": ("displacement", "cm"),
 }
-_SMC_TEXTS, _SMC_INTEGERS, _SMC_REALS = 11, 6, 10  # lines
-_SMC_COMMENTS, _SMC_POINTS, _SMC_RATE = 15, 16, 1  # places in the headers
+# Lines of texts, integers and reals.
+_SMC_TEXTS = 11
+_SMC_INTEGERS = 6
+_SMC_REALS = 10
+# Places in the headers.
+_SMC_COMMENTS = 15
+_SMC_POINTS = 16
+_SMC_RATE = 1
 SMC_WIDTH = 10  # characters of a number
 
 

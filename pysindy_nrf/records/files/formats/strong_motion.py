@@ -115,7 +115,9 @@ def read_strong_motion(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         raise _no_series(path, reader.lines)
 
     has_one_channel = len({motion.channel for motion in series}) == 1
-    variables, units, clocks = {}, {}, {}
+    variables = {}
+    units = {}
+    clocks = {}
     for motion in series:
         name = motion.kind
         if not has_one_channel:

@@ -29,7 +29,7 @@ class SearchSettings:
     # three in all battery cases.
     finalists: int = 8
     # At most so many of one family at the same sites.
-    finalists_of_family: int = 2
+    finalists_of_family: int = 4
     # Screened error reduction that makes a candidate worth refining, dB.
     worth_refining: float = 0.125
     # A refinement ends early if it has less than this share of the best. Of 46

@@ -175,10 +175,13 @@ class BalanceJudge:
                 break
             beside = self._enrichment_of(tried)
             decision = self._decided(current, tried, True, beside)
-            current = decision.after
-            judged.append(current)
+            if decision.contradicted_by_free_run:
+                decision = replace(decision, confirmed=False)
+            judged.append(decision.after)
             drafts.append(_draft(tried, decision, beside))
-            final = len(judged) - 1
+            if decision.confirmed:
+                current = decision.after
+                final = len(judged) - 1
         return _Course(_one_table(judged, self.heldout), drafts, final)
 
     def _enrichment_of(self, tried: TriedEffect) -> list[Effect]:

@@ -17,7 +17,7 @@ from .fitted_model import FittedModel
 from .harmonic_lines import missing_lines
 from .model_extension import ModelExtension
 from .shape_axes import ShapeAxes
-from .signs import admissible_reductions, turns_a_spring
+from .signs import admissible_reductions, turns_a_passive_term
 from .spectra import Scan
 
 
@@ -111,8 +111,8 @@ def refine(
     Raises
     ------
     NRFError
-        If the law cannot stand there: its columns depend on others, or it turns the
-        sign of a spring.
+        If the law cannot stand there: its columns depend on others, or it turns a
+        spring or a dashpot negative.
     """
     axes = ShapeAxes(candidate.law, before.model.spectra.data, candidate.sites)
     extension = _extension(before.model, candidate)
@@ -125,9 +125,10 @@ def refine(
     refined = axes.laws_at(axes.refined(reduction, start, first_step, enough))
     model = before.model.with_laws(list(zip(candidate.sites, refined)))
     # with the weights of the fitted model
-    if turns_a_spring(model, before.model, candidate.sites):
+    has_memory = candidate.law.has_memory
+    if turns_a_passive_term(model, before.model, candidate.sites, has_memory):
         raise NRFError(
-            f"{candidate.law.name} takes over a spring",
+            f"{candidate.law.name} takes over a spring or dashpot",
             "Leave it out of the catalogue.",
         )
     return refined, model

@@ -126,17 +126,41 @@ class FittedModel:
         data = self.spectra.data.with_data(dataset)
         return self.refitted(self.spectra.of_records(data))
 
-    def spring_columns(self, sites: Iterable[Site]) -> np.ndarray:
-        """Mask of the terms at some sites that are springs of positive stiffness."""
-        chosen = set(sites)
-        mask = np.zeros(self.first_fixed, dtype=bool)
-        for site in chosen & set(self.layout.sites):
+    def passive_terms(
+        self, sites: Iterable[Site], has_memory: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Terms at some sites that a law beside them may not turn negative.
+
+        These are springs of positive stiffness. Beside a law with memory they are
+        dashpots, too: at frequencies outside the band a negative dashpot feeds more
+        energy into the structure than the law takes out, and the free run grows.
+
+        Parameters
+        ----------
+        sites : iterable of Site
+        has_memory : bool
+            Whether the law remembers its path.
+
+        Returns
+        -------
+        columns : ndarray of int
+        least : ndarray
+            Least coefficient of each: zero, or that of a dashpot that is negative now.
+        """
+        labels = np.full(self.first_fixed, "", dtype=object)
+        for site in set(sites) & set(self.layout.sites):
             column = self.layout.slices[site].start
             for law in self.laws.get(site, ()):
                 for term in law.terms():
-                    mask[column] = term.label == "s"
+                    labels[column] = term.label
                     column += 1
-        return mask & (self.coefficients[0, : self.first_fixed] > 0)
+
+        coefficients = self.coefficients[0, : self.first_fixed]
+        passive = (labels == "s") & (coefficients > 0)
+        if has_memory:
+            passive |= labels == "v"
+        columns = np.flatnonzero(passive)
+        return columns, np.minimum(coefficients[columns], 0.0)
 
     # -- sums of the products --------------------------------------------------
 

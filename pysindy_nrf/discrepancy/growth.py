@@ -207,14 +207,15 @@ class AtomTrials:
         return np.where(possible & np.isfinite(reductions), reductions, -np.inf)
 
     def _admissible(self, subsets: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-        """Where no atom that cannot be negative is, and no spring changes its sign."""
+        """Where no atom that cannot be negative is, and no passive term turns so."""
         squares = self._summed.diagonal(0, 1, 2).sum(axis=0)
         sizes = np.sqrt(squares)
         atoms = coefficients[:, self.n_rows :] * sizes[self.n_rows + subsets]
         wrong = self.is_signed[subsets] & (atoms < 0)
 
-        springs = np.flatnonzero(self.model.spring_columns([self.site]))
-        forces = coefficients[:, springs] * sizes[springs]
+        has_memory = self.dictionary.has_memory
+        columns, least = self.model.passive_terms([self.site], has_memory)
+        forces = (coefficients[:, columns] - least) * sizes[columns]
         limit = -SIGNS.wrong_share * np.abs(atoms).max(axis=1, keepdims=True)
         return ~wrong.any(axis=1) & (forces >= limit).all(axis=1)
 

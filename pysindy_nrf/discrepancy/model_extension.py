@@ -33,14 +33,15 @@ class Extensions:
     ----------
     reductions : ndarray of shape (n_points,)
         Error reductions, dB.
-    spring_forces : ndarray of shape (n_points, n_springs)
-        Of the springs beside the laws; negative where a law replaces one.
+    passive_forces : ndarray of shape (n_points, n_passive)
+        Of the springs and dashpots beside the laws, above the least that they may have;
+        negative where a law replaces one.
     forces : ndarray of shape (n_points, n_terms)
         Of the terms of the added laws.
     """
 
     reductions: np.ndarray
-    spring_forces: np.ndarray
+    passive_forces: np.ndarray
     forces: np.ndarray
 
 
@@ -83,6 +84,7 @@ class ModelExtension:
         self.sites = [site for site, _ in placed]
         self.widths = [len(law.terms()) + n_further for _, law in placed]
         self.width = sum(self.widths)
+        self.has_memory = any(law.has_memory for _, law in placed)
         self._require_new_terms(placed)
 
         key = tuple(zip(self.sites, self.widths))
@@ -174,7 +176,7 @@ class ModelExtension:
         )
         squares = products.with_columns.diagonal(0, 2, 3).sum(axis=1)
         forces = coefficients[:, -self.width :] * np.sqrt(squares)
-        return Extensions(reductions, self._spring_forces(coefficients), forces)
+        return Extensions(reductions, self._passive_forces(coefficients), forces)
 
     def _sums(self, products: _Products) -> np.ndarray:
         """Weighted products of all rows and columns for each group of balances.
@@ -212,12 +214,12 @@ class ModelExtension:
         inner = of_columns @ products.with_columns
         return power + ((cross + inner) * of_columns).sum(axis=-1).swapaxes(1, 2)
 
-    def _spring_forces(self, coefficients: np.ndarray) -> np.ndarray:
-        """Forces of the springs beside the laws, (n_points, n_springs)."""
+    def _passive_forces(self, coefficients: np.ndarray) -> np.ndarray:
+        """Forces beside the laws above the least that they may have."""
         model = self.model
-        springs = np.flatnonzero(model.spring_columns(self.sites))
-        squares = model.summed[:, springs, springs].sum(axis=0)
-        return coefficients[:, springs] * np.sqrt(squares)
+        columns, least = model.passive_terms(self.sites, self.has_memory)
+        squares = model.summed[:, columns, columns].sum(axis=0)
+        return (coefficients[:, columns] - least) * np.sqrt(squares)
 
     def _all_products(
         self, points: Sequence[tuple[ForceLaw, ...]], known: ScanProducts

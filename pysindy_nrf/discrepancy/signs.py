@@ -1,4 +1,4 @@
-"""Signs that an undeclared effect may have, and those of the springs beside it."""
+"""Signs that an undeclared effect may have, and those of the laws beside it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def admissible_reductions(
     """
     forces = extensions.forces
     limit = wrong_sign_limit(forces)
-    possible = (extensions.spring_forces >= limit).all(axis=1)
+    possible = (extensions.passive_forces >= limit).all(axis=1)
 
     column = 0
     for law in laws:
@@ -59,10 +59,10 @@ def admissible_reductions(
     return np.where(possible, extensions.reductions, -np.inf)
 
 
-def turns_a_spring(
-    after: FittedModel, before: FittedModel, sites: Iterable[Site]
+def turns_a_passive_term(
+    after: FittedModel, before: FittedModel, sites: Iterable[Site], has_memory: bool
 ) -> bool:
-    """Whether laws that were added turn the sign of a spring beside them.
+    """Whether laws that were added turn a spring or dashpot beside them negative.
 
     By more than a tenth of their force.
     """
@@ -70,10 +70,14 @@ def turns_a_spring(
     forces = after.coefficients[0, : after.first_fixed] * np.sqrt(squares)
 
     for site in sites:
-        at_site = forces[after.layout.slices[site]]
-        springs = before.spring_columns([site])
-        springs = springs[before.layout.slices.get(site, slice(0))]
-        old, new = at_site[: len(springs)], at_site[len(springs) :]
-        if (old[springs] < -SIGNS.wrong_share * np.abs(new).max()).any():
+        start = after.layout.slices[site].start
+        at_site = slice(start, after.layout.slices[site].stop)
+        place = before.layout.slices.get(site, slice(0, 0))
+        columns, least = before.passive_terms([site], has_memory)
+        # the columns of a site begin with those that it had before
+        columns = columns - place.start + start
+        excess = forces[columns] - least * np.sqrt(squares[columns])
+        added = forces[at_site][place.stop - place.start :]
+        if (excess < -SIGNS.wrong_share * np.abs(added).max()).any():
             return True
     return False

@@ -175,13 +175,10 @@ class BalanceJudge:
                 break
             beside = self._enrichment_of(tried)
             decision = self._decided(current, tried, True, beside)
-            if decision.contradicted_by_free_run:
-                decision = replace(decision, confirmed=False)
-            judged.append(decision.after)
+            current = decision.after
+            judged.append(current)
             drafts.append(_draft(tried, decision, beside))
-            if decision.confirmed:
-                current = decision.after
-                final = len(judged) - 1
+            final = len(judged) - 1
         return _Course(_one_table(judged, self.heldout), drafts, final)
 
     def _enrichment_of(self, tried: TriedEffect) -> list[Effect]:

@@ -286,7 +286,7 @@ class ClassSearch:
         return None, replace(result, why_refused=why)
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
-        """What else may explain a proposal: errors of channels, or chance."""
+        """What speaks against a proposal: errors of channels, the free run, chance."""
         state, finding = result.state, proposal.finding
         if finding.is_fault:
             return ""
@@ -300,6 +300,8 @@ class ClassSearch:
         )
         if not test.is_there:
             return "errors of the channels within their tolerances explain it"
+        if self.tools.judge.contradicted_by_free_run(finding, state):
+            return "with it the free run gets far worse"
         if state.effects and self._is_chance(proposal, state):
             return "a shifted residual gains as much"
         return ""

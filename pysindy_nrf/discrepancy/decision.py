@@ -30,21 +30,6 @@ class ConfirmationSettings:
 CONFIRMATION = ConfirmationSettings()
 
 
-@dataclass(frozen=True)
-class FreeRunSettings:
-    """When the free run contradicts an effect."""
-
-    # Factor by which the held-out free run may get worse with an effect: a fit of
-    # balances alone changes it by less. Chosen on the two tests of the student frame,
-    # where hysteresis that is not there takes it from 18 to 39 and from 31 to 4,000 %.
-    most_growth: float = 2.0
-    # Percent of the motion from which on a free run says nothing.
-    saying_nothing: float = 100.0
-
-
-FREE_RUN_JUDGE = FreeRunSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class FoundEffect:
     """An effect as the search found it: models without and with it."""
@@ -69,14 +54,6 @@ class Decision:
     before: JudgedModel
     after: JudgedModel
     confirmed: bool
-
-    @property
-    def contradicted_by_free_run(self) -> bool:
-        """Whether the motion that the model predicts gets far worse with the effect."""
-        before = self.before.free_run_error
-        if not before < FREE_RUN_JUDGE.saying_nothing:
-            return False
-        return not self.after.free_run_error <= FREE_RUN_JUDGE.most_growth * before
 
     @property
     def heldout_reduction(self) -> ErrorReduction:

@@ -13,11 +13,13 @@ from typing import Literal
 
 import numpy as np
 
+from ..diagnosis.offsets import with_offsets
 from ..records.dataset import BlockRows
 from .amplitude import UNTOLD, OtherCondition, at_other_amplitudes
 from .effects import Effect, Finding, SearchState
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
+from .free_run import free_run_error
 from .heldout import steady_blocks
 from .search_data import SearchData
 from .spectra import BalanceSpectra
@@ -42,6 +44,12 @@ class EffectJudgeSettings:
     # Pieces of what is held out, for the standard error, and windows of each at least.
     n_pieces: int = 8
     windows_of_piece: float = 2.0
+    # Factor by which the held-out free run may get worse with an effect: a fit of
+    # balances alone changes it by less. Chosen on the two tests of the student frame,
+    # where hysteresis that is not there takes it from 18 to 39 and from 31 to 4,000 %.
+    most_growth: float = 2.0
+    # Percent of the motion from which on a free run says nothing.
+    no_free_run: float = 100.0
 
 
 EFFECT_JUDGE = EffectJudgeSettings()
@@ -112,6 +120,19 @@ class EffectJudge:
         holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_alone
         return JudgedEffect(holds, "another time", amplitude, heldout)
 
+    def contradicted_by_free_run(self, finding: Finding, state: SearchState) -> bool:
+        """Whether the motion that the model predicts gets far worse with a finding.
+
+        A fault changes the records, and so the motion that a free run is compared with.
+        """
+        if finding.is_fault or finding.after is None:
+            return False
+        before = _free_run_error(state.model)
+        if not before < EFFECT_JUDGE.no_free_run:
+            return False
+        after = _free_run_error(finding.after.model)
+        return not after <= EFFECT_JUDGE.most_growth * before
+
     def _on_heldout(
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]
     ) -> OtherCondition:
@@ -141,6 +162,15 @@ class EffectJudge:
             windows = spectra.windows.over(pieces, data=full.data)
             self._spectra[key] = spectra.with_windows(full, windows)
         return self._spectra[key]
+
+
+def _free_run_error(model: FittedModel) -> float:
+    """Free-run error on what is held out of all samples, percent."""
+    full = model.spectra.data.full
+    data = full.data
+    if model.offsets:
+        data = with_offsets(data, model.offsets)
+    return free_run_error(model.chain_model(), data, full.heldout)
 
 
 def _cut(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import search_path
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from pysindy_nrf import ChainModel, laws
 
@@ -55,16 +56,18 @@ def two_storey_rate(kind: str) -> Rate:
 
 
 def motion_by_scipy(kind: str, F: np.ndarray) -> np.ndarray:
-    """x1, x2, v1, v2 from rest by DOP853, straight lines between the forces."""
+    """x1, x2, v1, v2 from rest by DOP853, SciPy's cubic spline through the forces."""
     rate = two_storey_rate(kind)
     states = [np.zeros(5 if kind == "dahl" else 4)]
-    for start, end in zip(F[:-1], F[1:]):
+    times = DT * np.arange(len(F))
+    spline = CubicSpline(times, F)
 
-        def field(t: float, y: np.ndarray, f0=start, slope=(end - start) / DT):
-            return rate(y, f0 + slope * t)
+    def field(t: float, y: np.ndarray) -> np.ndarray:
+        return rate(y, spline(t))
 
+    for step in zip(times[:-1], times[1:]):
         run = solve_ivp(
-            field, (0, DT), states[-1], method="DOP853", rtol=1e-12, atol=1e-15
+            field, step, states[-1], method="DOP853", rtol=1e-12, atol=1e-15
         )
         states.append(run.y[:, -1])
     return np.array(states)[:, :4]

@@ -838,7 +838,7 @@ def one_sine() -> Iterator[Kind]:
         partial(NRFRegressor(degree=1).fit, X, F),
         IdentifiabilityError,
         (
-            "m1 cannot be told from the storey's stiffness",
+            "m1 cannot be separated from a stiffness",
             "excite several frequencies",
         ),
     )

@@ -203,7 +203,7 @@ def texts() -> Iterator[Kind]:
     good = chain_model().to_json()
 
     yield refused(
-        "JSON that is a list", read("{}"), "does not hold a chain model", "schema"
+        "JSON that is a list", read("{}"), "not a saved chain model", "schema"
     )
     yield refused(
         "JSON cut off", read(good[:200]), "not a readable chain model", "to_json"

@@ -70,6 +70,8 @@ class FileClock:
         Where the rate came from, in words.
     unit_is_known : bool
         Whether the unit of the time was said, or there is no time.
+    rate_is_stated : bool
+        Whether a file states the rate or the times.
     notes : tuple of QualityNote
         Shifts and changes of rate of channels with clocks of their own.
     columns : tuple of str
@@ -82,6 +84,7 @@ class FileClock:
     start: float | None = None
     origin: str = ""
     unit_is_known: bool = True
+    rate_is_stated: bool = True
     notes: tuple[QualityNote, ...] = ()
     columns: tuple[str, ...] = ()
 
@@ -147,7 +150,8 @@ def clock_of_file(
         known = sources["t"].declared or fs is not None or time.dtype.kind in "mM"
         return FileClock(path, time, fs, origin=origin, unit_is_known=known), channels
     if fs is not None:
-        return FileClock(path, fs=fs, origin="as given"), channels
+        clock = FileClock(path, fs=fs, origin="as given", rate_is_stated=False)
+        return clock, channels
     if table.fs is not None:
         return FileClock(path, fs=table.fs, origin="as stated in the file"), channels
     raise ChannelError(

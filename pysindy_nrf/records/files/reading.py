@@ -352,7 +352,7 @@ def _assumed(
         sentences.append(
             f"{', '.join(bare)} are taken in {units}: no unit is given for them."
         )
-    if clock.time is None:
+    if not clock.rate_is_stated:
         sentences.append(
             f"The rate of {record.fs:g} Hz is {clock.origin}: no time is read."
         )

@@ -67,7 +67,7 @@ def test_a_friction_biased_by_noise_is_in_the_diagnosis():
 
 
 def test_samples_too_far_apart_for_a_jump_are_warned_of_without_noise():
-    model, messages = fit(measured(laws.CoulombFriction(30.0), noise=0.0))
+    model, messages = fit(measured(laws.CoulombFriction(30.0), fs=200.0, noise=0.0))
 
     assert model.jump_bias_["wrong"].all()
     assert any("sampling rate too low" in text for text in messages)

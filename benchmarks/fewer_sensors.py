@@ -74,13 +74,13 @@ def chain(n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rng.uniform(8, 16, n), rng.uniform(1e5, 2e5, n), rng.uniform(15, 40, n)
 
 
-def forced(truth: ChainModel, seed: int) -> Record:
+def forced(truth: ChainModel, seed: int, hold: str = "cubic") -> Record:
     """A free run under a random force on the top floor."""
     n = truth.n_dof
     F = excitation.band_limited_random(
         n, DURATION, FS, excited=[n], rms=RMS, band=BAND, random_state=seed
     )
-    return simulate(truth, F, 1 / FS)
+    return simulate(truth, F, 1 / FS, hold=hold)
 
 
 def noisy(record: Record, noise: float, seed: int) -> Record:

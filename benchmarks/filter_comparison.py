@@ -211,7 +211,9 @@ def tested(law: str, noise: float, seed: int) -> tuple[Record, np.ndarray]:
     m, k, c = fewer_sensors.chain(FLOORS, seed)
     storey, _ = fewer_sensors.laws_of_storey(law, c[1], k[1])
     truth = ChainModel(m, linear_storeys(k, c) | {"storey 2": storey})
-    record = fewer_sensors.noisy(fewer_sensors.forced(truth, seed), noise, seed)
+    # the filter draws straight lines between the samples of the force
+    record = fewer_sensors.forced(truth, seed, hold="linear")
+    record = fewer_sensors.noisy(record, noise, seed)
     own = {"cubic": [CUBE], "gap": [GAP, k[1] / 2], "friction": [FRICTION]}[law]
     return record, np.log(np.concatenate([m, k, c, own]))
 

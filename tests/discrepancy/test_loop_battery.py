@@ -101,13 +101,18 @@ def balance(site):
     return Site(f"ground {site.p}") if site.kind == "dof" else site
 
 
+def family_of(name):
+    """The family of the closest name; a general law has none."""
+    return laws.registry()[name]().family if name else ""
+
+
 def assert_found_where_it_acts(plan):
     case = simulated(plan)
     report = loop(case)
     found = {}
     for step in report.steps:
         names = found.setdefault(balance(step.site), set())
-        names |= {step.family, *step.alternatives}
+        names |= {step.family, *step.alternatives, family_of(step.closest)}
 
     wanted = {balance(effect.site): FAMILY[effect.kind] for effect in case.effects}
     assert set(found) == set(wanted), str(report)

@@ -100,8 +100,10 @@ def dictionary(
 def _of_curves(size: MotionSize) -> Iterator[Atom]:
     """Atoms of a function of drift and rate."""
     for share in DICTIONARY.hinges:
-        yield "hinge", share * size.largest, 1.0
-        yield "hinge", share * size.largest, -1.0
+        # from zero on both sides it is a linear spring
+        directions = DIRECTIONS if share > 0 else DIRECTIONS[1:]
+        for direction in directions:
+            yield "hinge", share * size.largest, direction
     if not size.has_clock:
         yield from _signs(size, DICTIONARY.signs[:1])
         return

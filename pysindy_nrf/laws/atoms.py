@@ -107,8 +107,8 @@ class GeneralCurve(SumOfAtoms):
 
     Its atoms are
 
-    - ``("hinge", u, side)``: :math:`\pm\max(\pm s - u, 0)`, a bend of the spring on
-      one side;
+    - ``("hinge", u, direction)``: :math:`\operatorname{sgn} s \max(|s| - u, 0)`, a bend
+      of the spring; on one side alone where ``direction`` is 1 or -1;
     - ``("sign", w, direction)``: :math:`\tanh(v / w)`, friction; of one direction
       alone where ``direction`` is 1 or -1;
     - ``("wedge", w, direction)``: :math:`|s| \tanh(v / w)`, friction that grows with
@@ -150,7 +150,8 @@ class GeneralCurve(SumOfAtoms):
             size = theta[4 * k + 1]
             direction = theta[4 * k + 2]
             if code == 0:
-                out[k] = direction * np.maximum(direction * s - size, 0.0)
+                beyond = np.sign(s) * np.maximum(np.abs(s) - size, 0.0)
+                out[k] = _one_direction(beyond, direction)
             elif code == 1:
                 out[k] = _one_direction(np.tanh(v / size), direction)
             elif code == 2:

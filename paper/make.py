@@ -117,8 +117,8 @@ def measured_rows() -> list[Row]:
     mapping = {"t": "t", "x1": "qm", "F1": "vir*gtau"}
     record = io.read_record(path, mapping=mapping, name="EMPS")
     step = close_loop(record, NRFRegressor(degree=1)).steps[0]
-    low, high = step.intervals["Fc"]
-    found = f"{step.law.replace('_', ' ')}, {low:.1f} to {high:.1f} N"
+    closest = (step.closest or step.law).replace("_", " ")
+    found = f"{closest}: {step.error_before:.1f} to {step.error_after:.1f} % is left"
     reference = f"Coulomb friction, {EMPS_FRICTION:.1f} N"
     return [("EMPS positioning stage, measured", "undeclared law", reference, found)]
 

@@ -478,9 +478,10 @@ def require_two_dimensions(X: object) -> None:
 def is_dask(X: object) -> bool:
     """True for a Dask array, table or delayed value; Dask is not imported.
 
-    An xarray of NumPy arrays is asked for chunks, of which it has none.
+    An xarray of NumPy arrays has a graph that is None.
     """
-    return hasattr(X, "__dask_graph__") and bool(getattr(X, "chunks", True))
+    graph_of = getattr(X, "__dask_graph__", None)
+    return callable(graph_of) and graph_of() is not None
 
 
 def sample_weights(weights: ArrayLike | None, size: int) -> np.ndarray:

@@ -32,10 +32,14 @@ from .read_layout import read_series
 from .state_columns import StateColumns
 
 _STATE_CURE = (
-    "The features are the terms and F: use InterstoryPolynomialLibrary(inputs='state')"
-    " and pass u=F; the targets are [xdot | a], or an odd number of accelerations"
-    " alone."
+    "The features are the terms and F: use InterstoryPolynomialLibrary(inputs='state'),"
+    " pass it as terms=, and u=F; the targets are [xdot | a], or an odd number of"
+    " accelerations alone."
 )
+
+# Cosine of the angle between a velocity and its estimate from the state: derivatives of
+# noisy states keep it above this.
+SAME_VELOCITY = 0.9
 
 # The library that makes the terms, or their numbers at the sites.
 Terms = ForceLawLibrary | Sequence[int] | None
@@ -250,14 +254,15 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _layout_read(self, terms: np.ndarray, n_dof: int) -> LawLayout | None:
         """The layout that the columns themselves show: power series at every site.
 
-        Any two columns are a series of degree 1, which shows nothing by itself.
+        Any two columns are a series of degree 1, which shows nothing by itself where
+        there are several storeys.
         """
         known_series = isinstance(self.terms, InterstoryPolynomialLibrary)
         if isinstance(self.terms, ForceLawLibrary) and not known_series:
             return None
         chain = self._chain_of(n_dof)
         orders = read_series(terms, len(chain.sites))
-        if orders is None or (1 in orders and not known_series):
+        if orders is None or (1 in orders and n_dof > 1 and not known_series):
             return None
         by_site = dict(zip(map(str, chain.sites), orders))
         library = InterstoryPolynomialLibrary(
@@ -558,6 +563,15 @@ class ChainOptimizer(_ChainOptimizerBase):
         return explained_accelerations([(a, gap[rows], weights[rows])])
 
 
+def _require_velocities(columns: np.ndarray, targets: np.ndarray) -> None:
+    """Refuse features whose first columns are not the velocities of the targets."""
+    for j, (column, target) in enumerate(zip(columns.T, targets.T), start=1):
+        size = np.linalg.norm(column) * np.linalg.norm(target)
+        if not column @ target >= SAME_VELOCITY * size:
+            what = f"Feature {j} is not the velocity of DOF {j}, which is target {j}"
+            raise ChannelError(what, _STATE_CURE)
+
+
 class StateSpaceChainOptimizer(_ChainOptimizerBase):
     """The paper's solve for a true state-space SINDy model of a chain.
 
@@ -621,6 +635,8 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
         has_velocities = n_targets % 2 == 0
         n_dof = n_targets // 2 if has_velocities else n_targets
         columns = self._state_columns(x_, x, n_dof)
+        if has_velocities and len(columns.velocities) == n_dof:
+            _require_velocities(x[:, :n_dof], target[:, :n_dof])
         if x.shape[1] != columns.n_columns:
             what = (
                 f"{x.shape[1]} features for the accelerations of {n_dof} DOFs, which"

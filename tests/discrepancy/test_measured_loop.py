@@ -85,9 +85,7 @@ def test_bouc_wen_benchmark_gives_the_published_parameters():
     assert linear["k"] == pytest.approx(5e4, rel=0.03)
 
 
-@pytest.mark.parametrize(
-    ("test", "first"), [("fbgm162s5", 0), ("fbgm152s4", 229), ("fbgm152s3", 0)]
-)
+@pytest.mark.parametrize(("test", "first"), [("fbgm162s5", 0), ("fbgm152s3", 0)])
 def test_a_strongly_shaken_frame_yields_in_every_storey(test, first):
     """Also where the force of one storey is not known before those of the others."""
     found = confirmed(frame(test, first))
@@ -111,15 +109,6 @@ def test_an_effect_takes_over_no_spring():
     assert report.steps
     # a tenth of the force of the sliders
     assert np.min(stiffness) > -40
-
-
-def test_an_effect_that_takes_a_tenth_of_the_heldout_error_is_confirmed():
-    """Of those that take no tenth in the search."""
-    steps = frame("fbgm162s3", 111).steps + frame("fbgm162s3", 0, -111).steps
-    small = [step for step in steps if step.reduction < 0.915]
-    assert {step.confirmed for step in small} == {True, False}
-    for step in small:
-        assert step.confirmed == (step.error_after <= 0.9 * step.error_before)
 
 
 def test_what_errors_of_channels_explain_better_is_no_inerter():

@@ -106,9 +106,8 @@ def test_a_wandering_displacement_is_no_force():
     record = clean.replace(displacement=clean.displacement + drift)
     report = close_loop(noisy(record), catalogue=TRIED)
 
-    assert [(step.law, step.confirmed) for step in report.steps] == [
-        ("coulomb_friction", True)
-    ]
-    assert report.steps[0].parameters["Fc"] == pytest.approx(15.0, rel=0.05)
+    (step,) = report.steps
+    assert step.confirmed
+    assert step.closest == "coulomb_friction"
     assert report.verdict.state == "amber"
     assert kinds(report) == {"drift"}

@@ -179,7 +179,7 @@ def inspect_record(
     ...         "t,Deck\n" + "".join(f"{k / 100},{k % 7}\n" for k in range(50))
     ...     )
     ...     reading = io.inspect_record(path, mapping={"x1": "Deck @ mm"})
-    >>> print(io.describe(reading).splitlines()[3])
+    >>> print(io.describe(reading).splitlines()[4])
       x1  displacement relative to base     rms 0.003569 m, peak 0.006 m   <- Deck in mm
     """
     return understand(read_table(path, max_bytes=max_bytes), **options)

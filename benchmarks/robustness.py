@@ -170,7 +170,7 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     variants = list(VARIANTS)
     search = searched
     if options.quick:
-        names = options.sets or ["friction_damper_2hz"]
+        names = options.sets or ["friction_damper_05hz"]
         variants = [WHOLE, "half length"]
         search = partial(searched, max_steps=1)
 

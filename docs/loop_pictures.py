@@ -7,7 +7,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from pysindy_nrf import laws
+from pysindy_nrf import ChainModel, StepsDisplay, close_loop, excitation, laws, simulate
+from pysindy_nrf.simulation.noise import add_noise
 
 IMAGES = Path(__file__).parent / "images"
 # Two cycles of a sine of 10 mm.
@@ -77,6 +78,22 @@ def draw_amplitude():
     save(figure, "loop_amplitude.png")
 
 
+def draw_steps():
+    """Held-out errors of a loop that finds a gap and friction."""
+    linear = [laws.LinearElastic(2e5), laws.LinearViscous(80.0)]
+    gap = laws.OneSidedGap(gap=5e-4, k=2e5)
+    friction = laws.RegularizedFriction(v0=0.005, Fc=6.0)
+    storeys = {1: [*linear, gap], 2: linear, 3: [*linear, friction]}
+    truth = ChainModel([12.0] * 3, storeys)
+    F = excitation.band_limited_random(
+        3, 20.0, 500.0, excited=3, rms=60.0, band=(0.5, 40.0), random_state=1
+    )
+    record = add_noise(simulate(truth, F, 1 / 500), 0.01, random_state=0)
+    figure, ax = plt.subplots(figsize=(6, 3))
+    StepsDisplay.from_report(close_loop(record), ax=ax)
+    save(figure, "loop_steps.png")
+
+
 def save(figure, name):
     """Write a figure among the images of the documentation."""
     figure.tight_layout()
@@ -89,3 +106,4 @@ if __name__ == "__main__":
     draw_atoms(laws.GeneralHysteresis, LOOPS, "loop_loops.png")
     draw_two_strengths()
     draw_amplitude()
+    draw_steps()

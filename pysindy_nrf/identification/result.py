@@ -245,9 +245,12 @@ class IdentificationResult(PlainState):
             )
         if worst <= NEGLIGIBLE:
             return " ".join([*self.doubts, *self._unsettled_shapes()])
+        amount = f"{worst:.2g} standard errors"
+        if not np.isfinite(worst):
+            amount = "an unknown amount"
         return (
-            f"noise in the motion may bias least squares by {worst:.2g} standard"
-            f" errors; up to {NEGLIGIBLE:g} leave 95 % intervals valid."
+            f"noise in the motion may bias least squares by {amount};"
+            f" up to {NEGLIGIBLE:g} standard errors leave 95 % intervals valid."
             f" {' '.join(self.notes) or _CURE_OF_NOISE}"
         )
 

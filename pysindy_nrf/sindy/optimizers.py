@@ -254,15 +254,14 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     def _layout_read(self, terms: np.ndarray, n_dof: int) -> LawLayout | None:
         """The layout that the columns themselves show: power series at every site.
 
-        Any two columns are a series of degree 1, which shows nothing by itself where
-        there are several storeys.
+        Any two columns are a series of degree 1, which shows nothing by itself.
         """
         known_series = isinstance(self.terms, InterstoryPolynomialLibrary)
         if isinstance(self.terms, ForceLawLibrary) and not known_series:
             return None
         chain = self._chain_of(n_dof)
         orders = read_series(terms, len(chain.sites))
-        if orders is None or (1 in orders and n_dof > 1 and not known_series):
+        if orders is None or (1 in orders and not known_series):
             return None
         by_site = dict(zip(map(str, chain.sites), orders))
         library = InterstoryPolynomialLibrary(
@@ -598,11 +597,15 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf import StateSpaceChainOptimizer
+    >>> from pysindy_nrf import (
+    ...     InterstoryPolynomialLibrary,
+    ...     StateSpaceChainOptimizer,
+    ... )
+    >>> terms = InterstoryPolynomialLibrary(1, inputs="state")
     >>> x, v, F = np.random.default_rng(0).standard_normal((3, 200, 1))
     >>> a = (F - 3 * v - 500 * x) / 10
     >>> (
-    ...     StateSpaceChainOptimizer()
+    ...     StateSpaceChainOptimizer(terms=terms)
     ...     .fit(np.hstack([v, x, F]), np.hstack([v, a]))
     ...     .coef_.round(6)
     ...     + 0.0

@@ -24,7 +24,7 @@ from ..records.zero_phase_filter import filters_of
 from .figures.evidence import before_after_figure
 from .figures.forces import force_figure, loop_figure
 from .figures.intervals import intervals_figure
-from .figures.motion import free_run_figures, modes_figure
+from .figures.motion import free_run_figure, free_run_figures, modes_figure
 from .figures.residual import equation_residuals, largest_residual, residual_figures
 from .model_content import Fitted, Identification, identification_of
 from .results import Loop
@@ -239,19 +239,16 @@ class FreeRunDisplay(Column):
         """
         shown = _shown(estimator, record)
         runs = _runs_of(shown, record is not None)
-        figures = free_run_figures(runs)
-        if not figures:
+        if not runs.runs:
             raise ChannelError(
                 f"There is no free run: {runs.why_not}", "Give a record with forces."
             )
         if dof is None:
-            return cls(figures[:1]).plot(ax)
-        for figure in figures:
-            if figure.title.endswith(f"DOF {dof}"):
-                return cls([figure]).plot(ax)
-        raise ChannelError(
-            f"There is no DOF {dof}", f"Choose 1 to {shown.model.n_dof}."
-        )
+            return cls(free_run_figures(runs)[:1]).plot(ax)
+        n_dof = shown.model.n_dof
+        if not 1 <= dof <= n_dof:
+            raise ChannelError(f"There is no DOF {dof}", f"Choose 1 to {n_dof}.")
+        return cls([free_run_figure(runs, dof)]).plot(ax)
 
 
 def _runs_of(shown: Identification, over_records: bool) -> FreeRuns:

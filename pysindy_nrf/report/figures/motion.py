@@ -41,15 +41,18 @@ def free_run_figures(runs: FreeRuns | None) -> list[Figure]:
     """
     if runs is None or not runs.runs:
         return []
-    segment, run = runs.runs[0]
+    segment, _ = runs.runs[0]
     measured = np.cumsum(segment.s[segment.valid], axis=1)
     largest = np.abs(measured).max(axis=0)
-    in_order = np.argsort(-largest, kind="stable")
-    return [_free_run_of(int(j), runs, measured, run) for j in in_order]
+    in_order = 1 + np.argsort(-largest, kind="stable")
+    return [free_run_figure(runs, dof) for dof in in_order.tolist()]
 
 
-def _free_run_of(j: int, runs: FreeRuns, measured: np.ndarray, run: Record) -> Figure:
-    """The free run at one DOF, whose column is j."""
+def free_run_figure(runs: FreeRuns, dof: int) -> Figure:
+    """The first free run over the measurement at one DOF, with its error below."""
+    segment, run = runs.runs[0]
+    measured = np.cumsum(segment.s[segment.valid], axis=1)
+    j = dof - 1
     errors = runs.table.iloc[0]
     rows = _rows_about_the_largest(measured[:, j])
     bound = CUT_OFF * np.abs(measured[:, j]).max()

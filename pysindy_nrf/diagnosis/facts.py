@@ -124,7 +124,7 @@ class Move:
     change : float
         SI units.
     half_width : float
-        Of the 95 % interval beside it, SI units.
+        Of the 95 % interval beside it, SI units; 0 if that is not much wider.
     """
 
     change: float
@@ -147,6 +147,8 @@ class Alternative:
         By how much it moves that parameter, as a share of it.
     half_width : float
         Half-width of the 95 % interval of that parameter beside it, as a share.
+    wider : float
+        The same if it is much wider than without the alternative; 0 otherwise.
     left : float
         Residual of all equations of motion beside it, as a share of that of the model.
     left_by_equation : float
@@ -162,11 +164,17 @@ class Alternative:
     parameter: str
     change: float
     half_width: float
+    wider: float
     left: float
     left_by_equation: float
     moves: Mapping[str, Move] = field(default_factory=dict)
     model: ChainModel | None = None
     compared: ChainModel | None = None
+
+    @property
+    def reach(self) -> float:
+        """How far from the model the parameter may be, as a share of it."""
+        return max(abs(self.change), self.wider)
 
 
 @dataclass(frozen=True)

@@ -318,8 +318,8 @@ def _of_intervals(alternative: Alternative, facts: Facts) -> str:
 def _change_of_parameter(alternative: Alternative) -> str:
     """What an alternative does to the parameter that it moves most."""
     change = abs(alternative.change)
-    if change < alternative.half_width:
-        width = f"{100 * alternative.half_width:.2g} %"
+    if change < alternative.wider:
+        width = f"{100 * alternative.wider:.2g} %"
         return f"{alternative.parameter} is then known to {width} only"
     side = "larger" if alternative.change > 0 else "smaller"
     if change > BEYOND_MEANING:

@@ -540,6 +540,7 @@ def facts_of_loop(report: Loop) -> Facts:
     of_model = _facts_of_estimate(report)
     of_search = dict(enumerate(report.beyond_noise.tolist(), start=1))
     confirmed = [step for step in report.steps if step.confirmed]
+    has_floor = all(evidence.floor is not None for evidence in report.evidence)
     return replace(
         of_model,
         beyond_noise=dict(of_model.beyond_noise) or of_search,
@@ -553,9 +554,15 @@ def facts_of_loop(report: Loop) -> Facts:
         quality=tuple(dict.fromkeys([*report.quality, *of_model.quality])),
         effects=tuple(report.steps),
         unanswered=_unanswered(report.evidence),
-        noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
+        noise_is_known=has_floor
+        or set(of_model.left_over) >= set(of_model.unexplained),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def _knows_noise(facts: Facts) -> bool:
+    """Whether it is known of each equation of motion what noise leaves."""
+    return bool(facts.left_over) and set(facts.left_over) >= set(facts.unexplained)
 
 
 def _facts_of_estimate(report: Loop) -> Facts:

@@ -43,6 +43,8 @@ GOOD_RUN = 5.0
 DIVERGED = 70.0
 # Percent from which on a size says nothing more.
 BEYOND_NUMBERS = 1e3
+# Percent of a force from which on all of it is unexplained.
+ALL = 100.0
 # Times what noise leaves from which on a residual is none, and the percent of the force
 # from which on it is worth a word. Four draws of noise scatter by a third at most.
 ABOVE_NOISE = 3.0
@@ -176,7 +178,8 @@ def _in_band(left: LeftOver) -> str:
 
 def open_balance(dof: int, percent: float) -> str:
     """A sentence on an equation of motion that does not close."""
-    return f"The balance of DOF {dof} leaves {percent:.3g} % of its force unexplained."
+    share = f"{percent:.3g} %" if percent < ALL else "all"
+    return f"The balance of DOF {dof} leaves {share} of its force unexplained."
 
 
 def impossible_masses(facts: Facts) -> list[Reason]:
@@ -421,8 +424,11 @@ def judged_error(run: FreeRunFacts) -> float:
 
 
 def nothing_claimed(facts: Facts) -> list[Reason]:
-    """A search that claims nothing."""
-    if not facts.nothing_claimed:
+    """A search that claims nothing, of a model that does not follow the motion.
+
+    Where it follows, the search had too little to judge by, such as one blow a floor.
+    """
+    if not facts.nothing_claimed or _follows(facts.free_run):
         return []
     return [Reason("no claim", "red", as_sentence(facts.nothing_claimed))]
 

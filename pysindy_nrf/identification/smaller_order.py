@@ -73,9 +73,9 @@ def smaller_order(
                 solution = solve(cut, order, problem.known_masses)
         except NRFError:
             continue
-        left = pooled_error(solution.masses, solution.coefficients, cut)
-        if left <= limit:
-            return SmallerOrder(degree, float(left), error)
+        lowered_error = pooled_error(solution.masses, solution.coefficients, cut)
+        if lowered_error <= limit:
+            return SmallerOrder(degree, float(lowered_error), error)
     return None
 
 
@@ -112,12 +112,12 @@ def _of_lower_degree(
         index = []
         for site in group.sites:
             start = places.sites[site].start
-            kept = np.arange(layout.counts[site])
+            terms = np.arange(layout.counts[site])
             if lowered.counts[site] < layout.counts[site]:
                 exponents = exponents_of(_degree_at(layout, site))
                 wanted = exponents_of(_degree_at(lowered, site))
-                kept = np.array([exponents.index(pair) for pair in wanted])
-            index.append(start + kept)
+                terms = np.array([exponents.index(pair) for pair in wanted])
+            index.append(start + terms)
         if places.mass is not None:
             index.append(np.array([places.mass]))
         index.append(np.array([places.target]))

@@ -175,11 +175,11 @@ def _law_over_missing_force(report: Loop) -> list[Figure]:
     if not effects_found:
         return []
     site = effects_found[0].site
-    found = {step.law for step in effects_found if step.site == site}
+    added = {step.law for step in effects_found if step.site == site}
     for loop in report.loops:
         if loop.site == site:
             force = report.model.restoring_forces[site]
-            return missing_force_figures(force, loop, found)
+            return missing_force_figures(force, loop, added)
     return []
 
 

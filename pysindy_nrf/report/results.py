@@ -48,7 +48,7 @@ class Step(effects.Effect, Protocol):
 class NoiseFloor(facts.NoiseFloor, Protocol):
     """What noise alone would leave of the forces."""
 
-    def at(self, name: str) -> float:
+    def rms_at(self, name: str) -> float:
         """Rms at a balance (``"dof 2"``) or storey (``"storey 2"``), N."""
 
 

@@ -112,20 +112,20 @@ class Summary:
         """Names and values, two beside each other where they fit."""
         half = WIDTH // 2
         lines: list[str] = []
-        left = ""
+        first_entry = ""
         for name, value in self.head:
             entry = f"{name + ':':17s} {value}"
-            if left and len(entry) < half:
-                lines.append(f"{left:{half}s}{entry}")
-                left = ""
+            if first_entry and len(entry) < half:
+                lines.append(f"{first_entry:{half}s}{entry}")
+                first_entry = ""
                 continue
-            if left:
-                lines.append(left)
-            left = entry
+            if first_entry:
+                lines.append(first_entry)
+            first_entry = entry
             if len(entry) >= half:
-                lines.append(left)
-                left = ""
-        return [*lines, left] if left else lines
+                lines.append(first_entry)
+                first_entry = ""
+        return [*lines, first_entry] if first_entry else lines
 
     def as_html(self) -> str:
         """One page to print, every name escaped; no file beside it is needed.

@@ -57,9 +57,9 @@ def left_by_hand(blocks, chosen):
 def test_it_is_least_squares_on_the_other_folds(regression, blocks):
     assert regression.folds.tolist() == [k % FOLDS for k in range(len(blocks))]
     squares = [target @ target for _, target in blocks]
-    assert regression.left("f") == pytest.approx(squares)
+    assert regression.unexplained("f") == pytest.approx(squares)
     by_hand = left_by_hand(blocks, [0, 1])
-    assert regression.left("f", ["a"]) == pytest.approx(by_hand, rel=2e-3)
+    assert regression.unexplained("f", ["a"]) == pytest.approx(by_hand, rel=2e-3)
 
 
 def test_a_share_and_its_error_are_those_of_the_jackknife(regression, blocks):

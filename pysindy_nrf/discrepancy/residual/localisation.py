@@ -335,7 +335,7 @@ class Localiser:
     def remaining(self, b: np.ndarray | None) -> np.ndarray:
         """Squares left in every block beside a free force, without those of noise."""
         of_noise = float(np.trace(self._form(b) @ self.noise))
-        return self.fit(b).left("e", ["baseline"]) - self.block_sizes * of_noise
+        return self.fit(b).unexplained("e", ["baseline"]) - self.block_sizes * of_noise
 
     def _pieces(self, b: np.ndarray | None) -> _Pieces:
         """The pieces into which a free force cuts the chain."""
@@ -379,7 +379,7 @@ class Localiser:
         fit = self.fit(b)
         correction = np.zeros(k)
         baseline = fit.coefficients("e", ["baseline"])["baseline"]
-        correction[fit.at["baseline"]] = baseline
+        correction[fit.columns["baseline"]] = baseline
 
         weights = self.weight @ b / (b @ self.weight @ b)
         owners = self.owners[:, :k]

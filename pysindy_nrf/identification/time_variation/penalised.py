@@ -182,16 +182,16 @@ class _System:
         # constants with constants
         total = products.sum(axis=0)
         fixed = np.flatnonzero(constants)
-        at = starts[fixed]
-        information[at[:, None], at] = total[fixed[:, None], fixed]
-        target[at] = total[fixed, -1]
+        fixed_starts = starts[fixed]
+        information[fixed_starts[:, None], fixed_starts] = total[fixed[:, None], fixed]
+        target[fixed_starts] = total[fixed, -1]
         for c in np.flatnonzero(~constants).tolist():
             columns = courses[c].columns
             lines = columns.T @ products[:, c]
             here = places[c]
             target[here] = lines[:, -1]
-            information[here, at] = lines[:, fixed]
-            information[at, here] = lines[:, fixed].T
+            information[here, fixed_starts] = lines[:, fixed]
+            information[fixed_starts, here] = lines[:, fixed].T
             for d in np.flatnonzero(~constants).tolist():
                 if d < c:
                     continue

@@ -79,21 +79,21 @@ def equation_residuals(
     force, inertia = segment.F[rows], segment.a[rows] * model.masses
     noise = _noise_of_equations(model, data, filters)
 
-    found = []
+    residuals = []
     for j in range(model.n_dof):
-        left = residual.balance[0][:, j]
-        if not np.isfinite(left).all():
+        unexplained = residual.balance[0][:, j]
+        if not np.isfinite(unexplained).all():
             continue
         is_forced = bool(force[:, j].any())
         reference = force[:, j] if is_forced else inertia[:, j]
         if band is not None:
             reference = band.apply(reference.astype(float))
-        found.append(
+        residuals.append(
             EquationResidual(
                 j + 1,
                 segment.name,
                 segment.dt or 1.0,
-                left,
+                unexplained,
                 reference,
                 "F" if is_forced else "m a",
                 drive,
@@ -101,7 +101,7 @@ def equation_residuals(
                 None if noise is None else noise[:, j],
             )
         )
-    return found
+    return residuals
 
 
 def _drive_of(segment: Segment) -> tuple[np.ndarray, str]:
@@ -171,15 +171,18 @@ def residual_figures(shown: EquationResidual) -> list[Figure]:
 def residual_spectrum_figure(shown: EquationResidual) -> Figure:
     """What is left by frequency, beside the force and the level of the noise."""
     fs = 1.0 / shown.step
-    f, left = density(shown.residual, fs)
+    f, density_of_residual = density(shown.residual, fs)
     _, reference = density(shown.reference, fs)
-    left, reference = np.sqrt(left[1:]), np.sqrt(reference[1:])
+    density_of_residual, reference = (
+        np.sqrt(density_of_residual[1:]),
+        np.sqrt(reference[1:]),
+    )
     f = f[1:]
 
     name = "applied force" if shown.reference_name == "F" else "inertia m a"
     marks: list[Mark] = [
         Line(f, reference, name, "muted", 1.0),
-        Line(f, left, "residual", "blue", 1.3),
+        Line(f, density_of_residual, "residual", "blue", 1.3),
     ]
     caption = "Amplitude density of what the model leaves of this equation of motion."
     if shown.noise is not None:
@@ -188,7 +191,7 @@ def residual_spectrum_figure(shown: EquationResidual) -> Figure:
         marks.append(Line(f, np.sqrt(noise[1:]), name, "red", 1.0, "dash"))
         caption += " Dashed: what the noise of all channels would leave."
 
-    largest = float(max(reference.max(), left.max()))
+    largest = float(max(reference.max(), density_of_residual.max()))
     limits = (FLOOR_OF_SPECTRA * largest, 2.0 * largest) if largest > 0 else None
     return Figure(
         f"Spectrum of the residual of DOF {shown.dof}",

@@ -112,8 +112,8 @@ def column_facts(table: Table) -> list[ColumnFacts]:
         for column in columns
         if column.values is not None and _has_spectrum(column, column.values)
     }
-    found = {column.text: column for column in _with_spectra(moving, step)}
-    return [found.get(column.text, column) for column in columns]
+    with_spectra = {column.text: column for column in _with_spectra(moving, step)}
+    return [with_spectra.get(column.text, column) for column in columns]
 
 
 def _has_spectrum(column: ColumnFacts, values: np.ndarray) -> bool:
@@ -211,8 +211,8 @@ def _relations(
             correlation = correlations[order][i].copy()
             correlation[i] = 0.0
             j = int(correlation.argmax())
-            left = 1 - correlation[j]
-            is_clear = left < CLEARER_THAN_ITSELF * left_by_itself[i, j]
+            unexplained = 1 - correlation[j]
+            is_clear = unexplained < CLEARER_THAN_ITSELF * left_by_itself[i, j]
             is_better = best is None or correlation[j] > best[0]
             if correlation[j] > DERIVATIVE_CORRELATION and is_clear and is_better:
                 factor = float(factors[order][i, j])

@@ -17,7 +17,7 @@ from .attributes import Attributes, restored
 from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
-from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
+from .mapping.words import MOTION_LETTERS, WORDS_OF_BASE, letter_named, names_one_of
 from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
@@ -308,26 +308,35 @@ def _overlooked(
 
     Only where none is mapped, so that it would be taken as zero.
     """
-    used = [name for source in sources.values() for name in source.columns]
-    lengths = {table.variables[name].shape[:1] for name in used}
-    candidates = [name for name in unused if table.variables[name].shape[:1] in lengths]
     has_force = any(dimension_of(channel) == "force" for channel in sources)
     has_base = any(channel in sources for channel in BASES.values())
-    for name in candidates:
+    for name in _as_long_as_used(table, sources, unused):
         letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
-        is_of_base = names_one_of(name, WORDS_OF_BASE)
+        is_motion_of_base = letter in MOTION_LETTERS and names_one_of(
+            name, WORDS_OF_BASE
+        )
         if letter == "F" and not has_force:
             yield (
                 f"The column {name!r} seems to be a force, and no channel uses it: all"
                 " floors are taken as unforced",
                 "Map it (F1 = name), or leave it out of the file.",
             )
-        elif letter in ("a", "v", "x") and is_of_base and not has_base:
+        elif is_motion_of_base and not has_base:
             yield (
                 f"The column {name!r} seems to be a motion of the base, and no channel"
                 " uses it: the base is taken at rest",
                 "Map it (ag = name), or leave it out of the file.",
             )
+
+
+def _as_long_as_used(
+    table: Table, sources: Mapping[str, Source], names: Sequence[str]
+) -> list[str]:
+    """Variables with as many samples as one that a channel uses."""
+    lengths: set[tuple[int, ...]] = set()
+    for source in sources.values():
+        lengths.update(table.variables[name].shape[:1] for name in source.columns)
+    return [name for name in names if table.variables[name].shape[:1] in lengths]
 
 
 def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:

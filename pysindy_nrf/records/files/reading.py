@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
 
@@ -287,24 +287,20 @@ def understand(
     _require_motion(measured, table)
     clock, lines = clock_of_file(table, measured, sources, fs)
     lines = _with_unknown_forces(lines, sources, table, clock)
-    stated_name, stated_coordinates = _stated_in_file(table)
-    record = _record_of(
-        lines, clock, name or stated_name, coordinates or stated_coordinates
-    )
+    record = _record_of(lines, clock, *_labels(table, name, coordinates))
     record = _noted_if_rotating(preparation.of_record(record), sources)
     assumed = _assumed(sources, clock, record)
     record = record.with_quality(record.quality + assumed)
 
     unused = _unused_variables(table, sources, clock)
-    for what, cure in _overlooked(table, sources, unused):
-        warn_user(DataQualityWarning(what, cure))
+    _warn_of_overlooked(table, sources, unused)
     return Reading(record, table, sources, unused, clock=clock.in_words(record))
 
 
-def _overlooked(
+def _warn_of_overlooked(
     table: Table, sources: Mapping[str, Source], unused: Sequence[str]
-) -> Iterator[tuple[str, str]]:
-    """What is overlooked, and the cure: a force or motion of the base without channel.
+) -> None:
+    """Warn of a force or a motion of the base that no channel uses.
 
     Only where none is mapped, so that it would be taken as zero.
     """
@@ -316,17 +312,19 @@ def _overlooked(
             name, WORDS_OF_BASE
         )
         if letter == "F" and not has_force:
-            yield (
+            what = (
                 f"The column {name!r} seems to be a force, and no channel uses it: all"
-                " floors are taken as unforced",
-                "Map it (F1 = name), or leave it out of the file.",
+                " floors are taken as unforced"
             )
+            cure = "Map it (F1 = name), or leave it out of the file."
+            warn_user(DataQualityWarning(what, cure))
         elif is_motion_of_base and not has_base:
-            yield (
+            what = (
                 f"The column {name!r} seems to be a motion of the base, and no channel"
-                " uses it: the base is taken at rest",
-                "Map it (ag = name), or leave it out of the file.",
+                " uses it: the base is taken at rest"
             )
+            cure = "Map it (ag = name), or leave it out of the file."
+            warn_user(DataQualityWarning(what, cure))
 
 
 def _as_long_as_used(
@@ -380,11 +378,13 @@ def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
     return dimension_of(channel) is not None
 
 
-def _stated_in_file(table: Table) -> tuple[str, str]:
-    """Name and coordinates of the record of a file."""
-    if table.attributes is None:
-        return table.path.stem, "relative"
-    return table.attributes.name, table.attributes.coordinates
+def _labels(table: Table, name: str | None, coordinates: str | None) -> tuple[str, str]:
+    """Name and coordinates of a record: as asked for, or as its file states."""
+    stated_name, stated_coordinates = table.path.stem, "relative"
+    if table.attributes is not None:
+        stated_name = table.attributes.name
+        stated_coordinates = table.attributes.coordinates
+    return name or stated_name, coordinates or stated_coordinates
 
 
 def _unused_variables(

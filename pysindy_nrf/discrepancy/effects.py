@@ -68,11 +68,6 @@ class Effect:
         """Whether it is a constant force, which the means alone show."""
         return self.law.variable == "1"
 
-    @property
-    def passes_on_its_error(self) -> bool:
-        """Whether its error passes to the storey below."""
-        return not self.is_fault and not self.is_constant
-
 
 @dataclass(frozen=True)
 class SearchState:

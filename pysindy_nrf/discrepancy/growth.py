@@ -14,7 +14,6 @@ import numpy as np
 
 from ..chain.sites import Site
 from ..equations.many_solves import CompiledChainSolve
-from ..exceptions import NRFError
 from ..laws.atoms import SumOfAtoms
 from .error_reduction import ErrorReduction, Powers, mean_reduction, residual_share
 from .fitted_model import FittedModel, FoldProblem, for_groups, quadratic_forms
@@ -253,13 +252,3 @@ def _sub_blocks(matrices: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Blocks of matrices (n, p, p) at several sets of rows, (n_sets, n, q, q)."""
     blocks = matrices[:, rows[:, :, None], rows[:, None, :]]
     return blocks.swapaxes(0, 1)
-
-
-def best_single_atom(model: FittedModel, site: Site, dictionary: SumOfAtoms) -> float:
-    """What the best atom of a dictionary gains at a site by itself, dB."""
-    try:
-        trials = AtomTrials(model, site, dictionary)
-    except NRFError:
-        return -np.inf
-    subsets = np.arange(len(dictionary.atoms))[:, None]
-    return float(trials.screened(subsets, trials.start()).max())

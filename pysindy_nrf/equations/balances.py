@@ -40,11 +40,6 @@ class BalanceEquations:
         return self.layout.n_dof
 
     @property
-    def n_equations(self) -> int:
-        """One equation of motion a DOF."""
-        return self.layout.n_dof
-
-    @property
     def n_channels(self) -> int:
         """A column is one line of samples."""
         return 1

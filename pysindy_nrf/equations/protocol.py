@@ -31,10 +31,6 @@ class Equations(Protocol):
         """Degrees of freedom."""
 
     @property
-    def n_equations(self) -> int:
-        """Equations that are judged: one a DOF, or one for all channels."""
-
-    @property
     def n_channels(self) -> int:
         """Lines of one column: 1, or the number of measured channels."""
 

@@ -61,4 +61,4 @@ def test_blocks_follow_each_other_and_laws_remember(equations):
 
 
 def test_there_is_one_equation_a_dof(equations):
-    assert (equations.n_equations, equations.n_dof, equations.n_channels) == (3, 3, 1)
+    assert (equations.n_dof, equations.n_channels) == (3, 1)

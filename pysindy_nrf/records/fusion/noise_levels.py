@@ -44,8 +44,13 @@ def white_level(y: np.ndarray, order: int = 4) -> float:
     return float(np.median(steps) / NORMAL_MEDIAN / np.sqrt(comb(2 * order, order)))
 
 
-def level_of_quietest(y: np.ndarray, order: int = 10) -> float:
+# Order of the differences in which a smooth motion vanishes and white noise stays.
+DIFFERENCES_OF_QUIETEST = 10
+
+
+def level_of_quietest(y: np.ndarray) -> float:
     """Level of the white noise of a channel in its quietest samples."""
+    order = DIFFERENCES_OF_QUIETEST
     steps = np.diff(y, order)
     if len(y) < 4 * order or not steps.any():
         return white_level(y, order)

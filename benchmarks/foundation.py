@@ -411,7 +411,7 @@ def shaken_base() -> list[Claim]:
 def roving_hammer() -> list[Claim]:
     """Three records, each with another DOF forced, beside one with all."""
     draw = partial(
-        chains.duffing, 3, given=chains.parameters(3, np.random.default_rng(9))
+        chains.duffing, 3, parameters_of_chain=chains.parameters(3, np.random.default_rng(9))
     )
     hits = [draw([j], seed=20 + j, n_samples=1200 + 300 * j) for j in (1, 2, 3)]
     X = np.vstack([hit.X for hit in hits])

@@ -88,7 +88,7 @@ def chain(seed: int, excited: list[int], n_samples: int) -> chains.Case:
     m, c, k, k3 = chains.parameters(N, np.random.default_rng(seed))
     for _ in range(5):
         case = chains.duffing(
-            N, excited, seed=seed, n_samples=n_samples, given=(m, c, k, k3)
+            N, excited, seed=seed, n_samples=n_samples, parameters_of_chain=(m, c, k, k3)
         )
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
         c = c * np.maximum(1.0, LEAST_DAMPING / share)

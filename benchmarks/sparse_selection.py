@@ -39,7 +39,7 @@ def draw(
     for _ in range(5):
         forced = [1 + seed % n]
         case = chains.duffing(
-            n, forced, seed=seed, n_samples=n_samples, given=(m, c, k, k3)
+            n, forced, seed=seed, n_samples=n_samples, parameters_of_chain=(m, c, k, k3)
         )
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
         if share.min() > LEAST_DAMPING:

@@ -147,8 +147,8 @@ def worst_mass_error(printed: str, method: str) -> float:
 
 def test_instruments_recover_masses_that_raw_channels_lose(capsys):
     options = "--seconds 4 --seeds 1 --repetitions 2 --jobs 1 --only".split()
-    for part in ("hammer", "intervals", "frequency response"):
-        noise.main([*options, part])
+    for title in ("hammer", "intervals", "frequency response"):
+        noise.main([*options, title])
     printed = capsys.readouterr().out
     assert worst_mass_error(printed, "ls, raw channels") > 20
     assert worst_mass_error(printed, "iv") < 3

@@ -153,8 +153,8 @@ print(f"k2/m1 = {6e4 / 10:.0f}, k2/m2 = {6e4 / 8:.0f} 1/s^2 in truth")
 # even a little better than ours. What it lacks is the masses where no force acts, and
 # with them newtons.
 optimizers = {"STLSQ, threshold 0.01": STLSQ}
-found = compare_with_sindy(record, truth=truth, optimizers=optimizers, free_run=2)
+comparison = compare_with_sindy(record, truth=truth, optimizers=optimizers, free_run=2)
 columns = ["terms", "precision", "recall", "mass_error", "restoring_force_error"]
-print(found[columns].round(2).to_string())
-display = CoefficientsDisplay.from_comparison(found, record).plot()
+print(comparison[columns].round(2).to_string())
+display = CoefficientsDisplay.from_comparison(comparison, record).plot()
 display.figure_.savefig(folder / "coming_from_pysindy.png", dpi=150)

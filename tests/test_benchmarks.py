@@ -214,8 +214,8 @@ def test_the_battery_draws_the_groups_that_are_asked_for():
     assert three["noise"] == 0.01
 
     alone = discrepancy_battery.specifications("acceleration", 2, 1)[1]
-    case = make_case(**alone, n_samples=2048, most=3)
-    assert set(case.seen[0]) == {"fs", "acceleration", "force"}
+    case = make_case(**alone, n_samples=2048, largest=3)
+    assert set(case.searched[0]) == {"fs", "acceleration", "force"}
     assert len(case.forced) == 1
     assert case.noise == 0.005
 

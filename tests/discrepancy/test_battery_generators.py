@@ -215,7 +215,7 @@ def test_every_channel_has_the_noise_it_claims(case, name, clean):
     """White, 5 % of its rms; nothing on forces that are zero."""
     true = getattr(case.runs[0], clean)
     size = np.sqrt(np.mean(true**2, axis=0))
-    noise = np.sqrt(np.mean((case.seen[0][name] - true) ** 2, axis=0))
+    noise = np.sqrt(np.mean((case.searched[0][name] - true) ** 2, axis=0))
     assert noise == pytest.approx(0.05 * size, rel=0.1)
 
 

@@ -116,5 +116,5 @@ def test_what_errors_of_channels_explain_better_is_no_inerter():
     inerter 4, 1 dB of it beyond them.
     """
     case = make_case(**specifications("sensors", SIZES["sensors"], 1501)[113])
-    records = [Record(**channels) for channels in case.seen]
+    records = [Record(**channels) for channels in case.searched]
     assert loop(records, SPRING, [laws.Inerter()]).steps == []

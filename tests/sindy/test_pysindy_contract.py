@@ -334,7 +334,7 @@ def test_the_users_names_reach_the_equations(capsys):
 def test_trajectories_of_different_length_inside_sindy(task):
     parts = [task.rows(slice(0, 500)), task.rows(slice(500, 900))]
     u = None if task.u is None else [piece.u for piece in parts]
-    x, y = [part.x for part in parts], [piece.y for piece in parts]
+    x, y = [piece.x for piece in parts], [piece.y for piece in parts]
     model = ps.SINDy(task.optimizer(), task.library)
     model.fit(x, t=[np.arange(len(p)) * task.dt for p in x], x_dot=y, u=u)
     masses = task.sindy().optimizer.masses_

@@ -28,7 +28,6 @@ from harness import in_parallel, linear_storeys, options_of, quietly
 
 from pysindy_nrf import (
     ChainModel,
-    KinematicSmoother,
     NRFRegressor,
     Record,
     excitation,
@@ -262,10 +261,7 @@ def errors_of_sensors(
     else:
         record = record.replace(acceleration=None)
 
-    smoother = KinematicSmoother(band=band, joint=estimation == "ls")
-    X, F = record.to_features(smooth=smoother)
-    model = NRFRegressor(**declared, estimation=estimation)
-    model.fit(X, F, base_acceleration=record.base_acceleration)
+    model = NRFRegressor(**declared, estimation=estimation, band=band).fit(record)
     return errors(model.model_, truth)
 
 

@@ -69,6 +69,16 @@ class Effect:
         return self.law.variable == "1"
 
 
+def instants_of(effects: Iterable[Effect]) -> list[float]:
+    """Times at which effects change something, s."""
+    instants = []
+    for effect in effects:
+        for shape in effect.law.shapes:
+            if shape.instant:
+                instants.append(float(effect.law.shape[shape.name] or 0.0))
+    return instants
+
+
 @dataclass(frozen=True)
 class SearchState:
     """The current model, its effects, and the records, freed of faults."""

@@ -19,7 +19,7 @@ from ..diagnosis.residual import residual_of
 from ..diagnosis.rules import ABOVE_NOISE
 from ..exceptions import NRFWarning
 from ..records.dataset import Dataset, Segment
-from ..records.fusion.noise_levels import levels_of
+from ..records.fusion.noise_levels import levels_of, noisy_channels
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
 from .problem import Problem
@@ -35,7 +35,6 @@ LEAST_SHARE = 0.01
 TIMES_NOISE = 1.2
 # A verdict on the same data is the same, so its noise is.
 _SEED = 0
-_PARTS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
 
 
 @dataclass(frozen=True)
@@ -153,15 +152,7 @@ def _stretch(problem: Problem, data: Dataset, number: int) -> Record:
 def _with_noise(record: Record, segment: Segment, rng: np.random.Generator) -> Record:
     """A record with further noise on every channel, as strong as what it has."""
     levels = levels_of(record, segment.noise)
-    changes: dict[str, np.ndarray] = {}
-    for letter, channels in _PARTS.items():
-        measured = getattr(record, channels)
-        if measured is None:
-            continue
-        rms = [levels.get(f"{letter}{j}", 0.0) for j in range(1, record.n_dof + 1)]
-        scatter = rng.standard_normal(np.shape(measured)) * rms
-        changes[channels] = np.asarray(measured, dtype=float) + scatter
-    return record.replace(**changes)
+    return record.replace(**noisy_channels(record, levels, rng))
 
 
 def _number_of_octaves(lines: Sequence[np.ndarray]) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,7 @@ from ...diagnosis.residual import Filters, residual_of
 from ...drawing.figure import Axis, Figure, Line, Mark, Table
 from ...exceptions import NRFWarning
 from ...records.dataset import Dataset, Segment
-from ...records.fusion.noise_levels import levels_of, noisy_base
-from ...records.record import MATRICES, Record
+from ...records.fusion.noise_levels import levels_of, noisy_base, noisy_channels
 from ...records.spectra import density
 
 # Lags of a correlation that are drawn, and the bound of 95 % of those of white noise.
@@ -133,7 +132,12 @@ def _noise_of_equations(
     if not data.records or segment.dt is None or segment.n_valid > LONGEST_DRAW:
         return None
     record = data.records[0]
-    noisy = _with_noise(record, levels_of(record, segment.noise))
+    levels = levels_of(record, segment.noise)
+    # the picture of a record is the same whenever it is drawn
+    rng = np.random.default_rng(0)
+    noisy = record.replace(
+        **noisy_channels(record, levels, rng), **noisy_base(record, levels, rng)
+    )
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         fused = motions_of(model, [noisy])
     if fused.segments[0].valid != segment.valid:
@@ -143,21 +147,6 @@ def _noise_of_equations(
         first = Dataset(shown.segments[:1], shown.segments[0].n_samples)
         residuals.append(residual_of(model, first, filters[:1]).balance[0])
     return residuals[1] - residuals[0]
-
-
-def _with_noise(record: Record, levels: Mapping[str, float]) -> Record:
-    """A record with fresh noise of some levels on its channels."""
-    # the picture of a record is the same whenever it is drawn
-    rng = np.random.default_rng(0)
-    changed: dict[str, np.ndarray] = {}
-    for key, letter in MATRICES.items():
-        matrix = getattr(record, key)
-        if matrix is None:
-            continue
-        names = [f"{letter}{j}" for j in range(1, record.n_dof + 1)]
-        sizes = np.array([levels.get(name, 0.0) for name in names])
-        changed[key] = matrix + sizes * rng.standard_normal(matrix.shape)
-    return record.replace(**changed, **noisy_base(record, levels, rng))
 
 
 def residual_figures(shown: EquationResidual) -> list[Figure]:

@@ -362,7 +362,7 @@ def test_pickles_are_never_loaded(tmp_path, read):
     assert not (tmp_path / "it_ran").exists()
 
 
-SCRIPT = (Path(__file__).parents[3] / "examples" / "write_test.m").read_text("utf-8")
+SCRIPT = (Path(__file__).parents[4] / "examples" / "write_test.m").read_text("utf-8")
 SAVED = re.compile(r"^save\('shaker_test\.mat'(.*), '-v7'\)", re.MULTILINE)
 HEADER = re.compile(r"fprintf\(file, '(t \[s\].*)\\n'\)")
 

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..chain.sites import Site
-from ..equations.many_solves import CompiledChainSolve
+from ..equations.protocol import ManySolver
 from ..laws.atoms import SumOfAtoms
 from .error_reduction import ErrorReduction, Powers, mean_reduction, residual_share
 from .fitted_model import FittedModel, FoldProblem, for_groups, quadratic_forms
@@ -242,7 +242,7 @@ class AtomTrials:
         of_model = np.tile(np.arange(self.n_rows), (len(subsets), 1))
         return np.hstack([of_model, self.n_rows + subsets])
 
-    def _solver(self, n_atoms: int) -> CompiledChainSolve:
+    def _solver(self, n_atoms: int) -> ManySolver:
         atoms = self.dictionary.atoms[:n_atoms]
         law = type(self.dictionary)(atoms)
         return ModelExtension(self.model, [(self.site, law)]).solver

@@ -238,11 +238,10 @@ def _mass_line(known_masses: Mapping[int, float], n_dof: int) -> np.ndarray:
     return np.array([known_masses.get(dof, 0.0) for dof in range(1, n_dof + 1)])
 
 
-class ChannelSolve(CompiledChainSolve):
+class ChannelSolve:
     """Masses and coefficients from measured channels, where floors have no sensor.
 
-    All columns stand in one sum of products, whatever equations their forces enter. It
-    shares nothing with its base but what is asked of both, :class:`ManySolver`.
+    All columns stand in one sum of products, whatever equations their forces enter.
 
     Parameters
     ----------

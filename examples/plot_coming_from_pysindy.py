@@ -145,8 +145,8 @@ print(ours.model_)
 print(f"k2/m1 = {6e4 / 10:.0f}, k2/m2 = {6e4 / 8:.0f} 1/s^2 in truth")
 
 # %%
-# The third case on one ruler
-# ---------------------------
+# The third case by one measure
+# -----------------------------
 # Each model's storey forces are taken apart into the terms of their own storey, all
 # fitted to the first 70 % of the noisy record. SINDy is handed the true masses, which
 # it cannot find; with them the forces of its normalised and hand-steered models are

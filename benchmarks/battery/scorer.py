@@ -514,7 +514,7 @@ def first_step(steps: list) -> dict[str, float]:
 
 def ties(steps: list) -> str:
     """What would have explained the residual as well as the first step."""
-    tied = steps[0].tied if steps else []
+    tied = steps[0].rivals if steps else []
     return "; ".join(f"{law} at {site} {gain:.3g}" for law, site, gain in tied)
 
 

@@ -67,7 +67,7 @@ class Effect(Protocol):
         """Families that the data cannot distinguish from its own."""
 
     @property
-    def company(self) -> list[str]:
+    def laws_beside(self) -> list[str]:
         """Laws that may stand for one law together with it."""
 
     @property
@@ -132,8 +132,8 @@ def not_told_apart(effect: Effect) -> list[str]:
         family = plain_name(effect.family)
         text = f"At {effect.site} the data cannot distinguish {family} from {others}."
         texts.append(text)
-    if effect.company:
-        laws = sorted(map(plain_name, (effect.law, *effect.company)))
+    if effect.laws_beside:
+        laws = sorted(map(plain_name, (effect.law, *effect.laws_beside)))
         together = f"{', '.join(laws[:-1])} and {laws[-1]}"
         texts.append(
             f"At {effect.site} {together} may together stand for one law that is not in"

@@ -510,7 +510,7 @@ def _not_confirmed(effect: Effect) -> str:
 def _only_the_closest(effect: Effect) -> list[str]:
     """A name that leaves a part of the effect, though the data name no other."""
     explains = effect.carries and effect.remainder <= MAX_UNEXPLAINED
-    if effect.sure or explains or effect.alternatives or effect.company:
+    if effect.sure or explains or effect.alternatives or effect.laws_beside:
         return []
     return [
         f"{capitalised(law_at_site(effect))} is only the closest law:"

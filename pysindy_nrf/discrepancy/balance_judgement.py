@@ -276,7 +276,7 @@ def _draft(
         judged_by=judged.condition,
         judged_reduction=judged.decisive.value,
         judged_error=judged.decisive.error,
-        company=[effect.law.name for effect in beside],
+        laws_beside=[effect.law.name for effect in beside],
     )
     return replace(draft, step=step)
 
@@ -293,11 +293,11 @@ def _finished(
     for draft, certainty in zip(drafts, remainder.certainty.effects):
         step = draft.step
         relaxes = filtered and draft.effect.law.has_memory
-        company = [*step.company, *certainty.company]
-        is_named = step.carries and not step.alternatives and not company
+        laws_beside = [*step.laws_beside, *certainty.laws_beside]
+        is_named = step.carries and not step.alternatives and not laws_beside
         judged = draft.confirmed and step.judged_by == "another record"
         sure = judged and is_named and draft.plausible and not relaxes
-        steps.append(draft.finished(company, certainty.remainder, sure))
+        steps.append(draft.finished(laws_beside, certainty.remainder, sure))
     return steps
 
 

@@ -315,8 +315,8 @@ class ClassSearch:
         for shifted in shifted_models(state.model, self.tools.rng):
             null = SearchState(shifted, state.effects, state.records)
             promise = _promise(place, null)
-            gain = promise.value if promise else 0.0
-            if proposal.value > gain:
+            reduction = promise.value if promise else 0.0
+            if proposal.value > reduction:
                 exceeded += 1
             else:
                 failed += 1

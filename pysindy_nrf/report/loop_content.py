@@ -280,9 +280,9 @@ def _chapter_of_step(
         facts.append(("What else it may be", " ".join(others)))
 
     tables = [_parameters(step)]
-    if step.tied:
+    if step.rivals:
         rows = []
-        for law_name, site, reduction in step.tied:
+        for law_name, site, reduction in step.rivals:
             rows.append([plain_name(law_name), site, float(reduction)])
         caption = f"The data cannot distinguish from {plain_name(step.law)}"
         tables.append(Table(caption, ["law", "site", "error reduction (dB)"], rows))

@@ -41,7 +41,7 @@ class Step(effects.Effect, Protocol):
         """What it changes of the force at its site, as a share."""
 
     @property
-    def tied(self) -> Sequence[tuple[str, str, float]]:
+    def rivals(self) -> Sequence[tuple[str, str, float]]:
         """Law, site and error reduction, dB, of candidates that explain it as well."""
 
 

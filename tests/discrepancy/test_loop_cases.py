@@ -366,7 +366,7 @@ def test_one_law_gets_no_company_of_its_family(law):
         laws.DeadZone(),
     ]
     (step,) = loop(soft_frame(in_storey_2=[law]), catalogue, 0.01).steps
-    names = {name for name, _, _ in step.tied} | {step.law}
+    names = {name for name, _, _ in step.rivals} | {step.law}
     assert step.site == "storey 2" and law.name in names
     for name, value in law.parameters.items():
         assert step.parameters[name] == pytest.approx(value, rel=0.05)

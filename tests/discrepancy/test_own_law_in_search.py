@@ -81,7 +81,7 @@ def test_a_law_of_the_user_is_found():
 @pytest.mark.slow
 def test_a_special_case_that_the_data_cannot_tell_from_it_is_taken_or_named():
     (step,) = steps_with(spring(3.05, 60.0), [*SPRINGS, PowerSpring()], noise=0.01)
-    names = {law for law, _, _ in step.tied} | {step.law}
+    names = {law for law, _, _ in step.rivals} | {step.law}
     assert step.site == "storey 2"
     assert "cubic_stiffness" in names
 

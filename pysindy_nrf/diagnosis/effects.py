@@ -353,7 +353,7 @@ def _of_power_series(
     ``kind`` is what a test of all of them says; None without a test.
     """
     labels = [term.label for term in law.terms() if term.label not in ("v", "s")]
-    shares = carried.reindex(labels).fillna(0.0)
+    shares = carried.astype(float).reindex(labels).fillna(0.0)
     noticed = list(shares.index[shares > 100 * NAMED_SHARE])
     if kind is None:
         kind = _kind_of(noticed)

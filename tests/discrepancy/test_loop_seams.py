@@ -80,7 +80,7 @@ def silent():
     return close_loop(record, catalogue=CATALOGUE, max_steps=2)
 
 
-@pytest.fixture(params=["found", "silent"])
+@pytest.fixture(params=["loop_report", "silent"])
 def report(request):
     """Either loop."""
     return request.getfixturevalue(request.param)

@@ -77,7 +77,7 @@ def test_noise_drives_at_no_frequency():
 
 
 def test_an_error_on_pieces_without_a_force_has_a_reference():
-    """A stage spun up by two steps of force; the pieces between hold none that moves."""
+    """A stage spun up by a step of force: no other piece holds one that changes."""
     truth = ChainModel([2.0], {1: [laws.LinearViscous(1.0)]})
     force = np.full((800, 1), 3.0)
     force[400:] = 4.5

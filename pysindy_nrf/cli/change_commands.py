@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -19,6 +19,7 @@ from .printing import table_text, verdict_data, verdict_text
 from .session import Session
 
 if TYPE_CHECKING:
+    from ..diagnosis.verdict import Verdict
     from ..drawing.figure import Figure, Table
     from ..identification.regressor import NRFRegressor
     from ..monitoring.change import ChangeReport
@@ -235,18 +236,23 @@ def damage(
     if len(records) != 2:
         raise click.UsageError("damage takes two records, BEFORE and AFTER.")
     with session.listening():
+        estimator = opt.regressor_of(options)
         report = compare_tests(
-            opt.regressor_of(options),
+            estimator,
             *records,
             n_blocks=options["blocks"],
             level=options["level"],
             least=options["least"],
         )
+        verdicts = _verdicts_of_tests(estimator, records)
 
+    words = [f"{name}: {verdict_text(v)}" for name, v in verdicts.items()]
+    session.conclude_headed("Verdicts of both fits", "\n".join(words))
     session.conclude_headed("What changed", str(report))
     if len(report.changed):
         session.conclude("", table_text(report.changed))
     session.conclude_headed("The tests fitted apart", table_text(report.table))
+    session.conclude_headed("Modes of the linear part", table_text(report.modes))
     with session.writing() as folder:
         written = [
             write_table(report.changed, folder / "changed.csv"),
@@ -256,9 +262,21 @@ def damage(
             written += _draw_changes(report, folder / "change.png")
         if pages.available():
             page = folder / "change.html"
-            pages.write_html(page, _page_of_changes(session, report))
+            pages.write_html(page, _page_of_changes(session, report, verdicts))
             written.append(page)
-    session.finish(_data_of_changes(report), written)
+    session.finish(_data_of_changes(report, verdicts), written)
+
+
+def _verdicts_of_tests(
+    estimator: NRFRegressor, records: Sequence[Record]
+) -> dict[str, Verdict]:
+    """Whether the declared law holds in each test: a comparison rests on both fits."""
+    from sklearn.base import clone
+
+    verdicts = {}
+    for name, record in zip(("before", "after"), records):
+        verdicts[name] = clone(estimator).fit(record).verdict()
+    return verdicts
 
 
 def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
@@ -278,7 +296,9 @@ def _maps_of_changes(report: ChangeReport) -> list[Figure]:
     return [change_figure(maps[site], site, largest) for site in maps]
 
 
-def _page_of_changes(session: Session, report: ChangeReport) -> ResultsPage:
+def _page_of_changes(
+    session: Session, report: ChangeReport, verdicts: Mapping[str, Verdict]
+) -> ResultsPage:
     """The page of two tests: what changed, where, and both fits."""
     from ..drawing.tables import table
     from ..report.results_page import ResultsPage
@@ -288,17 +308,24 @@ def _page_of_changes(session: Session, report: ChangeReport) -> ResultsPage:
         parts.append(table("What changed", report.changed))
     parts += _maps_of_changes(report)
     parts.append(table("The tests fitted apart", report.table))
-    found = str(report).splitlines()
+    if len(report.modes):
+        parts.append(table("Modes of the linear part", report.modes, index="mode"))
+    sentences = str(report).splitlines()
+    care = sentences[1:]
+    for name, verdict in verdicts.items():
+        care.append(f"The fit {name} is {verdict.state}: {verdict.sentence}")
     return ResultsPage(
         "What changed between two tests",
-        found[0],
+        sentences[0],
         parts,
-        (*found[1:], *session.warnings),
+        (*care, *session.warnings),
         session.provenance(),
     )
 
 
-def _data_of_changes(report: ChangeReport) -> dict[str, object]:
+def _data_of_changes(
+    report: ChangeReport, verdicts: Mapping[str, Verdict]
+) -> dict[str, object]:
     """What changed, as plain data."""
     masses = []
     for before, after in zip(report.before.masses, report.after.masses):
@@ -310,4 +337,6 @@ def _data_of_changes(report: ChangeReport) -> dict[str, object]:
         "explained": report.explained.to_dict("records"),
         "fitted_apart": report.table.to_dict("records"),
         "masses_kg": masses,
+        "modes": report.modes.to_dict("records"),
+        "verdicts": {name: verdict_data(v) for name, v in verdicts.items()},
     }

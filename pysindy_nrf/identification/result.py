@@ -423,8 +423,15 @@ class IdentificationResult(PlainState):
             self._head_of_summary(),
             table,
             self.verdict,
-            self.bounds[1],
+            self._notes_of_summary(),
         )
+
+    def _notes_of_summary(self) -> list[str]:
+        """Why there are no intervals, and the lower degree that does as well."""
+        notes = list(self.bounds[1])
+        if self.smaller_order is not None:
+            notes.append(str(self.smaller_order))
+        return notes
 
     def _head_of_summary(self) -> list[tuple[str, str]]:
         """Method, data, band and errors, by name."""

@@ -22,6 +22,7 @@ from ..chain.latex import (
 from ..chain.model import ChainModel
 from ..common.audit import versions
 from ..diagnosis.effects import Bounds, Interval, plain_name
+from ..diagnosis.equivalent_modes import equivalent_modes
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import Verdict
 from ..drawing.figure import Figure, dof_words
@@ -40,6 +41,9 @@ _UNKNOWN = (np.nan, np.nan)
 DRAWN_RECORDS = 3
 # Records by whose names a page is called.
 MAX_NAMES_IN_TITLE = 3
+# Share by which a frequency, damping or shape at the measured amplitude must differ
+# from that of the linear part to be shown: what tables print in three digits.
+LEAST_CHANGE_OF_MODES = 1e-3
 
 
 @dataclass(frozen=True)
@@ -167,12 +171,12 @@ def model_part(
     figures = []
     modes = _modes(model)
     if len(modes):
-        head = {"frequency": "frequency (Hz)", "damping": "damping ratio"}
-        for name in modes.columns:
-            if name.startswith("dof"):
-                head[name] = dof_words(name)
-        tables.append(table("Modes of the linear part", modes, head, index="mode"))
+        tables.append(_modes_table("Modes of the linear part", modes))
         figures.append(modes_figure(modes))
+        at_amplitude = _modes_at_amplitude(model, loops)
+        if not np.allclose(at_amplitude, modes, rtol=LEAST_CHANGE_OF_MODES):
+            caption = "Modes at the measured amplitude"
+            tables.append(_modes_table(caption, at_amplitude))
 
     sections = _site_sections(model, loops, bounds)
     text = str(model).splitlines()
@@ -209,6 +213,23 @@ def _modes(model: ChainModel) -> pd.DataFrame:
         return model.modes()
     except (NRFError, np.linalg.LinAlgError):
         return pd.DataFrame()
+
+
+def _modes_at_amplitude(model: ChainModel, loops: Sequence[SiteLoop]) -> pd.DataFrame:
+    """Modes of the equivalent linear chain; those of the linear part without motion."""
+    drawn = {loop.site for loop in loops}
+    for site, force in model.restoring_forces.items():
+        if force.laws and str(site) not in drawn:
+            return model.modes()
+    return equivalent_modes(model, loops)
+
+
+def _modes_table(caption: str, modes: pd.DataFrame) -> Table:
+    head = {"frequency": "frequency (Hz)", "damping": "damping ratio"}
+    for name in modes.columns:
+        if name.startswith("dof"):
+            head[name] = dof_words(name)
+    return table(caption, modes, head, index="mode")
 
 
 def _masses(model: ChainModel, bounds: Bounds) -> Table:

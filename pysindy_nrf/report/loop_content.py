@@ -142,14 +142,14 @@ def _tiles(report: Loop) -> list[Tile]:
         error = f"{last['free run']:.3g} %"
         tiles.append(Tile("Held-out free-run error", error, since))
 
-    source = band_source(report.settings)
+    source = band_source(report.band, report.settings)
     tiles.append(Tile("Band", band_text(report.band), source))
     return tiles
 
 
 def band_and_source(report: Loop) -> str:
     """The band of a closed loop, and where it comes from."""
-    band, source = band_text(report.band), band_source(report.settings)
+    band, source = band_text(report.band), band_source(report.band, report.settings)
     return f"{band}, {source}" if source else band
 
 

@@ -429,6 +429,10 @@ def test_damage_says_where_how_much_and_draws_it(tests_of_a_frame, spoken):
     assert run(["damage", "before.csv", "after.csv", "--json"]) == 0
     data = spoken()
     assert data["damaged"] == ["storey 2"]
+    assert {verdict["state"] for verdict in data["verdicts"].values()} == {"green"}
+    for mode in data["modes"]:
+        assert mode["frequency after"] < mode["frequency before"]
+        assert 0.99 < mode["mac"] < 1
     assert data["said"][0].startswith("Stiffness of storey 2 changed by -10.0")
     assert data["changed"][0]["change"] == pytest.approx(-10.0, abs=0.05)
     names = [Path(name).name for name in data["files"]]

@@ -525,6 +525,7 @@ def test_a_fit_with_too_many_terms_names_the_smallest_degree():
     case = chains.duffing(3, [2], seed=6, n_samples=2000)
     model = NRFRegressor(degree=5).fit(case.noisy(0.005), case.F)
     assert model.result_.smaller_order.degree == 3
+    assert "degree=3 does as well" in str(model.summary())
     assert NRFRegressor(degree=3).fit(case.X, case.F).result_.smaller_order is None
 
 

@@ -129,7 +129,7 @@ def _loads(rng, structure: Structure, f, fs: float, how: str, forced) -> Loads:
 
 
 def _dashpots(structure: Structure, f: np.ndarray) -> list[Effect]:
-    """A dashpot from each floor to the ground, as mass-proportional damping has them."""
+    """A dashpot from each floor to the ground: mass-proportional damping."""
     rate = 2.0 * MASS_DAMPING * 2.0 * np.pi * f[0]
     dashpots = []
     for dof, mass in enumerate(structure.m.tolist(), 1):

@@ -56,7 +56,7 @@ CLASS = {
     "forcing": "outside force",
     "link": "tie",
 }
-# Rayleigh's dashpots of the group "ordinary": a damping tie to the ground is none false.
+# The group "ordinary" has Rayleigh damping: these ties to the ground are there.
 DASHPOTS = ("link_spring_dashpot", "power_law_damping", "ground_dashpots")
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
 ONE_CLASS = {"friction", "hysteresis"}

@@ -22,6 +22,7 @@ import search_path
 import numpy as np
 import pandas as pd
 from battery.generators import KINDS, effect_cycle, make_case
+from battery.ordinary import make_ordinary_case
 from battery.scorer import FAMILY, run_case
 from battery.sensors import FAULTS
 from harness import options_of
@@ -43,6 +44,7 @@ SIZES = {
     "acceleration": 60,
     "sensors": 200,
     "every": 40,
+    "ordinary": 200,
 }
 QUICK = {"base": 1, "blind": 3, "nothing": 1, "withheld": 1, "sensors": 1}
 # Short records of small chains.
@@ -60,6 +62,26 @@ EVERY = (
 )
 # Effects at once.
 NUMBER = {"two": 2, "three": 3}
+# Effects of the group "ordinary"; where there is none nothing is to be found.
+ORDINARY = (
+    "coulomb",
+    "cubic",
+    "",
+    "bouc_wen",
+    "quadratic_damping",
+    "two_sided_gap",
+    "brace",
+    "jenkins",
+    "",
+    "stiffness_step",
+    "asymmetric_friction",
+    "maxwell",
+    "one_sided_gap",
+    "dahl",
+    "ground_friction",
+    "harmonic",
+    "power_damping",
+)
 LEAST_MASSES = {**NUMBER, "every": 4}
 # Groups of one effect each.
 SINGLE = ("blind", "base", "acceleration")
@@ -117,6 +139,8 @@ def details(rng: np.random.Generator, group: str, i: int) -> dict[str, Any]:
         }
     if group == "every":
         return {"kinds": (EVERY[i % len(EVERY)],), "noise": 0.01, "every": True}
+    if group == "ordinary":
+        return {"kind": ORDINARY[5 * i % len(ORDINARY)], "number": i}
     if group == "sensors":
         return {"sensors": FAULTS[i % len(FAULTS)], "noise": 0.002}
     return {"kinds": several(rng, NUMBER[group]), "noise": 0.01}
@@ -147,6 +171,10 @@ def several(rng: np.random.Generator, count: int) -> tuple[str, ...]:
 
 def run(spec: dict) -> dict:
     """Draw, simulate, search and score one case."""
+    if spec["group"] == "ordinary":
+        kind, number = spec["kind"], spec["number"]
+        case = make_ordinary_case(spec["name"], spec["seed"], kind, number)
+        return run_case(case)
     return run_case(make_case(**spec))
 
 
@@ -188,9 +216,9 @@ def single_effects(table: pd.DataFrame) -> list[str]:
         "noise %",
         "cases",
         "eligible",
-        "right site and family %",
+        "right site and class %",
         "site %",
-        "family %",
+        "class %",
         "target %",
         "parameters: median error %",
         "held-out error: median before %",
@@ -220,7 +248,7 @@ def answers(group: str, noise: float, rows: pd.DataFrame) -> list:
         count,
         percent(able.right.sum(), count),
         percent(able["right site"].sum(), count),
-        percent(able["right family"].sum(), count),
+        percent(able["right class"].sum(), count),
         TARGET_ACCELERATION if group == "acceleration" else target,
         *medians,
         f"{rows.cpu.median():.1f}",
@@ -231,6 +259,7 @@ def answers(group: str, noise: float, rows: pd.DataFrame) -> list:
 COUNTED = {
     "nothing": ("nothing to find: nothing added", 99),
     "sensors": ("imperfect sensors, nothing else: no effect of the structure", 95),
+    "ordinary": ("ordinary tests: class and site of the first, or nothing", 95),
     "withheld": ("not in the catalogue: no confident wrong name", 100),
     "two": ("two effects: both found (eligible cases)", 92),
     "three": ("three effects: all found (eligible cases)", 85),
@@ -246,8 +275,10 @@ def other_groups(table: pd.DataFrame) -> list[str]:
     lines = []
     for group, (what, target) in COUNTED.items():
         of_group = table[table.group == group]
-        if group in (*NUMBER, "every"):
-            of_group = of_group[of_group.eligible.astype(bool)]
+        if group in (*NUMBER, "every", "ordinary"):
+            of_group = of_group[
+                of_group.eligible.astype(bool) | (of_group.effect == "none")
+            ]
         if of_group.empty:
             continue
         share = percent(of_group.right.sum(), len(of_group))
@@ -283,6 +314,8 @@ def certainty(table: pd.DataFrame) -> list[str]:
         f"- right names that are sure: {percent(both, right)} % of {right}"
         f" (target {RIGHT_SURE:g} %)",
         f"- effects that held-out data did not confirm: {steps - claims} of {steps}",
+        f"- claims of what is not there: {int(table['false'].sum())} of {claims}"
+        f" (in {int((table['false'] > 0).sum())} of {len(table)} cases)",
     ]
 
 
@@ -324,6 +357,7 @@ FAILURE_COLUMNS = {
 def failures(table: pd.DataFrame) -> list[str]:
     """One row for each failure, with what was found instead."""
     always = table.group.isin(["nothing", "withheld", "sensors"])
+    always |= table.effect == "none"
     asked = always | table.eligible.astype(bool)
     wrong = table[asked & ~table.right.astype(bool)]
     if wrong.empty:

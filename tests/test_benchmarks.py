@@ -200,12 +200,14 @@ def test_the_battery_counts_only_confirmed_claims():
             "names right": [1, 0, 0],
             "sure": [1, 0, 0],
             "sure right": [1, 0, 0],
+            "false": [0, 1, 0],
         }
     )
-    right, sure, unconfirmed = discrepancy_battery.certainty(table)
+    right, sure, unconfirmed, false = discrepancy_battery.certainty(table)
     assert "100.0 % of 1" in right
     assert "100.0 % of 1" in sure
     assert unconfirmed.endswith("1 of 3")
+    assert false.endswith("1 of 2 (in 1 of 3 cases)")
 
 
 def test_the_battery_draws_the_groups_that_are_asked_for():

@@ -56,6 +56,8 @@ CLASS = {
     "forcing": "outside force",
     "link": "tie",
 }
+# The group "ordinary" has Rayleigh damping: these ties to the ground are there.
+DASHPOTS = ("link_spring_dashpot", "power_law_damping", "ground_dashpots")
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
 ONE_CLASS = {"friction", "hysteresis"}
 # A second test would not show these from the same start: the loop holds out the end of
@@ -335,20 +337,23 @@ def at_site(effect: Effect, step: Any) -> bool:
     return place(step.site) == place(effect.site)
 
 
-def of_family(effect: Effect, step: Any) -> bool:
-    """Whether a step holds the effect's family, itself or as a declared tie.
-
-    A general law names no family: its class must be right.
-    """
+def of_class(effect: Effect, step: Any) -> bool:
+    """Whether a step is of the effect's class, or of its family by a declared tie."""
     family = FAMILY[effect.kind]
-    if not step.carries:
-        return CLASS[family] == step.effect_class
+    if step.effect_class == class_of(effect):
+        return True
     return family in {step.family, *step.alternatives}
 
 
+def class_of(effect: Effect) -> str:
+    """The class of an effect: whatever joins no neighbours is a tie."""
+    is_link = not effect.on_dof and not effect.site.startswith("storey")
+    return "tie" if is_link else CLASS[FAMILY[effect.kind]]
+
+
 def names(effect: Effect, step: Any) -> bool:
-    """Whether a step is the effect, by site and family."""
-    return at_site(effect, step) and of_family(effect, step)
+    """Whether a step is the effect, by site and class."""
+    return at_site(effect, step) and of_class(effect, step)
 
 
 def names_any(case: Case, step: Any) -> bool:
@@ -366,6 +371,8 @@ def judge(case: Case, report: Any) -> dict:
     steps = [] if report is None else claims(report)
     if case.group in ("nothing", "sensors", "withheld"):
         return {"right": report is not None and not false_claims(case, steps)}
+    if not case.effects:
+        return {"right": not not_there(case, steps)}
     if len(case.effects) > 1:
         return judge_several(case.effects, steps)
     return judge_first(case.effects[0], steps)
@@ -378,6 +385,18 @@ def false_claims(case: Case, steps: list) -> list:
     if case.group == "withheld":
         return [step for step in steps if step.sure and not names_any(case, step)]
     return steps
+
+
+def not_there(case: Case, steps: list) -> list:
+    """Claims that are none of the case's effects."""
+    found = [step for step in steps if not names_any(case, step)]
+    if case.group != "ordinary":
+        return found
+    return [
+        step
+        for step in found
+        if not (step.site.startswith("ground") and step.law in DASHPOTS)
+    ]
 
 
 def judge_several(effects: list[Effect], steps: list) -> dict:
@@ -397,13 +416,13 @@ def judge_first(effect: Effect, steps: list) -> dict:
     site = family = False
     errors: list[float] = []
     if steps:
-        site, family = at_site(effect, steps[0]), of_family(effect, steps[0])
+        site, family = at_site(effect, steps[0]), of_class(effect, steps[0])
     if site and family:
         errors = parameter_errors(effect, steps[0])
     return {
         "right": site and family,
         "right site": site,
-        "right family": family,
+        "right class": family,
         "parameter errors": errors,
     }
 
@@ -471,6 +490,7 @@ def reported(case: Case, report: Any) -> dict:
     return {
         "steps": len(steps),
         "claims": len(claimed),
+        "false": len(not_there(case, claimed)),
         "names right": len(right),
         "sure": sum(step.sure for step in claimed),
         "sure right": sum(step.sure for step in right),

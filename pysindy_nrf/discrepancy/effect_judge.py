@@ -35,10 +35,9 @@ class EffectJudgeSettings:
     records of the same structure.
     """
 
-    # Of another record, and of held-out time where another amplitude speaks for a later
-    # effect.
-    least_of_record: float = 0.25
-    least_of_later: float = 0.25
+    # Of another record or amplitude, and of held-out time where another amplitude
+    # speaks for a later effect.
+    least: float = 0.25
     # Of held-out time by itself: 1 dB is a fifth of the power that is left.
     least_alone: float = 1.0
     # Pieces of what is held out, for the standard error, and windows of each at least.
@@ -106,17 +105,18 @@ class EffectJudge:
         new = finding.new_effects(state.effects)
         heldout = self._on_heldout(before, after, new)
         if self.has_records:
-            holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_of_record
+            holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least
             return JudgedEffect(holds, "another record", UNTOLD, heldout)
 
         amplitude = UNTOLD
         if not (finding.is_fault or finding.candidate.law.narrow_band):
             amplitude = _on_amplitude(before, after, new)
         changes_in_time = finding.candidate.law.permanent_change
-        if amplitude.holds and not changes_in_time:
+        speaks_for = amplitude.holds and amplitude.value >= EFFECT_JUDGE.least
+        if speaks_for and not changes_in_time:
             holds = not heldout.fails
             if state.effects:
-                holds = heldout.value >= EFFECT_JUDGE.least_of_later
+                holds = heldout.value >= EFFECT_JUDGE.least
             return JudgedEffect(holds, "another amplitude", amplitude, heldout)
         if amplitude.fails:
             return JudgedEffect(False, "another amplitude", amplitude, heldout)

@@ -112,7 +112,7 @@ def _with_values(
     if not step.confirmed or step.is_fault:
         return step
     site = Site(step.site)
-    law = next(law for law in reversed(model.laws[site]) if law.name == step.law)
+    law = _law_of(step, model.laws[site])
     if isinstance(law, SumOfAtoms):
         sizes = _size_of(law, model.visited.get(site))
         units = dict.fromkeys(sizes, "N")
@@ -126,6 +126,13 @@ def _with_values(
         if name in bounds:
             intervals[term.symbol] = bounds[name]
     return replace(step, parameters=dict(law.parameters), intervals=intervals)
+
+
+def _law_of(step: Step, laws: Sequence[ForceLaw]) -> ForceLaw:
+    """The law of a step among those at its site, of which some may have one name."""
+    named = [law for law in laws if law.name == step.law]
+    alike = [law for law in named if dict(law.shape) == step.shape]
+    return (alike or named)[-1]
 
 
 def _size_of(law: SumOfAtoms, region: VisitedRegion | None) -> dict[str, float | None]:

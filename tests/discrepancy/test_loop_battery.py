@@ -5,6 +5,8 @@ The loop gets the channels; the assertions alone read the truth.
 """
 
 import pytest
+from battery.generators import make_case
+from discrepancy_battery import specifications
 from simulated_cases import Plan, simulated
 
 from pysindy_nrf import NRFRegressor, Record, Site, close_loop, laws
@@ -162,3 +164,11 @@ def test_nothing_is_added_to_springs_that_are_declared():
     effects = (("cubic", 1, 0, 0.2), ("cubic", 2, 1, 0.2))
     case = simulated(Plan(2, (1, 2), noise=0.01, effects=effects, seed=46))
     assert loop(case, degree=3).steps == []
+
+
+def test_a_force_that_relaxes_is_not_taken_for_late_forces():
+    """A branch that relaxes within the sweep delays what the floors feel."""
+    case = make_case(**specifications("two", 4, seed=91)[3])
+    report = close_loop(Record(**case.seen[0]))
+    found = {step.site: step.effect_class for step in report.steps}
+    assert found == {"storey 2": "hysteresis", "storey 1": "memoryless"}

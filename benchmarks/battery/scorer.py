@@ -389,12 +389,12 @@ def false_claims(case: Case, steps: list) -> list:
 
 def not_there(case: Case, steps: list) -> list:
     """Claims that are none of the case's effects."""
-    found = [step for step in steps if not names_any(case, step)]
+    unnamed = [step for step in steps if not names_any(case, step)]
     if case.group != "ordinary":
-        return found
+        return unnamed
     return [
         step
-        for step in found
+        for step in unnamed
         if not (step.site.startswith("ground") and step.law in DASHPOTS)
     ]
 

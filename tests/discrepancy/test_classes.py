@@ -149,12 +149,12 @@ def test_two_harmonic_forces_on_one_floor_are_two_effects():
             force[:, 1] += size * np.sin(2 * np.pi * frequency * t)
         return force
 
-    found = {}
+    sizes = {}
     for step in close_loop(forced_chain(extra=on_floor_2)).steps:
         assert (step.law, step.site) == ("harmonic_force", "dof 2")
         size = np.hypot(step.parameters["A"], step.parameters["B"])
-        found[round(step.parameters["frequency"], 1)] = size
-    assert found == pytest.approx(amplitudes, rel=0.05)
+        sizes[round(step.parameters["frequency"], 1)] = size
+    assert sizes == pytest.approx(amplitudes, rel=0.05)
 
 
 def test_a_rest_before_the_motion_hides_nothing():

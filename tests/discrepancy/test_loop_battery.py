@@ -169,6 +169,6 @@ def test_nothing_is_added_to_springs_that_are_declared():
 def test_a_force_that_relaxes_is_not_taken_for_late_forces():
     """A branch that relaxes within the sweep delays what the floors feel."""
     case = make_case(**specifications("two", 4, seed=91)[3])
-    report = close_loop(Record(**case.seen[0]))
-    found = {step.site: step.effect_class for step in report.steps}
-    assert found == {"storey 2": "hysteresis", "storey 1": "memoryless"}
+    report = close_loop(Record(**case.searched[0]))
+    claims = {step.site: step.effect_class for step in report.steps}
+    assert claims == {"storey 2": "hysteresis", "storey 1": "memoryless"}

@@ -149,9 +149,9 @@ class Alternative:
         Half-width of the 95 % interval of that parameter beside it, as a share.
     wider : float
         The same if it is much wider than without the alternative; 0 otherwise.
-    left : float
+    residual_share : float
         Residual of all equations of motion beside it, as a share of that of the model.
-    left_by_equation : float
+    residual_share_by_equation : float
         The same with every residual as a share of its own: the rms over the equations.
     moves : mapping of str to Move
         What it does to each mass and coefficient.
@@ -165,8 +165,8 @@ class Alternative:
     change: float
     half_width: float
     wider: float
-    left: float
-    left_by_equation: float
+    residual_share: float
+    residual_share_by_equation: float
     moves: Mapping[str, Move] = field(default_factory=dict)
     model: ChainModel | None = None
     compared: ChainModel | None = None
@@ -592,7 +592,7 @@ def unexplained_by(report: Loop) -> dict[int, float]:
 
 def _left_over(report: Loop) -> dict[int, LeftOver]:
     """What the final model leaves, where it is known what noise would leave."""
-    left = {}
+    left_over = {}
     for model, evidence in zip(report.models, report.evidence):
         if model is not report.model or evidence.floor is None:
             continue
@@ -600,8 +600,8 @@ def _left_over(report: Loop) -> dict[int, LeftOver]:
             size = evidence.sizes.loc[f"dof {j}"]
             if noise > 0 and np.isfinite(size["rms"]):
                 percent = float(size["percent"])
-                left[j] = LeftOver(float(size["rms"]), float(noise), percent)
-    return left
+                left_over[j] = LeftOver(float(size["rms"]), float(noise), percent)
+    return left_over
 
 
 def _unanswered(evidence: Sequence[Evidence]) -> dict[str, str]:

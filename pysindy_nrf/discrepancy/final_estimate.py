@@ -69,9 +69,9 @@ def final_estimate(
         # the search has warned of the channels
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
             fitted = estimator.fit([_with_base(record) for record in records])
-            return _with_free_shapes(fitted.result_, request)
     except NRFError:
         return None
+    return _with_free_shapes(fitted.result_, request)
 
 
 def _with_free_shapes(
@@ -91,7 +91,11 @@ def _with_free_shapes(
     if data is None or not freed.has_free_shapes:
         return result
     method = choose_method(request.baseline.estimation, COMPLETE_RECORDS)
-    estimate = method.identify(freed, data)
+    try:
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            estimate = method.identify(freed, data)
+    except NRFError:
+        return result
     if estimate.intervals_withheld:
         doubts = (*result.doubts, estimate.intervals_withheld)
         return replace(result, doubts=doubts)
@@ -136,15 +140,15 @@ def with_final_estimate(
     """The report with the masses, coefficients and intervals of the final estimate."""
     if identified is None:
         return report
-    estimate, found = identified.model, report.model
+    estimate, searched = identified.model, report.model
     model = ChainModel(
         estimate.masses,
         estimate.laws,
         estimate.chain,
-        found.visited,
-        {**estimate.info, **found.info},
+        searched.visited,
+        {**estimate.info, **searched.info},
     )
-    models = [model if each is found else each for each in report.models]
+    models = [model if each is searched else each for each in report.models]
     bounds, _ = identified.bounds
     bounds_of_shapes = _bounds_of_shapes(identified)
     steps = [_with_values(s, model, bounds, bounds_of_shapes) for s in report.steps]
@@ -190,7 +194,7 @@ def _with_values(
     if not step.confirmed or step.is_fault:
         return step
     site = Site(step.site)
-    law = next(law for law in reversed(model.laws[site]) if law.name == step.law)
+    law = _law_of(step, model.laws[site])
     if isinstance(law, SumOfAtoms):
         sizes = _size_of(law, model.visited.get(site))
         units = dict.fromkeys(sizes, "N")
@@ -207,6 +211,24 @@ def _with_values(
         if name in bounds:
             intervals[term.symbol] = bounds[name]
     return replace(step, parameters=dict(law.parameters), intervals=intervals)
+
+
+def _law_of(step: Step, laws: Sequence[ForceLaw]) -> ForceLaw:
+    """The law of a step among those at its site, of which some may have one name."""
+    named = [law for law in reversed(laws) if law.name == step.law]
+    return min(named, key=lambda law: _distance(law.shape, step.shape))
+
+
+def _distance(
+    shape: Mapping[str, float | None], other: Mapping[str, float | None]
+) -> float:
+    """Sum of the relative differences of two sets of shape parameters."""
+    distance = 0.0
+    for name, value in shape.items():
+        before = other.get(name)
+        if value is not None and before is not None:
+            distance += abs(value - before) / (abs(before) or 1.0)
+    return distance
 
 
 def _size_of(law: SumOfAtoms, region: VisitedRegion | None) -> dict[str, float | None]:

@@ -82,14 +82,14 @@ def alternatives_of(
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         comparison = _Comparison(problem, _strongest_stretches(data))
         distance = 0.0 if trusted is None else comparison.distance_to(trusted)
-        found = [
+        alternatives = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
             *_other_channels(comparison),
             *_late_forces(comparison),
         ]
-    resolved = [alternative for alternative in found if alternative.reach > distance]
-    return tuple(sorted(resolved, key=lambda alternative: alternative.left))
+    resolved = [each for each in alternatives if each.reach > distance]
+    return tuple(sorted(resolved, key=lambda alternative: alternative.residual_share))
 
 
 def _strongest_stretches(data: Dataset) -> Dataset:
@@ -101,7 +101,7 @@ def _strongest_stretches(data: Dataset) -> Dataset:
     for segment in data.segments:
         size = max(1, int(share * segment.n_valid))
         first = segment.valid.start + segment.strongest(slice(0, segment.n_valid), size)
-        segments.append(segment.part(slice(first, first + size), 0))
+        segments.append(segment.cut(slice(first, first + size), 0))
     return replace(data, segments=segments)
 
 
@@ -219,9 +219,9 @@ class _Comparison:
         relative_width = numbers.half_width[watched] / size
         wider = numbers.wider_half_width[watched] / size
         parameter = str(np.maximum(relative_change.abs(), wider).idxmax())
-        left, before = squares.sum(axis=0), self.squares.sum(axis=0)
+        after, before = squares.sum(axis=0), self.squares.sum(axis=0)
         unsolved = before > 0
-        ratios = left[unsolved] / before[unsolved]
+        ratios = after[unsolved] / before[unsolved]
         return Alternative(
             description,
             place,
@@ -229,7 +229,7 @@ class _Comparison:
             float(relative_change[parameter]),
             float(relative_width[parameter]),
             float(wider[parameter]),
-            float(np.sqrt(left.sum() / before.sum())) if unsolved.any() else 1.0,
+            float(np.sqrt(after.sum() / before.sum())) if unsolved.any() else 1.0,
             float(np.sqrt(ratios.mean())) if unsolved.any() else 1.0,
             numbers.moves,
             model,

@@ -83,18 +83,18 @@ def read_frf(
     check_file(file, max_bytes)
     form = format_called(file)
     if mapping:
-        found = _from_mapping(read_table(file, max_bytes=max_bytes), mapping)
+        responses = _from_mapping(read_table(file, max_bytes=max_bytes), mapping)
     elif form is DELIMITED_TEXT:
-        found = _from_text(file)
+        responses = _from_text(file)
     elif form is UFF:
-        found = _from_uff(file, excited, max_bytes)
+        responses = _from_uff(file, excited, max_bytes)
     else:
-        found = _from_variables(file, max_bytes)
+        responses = _from_variables(file, max_bytes)
     return FrequencyResponse.from_arrays(
-        found.f,
-        found.H,
-        excited or found.excited or 1,
-        kind or found.kind or "accelerance",
+        responses.f,
+        responses.H,
+        excited or responses.excited or 1,
+        kind or responses.kind or "accelerance",
         file.stem,
     )
 
@@ -191,11 +191,11 @@ def _of_two_columns(
     """Responses of pairs of columns; None if their names do not say what they hold."""
     parts: dict[str, dict[str, str]] = {}  # names by part, by response
     for name in names:
-        part = next((p for p, words in _PARTS.items() if words.search(name)), None)
-        if part is None:
+        component = next((p for p, words in _PARTS.items() if words.search(name)), None)
+        if component is None:
             return None
-        response = _NO_LETTERS.sub("", _PARTS[part].sub("", name)).lower()
-        parts.setdefault(response, {})[part] = name
+        response = _NO_LETTERS.sub("", _PARTS[component].sub("", name)).lower()
+        parts.setdefault(response, {})[component] = name
 
     responses = []
     for pair in parts.values():

@@ -17,7 +17,7 @@ from .frequency_response import FrequencyResponse
 from .mapping.expression import as_name, parse
 from .table import MAX_BYTES, Table, check_file, unreadable
 from .tables import read_table
-from .units import si_factor
+from .units import response_unit, si_factor, split_unit
 
 _KIND_OF_LETTER = {"a": "accelerance", "v": "mobility", "x": "receptance"}
 
@@ -90,6 +90,12 @@ def read_frf(
         responses = _from_uff(file, excited, max_bytes)
     else:
         responses = _from_variables(file, max_bytes)
+    if form is DELIMITED_TEXT and kind and responses.kind not in (None, kind):
+        raise ChannelError(
+            f"kind={kind!r} was given, but the units in {file.name} are those of a"
+            f" {responses.kind}",
+            "Leave kind out, or correct the header.",
+        )
     return FrequencyResponse.from_arrays(
         responses.f,
         responses.H,
@@ -119,8 +125,9 @@ def _from_text(path: Path) -> _Responses:
     if not separators:
         raise FileFormatError(f"{path} has one column only", _CURE)
     names, values = _complex_rows(path, lines, separators[0])
+    names, kind = _in_si(names, values, str(path))
     if np.abs(values[:, 1:].imag).max() > 0:
-        return _Responses(values[:, 0], values[:, 1:])
+        return _Responses(values[:, 0], values[:, 1:], kind=kind)
 
     columns = dict(zip(names, values.real.T)) if len(set(names)) == len(names) else {}
     responses = (
@@ -133,7 +140,36 @@ def _from_text(path: Path) -> _Responses:
             " as 0.1-0.2j or in columns H1_re, H1_im, or magnitude and phase, and name"
             " the columns so.",
         )
-    return _Responses(values[:, 0].real, responses)
+    return _Responses(values[:, 0].real, responses, kind=kind)
+
+
+def _in_si(
+    names: Sequence[str], values: np.ndarray, path: str
+) -> tuple[list[str], str | None]:
+    """Names without the units of responses, and the kind that these say.
+
+    The values become those in SI units.
+    """
+    bare_names = []
+    kinds: dict[str, str] = {}
+    for k, name in enumerate(names):
+        bare, unit = split_unit(name)
+        measured = response_unit(unit) if unit else None
+        if measured is None:
+            bare_names.append(name)
+            continue
+        letter, factor = measured
+        values[:, k] *= factor
+        bare_names.append(bare)
+        kinds.setdefault(_KIND_OF_LETTER[letter], name)
+
+    if len(kinds) > 1:
+        first, second = list(kinds.values())[:2]
+        raise FileFormatError(
+            f"{path}: {first!r} and {second!r} are responses of two kinds",
+            "Give accelerations, velocities or displacements over the force alone.",
+        )
+    return bare_names, next(iter(kinds), None)
 
 
 def _complex_rows(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..table import Table
+from ..units import kind_of_unit, si_factor
 from .expression import as_name
 
 MAX_COLUMNS = 64  # that are looked at
@@ -99,7 +100,7 @@ class ColumnFacts:
 def column_facts(table: Table) -> list[ColumnFacts]:
     """Facts on the columns of the longest variables of a file."""
     columns = list(_columns(table))[:MAX_COLUMNS]
-    step = _sampling_step(columns, 1.0 / table.fs if table.fs is not None else 1.0)
+    step = _sampling_step(columns, table)
     moving = {
         column: column.values[:MAX_ROWS]
         for column in columns
@@ -109,13 +110,18 @@ def column_facts(table: Table) -> list[ColumnFacts]:
     return [with_spectra.get(column.text, column) for column in columns]
 
 
-def _sampling_step(columns: Sequence[ColumnFacts], otherwise: float) -> float:
-    """Step of the first column that is a time, s."""
+def _sampling_step(columns: Sequence[ColumnFacts], table: Table) -> float:
+    """Step of the first column that is a time, s; in its unit, or that of its ticks."""
+    otherwise = 1.0 / table.fs if table.fs is not None else 1.0
     for column in columns:
-        if column.values is not None and column.is_time:
-            ticks = _step(column.values) or otherwise
-            is_in_seconds = ticks < SLOWEST_STEP
-            return ticks if is_in_seconds else ticks / TICKS[unit_of_ticks(ticks)]
+        if column.values is None or not column.is_time:
+            continue
+        ticks = _step(column.values) or otherwise
+        unit = table.units.get(column.variable) or ""
+        if kind_of_unit(unit) == "t":
+            return ticks * si_factor(unit, "t")
+        is_in_seconds = ticks < SLOWEST_STEP
+        return ticks if is_in_seconds else ticks / TICKS[unit_of_ticks(ticks)]
     return otherwise
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...channels import channel_of
 from ..table import Table
-from ..units import kind_of_unit, si_unit, split_suffix
+from ..units import is_unit, kind_of_unit, si_unit, split_suffix, split_unit
 from .column_facts import ColumnFacts, column_facts, unit_of_ticks
 from .column_words import words_of_columns
 from .expression import as_name
@@ -59,6 +59,7 @@ class _Column:
     text: str  # its mapping
     doubts: tuple[str, ...]
     floor: int = 0  # 0 for the base
+    unit: str = ""  # in brackets behind its name, where the reader leaves it there
 
     @property
     def channel(self) -> str:
@@ -109,7 +110,8 @@ def propose(table: Table, facts: Sequence[ColumnFacts] | None = None) -> list[Pr
 
     proposals: dict[str, Proposal] = {}
     for column in placed:
-        proposal = Proposal(column.channel, column.text, column.doubts)
+        text = f"{column.text} @ {column.unit}" if column.unit else column.text
+        proposal = Proposal(column.channel, text, column.doubts)
         proposals.setdefault(column.channel, proposal)
     return list(proposals.values())
 
@@ -137,8 +139,11 @@ def _channel_columns(table: Table, facts: Sequence[ColumnFacts]) -> list[_Column
 
 def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
     """A column whose name or unit says which kind of channel it is."""
-    bare, suffix = split_suffix(_without_prefix(fact.variable, table))
-    unit = table.units.get(fact.variable) or suffix
+    name, in_brackets = split_unit(fact.variable)
+    if in_brackets is None or not is_unit(in_brackets):
+        name, in_brackets = fact.variable, None
+    bare, suffix = split_suffix(_without_prefix(name, table))
+    unit = table.units.get(fact.variable) or in_brackets or suffix
     notation = notation_of(bare)
     letter = _letter_of(bare, unit)
     if bare in AXES_OF_A_GRAPH <= table.variables.keys() and not unit:
@@ -152,7 +157,7 @@ def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
         bare = f"{notation.letter} {notation.place}"
     if fact.text != as_name(fact.variable):  # a column of a matrix
         bare = f"{bare} {_number_of_column(fact)}"
-    return _Column(letter, bare, fact.text, doubts)
+    return _Column(letter, bare, fact.text, doubts, unit=in_brackets or "")
 
 
 def _number_of_column(fact: ColumnFacts) -> int:
@@ -422,6 +427,15 @@ def is_element_alone(proposals: Sequence[Proposal]) -> bool:
     motions = {proposal.channel for proposal in proposals} - {"t", "F1"}
     has_force = any(proposal.channel == "F1" for proposal in proposals)
     return has_force and bool(motions) and motions <= {"x1", "v1"}
+
+
+def is_over_frequency(facts: Sequence[ColumnFacts]) -> bool:
+    """Whether the first column is a frequency: responses or spectra, no record."""
+    for first in facts[:1]:
+        if first.values is None or not re.search(r"freq|\bhz\b", first.variable, re.I):
+            return False
+        return bool((np.diff(first.values) > 0).all())
+    return False
 
 
 def lacks_clock(proposals: Sequence[Proposal], table: Table) -> bool:

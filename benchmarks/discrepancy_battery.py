@@ -48,7 +48,7 @@ SIZES = {
 }
 QUICK = {"base": 1, "blind": 3, "nothing": 1, "withheld": 1, "sensors": 1}
 # Short records of small chains.
-SMALL = {"n_samples": 4096, "most": 3}
+SMALL = {"n_samples": 4096, "largest": 3}
 # Kinds that every storey may have.
 EVERY = (
     "coulomb",
@@ -110,8 +110,8 @@ def specifications(
         spec |= details(rng, group, i)
         if noise is not None:
             spec["noise"] = noise
-        if "most" in size:
-            spec["most"] = max(size["most"], LEAST_MASSES.get(group, 1))
+        if "largest" in size:
+            spec["largest"] = max(size["largest"], LEAST_MASSES.get(group, 1))
         out.append(spec)
     return out
 
@@ -197,8 +197,8 @@ def run_all(specs: list[dict], jobs: int, out: Path | None = None) -> pd.DataFra
 # -- what is printed -----------------------------------------------------------
 
 
-def percent(part: int, total: int) -> str:
-    return f"{100 * part / total:.1f}" if total else "-"
+def percent(count: int, total: int) -> str:
+    return f"{100 * count / total:.1f}" if total else "-"
 
 
 def in_cells(values: list) -> str:
@@ -226,14 +226,14 @@ def single_effects(table: pd.DataFrame) -> list[str]:
         "median CPU s",
     )
     lines = [in_cells(columns), "|---|" + "---:|" * (len(columns) - 1)]
-    for (group, noise), part in rows.groupby(["group", "noise %"]):
-        lines.append(in_cells([group, f"{noise:g}", *answers(group, noise, part)]))
+    for (group, noise), cell in rows.groupby(["group", "noise %"]):
+        lines.append(in_cells([group, f"{noise:g}", *answers(group, noise, cell)]))
     return [*lines, ""]
 
 
-def answers(group: str, noise: float, part: pd.DataFrame) -> list:
+def answers(group: str, noise: float, rows: pd.DataFrame) -> list:
     """Cells of one group at one noise."""
-    able = part[part.eligible]
+    able = rows[rows.eligible]
     count = len(able)
     target = TARGET.get(round(noise / 100, 4), "-")
     medians = ["-", "-", "-"]
@@ -244,14 +244,14 @@ def answers(group: str, noise: float, part: pd.DataFrame) -> list:
         medians[1] = f"{able['error before'].median():.2g}"
         medians[2] = f"{able['error after'].median():.2g}"
     return [
-        len(part),
+        len(rows),
         count,
         percent(able.right.sum(), count),
         percent(able["right site"].sum(), count),
         percent(able["right class"].sum(), count),
         TARGET_ACCELERATION if group == "acceleration" else target,
         *medians,
-        f"{part.cpu.median():.1f}",
+        f"{rows.cpu.median():.1f}",
     ]
 
 
@@ -274,27 +274,29 @@ def other_groups(table: pd.DataFrame) -> list[str]:
     """Right answers of the groups with several effects, or none."""
     lines = []
     for group, (what, target) in COUNTED.items():
-        part = table[table.group == group]
+        of_group = table[table.group == group]
         if group in (*NUMBER, "every", "ordinary"):
-            part = part[part.eligible.astype(bool) | (part.effect == "none")]
-        if part.empty:
+            of_group = of_group[
+                of_group.eligible.astype(bool) | (of_group.effect == "none")
+            ]
+        if of_group.empty:
             continue
-        share = percent(part.right.sum(), len(part))
-        lines.append(f"- {what}: {share} % of {len(part)} (target {target} %)")
+        share = percent(of_group.right.sum(), len(of_group))
+        lines.append(f"- {what}: {share} % of {len(of_group)} (target {target} %)")
         if group == "nothing":
-            lines += right_by(part, "noise %", "noise {:g} %")
+            lines += right_by(of_group, "noise %", "noise {:g} %")
         if group == "sensors":
-            lines += right_by(part, "sensors", "{}")
-            wrong = part[~part.right & (part.sure > 0)]
-            share = percent(len(wrong), len(part))
+            lines += right_by(of_group, "sensors", "{}")
+            wrong = of_group[~of_group.right & (of_group.sure > 0)]
+            share = percent(len(wrong), len(of_group))
             lines.append(f"  - wrong with a sure name: {share} % (target 1 %)")
     return lines
 
 
-def right_by(part: pd.DataFrame, column: str, label: str) -> list[str]:
+def right_by(of_group: pd.DataFrame, column: str, label: str) -> list[str]:
     """Right answers by the values of a column."""
     lines = []
-    for value, rows in part.groupby(column, sort=column != "sensors"):
+    for value, rows in of_group.groupby(column, sort=column != "sensors"):
         name = label.format(value)
         lines.append(f"  - {name}: {rows.right.sum()} of {len(rows)}")
     return lines
@@ -319,13 +321,13 @@ def certainty(table: pd.DataFrame) -> list[str]:
 
 def by_effect(table: pd.DataFrame) -> list[str]:
     """Right answers by kind of effect and noise."""
-    part = table[table.group.isin(SINGLE) & table.eligible.astype(bool)]
-    if part.empty:
+    single = table[table.group.isin(SINGLE) & table.eligible.astype(bool)]
+    if single.empty:
         return []
-    levels = sorted(part["noise %"].unique())
+    levels = sorted(single["noise %"].unique())
     heads = [f"{level:g} %" for level in levels]
     lines = ["", in_cells(["effect", *heads]), "|---|" + "---:|" * len(levels)]
-    for effect, rows in part.groupby("effect", sort=False):
+    for effect, rows in single.groupby("effect", sort=False):
         cells = [effect]
         for level in levels:
             cases = rows[rows["noise %"] == level]

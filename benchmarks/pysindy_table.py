@@ -88,7 +88,11 @@ def chain(seed: int, excited: list[int], n_samples: int) -> chains.Case:
     m, c, k, k3 = chains.parameters(N, np.random.default_rng(seed))
     for _ in range(5):
         case = chains.duffing(
-            N, excited, seed=seed, n_samples=n_samples, given=(m, c, k, k3)
+            N,
+            excited,
+            seed=seed,
+            n_samples=n_samples,
+            parameters_of_chain=(m, c, k, k3),
         )
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
         c = c * np.maximum(1.0, LEAST_DAMPING / share)
@@ -136,12 +140,12 @@ def theirs(X: np.ndarray, F: np.ndarray, optimizer: Any) -> tuple[np.ndarray, Te
     terms = set()
     for j in range(N):
         y = a[:, j] / target[j]
-        found = coefficients(optimizer, columns / size, y)
+        values = coefficients(optimizer, columns / size, y)
         if j in acting:
             k = len(labels) + list(acting).index(j)
-            if found[k]:
-                masses[j] = size[k] / (found[k] * target[j])
-        for label in np.array(labels)[found[: len(labels)] != 0]:
+            if values[k]:
+                masses[j] = size[k] / (values[k] * target[j])
+        for label in np.array(labels)[values[: len(labels)] != 0]:
             terms.add(place(label, j + 1))
     return masses, terms
 
@@ -151,14 +155,14 @@ def shears(X: np.ndarray, F: np.ndarray, optimizer: Any) -> tuple[np.ndarray, Te
     if optimizer is None:
         optimizer = ps.STLSQ(threshold=0.0, alpha=0.0)
     try:
-        found = ShearSINDy(3, optimizer).fit(X, F)
+        model = ShearSINDy(3, optimizer).fit(X, F)
     except NRFError:
         return np.full(N, np.nan), set()
     terms = set()
     for i in STOREYS:
-        values = found.model_.restoring_forces[i].coefficients
+        values = model.model_.restoring_forces[i].coefficients
         terms |= {(i, term) for term in values.index[values != 0]}
-    return found.masses_, terms
+    return model.masses_, terms
 
 
 def coefficients(optimizer: Any, A: np.ndarray, y: np.ndarray) -> np.ndarray:

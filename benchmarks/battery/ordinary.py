@@ -76,10 +76,10 @@ def _drawn(rng, name: str, seed: int, kind: str, number: int) -> Case | None:
     if kind:
         target = np.exp(rng.uniform(*np.log([1.5 * SHARE[0], 0.9 * SHARE[1]])))
         places = [draw_place(rng, kind, n, False)]
-        found = calibrate(rng, structure, [kind], places, loads, fs, f, [target])
-        if found is None:
+        calibrated = calibrate(rng, structure, [kind], places, loads, fs, f, [target])
+        if calibrated is None:
             return None
-        effects, _ = found
+        effects, _ = calibrated
 
     dashpots = _dashpots(structure, f)
     size = rng.uniform(0.7, 1.4)

@@ -84,24 +84,24 @@ def forces(
     if len(records) != len(tests):
         raise click.UsageError("forces takes one record; name its FILE.")
     with session.listening():
-        found = _forces_along(options, records)
-        verdict = found.estimator.verdict()
+        forces = _forces_along(options, records)
+        verdict = forces.estimator.verdict()
 
-    table = _table_of_storeys(found.storeys, found.energy, found.device)
+    table = _table_of_storeys(forces.storeys, forces.energy, forces.device)
     session.conclude_headed("Verdict", verdict_text(verdict))
     session.conclude_headed("Forces of the storeys", table_text(table))
     session.drop_warnings(verdict.reasons)
-    found.estimator.model_.info.update(session.provenance())
+    forces.estimator.model_.info.update(session.provenance())
     with session.writing() as folder:
-        written = _write_forces(found, table, folder)
+        written = _write_forces(forces, table, folder)
         if options["figures"]:
-            written += _draw_forces(found, folder)
+            written += _draw_forces(forces, folder)
         if pages.available():
             page = folder / "forces.html"
             notes = session.warnings
-            pages.write_html(page, found.estimator, records[:1], notes=notes)
+            pages.write_html(page, forces.estimator, records[:1], notes=notes)
             written.append(page)
-    data = {"storeys": table, "masses_kg": found.estimator.masses_}
+    data = {"storeys": table, "masses_kg": forces.estimator.masses_}
     session.finish({"verdict": verdict_data(verdict), **data}, written)
     return code_of_verdict(verdict)
 
@@ -138,16 +138,16 @@ def _forces_along(options: ForcesOptions, records: Sequence[Record]) -> _Forces:
     return _Forces(estimator, data, storeys, energy, device)
 
 
-def _write_forces(found: _Forces, table: pd.DataFrame, folder: Path) -> list[Path]:
+def _write_forces(forces: _Forces, table: pd.DataFrame, folder: Path) -> list[Path]:
     """Write forces, energies and the table of the storeys."""
     from ..records.files import write_table
 
-    lines = found.storeys
-    if found.device is not None:
-        lines = lines.join(found.device)
+    lines = forces.storeys
+    if forces.device is not None:
+        lines = lines.join(forces.device)
     return [
         write_table(lines.rename_axis("t"), folder / "forces.csv"),
-        write_table(found.energy.rename_axis("t"), folder / "energy.csv"),
+        write_table(forces.energy.rename_axis("t"), folder / "energy.csv"),
         write_table(table.rename_axis("storey"), folder / "storeys.csv"),
     ]
 
@@ -168,17 +168,17 @@ def _table_of_storeys(
     return table
 
 
-def _draw_forces(found: _Forces, folder: Path) -> list[Path]:
+def _draw_forces(forces: _Forces, folder: Path) -> list[Path]:
     """Draw the loops of all sites and the energy."""
     from ..diagnosis.site_loops import loops_of
     from ..drawing.matplotlib_renderer import save
     from ..report.figures.forces import energy_figure, loop_figures
 
-    model = found.estimator.model_
-    filters = found.estimator.problem_.filters(found.data)
-    loops = loop_figures(model, loops_of(model, found.data, filters))
+    model = forces.estimator.model_
+    filters = forces.estimator.problem_.filters(forces.data)
+    loops = loop_figures(model, loops_of(model, forces.data, filters))
     written = save(folder / "loops.png", loops, columns=2)
-    return written + save(folder / "energy.png", [energy_figure(found.energy)])
+    return written + save(folder / "energy.png", [energy_figure(forces.energy)])
 
 
 @click.command(
@@ -231,8 +231,8 @@ def damage(
     from ..records.files import write_table
 
     session = Session(as_json)
-    given = [[path] for path in (before, after) if path is not None]
-    records = opt.records_of(session, options, *(given or [[]]))
+    paths = [[path] for path in (before, after) if path is not None]
+    records = opt.records_of(session, options, *(paths or [[]]))
     if len(records) != 2:
         raise click.UsageError("damage takes two records, BEFORE and AFTER.")
     with session.listening():

@@ -147,9 +147,9 @@ class Alternative:
         By how much it moves that parameter, as a share of it.
     half_width : float
         Half-width of the 95 % interval of that parameter beside it, as a share.
-    left : float
+    residual_share : float
         Residual of all equations of motion beside it, as a share of that of the model.
-    left_by_equation : float
+    residual_share_by_equation : float
         The same with every residual as a share of its own: the rms over the equations.
     moves : mapping of str to Move
         What it does to each mass and coefficient.
@@ -162,8 +162,8 @@ class Alternative:
     parameter: str
     change: float
     half_width: float
-    left: float
-    left_by_equation: float
+    residual_share: float
+    residual_share_by_equation: float
     moves: Mapping[str, Move] = field(default_factory=dict)
     model: ChainModel | None = None
     compared: ChainModel | None = None
@@ -577,7 +577,7 @@ def unexplained_by(report: Loop) -> dict[int, float]:
 
 def _left_over(report: Loop) -> dict[int, LeftOver]:
     """What the final model leaves, where it is known what noise would leave."""
-    left = {}
+    left_over = {}
     for model, evidence in zip(report.models, report.evidence):
         if model is not report.model or evidence.floor is None:
             continue
@@ -585,8 +585,8 @@ def _left_over(report: Loop) -> dict[int, LeftOver]:
             size = evidence.sizes.loc[f"dof {j}"]
             if noise > 0 and np.isfinite(size["rms"]):
                 percent = float(size["percent"])
-                left[j] = LeftOver(float(size["rms"]), float(noise), percent)
-    return left
+                left_over[j] = LeftOver(float(size["rms"]), float(noise), percent)
+    return left_over
 
 
 def _unanswered(evidence: Sequence[Evidence]) -> dict[str, str]:

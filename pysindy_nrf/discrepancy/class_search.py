@@ -323,8 +323,8 @@ class ClassSearch:
         for shifted in shifted_models(state.model, self.tools.rng):
             null = SearchState(shifted, state.effects, state.records)
             promise = _promise(place, null)
-            gain = promise.value if promise else 0.0
-            if proposal.value > gain:
+            reduction = promise.value if promise else 0.0
+            if proposal.value > reduction:
                 exceeded += 1
             else:
                 failed += 1
@@ -455,10 +455,7 @@ def _named(
     if _enriches(promise):
         names = [_as_enrichment(name, state) for name in names]
     general = promise.general
-    carrying = [name for name in names if _carries(name, general)]
-    if names and not carrying:
-        by_noise = _lost_by_noise(names[0], general, rng)
-        carrying = [name for name in names[:1] if _carries(name, general, by_noise)]
+    carrying = _carrying(names, general, rng)
     if carrying:
         name, rivals = _simplest_of_tied(carrying, state)
         assert name.reduction is not None
@@ -473,6 +470,20 @@ def _named(
         share = max(names[0].value, 0.0) / general.value
     naming = Naming(place.effect_class, closest, share, carries=False)
     return Proposal(general, general.reduction, naming)
+
+
+def _carrying(
+    names: list[Finding], general: Finding | None, rng: np.random.Generator
+) -> list[Finding]:
+    """Names that gain nearly as much as the general law.
+
+    The best one also where it loses no more than noise makes it lose.
+    """
+    carrying = [name for name in names if _carries(name, general)]
+    if carrying or not names:
+        return carrying
+    by_noise = _lost_by_noise(names[0], general, rng)
+    return [name for name in names[:1] if _carries(name, general, by_noise)]
 
 
 def _enriches(promise: _Promise) -> bool:

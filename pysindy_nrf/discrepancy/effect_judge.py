@@ -16,7 +16,7 @@ import numpy as np
 from ..diagnosis.offsets import with_offsets
 from ..records.dataset import BlockRows
 from .amplitude import UNTOLD, OtherCondition, at_other_amplitudes
-from .effects import Effect, Finding, SearchState
+from .effects import Effect, Finding, SearchState, instants_of
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 from .free_run import free_run_error
@@ -141,7 +141,7 @@ class EffectJudge:
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]
     ) -> OtherCondition:
         """Error reduction on held-out pieces or records."""
-        instants = tuple(_instants(new))
+        instants = tuple(instants_of(new))
         powers = []
         for model in (before, after):
             powers.append(model.powers_on(self._heldout(model.spectra, instants)))
@@ -202,13 +202,3 @@ def _on_amplitude(
         return UNTOLD
     sites = dict.fromkeys(effect.site for effect in new)
     return at_other_amplitudes(before, after, sites)
-
-
-def _instants(effects: Iterable[Effect]) -> list[float]:
-    """Times at which effects change something, s."""
-    instants = []
-    for effect in effects:
-        for shape in effect.law.shapes:
-            if shape.instant:
-                instants.append(float(effect.law.shape[shape.name] or 0.0))
-    return instants

@@ -84,15 +84,15 @@ def with_final_estimate(
     """The report with the masses, coefficients and intervals of the final estimate."""
     if identified is None:
         return report
-    estimate, found = identified.model, report.model
+    estimate, searched = identified.model, report.model
     model = ChainModel(
         estimate.masses,
         estimate.laws,
         estimate.chain,
-        found.visited,
-        {**estimate.info, **found.info},
+        searched.visited,
+        {**estimate.info, **searched.info},
     )
-    models = [model if each is found else each for each in report.models]
+    models = [model if each is searched else each for each in report.models]
     bounds, _ = identified.bounds
     steps = [_with_values(step, model, bounds) for step in report.steps]
     return replace(

@@ -85,13 +85,15 @@ def alternatives_of(
         comparison = _Comparison(problem, _strongest_stretches(data))
         if trusted is not None and comparison.distance_to(trusted) > _NEAR:
             return ()
-        found = [
+        alternatives = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
             *_other_channels(comparison),
             *_late_forces(comparison),
         ]
-    return tuple(sorted(found, key=lambda alternative: alternative.left))
+    return tuple(
+        sorted(alternatives, key=lambda alternative: alternative.residual_share)
+    )
 
 
 def _strongest_stretches(data: Dataset) -> Dataset:
@@ -103,7 +105,7 @@ def _strongest_stretches(data: Dataset) -> Dataset:
     for segment in data.segments:
         size = max(1, int(share * segment.n_valid))
         first = segment.valid.start + segment.strongest(slice(0, segment.n_valid), size)
-        segments.append(segment.part(slice(first, first + size), 0))
+        segments.append(segment.cut(slice(first, first + size), 0))
     return replace(data, segments=segments)
 
 
@@ -204,16 +206,16 @@ class _Comparison:
         relative_width = numbers.half_width[watched] / size
         reach = np.maximum(relative_change.abs(), relative_width)
         parameter = str(reach.idxmax())
-        left, before = squares.sum(axis=0), self.squares.sum(axis=0)
+        after, before = squares.sum(axis=0), self.squares.sum(axis=0)
         unsolved = before > 0
-        ratios = left[unsolved] / before[unsolved]
+        ratios = after[unsolved] / before[unsolved]
         return Alternative(
             description,
             place,
             parameter,
             float(relative_change[parameter]),
             float(relative_width[parameter]),
-            float(np.sqrt(left.sum() / before.sum())) if unsolved.any() else 1.0,
+            float(np.sqrt(after.sum() / before.sum())) if unsolved.any() else 1.0,
             float(np.sqrt(ratios.mean())) if unsolved.any() else 1.0,
             numbers.moves,
             model,

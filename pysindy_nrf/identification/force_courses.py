@@ -53,7 +53,7 @@ def _course_that_closes(problem: Problem, data: Dataset, unknown: list[Segment])
         size = min(MAX_SAMPLES, segment.n_valid)
         first = segment.strongest(slice(0, segment.n_valid), size)
         start = segment.valid.start + first
-        excerpts.append(segment.part(slice(start, start + size), 0))
+        excerpts.append(segment.cut(slice(start, start + size), 0))
 
     plain = replace(problem, optimizer=None)
     remaining: dict[str, float] = {}

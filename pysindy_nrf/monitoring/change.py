@@ -16,7 +16,7 @@ from ..chain.model import ChainModel, DataOptions, as_segments, storey_names
 from ..chain.restoring_force import grid
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
-from ..diagnosis.equivalent_modes import modal_assurance
+from ..diagnosis.modes import modal_assurance
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, visited_regions
 from ..equations.normal_equations import NormalEquations, variance

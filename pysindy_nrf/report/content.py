@@ -22,7 +22,7 @@ from ..chain.latex import (
 from ..chain.model import ChainModel
 from ..common.audit import versions
 from ..diagnosis.effects import Bounds, Interval, plain_name
-from ..diagnosis.equivalent_modes import equivalent_modes
+from ..diagnosis.modes import equivalent_modes
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import Verdict
 from ..drawing.figure import Figure, dof_words

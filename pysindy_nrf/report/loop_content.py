@@ -175,11 +175,11 @@ def _law_over_missing_force(report: Loop) -> list[Figure]:
     if not effects_found:
         return []
     site = effects_found[0].site
-    found = {step.law for step in effects_found if step.site == site}
+    added = {step.law for step in effects_found if step.site == site}
     for loop in report.loops:
         if loop.site == site:
             force = report.model.restoring_forces[site]
-            return missing_force_figures(force, loop, found)
+            return missing_force_figures(force, loop, added)
     return []
 
 
@@ -280,9 +280,9 @@ def _chapter_of_step(
         facts.append(("What else it may be", " ".join(others)))
 
     tables = [_parameters(step)]
-    if step.tied:
+    if step.rivals:
         rows = []
-        for law_name, site, reduction in step.tied:
+        for law_name, site, reduction in step.rivals:
             rows.append([plain_name(law_name), site, float(reduction)])
         caption = f"The data cannot distinguish from {plain_name(step.law)}"
         tables.append(Table(caption, ["law", "site", "error reduction (dB)"], rows))

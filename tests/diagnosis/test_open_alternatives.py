@@ -18,11 +18,11 @@ VALUES = {"m1": 10.0, "storey 1: s": 4e4}
 BOUNDS = {"m1": (9.9, 10.1), "storey 1: s": (3.98e4, 4.02e4)}
 
 
-def brace(change, half_width, left=0.99):
+def brace(change, half_width, share=0.99):
     """A brace that moves the mass, as a share of it."""
     moves = {"m1": Move(10.0 * change, 10.0 * half_width)}
     return Alternative(
-        "a brace", "ground 2", "m1", change, half_width, left, 1.0, moves
+        "a brace", "ground 2", "m1", change, half_width, share, 1.0, moves
     )
 
 
@@ -56,10 +56,10 @@ def test_an_interval_that_another_value_matters_for_is_widened():
 
 def test_intervals_of_a_model_that_the_data_reject_are_withheld():
     """The brace leaves 0.3 of the residual and moves the mass by 4 %."""
-    assert np.isnan(intervals_beside(brace(0.04, 0.001, left=0.3))["m1"]).all()
-    assert intervals_beside(brace(0.012, 0.001, left=0.3))["m1"][1] > BOUNDS["m1"][1]
+    assert np.isnan(intervals_beside(brace(0.04, 0.001, share=0.3))["m1"]).all()
+    assert intervals_beside(brace(0.012, 0.001, share=0.3))["m1"][1] > BOUNDS["m1"][1]
     # the model leaves nothing that a sensor could show
-    explained = intervals_beside(brace(0.04, 0.001, left=0.3), unexplained=0.2)
+    explained = intervals_beside(brace(0.04, 0.001, share=0.3), unexplained=0.2)
     assert explained == BOUNDS
 
 

@@ -75,8 +75,8 @@ def two_strengths(n_samples=6000, fs=200.0):
     state, force = 0.0, np.zeros(n_samples)
     for i in range(1, n_samples):
         state = np.clip(state + x[i] - x[i - 1], -reach, reach)
-        part = min(max((abs(state) - gap) / uy, 0.0), 1.0)
-        force[i] = part * (900.0 if state > 0 else -1500.0)
+        share = min(max((abs(state) - gap) / uy, 0.0), 1.0)
+        force[i] = share * (900.0 if state > 0 else -1500.0)
     noise = 10.0 * np.random.default_rng(0).standard_normal(n_samples)
     return Record(force=force + noise, displacement=x, fs=fs)
 
@@ -85,10 +85,10 @@ def test_two_strengths_are_one_hysteresis_and_no_constant_force():
     report = close_loop(two_strengths(), NRFRegressor(degree=1, massless=True))
     confirmed = [step for step in report.steps if step.confirmed]
     assert [step.effect_class for step in confirmed] == ["hysteresis"]
-    found = confirmed[0].parameters
-    assert found["Fyp"] == pytest.approx(900.0, rel=0.01)
-    assert found["Fym"] == pytest.approx(1500.0, rel=0.01)
-    assert found["gap"] == pytest.approx(1e-3, rel=0.01)
+    parameters = confirmed[0].parameters
+    assert parameters["Fyp"] == pytest.approx(900.0, rel=0.01)
+    assert parameters["Fym"] == pytest.approx(1500.0, rel=0.01)
+    assert parameters["gap"] == pytest.approx(1e-3, rel=0.01)
 
 
 def test_one_class_at_a_site_is_claimed_once():
@@ -149,12 +149,12 @@ def test_two_harmonic_forces_on_one_floor_are_two_effects():
             force[:, 1] += size * np.sin(2 * np.pi * frequency * t)
         return force
 
-    found = {}
+    sizes = {}
     for step in close_loop(forced_chain(extra=on_floor_2)).steps:
         assert (step.law, step.site) == ("harmonic_force", "dof 2")
         size = np.hypot(step.parameters["A"], step.parameters["B"])
-        found[round(step.parameters["frequency"], 1)] = size
-    assert found == pytest.approx(amplitudes, rel=0.05)
+        sizes[round(step.parameters["frequency"], 1)] = size
+    assert sizes == pytest.approx(amplitudes, rel=0.05)
 
 
 def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground():

@@ -51,9 +51,9 @@ def test_a_record_cut_out_of_a_running_test_keeps_its_memory():
     F = excitation.band_limited_random(
         1, 9.0, 2000.0, excited=1, rms=100.0, band=(5, 60), random_state=1
     )
-    whole = simulate(ChainModel([2.0], {1: storey}), F, 1 / 2000)
+    record = simulate(ChainModel([2.0], {1: storey}), F, 1 / 2000)
     tried = [laws.BoucWen(), laws.Dahl()]
-    report = close_loop(whole.window(2.0, 9.0), catalogue=tried, max_steps=1)
+    report = close_loop(record.window(2.0, 9.0), catalogue=tried, max_steps=1)
     (step,) = report.steps
     assert step.law == "bouc_wen"
     assert step.parameters == pytest.approx(true, rel=0.02)

@@ -91,8 +91,8 @@ def test_the_corner_of_a_force_cell_is_found(corner):
 
     best = fitted.result_.alternatives[0]
     assert best.place == "sensor F3"
-    found = float(best.description.split(" Hz")[0].split()[-1])
-    assert found == pytest.approx(corner, rel=0.1)
+    frequency = float(best.description.split(" Hz")[0].split()[-1])
+    assert frequency == pytest.approx(corner, rel=0.1)
     assert fitted.verdict().state != "green"
 
 
@@ -147,9 +147,9 @@ def test_intervals_of_a_braced_frame_shaken_in_one_mode_are_withheld(seed):
     braced = frame(ground_2=spring_and_dashpot(9e3, 5.0))
     fitted = NRFRegressor(degree=1).fit(shaken(braced, FIRST_MODE, seed=seed))
     assert abs(fitted.masses_[0] / MASSES[0] - 1) > 0.2
-    given = covered(fitted, braced)
-    assert "m1" not in given
-    assert all(given.values())
+    covers = covered(fitted, braced)
+    assert "m1" not in covers
+    assert all(covers.values())
     withheld = {x.parameter for x in fitted.result_.ambiguous_intervals if x.withheld}
     assert "m1" in withheld
     assert np.isnan(fitted.result_.summary().to_frame().loc["m1", "lower"])
@@ -163,8 +163,8 @@ def test_dampings_of_a_frame_with_rayleigh_damping_are_withheld():
     }
     record = shaken(frame(**dashpots), ALL_MODES)
     fitted = NRFRegressor(degree=1).fit(record)
-    given = covered(fitted, frame(**dashpots))
-    assert not any(name.endswith(": v") for name in given)
+    covers = covered(fitted, frame(**dashpots))
+    assert not any(name.endswith(": v") for name in covers)
     modes = fitted.confidence_intervals(of="modes").set_index("parameter")
     assert np.isnan(modes.loc["damping 1", "lower"])
     assert np.isfinite(modes.loc["frequency 3", "lower"])
@@ -176,9 +176,9 @@ def test_forces_of_a_storey_hold_what_a_brace_makes_of_them():
     drifts = np.array([-2e-3, 1e-3])
     forces = fitted.force_intervals(2, np.zeros(2), drifts)
     truth = STIFFNESS[1] * drifts
-    given = forces["lower"].notna().to_numpy()
+    has_interval = forces["lower"].notna().to_numpy()
     holds = (forces["lower"] <= truth) & (forces["upper"] >= truth)
-    assert holds[given].all()
+    assert holds[has_interval].all()
     alone = fitted.result_.intervals.forces(2, np.zeros(2), drifts, 0.95)
     wider = forces["upper"] - forces["lower"] > 2 * (alone["upper"] - alone["lower"])
-    assert (wider | ~given).all()
+    assert (wider | ~has_interval).all()

@@ -28,11 +28,11 @@ def estimates(record, **declared):
 def assert_intervals_hold(model, other):
     """No interval of a model excludes what another one finds."""
     table = model.confidence_intervals().set_index("parameter")
-    found = other.confidence_intervals().set_index("parameter")["estimate"]
+    estimates = other.confidence_intervals().set_index("parameter")["estimate"]
     shown = table.dropna()
     assert len(shown)
-    assert (shown["lower"] <= found[shown.index]).all()
-    assert (found[shown.index] <= shown["upper"]).all()
+    assert (shown["lower"] <= estimates[shown.index]).all()
+    assert (estimates[shown.index] <= shown["upper"]).all()
 
 
 def test_a_stage_in_a_closed_loop_whose_position_alone_is_measured():

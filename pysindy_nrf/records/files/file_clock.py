@@ -138,9 +138,9 @@ def clock_of_file(
     """
     channels = {c: line for c, line in lines.items() if c != "t"}
     path = str(table.path)
-    own = _own_clocks(table, channels, lines.get("t"), sources, fs)
-    if own is not None and channels:
-        return _brought_to_one(path, table, channels, own)
+    own_clocks = _own_clocks(table, channels, lines.get("t"), sources, fs)
+    if own_clocks is not None and channels:
+        return _brought_to_one(path, table, channels, own_clocks)
 
     time = lines.get("t")
     if time is not None:
@@ -195,21 +195,21 @@ def _own_clocks(
 
 
 def _brought_to_one(
-    path: str, table: Table, channels: Mapping[str, np.ndarray], own: _OwnClocks
+    path: str, table: Table, channels: Mapping[str, np.ndarray], own_clocks: _OwnClocks
 ) -> tuple[FileClock, dict[str, np.ndarray]]:
     """Channels on the clock of the slowest of them."""
-    clocks = _from_one_origin(path, own.by_channel)
-    one = on_one_clock(channels, clocks, table.path.stem)
+    clocks = _from_one_origin(path, own_clocks.by_channel)
+    resampled = on_one_clock(channels, clocks, table.path.stem)
     clock = FileClock(
         path,
-        fs=one.clock.fs,
-        start=one.clock.start,
-        origin=own.origin,
-        unit_is_known=own.unit_is_known,
-        notes=one.notes,
-        columns=own.columns,
+        fs=resampled.clock.fs,
+        start=resampled.clock.start,
+        origin=own_clocks.origin,
+        unit_is_known=own_clocks.unit_is_known,
+        notes=resampled.notes,
+        columns=own_clocks.columns,
     )
-    return clock, one.lines
+    return clock, resampled.lines
 
 
 def _from_one_origin(path: str, clocks: Mapping[str, Clock]) -> dict[str, Clock]:
@@ -338,16 +338,16 @@ def _clock_of_channel(
     table: Table, source: Source, clocks: Mapping[str, Clock]
 ) -> Clock | None:
     """The clock of a channel: that of its file, or as the file states."""
-    found = {
+    clocks_of_columns = {
         clocks.get(table.file_of(name)) or table.clocks.get(name)
         for name in source.columns
     }
-    if len(found) > 1:
+    if len(clocks_of_columns) > 1:
         raise ChannelError(
             f"{table.path}: {source.text} combines columns with clocks of their own",
             "Combine columns of one file.",
         )
-    return found.pop()
+    return clocks_of_columns.pop()
 
 
 def _clock_of_equal_length(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
 
@@ -17,7 +17,7 @@ from .attributes import Attributes, restored
 from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
-from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
+from .mapping.words import MOTION_LETTERS, WORDS_OF_BASE, letter_named, names_one_of
 from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
@@ -287,47 +287,54 @@ def understand(
     _require_motion(measured, table)
     clock, lines = clock_of_file(table, measured, sources, fs)
     lines = _with_unknown_forces(lines, sources, table, clock)
-    stated_name, stated_coordinates = _stated_in_file(table)
-    record = _record_of(
-        lines, clock, name or stated_name, coordinates or stated_coordinates
-    )
+    record = _record_of(lines, clock, *_labels(table, name, coordinates))
     record = _noted_if_rotating(preparation.of_record(record), sources)
     assumed = _assumed(sources, clock, record)
     record = record.with_quality(record.quality + assumed)
 
     unused = _unused_variables(table, sources, clock)
-    for what, cure in _overlooked(table, sources, unused):
-        warn_user(DataQualityWarning(what, cure))
+    _warn_of_overlooked(table, sources, unused)
     return Reading(record, table, sources, unused, clock=clock.in_words(record))
 
 
-def _overlooked(
+def _warn_of_overlooked(
     table: Table, sources: Mapping[str, Source], unused: Sequence[str]
-) -> Iterator[tuple[str, str]]:
-    """What is overlooked, and the cure: a force or motion of the base without channel.
+) -> None:
+    """Warn of a force or a motion of the base that no channel uses.
 
     Only where none is mapped, so that it would be taken as zero.
     """
-    used = [name for source in sources.values() for name in source.columns]
-    lengths = {table.variables[name].shape[:1] for name in used}
-    candidates = [name for name in unused if table.variables[name].shape[:1] in lengths]
     has_force = any(dimension_of(channel) == "force" for channel in sources)
     has_base = any(channel in sources for channel in BASES.values())
-    for name in candidates:
+    for name in _as_long_as_used(table, sources, unused):
         letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
-        is_of_base = names_one_of(name, WORDS_OF_BASE)
+        is_motion_of_base = letter in MOTION_LETTERS and names_one_of(
+            name, WORDS_OF_BASE
+        )
         if letter == "F" and not has_force:
-            yield (
+            what = (
                 f"The column {name!r} seems to be a force, and no channel uses it: all"
-                " floors are taken as unforced",
-                "Map it (F1 = name), or leave it out of the file.",
+                " floors are taken as unforced"
             )
-        elif letter in ("a", "v", "x") and is_of_base and not has_base:
-            yield (
+            cure = "Map it (F1 = name), or leave it out of the file."
+            warn_user(DataQualityWarning(what, cure))
+        elif is_motion_of_base and not has_base:
+            what = (
                 f"The column {name!r} seems to be a motion of the base, and no channel"
-                " uses it: the base is taken at rest",
-                "Map it (ag = name), or leave it out of the file.",
+                " uses it: the base is taken at rest"
             )
+            cure = "Map it (ag = name), or leave it out of the file."
+            warn_user(DataQualityWarning(what, cure))
+
+
+def _as_long_as_used(
+    table: Table, sources: Mapping[str, Source], names: Sequence[str]
+) -> list[str]:
+    """Variables with as many samples as one that a channel uses."""
+    lengths: set[tuple[int, ...]] = set()
+    for source in sources.values():
+        lengths.update(table.variables[name].shape[:1] for name in source.columns)
+    return [name for name in names if table.variables[name].shape[:1] in lengths]
 
 
 def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
@@ -371,11 +378,13 @@ def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
     return dimension_of(channel) is not None
 
 
-def _stated_in_file(table: Table) -> tuple[str, str]:
-    """Name and coordinates of the record of a file."""
-    if table.attributes is None:
-        return table.path.stem, "relative"
-    return table.attributes.name, table.attributes.coordinates
+def _labels(table: Table, name: str | None, coordinates: str | None) -> tuple[str, str]:
+    """Name and coordinates of a record: as asked for, or as its file states."""
+    stated_name, stated_coordinates = table.path.stem, "relative"
+    if table.attributes is not None:
+        stated_name = table.attributes.name
+        stated_coordinates = table.attributes.coordinates
+    return name or stated_name, coordinates or stated_coordinates
 
 
 def _unused_variables(

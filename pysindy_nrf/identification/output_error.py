@@ -47,6 +47,10 @@ __all__ = [
     "refine",
 ]
 
+# Iterations without weights, after which the gaps show noise and not the error of the
+# first estimate. Weights of the first gaps leave the dashpot of the Bouc-Wen benchmark
+# 1.2 % off, those of the second 0.1 %.
+PLAIN_STEPS = 2
 # Iterations of a fit to one half of the data, which starts at the fit to all: one step
 # of Gauss and Newton goes nearly all of the way.
 STEPS_OF_HALF = 1
@@ -155,11 +159,12 @@ def output_error(
     rebuild = free_parameters(start, known_masses, shapes=shapes)
     fit = FreeRunFit(rebuild, shots, layout, _resolved_band(shots, band))
     try:
-        noisy_fit = fit.with_noise(start)
+        plain = fit.solve(rebuild.start, steps=PLAIN_STEPS, move=True)
+        noisy_fit = fit.begun_from(plain).with_noise(plain.model)
         if noisy_fit is None:
             exact = "the free run is exact to round-off"
             return OutputErrorResult(error_before=0.0, error_after=0.0, reason=exact)
-        return _fit_if_better(noisy_fit, start, halves)
+        return _fit_if_better(noisy_fit, plain.u, halves or (start, start))
     except SimulationError as error:
         return _start_kept(error.what)
 
@@ -175,13 +180,21 @@ def _resolved_band(shots: Sequence[Shot], band: Band) -> tuple[float, float]:
 
 
 def _fit_if_better(
-    fit: FreeRunFit, start: ChainModel, halves: Sequence[ChainModel] | None
+    fit: FreeRunFit, first: np.ndarray, rivals: Sequence[ChainModel]
 ) -> OutputErrorResult:
-    """Fit to all data, if fits to each half predict the other half better."""
-    solution = fit.solve(fit.rebuild.start, move=True)
+    """Fit to all data, if fits to each half predict the other half better.
+
+    Parameters
+    ----------
+    fit : FreeRunFit
+    first : ndarray of shape (n_parameters,)
+        First estimate.
+    rivals : sequence of two ChainModel
+        By instruments from the first and from the second half.
+    """
+    solution = fit.solve(first, move=True)
     fit = fit.begun_from(solution)
     rows_of_halves = halves_of(fit.shots)
-    rivals = halves or (start, start)
 
     before = []
     after = []

@@ -69,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     kinds = [kind for kind in every_kind() if options.room in (None, kind.room)]
     outcomes = [judge(kind) for kind in tqdm(kinds, unit="kind", disable=None)]
-    broken = [outcome for outcome in outcomes if not outcome.kept]
+    broken = [outcome for outcome in outcomes if not outcome.is_good]
 
     print(markdown(as_table(broken if options.failures else outcomes)))
     print(f"\n{markdown(counts(outcomes))}")

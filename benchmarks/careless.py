@@ -338,10 +338,10 @@ def swapped(seed: int, number: float) -> Case:
     """The first two channels of one kind are swapped."""
     clean = case(seed)
     record = clean.records[0]
-    part = list(PARTS.values())[int(number)]
+    matrix = list(PARTS.values())[int(number)]
     columns = np.arange(record.n_dof)
     columns[:2] = [1, 0]
-    read = record.replace(**{part: getattr(record, part)[:, columns]})
+    read = record.replace(**{matrix: getattr(record, matrix)[:, columns]})
     return replace(clean, records=[read], where={"1", "2"})
 
 
@@ -408,7 +408,7 @@ def tapered(seed: int, size: float) -> Case:
     clean = case(seed)
     record = clean.records[0]
     window = np.hanning(N)[:, None]
-    faded = {part: getattr(record, part) * window for part in PARTS.values()}
+    faded = {matrix: getattr(record, matrix) * window for matrix in PARTS.values()}
     where = {"taper", "DOF", "x1", "balance"}
     return replace(clean, records=[record.replace(**faded)], where=where)
 
@@ -502,9 +502,9 @@ def largest_error(model: ChainModel, truth: ChainModel) -> float:
     """Of masses and stiffnesses."""
     errors = [abs(model.masses / truth.masses - 1).max()]
     for i in range(1, truth.n_dof + 1):
-        found = model.restoring_forces[i].linear_part()["k"]
+        stiffness = model.restoring_forces[i].linear_part()["k"]
         true = truth.restoring_forces[i].linear_part()["k"]
-        errors.append(abs(found / true - 1))
+        errors.append(abs(stiffness / true - 1))
     return float(np.max(errors))
 
 
@@ -588,14 +588,14 @@ def main(arguments: list[str] | None = None) -> int:
     numbers = stride * np.arange(n_faults) % len(sentences)
     chosen = [sentences[number] for number in numbers]
     seeds = range(options.seed, options.seed + n_faults)
-    found = in_parallel(judged, zip(chosen, seeds), options.jobs)
-    silent = [text for verdict, text in found if verdict == "silent"]
+    outcomes = in_parallel(judged, zip(chosen, seeds), options.jobs)
+    silent = [text for verdict, text in outcomes if verdict == "silent"]
 
     clean = range(options.seed, options.seed + n_clean)
     accusations = in_parallel(accused, zip(clean), options.jobs)
     wrong = list(filter(None, accusations))
 
-    print(markdown(counts(chosen, [verdict for verdict, _ in found])))
+    print(markdown(counts(chosen, [verdict for verdict, _ in outcomes])))
     print(f"\n{n_faults} faults, {in_words(silent, n_faults, 'silent')}.")
     if options.silent:
         print("\n".join(["", "Silent:", *silent, ""]))

@@ -22,6 +22,7 @@ import search_path
 import numpy as np
 import pandas as pd
 from battery.generators import KINDS, effect_cycle, make_case
+from battery.ordinary import make_ordinary_case
 from battery.scorer import FAMILY, run_case
 from battery.sensors import FAULTS
 from harness import options_of
@@ -43,10 +44,11 @@ SIZES = {
     "acceleration": 60,
     "sensors": 200,
     "every": 40,
+    "ordinary": 200,
 }
 QUICK = {"base": 1, "blind": 3, "nothing": 1, "withheld": 1, "sensors": 1}
 # Short records of small chains.
-SMALL = {"n_samples": 4096, "most": 3}
+SMALL = {"n_samples": 4096, "largest": 3}
 # Kinds that every storey may have.
 EVERY = (
     "coulomb",
@@ -60,6 +62,26 @@ EVERY = (
 )
 # Effects at once.
 NUMBER = {"two": 2, "three": 3}
+# Effects of the group "ordinary"; where there is none nothing is to be found.
+ORDINARY = (
+    "coulomb",
+    "cubic",
+    "",
+    "bouc_wen",
+    "quadratic_damping",
+    "two_sided_gap",
+    "brace",
+    "jenkins",
+    "",
+    "stiffness_step",
+    "asymmetric_friction",
+    "maxwell",
+    "one_sided_gap",
+    "dahl",
+    "ground_friction",
+    "harmonic",
+    "power_damping",
+)
 LEAST_MASSES = {**NUMBER, "every": 4}
 # Groups of one effect each.
 SINGLE = ("blind", "base", "acceleration")
@@ -88,8 +110,8 @@ def specifications(
         spec |= details(rng, group, i)
         if noise is not None:
             spec["noise"] = noise
-        if "most" in size:
-            spec["most"] = max(size["most"], LEAST_MASSES.get(group, 1))
+        if "largest" in size:
+            spec["largest"] = max(size["largest"], LEAST_MASSES.get(group, 1))
         out.append(spec)
     return out
 
@@ -117,6 +139,8 @@ def details(rng: np.random.Generator, group: str, i: int) -> dict[str, Any]:
         }
     if group == "every":
         return {"kinds": (EVERY[i % len(EVERY)],), "noise": 0.01, "every": True}
+    if group == "ordinary":
+        return {"kind": ORDINARY[5 * i % len(ORDINARY)], "number": i}
     if group == "sensors":
         return {"sensors": FAULTS[i % len(FAULTS)], "noise": 0.002}
     return {"kinds": several(rng, NUMBER[group]), "noise": 0.01}
@@ -147,6 +171,10 @@ def several(rng: np.random.Generator, count: int) -> tuple[str, ...]:
 
 def run(spec: dict) -> dict:
     """Draw, simulate, search and score one case."""
+    if spec["group"] == "ordinary":
+        kind, number = spec["kind"], spec["number"]
+        case = make_ordinary_case(spec["name"], spec["seed"], kind, number)
+        return run_case(case)
     return run_case(make_case(**spec))
 
 
@@ -169,8 +197,8 @@ def run_all(specs: list[dict], jobs: int, out: Path | None = None) -> pd.DataFra
 # -- what is printed -----------------------------------------------------------
 
 
-def percent(part: int, total: int) -> str:
-    return f"{100 * part / total:.1f}" if total else "-"
+def percent(count: int, total: int) -> str:
+    return f"{100 * count / total:.1f}" if total else "-"
 
 
 def in_cells(values: list) -> str:
@@ -188,9 +216,9 @@ def single_effects(table: pd.DataFrame) -> list[str]:
         "noise %",
         "cases",
         "eligible",
-        "right site and family %",
+        "right site and class %",
         "site %",
-        "family %",
+        "class %",
         "target %",
         "parameters: median error %",
         "held-out error: median before %",
@@ -198,14 +226,14 @@ def single_effects(table: pd.DataFrame) -> list[str]:
         "median CPU s",
     )
     lines = [in_cells(columns), "|---|" + "---:|" * (len(columns) - 1)]
-    for (group, noise), part in rows.groupby(["group", "noise %"]):
-        lines.append(in_cells([group, f"{noise:g}", *answers(group, noise, part)]))
+    for (group, noise), cell in rows.groupby(["group", "noise %"]):
+        lines.append(in_cells([group, f"{noise:g}", *answers(group, noise, cell)]))
     return [*lines, ""]
 
 
-def answers(group: str, noise: float, part: pd.DataFrame) -> list:
+def answers(group: str, noise: float, rows: pd.DataFrame) -> list:
     """Cells of one group at one noise."""
-    able = part[part.eligible]
+    able = rows[rows.eligible]
     count = len(able)
     target = TARGET.get(round(noise / 100, 4), "-")
     medians = ["-", "-", "-"]
@@ -216,14 +244,14 @@ def answers(group: str, noise: float, part: pd.DataFrame) -> list:
         medians[1] = f"{able['error before'].median():.2g}"
         medians[2] = f"{able['error after'].median():.2g}"
     return [
-        len(part),
+        len(rows),
         count,
         percent(able.right.sum(), count),
         percent(able["right site"].sum(), count),
-        percent(able["right family"].sum(), count),
+        percent(able["right class"].sum(), count),
         TARGET_ACCELERATION if group == "acceleration" else target,
         *medians,
-        f"{part.cpu.median():.1f}",
+        f"{rows.cpu.median():.1f}",
     ]
 
 
@@ -231,6 +259,7 @@ def answers(group: str, noise: float, part: pd.DataFrame) -> list:
 COUNTED = {
     "nothing": ("nothing to find: nothing added", 99),
     "sensors": ("imperfect sensors, nothing else: no effect of the structure", 95),
+    "ordinary": ("ordinary tests: class and site of the first, or nothing", 95),
     "withheld": ("not in the catalogue: no confident wrong name", 100),
     "two": ("two effects: both found (eligible cases)", 92),
     "three": ("three effects: all found (eligible cases)", 85),
@@ -245,27 +274,29 @@ def other_groups(table: pd.DataFrame) -> list[str]:
     """Right answers of the groups with several effects, or none."""
     lines = []
     for group, (what, target) in COUNTED.items():
-        part = table[table.group == group]
-        if group in (*NUMBER, "every"):
-            part = part[part.eligible.astype(bool)]
-        if part.empty:
+        of_group = table[table.group == group]
+        if group in (*NUMBER, "every", "ordinary"):
+            of_group = of_group[
+                of_group.eligible.astype(bool) | (of_group.effect == "none")
+            ]
+        if of_group.empty:
             continue
-        share = percent(part.right.sum(), len(part))
-        lines.append(f"- {what}: {share} % of {len(part)} (target {target} %)")
+        share = percent(of_group.right.sum(), len(of_group))
+        lines.append(f"- {what}: {share} % of {len(of_group)} (target {target} %)")
         if group == "nothing":
-            lines += right_by(part, "noise %", "noise {:g} %")
+            lines += right_by(of_group, "noise %", "noise {:g} %")
         if group == "sensors":
-            lines += right_by(part, "sensors", "{}")
-            wrong = part[~part.right & (part.sure > 0)]
-            share = percent(len(wrong), len(part))
+            lines += right_by(of_group, "sensors", "{}")
+            wrong = of_group[~of_group.right & (of_group.sure > 0)]
+            share = percent(len(wrong), len(of_group))
             lines.append(f"  - wrong with a sure name: {share} % (target 1 %)")
     return lines
 
 
-def right_by(part: pd.DataFrame, column: str, label: str) -> list[str]:
+def right_by(of_group: pd.DataFrame, column: str, label: str) -> list[str]:
     """Right answers by the values of a column."""
     lines = []
-    for value, rows in part.groupby(column, sort=column != "sensors"):
+    for value, rows in of_group.groupby(column, sort=column != "sensors"):
         name = label.format(value)
         lines.append(f"  - {name}: {rows.right.sum()} of {len(rows)}")
     return lines
@@ -283,18 +314,20 @@ def certainty(table: pd.DataFrame) -> list[str]:
         f"- right names that are sure: {percent(both, right)} % of {right}"
         f" (target {RIGHT_SURE:g} %)",
         f"- effects that held-out data did not confirm: {steps - claims} of {steps}",
+        f"- claims of what is not there: {int(table['false'].sum())} of {claims}"
+        f" (in {int((table['false'] > 0).sum())} of {len(table)} cases)",
     ]
 
 
 def by_effect(table: pd.DataFrame) -> list[str]:
     """Right answers by kind of effect and noise."""
-    part = table[table.group.isin(SINGLE) & table.eligible.astype(bool)]
-    if part.empty:
+    single = table[table.group.isin(SINGLE) & table.eligible.astype(bool)]
+    if single.empty:
         return []
-    levels = sorted(part["noise %"].unique())
+    levels = sorted(single["noise %"].unique())
     heads = [f"{level:g} %" for level in levels]
     lines = ["", in_cells(["effect", *heads]), "|---|" + "---:|" * len(levels)]
-    for effect, rows in part.groupby("effect", sort=False):
+    for effect, rows in single.groupby("effect", sort=False):
         cells = [effect]
         for level in levels:
             cases = rows[rows["noise %"] == level]
@@ -324,6 +357,7 @@ FAILURE_COLUMNS = {
 def failures(table: pd.DataFrame) -> list[str]:
     """One row for each failure, with what was found instead."""
     always = table.group.isin(["nothing", "withheld", "sensors"])
+    always |= table.effect == "none"
     asked = always | table.eligible.astype(bool)
     wrong = table[asked & ~table.right.astype(bool)]
     if wrong.empty:

@@ -53,37 +53,44 @@ def checked(estimator: Any, reasons: dict[str, str] | None = None) -> Checked:
 def with_padding() -> list[Checked]:
     """PySINDy's own estimators, then ours behind a padding of their columns."""
     theirs = (ps.SINDy(), ps.STLSQ(), ps.PolynomialLibrary())
-    found = [checked(estimator) for estimator in theirs]
+    results = [checked(estimator) for estimator in theirs]
     for estimator, reasons in padded.cases():
-        found.append(checked(estimator, reasons))
-    return found
+        results.append(checked(estimator, reasons))
+    return results
 
 
-def padded_table(found: list[Checked]) -> pd.DataFrame:
+def padded_table(results: list[Checked]) -> pd.DataFrame:
     """Failures of each estimator, and why ours are expected."""
     rows = []
-    for one in found:
-        why = dict.fromkeys((one.reasons or {}).values())
-        rows.append([one.name, len(one.failed), one.n_checks, "; ".join(why)])
+    for result in results:
+        why = dict.fromkeys((result.reasons or {}).values())
+        rows.append([result.name, len(result.failed), result.n_checks, "; ".join(why)])
     return pd.DataFrame(rows, columns=["estimator", "checks failed", "of", "why"])
 
 
-def direct_table(found: list[Checked]) -> pd.DataFrame:
+def direct_table(results: list[Checked]) -> pd.DataFrame:
     """Failures without padding, and how many are our own error about columns."""
     rows = []
-    for one in found:
-        ours = sum(padded.own_column_error(result) for result in one.failed)
-        rows.append([str(one.estimator), len(one.failed), one.n_checks, ours])
+    for checked_pair in results:
+        ours = sum(padded.own_column_error(result) for result in checked_pair.failed)
+        rows.append(
+            [
+                str(checked_pair.estimator),
+                len(checked_pair.failed),
+                checked_pair.n_checks,
+                ours,
+            ]
+        )
     columns = ["without padding", "checks failed", "of", "by our own column count"]
     return pd.DataFrame(rows, columns=columns)
 
 
-def failing_checks(found: list[Checked]) -> list[str]:
+def failing_checks(results: list[Checked]) -> list[str]:
     """Names of all checks that failed, with the first line of their error."""
     lines = []
-    for one in found:
-        lines.append(one.name)
-        for result in one.failed:
+    for checked_pair in results:
+        lines.append(checked_pair.name)
+        for result in checked_pair.failed:
             error = result["exception"]
             first_line = (str(error).splitlines() or [type(error).__name__])[0]
             lines.append(f"    {result['check_name']}: {first_line[:110]}")
@@ -104,7 +111,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.list:
         print("\n".join(["", *failing_checks([*padding, *direct])]))
 
-    ours = [len(one.failed) for one in padding if one.reasons is not None]
+    ours = [len(result.failed) for result in padding if result.reasons is not None]
     return int(max(ours) > ACCEPTED)
 
 

@@ -137,7 +137,7 @@ def two_intervals(n: int, noise: float, seed: int) -> tuple[float, float, float]
     shot = shot_of(sensed(record, (n,)), 0, n)
     fit, best, _ = estimate(NRFRegressor(degree=1).problem(n), [shot], {})
 
-    found = fit.rebuild.values(best.u)
+    values = fit.rebuild.values(best.u)
     true = np.concatenate([m, np.column_stack([c, k]).ravel()])
     judged = np.r_[:n, n + 1 : 3 * n : 2]
     slope = fit.rebuild.slopes(best.u)
@@ -147,7 +147,7 @@ def two_intervals(n: int, noise: float, seed: int) -> tuple[float, float, float]
 
     shares = []
     for error in (pieces, curvature):
-        inside = np.abs(found - true) < 1.96 * error
+        inside = np.abs(values - true) < 1.96 * error
         shares.append(float(inside[judged].mean()))
     return *shares, float(np.median((pieces / curvature)[judged]))
 
@@ -187,8 +187,8 @@ def nonlinear(law: str, noise: float, seed: int) -> Result:
     except IdentifiabilityError as error:
         return refused(error.what)
 
-    found = nonlinear_parameters(law, model.laws["storey 2"])
-    ratio = found / nonlinear_parameters(law, true)
+    parameters = nonlinear_parameters(law, model.laws["storey 2"])
+    ratio = parameters / nonlinear_parameters(law, true)
     return Result(
         float(np.abs(model.masses / m - 1).max()), float(np.abs(ratio - 1).max())
     )
@@ -206,14 +206,14 @@ class Search:
 
     law: str
     site: str
-    found: list[str]
+    effects: list[str]
     error_before: float
 
     @property
     def right(self) -> bool:
         """Whether the hidden law was found and nothing else."""
         wanted = [f"{self.law} at {self.site}"] if self.law else []
-        return self.found == wanted
+        return self.effects == wanted
 
 
 def hidden_law(kind: str, force: float, s: np.ndarray, v: np.ndarray) -> laws.ForceLaw:
@@ -258,8 +258,8 @@ def search(noise: float, seed: int) -> Search:
     except IdentifiabilityError as error:
         return Search(law, site, [f"refused: {error.what}"], np.nan)
     confirmed = [step for step in report.steps if step.confirmed]
-    found = [f"{step.law} at {step.site}" for step in confirmed]
-    return Search(law, site, found, float(report.table["held-out"].iloc[0]))
+    effects = [f"{step.law} at {step.site}" for step in confirmed]
+    return Search(law, site, effects, float(report.table["held-out"].iloc[0]))
 
 
 # -- measured frames -----------------------------------------------------------
@@ -310,11 +310,11 @@ def hidden_motion(name: str, record: Record, floor: int, **known) -> str:
 
 def line(name: str, results: list[Result], second: str, average: Callable) -> str:
     """Medians of many runs."""
-    kept = [result for result in results if np.isfinite(result.worst)]
-    if not kept:
+    finite = [result for result in results if np.isfinite(result.worst)]
+    if not finite:
         return f"{name:42s} refused in all of {len(results)}"
-    worst = [result.worst for result in kept]
-    share = 100 * average([result.second for result in kept])
+    worst = [result.worst for result in finite]
+    share = 100 * average([result.second for result in finite])
     n_refused = sum(bool(result.refusal) for result in results)
     return (
         f"{name:42s} worst error, median {100 * np.median(worst):8.2g} %,"
@@ -368,14 +368,14 @@ def print_laws(runs: Runs) -> None:
 
 def print_loop(runs: Runs) -> None:
     searches = runs.of(search, 250, 0.005)
-    for one in searches:
+    for outcome in searches:
         print(
-            f"{one.law or 'nothing':18s} {one.site}:"
-            f" {', '.join(one.found) or 'nothing'}"
-            f" (linear chain {one.error_before:.2g} % off)"
+            f"{outcome.law or 'nothing':18s} {outcome.site}:"
+            f" {', '.join(outcome.effects) or 'nothing'}"
+            f" (linear chain {outcome.error_before:.2g} % off)"
         )
-    right = sum(one.right and bool(one.law) for one in searches)
-    silent = sum(one.right and not one.law for one in searches)
+    right = sum(search.right and bool(search.law) for search in searches)
+    silent = sum(search.right and not search.law for search in searches)
     print(
         f"close_loop, sensors 2 and 4, 0.5 %: right {right}, nothing found where"
         f" nothing is {silent}"
@@ -425,8 +425,8 @@ def main(arguments: list[str] | None = None) -> None:
     parts = ("linear", "intervals") if options.quick else PARTS
 
     began = time.perf_counter()
-    for part in parts if options.only is None else (options.only,):
-        PARTS[part](runs)
+    for section in parts if options.only is None else (options.only,):
+        PARTS[section](runs)
     print(f"{time.perf_counter() - began:.0f} s")
 
 

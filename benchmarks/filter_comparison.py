@@ -43,25 +43,29 @@ def rates(law: str, z: np.ndarray, force: float) -> np.ndarray:
     """Velocities and accelerations of all sigma points, (2 * n, n_points)."""
     x, v = z[:FLOORS], z[FLOORS:SIZE]
     m, k, c = np.exp(z[SIZE : SIZE + 3 * FLOORS]).reshape(3, FLOORS, -1)
-    own = np.exp(z[SIZE + 3 * FLOORS :])
+    coefficients = np.exp(z[SIZE + 3 * FLOORS :])
     s = np.diff(x, axis=0, prepend=0.0 * x[:1])
     rate = np.diff(v, axis=0, prepend=0.0 * v[:1])
 
     storey = k * s + c * rate
-    storey[1] += law_force(law, own, s[1], rate[1])
+    storey[1] += law_force(law, coefficients, s[1], rate[1])
     net = -storey
     net[:-1] += storey[1:]
     net[-1] += force
     return np.concatenate([v, net / m])
 
 
-def law_force(law: str, own: np.ndarray, s: np.ndarray, v: np.ndarray) -> np.ndarray:
+def law_force(
+    law: str, coefficients: np.ndarray, s: np.ndarray, v: np.ndarray
+) -> np.ndarray:
     """Force of the nonlinear law in storey 2, N."""
     if law == "cubic":
-        return own[0] * s**3
+        return coefficients[0] * s**3
     if law == "gap":
-        return own[1] * np.sign(s) * np.maximum(np.abs(s) - own[0], 0.0)
-    return own[0] * np.tanh(v / CREEP)
+        return (
+            coefficients[1] * np.sign(s) * np.maximum(np.abs(s) - coefficients[0], 0.0)
+        )
+    return coefficients[0] * np.tanh(v / CREEP)
 
 
 def moved(z: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -214,8 +218,10 @@ def tested(law: str, noise: float, seed: int) -> tuple[Record, np.ndarray]:
     # the filter draws straight lines between the samples of the force
     record = fewer_sensors.forced(truth, seed, hold="linear")
     record = fewer_sensors.noisy(record, noise, seed)
-    own = {"cubic": [CUBE], "gap": [GAP, k[1] / 2], "friction": [FRICTION]}[law]
-    return record, np.log(np.concatenate([m, k, c, own]))
+    coefficients = {"cubic": [CUBE], "gap": [GAP, k[1] / 2], "friction": [FRICTION]}[
+        law
+    ]
+    return record, np.log(np.concatenate([m, k, c, coefficients]))
 
 
 def filtered(law: str, noise: float, off: float, passes: int, seed: int) -> Estimate:
@@ -227,11 +233,11 @@ def filtered(law: str, noise: float, off: float, passes: int, seed: int) -> Esti
     sensors = np.array(SENSORS) - 1
     began = time.process_time()
     force, measured = record.force[:, -1], record.acceleration[:, sensors]
-    found, error = Filter(law, force, measured, noise, first, spread).run(passes)
+    estimate, error = Filter(law, force, measured, noise, first, spread).run(passes)
     seconds = time.process_time() - began
 
-    away = np.abs(np.exp(found - truth) - 1)
-    inside = np.abs(found - truth) <= norm.ppf(0.975) * error
+    away = np.abs(np.exp(estimate - truth) - 1)
+    inside = np.abs(estimate - truth) <= norm.ppf(0.975) * error
     return Estimate(
         away[:FLOORS].max(),
         away[3 * FLOORS :].max(),
@@ -251,13 +257,13 @@ def row(law: str, name: str, estimates: list[Estimate]) -> dict[str, str]:
     """Medians and largest values of many runs."""
     inside = [estimate.inside for estimate in estimates]
     seconds = np.median([estimate.seconds for estimate in estimates])
-    held = "" if np.isnan(inside).all() else f"{100 * np.mean(inside):.0f} %"
+    coverage = "" if np.isnan(inside).all() else f"{100 * np.mean(inside):.0f} %"
     return {
         "law": law,
         "estimate": name,
         "masses: median, largest": in_percent([e.masses for e in estimates]),
         "law: median, largest": in_percent([e.law for e in estimates]),
-        "hold": held,
+        "hold": coverage,
         "CPU, s": f"{seconds:.0f}",
     }
 
@@ -284,12 +290,12 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     for law in LAWS[:1] if options.quick else LAWS:
         for off in options.off[:1] if options.quick else options.off:
             tasks = [(law, options.noise, off, passes, seed) for seed in seeds]
-            found = in_parallel(filtered, tasks, options.jobs)
-            rows.append(row(law, f"filter, first values {off:g} times off", found))
+            by_filter = in_parallel(filtered, tasks, options.jobs)
+            rows.append(row(law, f"filter, first values {off:g} times off", by_filter))
         if not options.quick:
             tasks = [(law, options.noise, seed) for seed in seeds]
-            found = in_parallel(fitted, tasks, options.jobs)
-            rows.append(row(law, "free run fitted", found))
+            by_filter = in_parallel(fitted, tasks, options.jobs)
+            rows.append(row(law, "free run fitted", by_filter))
     table = pd.DataFrame(rows)
     print(markdown(table))
     return table

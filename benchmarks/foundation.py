@@ -202,15 +202,16 @@ def gap_of_entrances(forced: list[int], inner: ps.STLSQ | None) -> float:
     masses, coefficients = solved_directly(terms, X[:, :4], case.F, forced, inner)
 
     gaps = [
-        chains.worst(found, regressor.masses_) for found in (optimizer.masses_, masses)
+        chains.worst(values, regressor.masses_)
+        for values in (optimizer.masses_, masses)
     ]
     for i in range(1, 5):
-        part = slice(9 * (i - 1), 9 * i)
-        size = rms(terms[:, part])
-        own = regressor.restoring_forces_[i].coefficients.to_numpy()
-        for other in (optimizer.coef_[i - 1, 4:][part], coefficients[i]):
-            gap = np.abs((other - own) * size).max()
-            gaps.append(gap / np.linalg.norm(own * size))
+        columns = slice(9 * (i - 1), 9 * i)
+        size = rms(terms[:, columns])
+        fitted = regressor.restoring_forces_[i].coefficients.to_numpy()
+        for other in (optimizer.coef_[i - 1, 4:][columns], coefficients[i]):
+            gap = np.abs((other - fitted) * size).max()
+            gaps.append(gap / np.linalg.norm(fitted * size))
     return max(gaps)
 
 
@@ -311,9 +312,9 @@ def dahl(quick: bool) -> list[Claim]:
     columns = [case.a[:, 0], cubic_columns(case, 1), -cubic_columns(case, 2)]
     A = np.column_stack(columns)
     exact = extended_least_squares(A, case.F[:, 0])[:10]
-    own = np.array([cubic.masses_[0], *cubic.restoring_forces_[1].coefficients])
-    gap_1 = np.abs((own - exact) * rms(A[:, :10])).max() / rms(case.F[:, 0])
-    equal = gap_1 < 1e-9 and abs(own[0] / exact[0] - 1) < 1e-9
+    fitted = np.array([cubic.masses_[0], *cubic.restoring_forces_[1].coefficients])
+    gap_1 = np.abs((fitted - exact) * rms(A[:, :10])).max() / rms(case.F[:, 0])
+    equal = gap_1 < 1e-9 and abs(fitted[0] / exact[0] - 1) < 1e-9
 
     law = [laws.PowerSeries(1), laws.Dahl(sigma=chains.DAMPER["sigma"])]
     declared = NRFRegressor(degree=1, laws={"storey 1": law}, dt=case.dt)
@@ -323,7 +324,7 @@ def dahl(quick: bool) -> list[Claim]:
         " of the force: below 1e-9"
     )
     measured = (
-        f"m1 = {own[0]:.6f} kg (truth 10; extended {exact[0]:.6f}), gap {gap_1:.1e}"
+        f"m1 = {fitted[0]:.6f} kg (truth 10; extended {exact[0]:.6f}), gap {gap_1:.1e}"
     )
     return [
         below("cubic: storey 2, largest error, share of its rms force", gap_2, 1e-6),
@@ -371,8 +372,8 @@ def fusion(quick: bool) -> list[Claim]:
     rows = []
     seeds = range(1 if quick else 10)
     for kind in ("random", "hammer"):
-        found = np.array([fused(kind, seed) for seed in seeds])
-        error, filtered, ratio = found.T
+        errors = np.array([fused(kind, seed) for seed in seeds])
+        error, filtered, ratio = errors.T
         name = f"{kind}, 5 % noise on all channels, DOF 3 forced, {len(seeds)} seeds"
         claim = (
             f"{name}: worst mass error, least squares on fused channels: at most 2 %"
@@ -411,7 +412,9 @@ def shaken_base() -> list[Claim]:
 def roving_hammer() -> list[Claim]:
     """Three records, each with another DOF forced, beside one with all."""
     draw = partial(
-        chains.duffing, 3, given=chains.parameters(3, np.random.default_rng(9))
+        chains.duffing,
+        3,
+        parameters_of_chain=chains.parameters(3, np.random.default_rng(9)),
     )
     hits = [draw([j], seed=20 + j, n_samples=1200 + 300 * j) for j in (1, 2, 3)]
     X = np.vstack([hit.X for hit in hits])
@@ -455,9 +458,9 @@ def identify(path: Path, *options: str) -> dict:
 def emps() -> list[Claim]:
     channels = ("--map", "x1=qm", "--map", "F1=vir*35.1507", "--map", "t=t")
     path = measured_sets.data_file("emps")
-    found = identify(path, *channels, "--band", "0,20", "--degree", "1")
-    mass = found["masses_kg"][0]
-    share = found["balance_error_percent"]["dof 1"]
+    identified = identify(path, *channels, "--band", "0,20", "--degree", "1")
+    mass = identified["masses_kg"][0]
+    share = identified["balance_error_percent"]["dof 1"]
     asked_mass = "emps, no friction in the model: 93 to 97 kg (published: 95.1)"
     asked_share = "emps: unexplained share of the force, about 17 %"
     return [
@@ -468,8 +471,8 @@ def emps() -> list[Claim]:
 
 def three_storey_frf() -> list[Claim]:
     path = measured_sets.data_file("three_storey_frf")
-    found = identify(path, "--frf", "--excited", "1", "--band", "4,32")
-    masses = np.array(found["masses_kg"])
+    identified = identify(path, "--frf", "--excited", "1", "--band", "4,32")
+    masses = np.array(identified["masses_kg"])
     spread = 100 * (masses.max() / masses.min() - 1)
     claim = "three_storey_frf, force on floor 1 only: three masses within 10 %"
     measured = f"{', '.join(f'{m:.2f}' for m in masses)} kg: {spread:.1f} %"
@@ -539,13 +542,13 @@ def bad_input(quick: bool) -> list[Claim]:
         if wanted and kind.room in ("estimator", "record"):
             outcomes[kind.name] = judge(kind)
     n = len(outcomes)
-    good = sum(outcome.kept for outcome in outcomes.values())
+    good = sum(outcome.is_good for outcome in outcomes.values())
     claim = f"{n} kinds: each an error or a warning that names the channel and the cure"
     rows = [judged(claim, f"{good} of {n}", good == n)]
     for asked, name in REPRESENTATIVE.items():
         if name in outcomes:
             outcome = outcomes[name]
-            rows.append(judged(asked, outcome.message, outcome.kept))
+            rows.append(judged(asked, outcome.message, outcome.is_good))
     return rows
 
 

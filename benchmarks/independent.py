@@ -146,11 +146,11 @@ def independent_masses(X: np.ndarray, F: np.ndarray, degree: int = 3) -> np.ndar
         for i in signs.keys() - set(unknown):
             target -= signs[i] * known[i]
 
-        found = np.linalg.lstsq(np.hstack(columns), target, rcond=None)[0]
-        masses[j] = found[0]
+        solution = np.linalg.lstsq(np.hstack(columns), target, rcond=None)[0]
+        masses[j] = solution[0]
         for number, i in enumerate(unknown):
-            own = found[1 + number * width : 1 + (number + 1) * width]
-            known.setdefault(i, storeys[i] @ own)
+            coefficients = solution[1 + number * width : 1 + (number + 1) * width]
+            known.setdefault(i, storeys[i] @ coefficients)
     return masses
 
 

@@ -182,18 +182,18 @@ def intervals(name: str, noise: float, estimation: str, seed: int) -> pd.DataFra
     )
 
 
-def coverage(found: pd.DataFrame) -> pd.DataFrame:
+def coverage(intervals: pd.DataFrame) -> pd.DataFrame:
     """Coverage, width, share withheld and time by cell."""
     rows = []
-    by_cell = found.groupby(["chain", "noise", "estimation"], sort=False)
+    by_cell = intervals.groupby(["chain", "noise", "estimation"], sort=False)
     for (name, noise, estimation), cell in by_cell:
         row: dict[str, Any] = {
             "chain": name,
             "noise %": 100 * noise,
             "estimation": estimation,
         }
-        for kind, part in cell.groupby("kind", sort=False):
-            row[kind] = covered(part[part["given"]])
+        for kind, of_kind in cell.groupby("kind", sort=False):
+            row[kind] = covered(of_kind[of_kind["given"]])
         fits = cell.drop_duplicates("seed")
         row["withheld %"] = round(100 * (~cell["given"]).mean(), 1)
         row["by iv %"] = round(100 * (fits["found"] == "iv").mean())
@@ -202,11 +202,11 @@ def coverage(found: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows).fillna("")
 
 
-def covered(given: pd.DataFrame) -> str:
+def covered(intervals: pd.DataFrame) -> str:
     """Coverage in percent, and the median half-width."""
-    if given.empty:
+    if intervals.empty:
         return "withheld"
-    return f"{100 * given['holds'].mean():.1f} ({given['width'].median():.2g})"
+    return f"{100 * intervals['holds'].mean():.1f} ({intervals['width'].median():.2g})"
 
 
 def main(arguments: list[str] | None = None) -> pd.DataFrame:
@@ -226,16 +226,16 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     levels = (0.01,) if options.quick else options.noise
     names = [name for name in tests() if options.chains in name]
 
-    found = []
+    tables = []
     cells = list(product(names, levels, options.estimations))
     for cell in tqdm(cells, unit="cell", disable=None):
         n_seeds = n_loops if cell[-1] == LOOP else n_fits
         tasks = [(*cell, seed) for seed in range(n_seeds)]
-        found += in_parallel(intervals, tasks, options.jobs)
+        tables += in_parallel(intervals, tasks, options.jobs)
         if options.save:  # after every cell: what was done is kept
-            pd.concat(found).to_csv(options.save, index=False)
+            pd.concat(tables).to_csv(options.save, index=False)
 
-    table = coverage(pd.concat(found))
+    table = coverage(pd.concat(tables))
     print("Coverage in percent (median half-width in percent of the truth)\n")
     print(markdown(table))
     return table

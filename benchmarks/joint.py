@@ -117,8 +117,8 @@ def worst_force(model: NRFRegressor, truth: ChainModel, record: Record) -> float
     inertia = record.force - truth.masses * record.acceleration
     true = np.cumsum(inertia[:, ::-1], axis=1)[:, ::-1]
     X, _ = record.to_features(smooth=False)
-    found = model.restoring_force(X)
-    return max(nrmse(*pair) for pair in zip(true.T, found.T))
+    forces = model.restoring_force(X)
+    return max(nrmse(*pair) for pair in zip(true.T, forces.T))
 
 
 def table(quick: bool = False) -> pd.DataFrame:
@@ -135,10 +135,12 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     out = {}
     for error in ("mass", "force"):
         ratio = rows[f"{error}, alone"] / rows[f"{error}, joint"]
-        for test, part in ratio.groupby(rows["test"], sort=False):
-            out[error, test, "every law"] = statistics(part, rows)
-        for (test, law), part in ratio.groupby([rows["test"], rows["law"]], sort=False):
-            out[error, test, law] = statistics(part, rows)
+        for test, ratios in ratio.groupby(rows["test"], sort=False):
+            out[error, test, "every law"] = statistics(ratios, rows)
+        for (test, law), ratios in ratio.groupby(
+            [rows["test"], rows["law"]], sort=False
+        ):
+            out[error, test, law] = statistics(ratios, rows)
     return pd.DataFrame.from_dict(out, orient="index")
 
 

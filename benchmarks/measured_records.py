@@ -123,12 +123,12 @@ def first_claim(report: Any, *names: str, site: str = "storey 1") -> Claim:
 
 def claim_at_each(report: Any, *names: str, sites: tuple[str, ...]) -> Claim:
     """At every one of these sites a claim is of such a law or family."""
-    found = set()
+    effects = set()
     for step in claims(report):
         if not names_of(step).isdisjoint(names):
-            found.add(step.site)
+            effects.add(step.site)
     asked = f"{' or '.join(names)} at {', '.join(sites)}"
-    return judged(asked, in_words(report), set(sites) <= found)
+    return judged(asked, in_words(report), set(sites) <= effects)
 
 
 def no_claim(report: Any) -> Claim:
@@ -153,14 +153,14 @@ def published_bouc_wen(report: Any) -> Claim:
     steps = [step for step in claims(report) if step.law == "bouc_wen"]
     if not steps:
         return judged(asked, "no Bouc-Wen", False)
-    found = {
+    effects = {
         "m": report.model.masses[0],
         **report.model.restoring_forces["storey 1"].linear_part(),
         **steps[0].parameters,
     }
     truth = {"m": 2.0, "c": 10.0, "k": 5e4}
     truth |= {"alpha": 5e4, "n": 1.0, "beta": 800.0, "rho": -1.375}
-    errors = {name: float(found[name] / value - 1) for name, value in truth.items()}
+    errors = {name: float(effects[name] / value - 1) for name, value in truth.items()}
     measured = ", ".join(f"{name} {100 * x:+.1f} %" for name, x in errors.items())
     return judged(asked, measured, max(map(abs, errors.values())) <= 0.03)
 
@@ -173,8 +173,8 @@ def raised_errors(report: Any) -> list[str]:
 
 def none_raises(report: Any) -> Claim:
     raised = raised_errors(report)
-    found = ", ".join(raised) or "none does"
-    return judged("no claim raises the held-out error", found, not raised)
+    raising = ", ".join(raised) or "none does"
+    return judged("no claim raises the held-out error", raising, not raised)
 
 
 def model_holds_claims(report: Any) -> Claim:

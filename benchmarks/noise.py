@@ -28,7 +28,6 @@ from harness import in_parallel, linear_storeys, options_of, quietly
 
 from pysindy_nrf import (
     ChainModel,
-    KinematicSmoother,
     NRFRegressor,
     Record,
     excitation,
@@ -147,8 +146,8 @@ def parameters(model: ChainModel) -> np.ndarray:
     linear = []
     for i in range(1, model.n_dof + 1):
         linear.append(model.restoring_forces[i].linear_part())
-    stiffness = [part["k"] for part in linear]
-    damping = [part["c"] for part in linear]
+    stiffness = [linear_part["k"] for linear_part in linear]
+    damping = [linear_part["c"] for linear_part in linear]
     return np.concatenate([model.masses, stiffness, damping])
 
 
@@ -262,10 +261,7 @@ def errors_of_sensors(
     else:
         record = record.replace(acceleration=None)
 
-    smoother = KinematicSmoother(band=band, joint=estimation == "ls")
-    X, F = record.to_features(smooth=smoother)
-    model = NRFRegressor(**declared, estimation=estimation)
-    model.fit(X, F, base_acceleration=record.base_acceleration)
+    model = NRFRegressor(**declared, estimation=estimation, band=band).fit(record)
     return errors(model.model_, truth)
 
 
@@ -311,14 +307,14 @@ def bias_over_error(values: np.ndarray) -> str:
     return f"{np.abs(bias / error).max():.1f} ({largest:+.2f} %)"
 
 
-def row_of(found: np.ndarray) -> dict[str, str]:
+def row_of(samples: np.ndarray) -> dict[str, str]:
     """Worst of the masses, stiffnesses and dampings, and their biases."""
     row = {}
-    for name, part in PARTS.items():
-        row[f"worst {name}"] = spread(np.abs(found[:, part]).max(axis=1))
-    row["one damping"] = spread(np.abs(found[:, PARTS["damping"]]).ravel())
+    for name, columns in PARTS.items():
+        row[f"worst {name}"] = spread(np.abs(samples[:, columns]).max(axis=1))
+    row["one damping"] = spread(np.abs(samples[:, PARTS["damping"]]).ravel())
     for name in ("mass", "stiffness"):
-        row[f"{name} bias / se"] = bias_over_error(found[:, PARTS[name]])
+        row[f"{name} bias / se"] = bias_over_error(samples[:, PARTS[name]])
     return row
 
 
@@ -330,9 +326,9 @@ def bound_row(name: str, runs: Runs) -> dict[str, str]:
     rng = np.random.default_rng(0)
     drawn = np.abs(rng.normal(size=(4000, len(sigma))) * sigma)
     row = {}
-    for part, columns in PARTS.items():
+    for kind, columns in PARTS.items():
         worst = np.median(drawn[:, columns].max(axis=1))
-        row[f"worst {part}"] = f"{worst:.2f}"
+        row[f"worst {kind}"] = f"{worst:.2f}"
     return row
 
 
@@ -345,9 +341,9 @@ def estimator_table(
     for estimation in estimations:
         began = time.time()
         tasks = [(name, estimation, seed) for seed in range(runs.seeds)]
-        found = np.array(in_parallel(function, tasks, runs.jobs))
+        samples = np.array(in_parallel(function, tasks, runs.jobs))
         seconds = (time.time() - began) * runs.jobs / runs.seeds
-        rows[estimation] = row_of(found) | {"s per fit": f"{seconds:.1f}"}
+        rows[estimation] = row_of(samples) | {"s per fit": f"{seconds:.1f}"}
     return pd.DataFrame(rows).T
 
 
@@ -513,9 +509,9 @@ def main(arguments: list[str] | None = None) -> None:
     began = time.time()
     print_tests(options.only, runs)
     print_sensors(options.only, runs)
-    for title, part in FURTHER_PARTS.items():
+    for title, section in FURTHER_PARTS.items():
         if options.only in title:
-            part(runs)
+            section(runs)
     print(f"\n{time.time() - began:.0f} s")
 
 

@@ -572,13 +572,13 @@ def device_row(
     """Masses, storey 4, and the device's energy and rms."""
     X, _ = exact(case)
     device = model.restoring_force(X) - linear.restoring_force(X)
-    found = work(device[:, 3], X["v4"], case.exact.time)
+    energy = work(device[:, 3], X["v4"], case.exact.time)
     true = work(case.damper[:, 3], X["v4"], case.exact.time)
     storey = linear_terms(model, 4)
     return numbered("m", model.masses_) | {
         "k4": storey["k"],
         "c4": storey["c"],
-        "energy": found / true,
+        "energy": energy / true,
         "worst rms 1-3": np.sqrt((device[:, :3] ** 2).mean(axis=0)).max(),
     }
 
@@ -756,11 +756,11 @@ def onset_row(storey: int, t0: float) -> dict[str, Any]:
     effects = "; ".join(f"{step.law} at {step.site}" for step in steps)
     row: dict[str, Any] = {"effects": effects}
     if steps:
-        found = steps[0].parameters
+        parameters = steps[0].parameters
         low, high = steps[0].intervals.get("t0", (np.nan, np.nan))
-        row |= {"onset (s)": found.get("t0"), "from": low, "to": high}
+        row |= {"onset (s)": parameters.get("t0"), "from": low, "to": high}
         if storey:
-            row["change (%)"] = 100 * found.get("dk", np.nan) / stiffness(storey)
+            row["change (%)"] = 100 * parameters.get("dk", np.nan) / stiffness(storey)
     return row
 
 

@@ -49,7 +49,7 @@ from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
 from pysindy_nrf.records.input_arrays import from_arrays
 
-SHORT = {"n_samples": 4096, "most": 4}
+SHORT = {"n_samples": 4096, "largest": 4}
 EFFECTS = ("coulomb", "cubic", "dahl", "quadratic_damping", "two_sided_gap", "bouc_wen")
 NOISES = (0.01, 0.02, 0.05)
 # edges of the bins of effect over noise
@@ -72,7 +72,7 @@ Row = dict[str, Any]
 class Task:
     """A case to draw: its seed, noise, effect (None: nothing is missing), and load."""
 
-    part: str
+    promise: str
     seed: int
     noise: float
     effect: str | None = None
@@ -94,9 +94,9 @@ class Task:
         name = f"{group} {self.seed}"
         return make_case(name, group, self.seed, self.noise, **(SHORT | options))
 
-    def row(self, part: str, cell: str, hit: bool) -> Row:
+    def row(self, promise: str, cell: str, hit: bool) -> Row:
         """One judged figure."""
-        return {"part": part, "cell": cell, "hit": bool(hit), "run": self.seed}
+        return {"part": promise, "cell": cell, "hit": bool(hit), "run": self.seed}
 
 
 def excited(case: Case) -> str:
@@ -136,10 +136,10 @@ def kind_of(parameter: str) -> str:
 
 def covered(task: Task) -> list[Row]:
     """Which intervals of one case hold the truth."""
-    case = task.draw(most=3)
+    case = task.draw(largest=3)
     known = dict(enumerate(case.structure.m.tolist(), 1)) if task.base else None
     model = NRFRegressor(degree=1, known_masses=known)
-    channels = dict(case.seen[0])
+    channels = dict(case.searched[0])
     if task.clean_motion:
         run = case.runs[0]
         channels |= {"acceleration": run.a, "velocity": run.v, "displacement": run.x}
@@ -152,9 +152,9 @@ def covered(task: Task) -> list[Row]:
     true = true_parameters(case)
     intervals = model.confidence_intervals(0.95).set_index("parameter")
     rows = []
-    for name, found in intervals.iterrows():
+    for name, interval in intervals.iterrows():
         if name in true:
-            inside = found["lower"] <= true[name] <= found["upper"]
+            inside = interval["lower"] <= true[name] <= interval["upper"]
             row = task.row(INTERVALS, f"{how}, {excited(case)}", inside)
             rows.append(row | {"of": kind_of(name)})
     return rows
@@ -240,7 +240,7 @@ RUNS = {"intervals": 600, "detection": 600, "loop": 300}
 QUICK = {"intervals": 6, "detection": 4, "loop": 2}
 
 
-def tasks_of(part: str, runs: int, seed: int) -> list[Task]:
+def tasks_of(promise: str, runs: int, seed: int) -> list[Task]:
     """What to run for one part."""
     tasks = []
     for i in range(runs):
@@ -248,12 +248,12 @@ def tasks_of(part: str, runs: int, seed: int) -> list[Task]:
         base = i % 5 == 4
         number = 10_000 * seed + i
         even = i % 2 == 0
-        if part == "intervals":
+        if promise == "intervals":
             shaken = base and not even
-            tasks.append(Task(part, number, noise, base=shaken, clean_motion=even))
+            tasks.append(Task(promise, number, noise, base=shaken, clean_motion=even))
         else:
             effect = EFFECTS[i % len(EFFECTS)] if even else None
-            tasks.append(Task(part, number, noise, effect, base))
+            tasks.append(Task(promise, number, noise, effect, base))
     return tasks
 
 
@@ -264,7 +264,7 @@ def judged(task: Task) -> list[Row]:
     draw is not.
     """
     try:
-        return quietly(PARTS[task.part], task)
+        return quietly(PARTS[task.promise], task)
     except NRFError as error:
         row = task.row(REFUSED, type(error).__name__, True)
         return [row | {"why": str(error)}]
@@ -286,13 +286,13 @@ PROMISES = {
 }
 
 
-def rate(part: pd.DataFrame) -> tuple[float, float, float]:
+def rate(rows: pd.DataFrame) -> tuple[float, float, float]:
     """Share of hits in percent and its 99 % interval.
 
     Runs are independent, what is in one run is not.
     """
-    by_run = part.groupby("run")["hit"].agg(["mean", "size"])
-    share = float(part["hit"].mean())
+    by_run = rows.groupby("run")["hit"].agg(["mean", "size"])
+    share = float(rows["hit"].mean())
     n = len(by_run)
     if n < 2 or share in (0.0, 1.0) or (by_run["size"] == 1).all():
         exact = stats.binomtest(round(share * n), n).proportion_ci(0.99, "exact")
@@ -303,51 +303,51 @@ def rate(part: pd.DataFrame) -> tuple[float, float, float]:
     return 100 * share, 100 * max(0.0, share - reach), 100 * min(1.0, share + reach)
 
 
-def promise_of(part: str, cell: str) -> tuple[float, float] | None:
+def promise_of(promise: str, cell: str) -> tuple[float, float] | None:
     """The range in which the figure has to be; None where nothing is promised."""
-    _, low, high = PROMISES[part]
-    if part in (POWER, LOOP_POWER):
+    _, low, high = PROMISES[promise]
+    if promise in (POWER, LOOP_POWER):
         if "heard 2" not in cell and "heard 4" not in cell:
             return None
-        if part == LOOP_POWER and not cell.startswith("5 %"):
+        if promise == LOOP_POWER and not cell.startswith("5 %"):
             low = 97.0
     return low, high
 
 
-def figure(part: str, cell: str, rows: pd.DataFrame) -> Row:
+def figure(title: str, cell: str, rows: pd.DataFrame) -> Row:
     """A promise beside what was measured."""
     share, low, high = rate(rows)
-    promise = promise_of(part, cell)
-    promised, kept = "-", "-"
+    promise = promise_of(title, cell)
+    promised, answer = "-", "-"
     if promise is not None:
         promised = f"{promise[0]:g} to {promise[1]:g}"
-        kept = "yes" if high >= promise[0] and low <= promise[1] else "NO"
+        answer = "yes" if high >= promise[0] and low <= promise[1] else "NO"
     return {
-        "promise": PROMISES[part][0],
+        "promise": PROMISES[title][0],
         "where": cell,
         "runs": rows["run"].nunique(),
         "promised %": promised,
         "measured %": f"{share:.1f}",
         "99 % interval": f"{low:.1f} to {high:.1f}",
-        "kept": kept,
+        "kept": answer,
     }
 
 
 def figures(table: pd.DataFrame) -> pd.DataFrame:
     """Promises beside figures, cell by cell."""
-    found = []
-    for part in PROMISES:
-        rows = table[table["part"] == part]
+    tables = []
+    for promise in PROMISES:
+        rows = table[table["part"] == promise]
         if rows.empty:
             continue
         for cell, of_cell in rows.groupby("cell"):
-            found.append(figure(part, cell, of_cell))
-        if part == INTERVALS:
+            tables.append(figure(promise, cell, of_cell))
+        if promise == INTERVALS:
             for kind, of_kind in rows.groupby("of"):
-                found.append(figure(part, f"all, {kind}", of_kind))
-        if part not in (POWER, LOOP_POWER):
-            found.append(figure(part, "all", rows))
-    return pd.DataFrame(found)
+                tables.append(figure(promise, f"all, {kind}", of_kind))
+        if promise not in (POWER, LOOP_POWER):
+            tables.append(figure(promise, "all", rows))
+    return pd.DataFrame(tables)
 
 
 def print_figures(table: pd.DataFrame) -> None:
@@ -372,15 +372,15 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     began = time.time()
     sizes = QUICK if options.quick else RUNS
     tasks: list[Task] = []
-    for part in options.part:
-        tasks += tasks_of(part, options.runs or sizes[part], options.seed)
+    for promise in options.part:
+        tasks += tasks_of(promise, options.runs or sizes[promise], options.seed)
 
     runs = Parallel(n_jobs=options.jobs, return_as="generator_unordered")(
         delayed(judged)(task) for task in tasks
     )
     rows: list[Row] = []
-    for found in tqdm(runs, total=len(tasks), unit="run", disable=None):
-        rows += found
+    for outcome in tqdm(runs, total=len(tasks), unit="run", disable=None):
+        rows += outcome
         # after every run, so that an interrupted study keeps what it has
         if options.out is not None:
             pd.DataFrame(rows).to_csv(options.out, index=False)

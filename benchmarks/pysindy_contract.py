@@ -224,13 +224,13 @@ class Suite:
 
     def fixtures(self, call: Callable) -> dict[str, Any]:
         """The data that a test asks for."""
-        given: dict[str, Any] = {}
+        arguments: dict[str, Any] = {}
         for name in inspect.signature(call).parameters:
             if name.startswith("data_"):
-                given[name] = self.files[FIXTURES][name]()
+                arguments[name] = self.files[FIXTURES][name]()
             elif name == "set_jax_pcc_env":
-                given[name] = None
-        return given
+                arguments[name] = None
+        return arguments
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -40,7 +40,8 @@ from pysindy_nrf.sindy import ShearSINDy
 N = 3
 STOREYS = range(1, N + 1)
 DT = 1e-3  # s
-TRUE_TERMS = set(product(STOREYS, ("v", "s", "s^3")))
+TRUE = ("v", "s", "s^3")  # terms of a Duffing storey
+TRUE_TERMS = set(product(STOREYS, TRUE))
 LEAST_DAMPING = 0.0155  # share of every storey's force
 SHARES = (0.003, 0.01, 0.03, 0.1)
 ENSEMBLE = "`EnsembleOptimizer(STLSQ(threshold=...), library_ensemble=True)`"
@@ -87,30 +88,36 @@ def chain(seed: int, excited: list[int], n_samples: int) -> chains.Case:
     m, c, k, k3 = chains.parameters(N, np.random.default_rng(seed))
     for _ in range(5):
         case = chains.duffing(
-            N, excited, seed=seed, n_samples=n_samples, given=(m, c, k, k3)
+            N,
+            excited,
+            seed=seed,
+            n_samples=n_samples,
+            parameters_of_chain=(m, c, k, k3),
         )
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
         c = c * np.maximum(1.0, LEAST_DAMPING / share)
     return case
 
 
-def tested(case: chains.Case, noise: float, seed: int, raw: bool) -> Test:
-    """A record of a chain, fused where it is noisy."""
+def channels(
+    case: chains.Case, noise: float, seed: int, raw: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motions and forces of a chain, fused where they are noisy."""
     record = case.record()
     if noise:
         record = add_noise(record, noise, random_state=seed)
     X, F = record.to_features(smooth=noise > 0 and not raw)
-    return Test(case.m, np.asarray(X), np.asarray(F), seed)
+    return np.asarray(X), np.asarray(F)
 
 
 # -- both sides: masses and the terms they keep --------------------------------
 
 
-def ours(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
+def ours(X: np.ndarray, F: np.ndarray, optimizer: Any) -> tuple[np.ndarray, Terms]:
     model = NRFRegressor(degree=3, optimizer=optimizer)
     if optimizer == "iv":
         model = NRFRegressor(degree=3, estimation="iv", dt=DT)
-    model.fit(test.X, test.F)
+    model.fit(X, F)
     terms = set()
     for i in STOREYS:
         coefficients = model.restoring_forces_[i].coefficients
@@ -118,14 +125,14 @@ def ours(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
     return model.masses_, terms
 
 
-def theirs(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
+def theirs(X: np.ndarray, F: np.ndarray, optimizer: Any) -> tuple[np.ndarray, Terms]:
     """A term counts for its storey if it is in one of its balances or in another."""
-    library = InterstoryPolynomialLibrary(3).fit(test.X)
-    laws = np.asarray(library.transform(test.X))[:, N:]
+    library = InterstoryPolynomialLibrary(3).fit(X)
+    laws = np.asarray(library.transform(X))[:, N:]
     labels = library.get_feature_names()[N:]
-    acting = np.flatnonzero(test.F.any(axis=0))
-    columns = np.hstack([laws, test.F[:, acting]])
-    a = test.X[:, :N]
+    acting = np.flatnonzero(F.any(axis=0))
+    columns = np.hstack([laws, F[:, acting]])
+    a = X[:, :N]
     size = np.sqrt(np.mean(columns**2, axis=0))
     target = np.sqrt(np.mean(a**2, axis=0))
 
@@ -133,29 +140,29 @@ def theirs(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
     terms = set()
     for j in range(N):
         y = a[:, j] / target[j]
-        found = coefficients(optimizer, columns / size, y)
+        values = coefficients(optimizer, columns / size, y)
         if j in acting:
             k = len(labels) + list(acting).index(j)
-            if found[k]:
-                masses[j] = size[k] / (found[k] * target[j])
-        for label in np.array(labels)[found[: len(labels)] != 0]:
+            if values[k]:
+                masses[j] = size[k] / (values[k] * target[j])
+        for label in np.array(labels)[values[: len(labels)] != 0]:
             terms.add(place(label, j + 1))
     return masses, terms
 
 
-def shears(test: Test, optimizer: Any) -> tuple[np.ndarray, Terms]:
+def shears(X: np.ndarray, F: np.ndarray, optimizer: Any) -> tuple[np.ndarray, Terms]:
     """PySINDy on the forces above each storey."""
     if optimizer is None:
         optimizer = ps.STLSQ(threshold=0.0, alpha=0.0)
     try:
-        found = ShearSINDy(3, optimizer).fit(test.X, test.F)
+        model = ShearSINDy(3, optimizer).fit(X, F)
     except NRFError:
         return np.full(N, np.nan), set()
     terms = set()
     for i in STOREYS:
-        values = found.model_.restoring_forces[i].coefficients
+        values = model.model_.restoring_forces[i].coefficients
         terms |= {(i, term) for term in values.index[values != 0]}
-    return found.masses_, terms
+    return model.masses_, terms
 
 
 def coefficients(optimizer: Any, A: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -184,7 +191,7 @@ def best_setting(side: Callable, settings: list, tests: list[Test]) -> tuple[str
         for test in tests:
             # ensembles draw from NumPy's global state
             np.random.seed(test.seed)
-            masses, terms = side(test, optimizer)
+            masses, terms = side(test.X, test.F, optimizer)
             errors.append(100 * np.abs(masses / test.masses - 1).max())
             wrong.append(len(terms ^ TRUE_TERMS))
         scores.append((-wrong.count(0), np.median(wrong), np.median(errors)))
@@ -214,7 +221,8 @@ def comparison(
         tests[word, noise] = []
         for seed in range(n_chains):
             case = chain(seed, EXCITED[word], n_samples)
-            tests[word, noise].append(tested(case, noise, seed, raw))
+            X, F = channels(case, noise, seed, raw)
+            tests[word, noise].append(Test(case.m, X, F, seed))
 
     lines = []
     for name, word, noise in product(names, EXCITED, noises):

@@ -35,7 +35,7 @@ CHANNELS = (
     "base_acceleration",
     "base_displacement",
 )
-WHOLE = "whole"
+FULL_RECORD = "whole"
 
 
 # -- variants of a record ------------------------------------------------------
@@ -82,7 +82,7 @@ def channels_of(record: Record) -> dict[str, np.ndarray]:
 
 
 VARIANTS = {
-    WHOLE: unchanged,
+    FULL_RECORD: unchanged,
     "half length": half_length,
     "half rate": half_rate,
     "another seed": unchanged,
@@ -94,7 +94,7 @@ VARIANTS = {
 
 
 @dataclass(frozen=True)
-class Found:
+class Effects:
     """Claims as (site, law, names that stand for it); or why the record was refused."""
 
     claims: tuple[tuple[str, str, frozenset[str]], ...] = ()
@@ -109,7 +109,7 @@ class Found:
         return any(site == other and names & same for other, _, same in self.claims)
 
 
-def searched(name: str, variant: str, **options: Any) -> Found:
+def searched(name: str, variant: str, **options: Any) -> Effects:
     """The claims of a variant of a record."""
     test = measured_records.SETS[name]
     records = test.load()
@@ -123,33 +123,33 @@ def searched(name: str, variant: str, **options: Any) -> Found:
     try:
         report = test.search(records, **options)
     except NRFError as error:
-        return Found(refusal=str(error))
+        return Effects(refusal=str(error))
 
     claims = []
     for step in measured_records.claims(report):
         names = frozenset(measured_records.names_of(step))
         claims.append((step.site, step.law, names))
-    return Found(tuple(claims))
+    return Effects(tuple(claims))
 
 
-def kept(whole: Found, variant: Found) -> tuple[int, int]:
+def shared_effects(full: Effects, variant: Effects) -> tuple[int, int]:
     """Claims of the whole record that the variant has too, and how many there are.
 
     That there is none counts as one.
     """
-    if not whole.claims:
+    if not full.claims:
         return int(not variant.claims and not variant.refusal), 1
-    n_kept = sum(variant.has(site, names) for site, _, names in whole.claims)
-    return n_kept, len(whole.claims)
+    n_kept = sum(variant.has(site, names) for site, _, names in full.claims)
+    return n_kept, len(full.claims)
 
 
-def scored(results: dict[tuple[str, str], Found]) -> pd.DataFrame:
+def scored(results: dict[tuple[str, str], Effects]) -> pd.DataFrame:
     """One row for each record and variant."""
     rows = []
-    for (name, variant), found in results.items():
-        row = {"record": name, "variant": variant, "claims": str(found), "kept": ""}
-        if variant != WHOLE:
-            right, of = kept(results[name, WHOLE], found)
+    for (name, variant), effects in results.items():
+        row = {"record": name, "variant": variant, "claims": str(effects), "kept": ""}
+        if variant != FULL_RECORD:
+            right, of = shared_effects(results[name, FULL_RECORD], effects)
             row |= {"kept": f"{right} of {of}", "right": right, "of": of}
         rows.append(row)
     return pd.DataFrame(rows)
@@ -171,7 +171,7 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     search = searched
     if options.quick:
         names = options.sets or ["friction_damper_05hz"]
-        variants = [WHOLE, "half length"]
+        variants = [FULL_RECORD, "half length"]
         search = partial(searched, max_steps=1)
 
     start = time.perf_counter()

@@ -39,7 +39,7 @@ def draw(
     for _ in range(5):
         forced = [1 + seed % n]
         case = chains.duffing(
-            n, forced, seed=seed, n_samples=n_samples, given=(m, c, k, k3)
+            n, forced, seed=seed, n_samples=n_samples, parameters_of_chain=(m, c, k, k3)
         )
         share = case.c * case.v.std(axis=0) / case.storey_forces.std(axis=0)
         if share.min() > LEAST_DAMPING:
@@ -61,17 +61,20 @@ def rows(seed: int, n: int, n_samples: int) -> list[dict]:
     record, truth, share = draw(seed, n_samples, n=n)
     X, F = record.to_features()
     rivals = compare_with_sindy(X, F, record.dt, truth=truth, free_run=2, optimizers={})
-    found = [selected(record, n), *(rival(name, rivals.loc[name]) for name in RIVALS)]
-    return [{"seed": seed, **row, "least damping %": 100 * share} for row in found]
+    outcomes = [
+        selected(record, n),
+        *(rival(name, rivals.loc[name]) for name in RIVALS),
+    ]
+    return [{"seed": seed, **row, "least damping %": 100 * share} for row in outcomes]
 
 
 def selected(record: Record, n: int) -> dict:
     """The terms that held-out error selects."""
     began = time.perf_counter()
-    found = select_sparsity(record)
+    selection = select_sparsity(record)
     seconds = time.perf_counter() - began
 
-    chosen = {term for term, coefficient in found.terms.items() if coefficient}
+    chosen = {term for term, coefficient in selection.terms.items() if coefficient}
     storeys = [f"storey {i}" for i in range(1, n + 1)]
     true = set(product(storeys, TRUE))
     return {
@@ -79,7 +82,7 @@ def selected(record: Record, n: int) -> dict:
         "missing": len(true - chosen),
         "false": len(chosen - true),
         "exact": chosen == true,
-        "error %": found.table["error"].iloc[-1],
+        "error %": selection.table["error"].iloc[-1],
         "seconds": seconds,
     }
 
@@ -123,10 +126,10 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
     n_seeds = 1 if options.quick else options.seeds
     size = (3, 4000) if options.quick else (N, 16000)
 
-    found = []
+    outcomes = []
     for seed in range(options.start, options.start + n_seeds):
-        found += quietly(rows, seed, *size)
-    table = pd.DataFrame(found)
+        outcomes += quietly(rows, seed, *size)
+    table = pd.DataFrame(outcomes)
 
     ours = table["model"] == "terms selected"
     print(table[ours & ~table["exact"]].to_string(index=False))

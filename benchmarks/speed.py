@@ -152,10 +152,10 @@ def per_balance(data: Data, solve: Solver) -> np.ndarray:
     above: np.ndarray | float = 0.0
     for j in range(data.n - 1, -1, -1):
         A = balance_columns(data, j)
-        found = solve(A, data.F[:, j] + above)
-        masses[j] = found[0]
+        solution = solve(A, data.F[:, j] + above)
+        masses[j] = solution[0]
         if data.excitation == SEQUENTIAL:
-            above = A[:, 1:] @ found[1:]
+            above = A[:, 1:] @ solution[1:]
     return masses
 
 
@@ -396,10 +396,10 @@ class Verdicts:
     def add(self, claim: str, measured: str, holds: bool) -> None:
         self.claims.append(judged(claim, measured, bool(holds), otherwise="MISS"))
 
-    def add_ratio(self, claim: str, ratio: float, most: float) -> None:
+    def add_ratio(self, claim: str, ratio: float, limit: float) -> None:
         """A ratio that must not be larger; none where it was not measured."""
         if np.isfinite(ratio):
-            self.add(claim, f"{ratio:.2f} times", ratio <= most)
+            self.add(claim, f"{ratio:.2f} times", ratio <= limit)
 
     def table(self) -> pd.DataFrame:
         rows = [(claim.asked, claim.measured, claim.verdict) for claim in self.claims]
@@ -451,26 +451,30 @@ def passes(sizes: list[tuple[int, int]], rounds: int, patience: float) -> list[P
 
 
 def pass_table(results: list[Pass], machine: Limits) -> pd.DataFrame:
-    ours = {(one.n, one.size): one.seconds for one in results if one.name == OURS}
+    ours = {
+        (result.n, result.size): result.seconds
+        for result in results
+        if result.name == OURS
+    }
     rows = []
-    for one in results:
-        row = {"n": one.n, "samples": f"{one.size:.0e}".replace("e+0", "e")}
-        row["by"] = one.name
-        if not one.note:
-            bound = machine.seconds(one.n, one.size)
+    for result in results:
+        row = {"n": result.n, "samples": f"{result.size:.0e}".replace("e+0", "e")}
+        row["by"] = result.name
+        if not result.note:
+            bound = machine.seconds(result.n, result.size)
             row |= {
-                "s": f"{one.seconds:.3g}",
-                "times ours": f"{one.seconds / ours[one.n, one.size]:.3g}",
-                "times limit": f"{one.seconds / bound:.3g}",
-                "extra MB": f"{one.memory:.3g}",
-                "worst mass error": f"{one.error:.1e}",
+                "s": f"{result.seconds:.3g}",
+                "times ours": f"{result.seconds / ours[result.n, result.size]:.3g}",
+                "times limit": f"{result.seconds / bound:.3g}",
+                "extra MB": f"{result.memory:.3g}",
+                "worst mass error": f"{result.error:.1e}",
             }
-        rows.append(row | {"note": one.note})
+        rows.append(row | {"note": result.note})
     return pd.DataFrame(rows).fillna("")
 
 
 def judge_passes(results: list[Pass], machine: Limits, verdicts: Verdicts) -> None:
-    times = {(one.n, one.size, one.name): one.seconds for one in results}
+    times = {(result.n, result.size, result.name): result.seconds for result in results}
 
     def seconds(n: int, size: int, name: str = OURS) -> float:
         return times.get((n, size, name), np.nan)
@@ -496,7 +500,9 @@ def judge_passes(results: list[Pass], machine: Limits, verdicts: Verdicts) -> No
     claim = f"n = 100 costs at most 13 times n = 10 ({samples})"
     verdicts.add_ratio(claim, ratio, 13)
 
-    small = [one.memory for one in results if one.name == OURS and one.n <= 10]
+    small = [
+        result.memory for result in results if result.name == OURS and result.n <= 10
+    ]
     memory = np.nanmax(small) if small else np.nan
     claim = "extra memory at most 32 MB whatever the samples (n <= 10)"
     verdicts.add(claim, f"{memory:.1f} MB", memory <= 32)

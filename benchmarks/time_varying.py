@@ -101,8 +101,8 @@ def accuracy(case: Case, variation: TimeVariation) -> dict[str, Any]:
 
 def error_of_instant(case: Case, variation: TimeVariation) -> float:
     """Distance of the nearest instant that was found, periods of the first mode."""
-    found = variation.instants["t"].to_numpy(float)
-    distances = np.abs(found - case.instants[0]) / case.period
+    times = variation.instants["t"].to_numpy(float)
+    distances = np.abs(times - case.instants[0]) / case.period
     return float(distances.min(initial=np.inf))
 
 

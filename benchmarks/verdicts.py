@@ -241,13 +241,13 @@ def with_fault(
 ) -> Test:
     """The test with some channels of one kind changed."""
     floors = list(floors)
-    part = PARTS[letter]
+    channels = PARTS[letter]
 
     def fault(rec: Record) -> Record:
-        matrix = getattr(rec, part).copy()
+        matrix = getattr(rec, channels).copy()
         for j in floors:
             matrix[:, j - 1] = change(matrix[:, j - 1])
-        return rec.replace(**{part: matrix})
+        return rec.replace(**{channels: matrix})
 
     kinds = ["F", "dof ", "sensor "] if letter == "F" else ["a", "x", "dof ", "sensor "]
     places = set()
@@ -273,7 +273,9 @@ def any_channel(
     test: Test, rng: np.random.Generator, letters: str = "axF"
 ) -> tuple[str, int]:
     """Letter and floor of one channel."""
-    letter = str(rng.choice([one for one in letters if one in test.measured]))
+    letter = str(
+        rng.choice([channel for channel in letters if channel in test.measured])
+    )
     return letter, int(rng.choice(floors_with(test, letter)))
 
 

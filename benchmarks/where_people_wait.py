@@ -140,10 +140,10 @@ def battery(n: int, seed: int) -> Run:
 
     from pysindy_nrf import Record, close_loop
 
-    size = {"n_samples": 2048, "most": 2} if n == 0 else {}
+    size = {"n_samples": 2048, "largest": 2} if n == 0 else {}
     kind = KINDS[seed % len(KINDS)]
     case = make_case("wait", "blind", seed, 0.01, (kind,), **size)
-    records = [Record(name="test", **channels) for channels in case.seen]
+    records = [Record(name="test", **channels) for channels in case.searched]
     return lambda: close_loop(records, baseline(case))
 
 
@@ -350,13 +350,13 @@ def loops(name: str, numbers: range) -> tuple[str, list[Wait]]:
     import numpy as np
     from tqdm import tqdm
 
-    found = [wait_apart(name, 1, number) for number in tqdm(numbers, disable=None)]
-    cpu = np.array([wait.cpu for wait in found])
+    waits = [wait_apart(name, 1, number) for number in tqdm(numbers, disable=None)]
+    cpu = np.array([wait.cpu for wait in waits])
     text = (
         f"{len(numbers)} {name} records: median {np.nanmedian(cpu):.1f} s CPU,"
         f" {np.nanmin(cpu):.1f} to {np.nanmax(cpu):.1f} s."
     )
-    return text, found
+    return text, waits
 
 
 def fits_section(quick: bool) -> str:
@@ -392,9 +392,9 @@ def measured_section(quick: bool) -> str:
     from measured_records import SETS
 
     names = list(SETS)[: 2 if quick else None]
-    text, found = loops("measured", range(len(names)))
+    text, waits = loops("measured", range(len(names)))
     rows = []
-    for name, wait in zip(names, found):
+    for name, wait in zip(names, waits):
         row = {"measured record": name, "CPU s": f"{wait.cpu:.1f}"}
         rows.append(row | {"peak, MB": f"{wait.peak:.0f}", "shares": wait.shares})
     return f"{table(rows)}\n\n{text}"
@@ -418,9 +418,9 @@ def print_sections(options: argparse.Namespace) -> None:
         f"version {pysindy_nrf.__version__} and Python {platform.python_version()}"
     )
     text = f"Measured on {date.today()} with {version} on {os.cpu_count()} cores.\n"
-    for part in PARTS:
-        if part in options.only:
-            title, section = SECTIONS[part]
+    for subject in PARTS:
+        if subject in options.only:
+            title, section = SECTIONS[subject]
             text += f"\n### {title}\n\n{section(options.quick)}\n"
     print(text)
     if options.write:

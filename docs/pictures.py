@@ -127,12 +127,12 @@ def draw_chain(ax: Axes) -> None:
     """Three masses joined by storeys, with the force on the second."""
     ax.add_patch(Rectangle((-0.15, -0.5), 0.15, 1.0, color="0.7"))
     for j in (1, 2, 3):
-        left = 2.0 * j - 0.9
-        ax.add_patch(Rectangle((left, -0.3), 0.9, 0.6, color="#d6e2f0"))
-        ax.text(left + 0.45, 0, f"$m_{j}$", ha="center", va="center")
-        spring_line(ax, left - 1.1, left, 0)
-        ax.text(left - 0.55, 0.2, f"$R_{j}(v_{j}, s_{j})$", ha="center")
-        ax.text(left + 0.45, -0.5, f"$a_{j}$", ha="center", va="center", color=GREY)
+        edge = 2.0 * j - 0.9
+        ax.add_patch(Rectangle((edge, -0.3), 0.9, 0.6, color="#d6e2f0"))
+        ax.text(edge + 0.45, 0, f"$m_{j}$", ha="center", va="center")
+        spring_line(ax, edge - 1.1, edge, 0)
+        ax.text(edge - 0.55, 0.2, f"$R_{j}(v_{j}, s_{j})$", ha="center")
+        ax.text(edge + 0.45, -0.5, f"$a_{j}$", ha="center", va="center", color=GREY)
     arrow(ax, (3.2, 0.75), (3.9, 0.75), ORANGE)
     ax.text(3.1, 0.75, "$F_2$", ha="right", va="center", color=ORANGE)
     ax.set(xlim=(-0.3, 6.2), ylim=(-0.8, 1.1), title="A chain, forced on DOF 2")
@@ -190,25 +190,27 @@ def noise() -> Figure:
     errors = [worst_mass_errors(add_noise(clean, x, random_state=0)) for x in levels]
 
     figure = Figure(figsize=(8.4, 3.7), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    first, second = figure.subplots(1, 2)
     for name, color in zip(errors[0], ("0.2", ORANGE, BLUE)):
         values = [error[name] for error in errors]
-        left.loglog(100 * levels, values, "o-", color=color, label=name)
-    left.set(xlabel="noise of every channel (% of its rms)")
-    left.set(ylabel="error of the worst mass (%)", ylim=(1e-2, 1e3))
-    left.set_xticks(100 * levels, [f"{100 * x:g}" for x in levels])
-    left.minorticks_off()
-    left.legend(frameon=False, fontsize=9, loc="upper left")
+        first.loglog(100 * levels, values, "o-", color=color, label=name)
+    first.set(xlabel="noise of every channel (% of its rms)")
+    first.set(ylabel="error of the worst mass (%)", ylim=(1e-2, 1e3))
+    first.set_xticks(100 * levels, [f"{100 * x:g}" for x in levels])
+    first.minorticks_off()
+    first.legend(frameon=False, fontsize=9, loc="upper left")
 
     noisy = add_noise(clean, 0.1, random_state=0)
     window = slice(4000, 4060)
     time = noisy.time[window]
     fused = noisy.to_features()[0]["a1"].to_numpy()[window]
-    right.plot(time, noisy.acceleration[window, 0], ".", color=ORANGE, label="measured")
-    right.plot(time, fused, color=BLUE, label="fused")
-    right.plot(time, clean.acceleration[window, 0], ":", color="0.2", label="true")
-    right.set(xlabel="time (s)", ylabel="acceleration of floor 1 (m/s²)")
-    right.legend(
+    second.plot(
+        time, noisy.acceleration[window, 0], ".", color=ORANGE, label="measured"
+    )
+    second.plot(time, fused, color=BLUE, label="fused")
+    second.plot(time, clean.acceleration[window, 0], ":", color="0.2", label="true")
+    second.set(xlabel="time (s)", ylabel="acceleration of floor 1 (m/s²)")
+    second.legend(
         frameon=False, fontsize=9, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1)
     )
     return figure
@@ -255,11 +257,11 @@ def mass_by_band(ax: Axes) -> None:
         rows[highest] = intervals.loc["m1"]
 
     table = pd.DataFrame(rows).T
-    given = table.dropna()
+    with_answer = table.dropna()
     withheld = table[table["lower"].isna()]
-    ends = np.abs(given[["lower", "upper"]].T - given["estimate"])
+    ends = np.abs(with_answer[["lower", "upper"]].T - with_answer["estimate"])
     bars = {"fmt": "o", "color": BLUE, "capsize": 4, "label": "with 95 % interval"}
-    ax.errorbar(given.index, given["estimate"], ends, **bars)
+    ax.errorbar(with_answer.index, with_answer["estimate"], ends, **bars)
     open_marks = {"mfc": "white", "color": ORANGE, "label": "interval withheld"}
     ax.plot(withheld.index, withheld["estimate"], "o", **open_marks)
     ax.axhline(12.4, color="0.2", linestyle=":")
@@ -274,9 +276,9 @@ def mass_by_band(ax: Axes) -> None:
 def what_a_test_cannot_show() -> Figure:
     """Extrapolation and narrow excitation."""
     figure = Figure(figsize=(8.4, 3.7), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    force_with_interval(left)
-    mass_by_band(right)
+    first, second = figure.subplots(1, 2)
+    force_with_interval(first)
+    mass_by_band(second)
     return figure
 
 

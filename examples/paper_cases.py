@@ -397,19 +397,19 @@ def model_agreement(first: Any, second: Any, X: Any) -> pd.DataFrame:
     ``mass`` above the storey, ``k`` and ``c`` of the linear terms (NaN for a storey
     that the chain lacks), and the rms difference of the ``force``.
     """
-    one, two = as_model(first), as_model(second)
-    if one.n_dof != two.n_dof:
+    one_model, two = as_model(first), as_model(second)
+    if one_model.n_dof != two.n_dof:
         raise ChainError(
-            f"The models have {one.n_dof} and {two.n_dof} DOFs",
+            f"The models have {one_model.n_dof} and {two.n_dof} DOFs",
             "Compare models of one structure.",
         )
-    first_force, second_force = one.restoring_force(X), two.restoring_force(X)
-    first_terms, second_terms = _linear_terms(one), _linear_terms(two)
+    first_force, second_force = one_model.restoring_force(X), two.restoring_force(X)
+    first_terms, second_terms = _linear_terms(one_model), _linear_terms(two)
     rows = {}
-    for i in range(one.n_dof):
+    for i in range(one_model.n_dof):
         name = f"storey {i + 1}"
         change = second_terms.loc[name] / first_terms.loc[name]
-        mass = two.masses[i] / one.masses[i]
+        mass = two.masses[i] / one_model.masses[i]
         rows[name] = {
             "mass": 100.0 * (mass - 1.0),
             "k": 100.0 * (change["k"] - 1.0),

@@ -630,9 +630,9 @@ class CoefficientsDisplay(Display):
 def _shares_of_terms(columns: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """Coefficients times the rms of their terms, and the rms of the rest, N."""
     scaled = columns / np.sqrt(np.mean(columns**2, axis=0))
-    found = np.linalg.lstsq(scaled, forces, rcond=None)[0]
-    rest = np.sqrt(np.mean((forces - scaled @ found) ** 2, axis=0))
-    return np.vstack([found, rest])
+    solution = np.linalg.lstsq(scaled, forces, rcond=None)[0]
+    rest = np.sqrt(np.mean((forces - scaled @ solution) ** 2, axis=0))
+    return np.vstack([solution, rest])
 
 
 def _typeset(term: str) -> str:

@@ -98,8 +98,8 @@ def off_plane(data: Dataset, forces: list[np.ndarray]) -> OffPlane:
     for i in range(R.shape[1]):
         plane = np.column_stack([v[:, i], s[:, i]])
         plane = plane / (np.sqrt((plane**2).mean(axis=0)) + np.finfo(float).tiny)
-        found = np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
-        rest[:, i] = R[:, i] - plane @ found
+        solution = np.linalg.lstsq(plane, R[:, i], rcond=None)[0]
+        rest[:, i] = R[:, i] - plane @ solution
     return OffPlane(np.sqrt(np.mean(rest**2, axis=0)), np.sqrt(np.mean(R**2, axis=0)))
 
 
@@ -207,14 +207,14 @@ def locate_nonlinearity(
     first = planarity(estimator, X, F, **options_of_index)
     last = first
     model = estimator.model_
-    found: list[str] = []
-    while not last.drop(index=found)["planar"].all():
-        others = last.drop(index=found)
+    lines: list[str] = []
+    while not last.drop(index=lines)["planar"].all():
+        others = last.drop(index=lines)
         worst = str(others.loc[~others["planar"], "index"].idxmax())
-        found.append(worst)
+        lines.append(worst)
         estimator = with_dahl_law(estimator, model, worst).fit(X, F, **options)
         last = planarity(estimator, X, F, **options_of_index)
-    return Location(found, first, last, estimator)
+    return Location(lines, first, last, estimator)
 
 
 def with_dahl_law(estimator: Any, model: Any, storey: str) -> Any:

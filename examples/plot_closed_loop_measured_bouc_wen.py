@@ -33,14 +33,14 @@ print(f"{report}\n{report.table.round(2).to_string()}")
 
 X, F = record.to_features()
 filter = ZeroPhaseFilter(report.band, record.fs)
-part = slice(3000, 3500)
+stretch = slice(3000, 3500)
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
     measured = filter.apply(F["F1"].to_numpy() - model.masses[0] * X["a1"].to_numpy())
     force = filter.apply(model.restoring_force(X)[:, 0])
-    HysteresisLoopDisplay(X["s1"].to_numpy()[part], force[part], measured[part]).plot(
-        ax
-    )
+    HysteresisLoopDisplay(
+        X["s1"].to_numpy()[stretch], force[stretch], measured[stretch]
+    ).plot(ax)
     ax.set_title(when)
 BeforeAfterDisplay.from_report(report).plot(axes[2])
 figure.savefig(folder / "closed_loop_measured_bouc_wen.png", dpi=150)

@@ -25,15 +25,15 @@ if "PYSINDY_NRF_DATA" not in os.environ:
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "nrf_output")
 folder.mkdir(parents=True, exist_ok=True)
 
-whole = measured_sets.load_dry_friction_storey()
+measured = measured_sets.load_dry_friction_storey()
 # the lasers give 500 Hz, logged at 2000 Hz by repetition; their stand-off is taken off
-x, xg = whole.displacement[::4], whole.base_displacement[::4]
+x, xg = measured.displacement[::4], measured.base_displacement[::4]
 record = Record(
     displacement=x - x.mean(axis=0),
     base_displacement=xg - xg.mean(),
     fs=500.0,
     coordinates="absolute",
-    name=whole.name,
+    name=measured.name,
 )
 report = close_loop(record, NRFRegressor(degree=1, known_masses={1: 1.0}))
 print(f"{report}\n{report.table.round(2).to_string()}")

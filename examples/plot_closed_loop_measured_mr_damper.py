@@ -33,11 +33,11 @@ X, F = record.to_features()
 filter = ZeroPhaseFilter((None, 60.0), record.fs)
 measured = filter.apply(F["F1"].to_numpy())
 figure, axes = plt.subplots(1, 3, figsize=(14, 4.5), layout="constrained")
-part = slice(30000, 33000)  # one second
+stretch = slice(30000, 33000)  # one second
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
     force = filter.apply(model.predict(X, covariates=record.covariates)[:, 0])
-    ax.plot(record.time[part], measured[part], "k", linewidth=1, label="measured")
-    ax.plot(record.time[part], force[part], linewidth=1, label="model")
+    ax.plot(record.time[stretch], measured[stretch], "k", linewidth=1, label="measured")
+    ax.plot(record.time[stretch], force[stretch], linewidth=1, label="model")
     ax.set(xlabel="time (s)", ylabel="damper force (N)", title=when)
     ax.legend(frameon=False)
 BeforeAfterDisplay.from_report(report).plot(axes[2])

@@ -49,10 +49,10 @@ X, F = record.to_features(KinematicSmoother(band=(None, 8.0)))
 for ax, model, when in zip(axes, (report.models[0], report.model), ("before", "after")):
     HysteresisLoopDisplay.from_estimator(model, X, F, "storey 1").plot(ax)
     ax.set_title(f"{runs[-1]}, {when}")
-at = np.arange(len(runs))
+positions = np.arange(len(runs))
 for k, name in enumerate(("spring and dashpot", "cubic series", "found by the loop")):
-    axes[2].bar(at + 0.27 * (k - 1), [row[k] for row in rows], 0.27, label=name)
-axes[2].set_xticks(at, runs, rotation=45, ha="right")
+    axes[2].bar(positions + 0.27 * (k - 1), [row[k] for row in rows], 0.27, label=name)
+axes[2].set_xticks(positions, runs, rotation=45, ha="right")
 axes[2].set_ylabel("held-out error (% NRMSE)")
 axes[2].legend(frameon=False)
 figure.savefig(folder / "closed_loop_measured_mr_damper_cyclic.png", dpi=150)

@@ -38,7 +38,7 @@ X, _ = record.to_features()
 filter = ZeroPhaseFilter((0.2, 10.0), record.fs)
 inertia = filter.apply(-np.cumsum(X[["a3", "a2", "a1"]].to_numpy(), axis=1)[:, ::-1])
 drift = filter.apply(X[["s1", "s2", "s3"]].to_numpy())
-part = slice(len(X) // 25, len(X) // 2)
+stretch = slice(len(X) // 25, len(X) // 2)
 figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
 for row, model, when in zip(
     axes, (reports[name].models[0], reports[name].model), ("before", "after")
@@ -48,7 +48,7 @@ for row, model, when in zip(
     )
     for ax, i in zip(row, range(3)):
         HysteresisLoopDisplay(
-            drift[part, i], force[part, i], inertia[part, i], f"storey {i + 1}"
+            drift[stretch, i], force[stretch, i], inertia[stretch, i], f"storey {i + 1}"
         ).plot(ax)
         ax.set_title(f"strong shaking, storey {i + 1}, {when}")
         ax.set_ylabel(f"$R_{i + 1}$ for floors of 1 kg (N)")

@@ -145,16 +145,16 @@ print(ours.model_)
 print(f"k2/m1 = {6e4 / 10:.0f}, k2/m2 = {6e4 / 8:.0f} 1/s^2 in truth")
 
 # %%
-# The third case on one ruler
-# ---------------------------
+# The third case by one measure
+# -----------------------------
 # Each model's storey forces are taken apart into the terms of their own storey, all
 # fitted to the first 70 % of the noisy record. SINDy is handed the true masses, which
 # it cannot find; with them the forces of its normalised and hand-steered models are
 # even a little better than ours. What it lacks is the masses where no force acts, and
 # with them newtons.
 optimizers = {"STLSQ, threshold 0.01": STLSQ}
-found = compare_with_sindy(record, truth=truth, optimizers=optimizers, free_run=2)
+comparison = compare_with_sindy(record, truth=truth, optimizers=optimizers, free_run=2)
 columns = ["terms", "precision", "recall", "mass_error", "restoring_force_error"]
-print(found[columns].round(2).to_string())
-display = CoefficientsDisplay.from_comparison(found, record).plot()
+print(comparison[columns].round(2).to_string())
+display = CoefficientsDisplay.from_comparison(comparison, record).plot()
 display.figure_.savefig(folder / "coming_from_pysindy.png", dpi=150)

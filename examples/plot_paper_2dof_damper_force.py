@@ -43,7 +43,7 @@ for (excitation, noise), (number, paper), ax in zip(
     case = cases.two_dof(excitation, noise)
     X, F = case.measured.to_features(smooth=noise > 0)
     model = NRFRegressor(degree=3, strategy=cases.paper_strategy(X, F)).fit(X, F)
-    found = damper_force(model, case.bare, X)
+    identified_force = damper_force(model, case.bare, X)
 
     # The damper force over drift and rate, the last two seconds; storey 2 has no
     # damper.
@@ -57,7 +57,7 @@ for (excitation, noise), (number, paper), ax in zip(
             model, case.bare, X.iloc[last], 1, truth, over
         )
         display.plot(panel)
-    largest = found["storey 2"].iloc[last].abs().max()
+    largest = identified_force["storey 2"].iloc[last].abs().max()
     figure.suptitle(
         f"{case.name}: damper force in storey 1 (found in storey 2: at most"
         f" {largest:.2g} N)"
@@ -70,7 +70,7 @@ for (excitation, noise), (number, paper), ax in zip(
     printed = published.force(paper.storeys[1], v, s) - bare
     energy = {
         "true": cases.path_energy(case.damper[:, 0], case.exact.displacement[:, 0]),
-        "identified": cases.path_energy(found["storey 1"], s),
+        "identified": cases.path_energy(identified_force["storey 1"], s),
         f"paper's polynomial {paper.equations}": cases.path_energy(printed, s),
     }
     EnergyDisplay(X.index, energy).plot(ax)

@@ -72,15 +72,15 @@ figure.savefig(folder / "paper_cubic_limit.png", dpi=150)
 # The loops of storey 4: what the cubic makes of them, and the law that remembers.
 case = cases.four_storey(cases.INCOMPLETE_FRAME, 70.0, level=1000.0)
 X, F = case.exact.to_features(smooth=False)
-part = slice(4096)
+shown = slice(4096)
 candidates = {
     "cubic": NRFRegressor(degree=3),
     "with Dahl law": NRFRegressor(degree=1, laws=HYSTERETIC),
 }
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), sharey=True, layout="constrained")
 for ax, (title, model) in zip(axes, candidates.items()):
-    found = model.fit(X, F).restoring_force(X)[part, 3]
-    drift = X["s4"].iloc[part]
-    HysteresisLoopDisplay(drift, found, case.force[part, 3], "storey 4").plot(ax)
+    force = model.fit(X, F).restoring_force(X)[shown, 3]
+    drift = X["s4"].iloc[shown]
+    HysteresisLoopDisplay(drift, force, case.force[shown, 3], "storey 4").plot(ax)
     ax.set_title(title)
 figure.savefig(folder / "paper_cubic_limit_loops.png", dpi=150)

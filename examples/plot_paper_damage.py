@@ -113,8 +113,8 @@ figure.savefig(folder / "paper_damage_energy_index.png", dpi=150)
 # %%
 # The free run of the model found before the damage, against the test after it: it no
 # longer fits.
-found = NRFRegressor(degree=1).fit(*before.measured.to_features())
+sound = NRFRegressor(degree=1).fit(*before.measured.to_features())
 for name, test in {"before": before, "after": after}.items():
-    display = FreeRunDisplay.from_estimator(found, test.exact.window(0, 6)).plot()
+    display = FreeRunDisplay.from_estimator(sound, test.exact.window(0, 6)).plot()
     print(f"free-run errors {name}: {display.error.round(2)} %")
     display.figure_.savefig(folder / f"paper_damage_free_run_{name}.png", dpi=150)

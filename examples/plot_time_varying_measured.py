@@ -39,8 +39,8 @@ def stiffness_of(record: Record, changes: bool) -> pd.DataFrame:
     rows = intervals[intervals.index.str.endswith(": s")]
     table = rows.assign(test=record.name, error=model.errors_["error"]["pooled"])
     if changes:
-        said = model.time_variation_.changes
-        stiffness = said[said["term"] == "s"]
+        table_of_changes = model.time_variation_.changes
+        stiffness = table_of_changes[table_of_changes["term"] == "s"]
         table["within the test"] = stiffness["kind"].to_numpy()
     return table
 

@@ -69,7 +69,10 @@ t = np.arange(len(x)) * dt
 library = InterstoryPolynomialLibrary(3, inputs="state")
 optimizer = StateSpaceChainOptimizer(terms=library)
 plain = ps.SINDy(optimizer, library).fit(state, t=dt, u=F)
-found = {"truth": truth.masses, "SINDy's differences": plain.optimizer.masses_}
+masses_by_method = {
+    "truth": truth.masses,
+    "SINDy's differences": plain.optimizer.masses_,
+}
 
 # the windows are placed by NumPy's global state
 np.random.seed(0)
@@ -77,19 +80,19 @@ weak = ps.WeakPDELibrary(
     function_library=library, spatiotemporal_grid=t, K=500, H_xt=[0.04]
 )
 model = ps.SINDy(optimizer, weak).fit(state, t=dt, u=F)
-found["weak form"] = model.optimizer.masses_
+masses_by_method["weak form"] = model.optimizer.masses_
 
 record = Record(force=F, velocity=v, displacement=x, fs=1 / dt)
 regressor = NRFRegressor(degree=3, estimation="iv").fit(record)
-found["instrumental variables"] = regressor.masses_
-for name, masses in found.items():
+masses_by_method["instrumental variables"] = regressor.masses_
+for name, masses in masses_by_method.items():
     worst = 100 * np.abs(masses / truth.masses - 1).max()
     columns = "".join(f"{m:9.3f}" for m in masses)
     print(f"{name:24s}{columns}   worst {worst:5.2f} %")
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.9), layout="constrained")
-for k, (name, masses) in enumerate(found.items()):
+for k, (name, masses) in enumerate(masses_by_method.items()):
     axes.bar(np.arange(3) + 0.2 * k - 0.3, masses, 0.18, label=name)
 axes.set_xticks(range(3), ["DOF 1", "DOF 2", "DOF 3"])
 axes.set_ylabel("mass (kg)")

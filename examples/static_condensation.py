@@ -114,10 +114,10 @@ def refuse_forces(record: Record, missing: list[int]) -> None:
 def warn_of_meaning(condensed: Condensed, name: str, missing: list[int]) -> None:
     """Warn of the masses and storeys that are not those of the structure."""
     changed = []
-    for part, text in condensed.meaning.items():
+    for symbol, text in condensed.meaning.items():
         is_a_storey = text.startswith("storey ")
         if not is_a_storey:
-            changed.append(f"{part} = {text}")
+            changed.append(f"{symbol} = {text}")
     floors = ", ".join(map(str, missing))
     warnings.warn(
         f"Record {name!r}: floor {floors} has no sensor and is left out. In the"

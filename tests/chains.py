@@ -164,17 +164,21 @@ def duffing(
     n_samples: int = 3000,
     dt: float = 1e-3,
     cubic: bool = True,
-    given=None,
+    parameters_of_chain=None,
     substeps: int = 1,
     **drive,
 ) -> Case:
     """One chain, forced by band-limited noise on some DOFs, or shaken at its base.
 
-    ``given`` are its m, c, k and k3; random ones if None. ``drive`` are ag and extra of
-    :func:`integrate`.
+    ``parameters_of_chain`` are its m, c, k and k3; random ones if None. ``drive`` are
+    ag and extra of :func:`integrate`.
     """
     rng = np.random.default_rng(seed)
-    m, c, k, k3 = parameters(n, rng, cubic) if given is None else given
+    m, c, k, k3 = (
+        parameters(n, rng, cubic)
+        if parameters_of_chain is None
+        else parameters_of_chain
+    )
     F = np.zeros((n_samples, n))
     for j in forced:
         F[:, j - 1] = band_limited(n_samples, dt, rng)
@@ -281,11 +285,11 @@ def paper_case(
 # -- comparisons ---------------------------------------------------------------
 
 
-def worst(found, truth) -> float:
+def worst(values, truth) -> float:
     """Largest relative error."""
-    found = np.asarray(found, dtype=float)
+    values = np.asarray(values, dtype=float)
     truth = np.asarray(truth, dtype=float)
-    return float(np.max(np.abs(found / truth - 1.0)))
+    return float(np.max(np.abs(values / truth - 1.0)))
 
 
 def same(model, reference, tolerance: float = 1e-12) -> None:
@@ -293,9 +297,9 @@ def same(model, reference, tolerance: float = 1e-12) -> None:
     assert worst(model.masses_, reference.masses_) < tolerance
     for site, law in reference.restoring_forces_.items():
         scale = np.abs(law.coefficients).max()
-        found = model.restoring_forces_[site].coefficients / scale
+        coefficients = model.restoring_forces_[site].coefficients / scale
         expected = law.coefficients / scale
-        assert np.allclose(found, expected, atol=10 * tolerance, rtol=tolerance)
+        assert np.allclose(coefficients, expected, atol=10 * tolerance, rtol=tolerance)
     # what squares leave of round-off, percent
     errors = model.errors_["error"]
     assert np.allclose(errors, reference.errors_["error"], rtol=1e-8, atol=1e-4)

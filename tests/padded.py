@@ -66,13 +66,13 @@ class PaddedRegressor(NRFRegressor):
         self.n_features_in_ = width
         return self
 
-    def dataset(self, X, y=None, **given):
+    def dataset(self, X, y=None, **beside):
         check_is_fitted(self)
         n_dof = self.model_.n_dof
         X = padded(checked(self, X, reset=False), 3, 3 * n_dof)
         if y is not None:
             y = with_copies(y, len(y), n_dof)
-        return super().dataset(X, y, **given)
+        return super().dataset(X, y, **beside)
 
     def predict(self, X):
         predicted = super().predict(X)

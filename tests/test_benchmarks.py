@@ -147,8 +147,8 @@ def worst_mass_error(printed: str, method: str) -> float:
 
 def test_instruments_recover_masses_that_raw_channels_lose(capsys):
     options = "--seconds 4 --seeds 1 --repetitions 2 --jobs 1 --only".split()
-    for part in ("hammer", "intervals", "frequency response"):
-        noise.main([*options, part])
+    for title in ("hammer", "intervals", "frequency response"):
+        noise.main([*options, title])
     printed = capsys.readouterr().out
     assert worst_mass_error(printed, "ls, raw channels") > 20
     assert worst_mass_error(printed, "iv") < 3
@@ -200,12 +200,14 @@ def test_the_battery_counts_only_confirmed_claims():
             "names right": [1, 0, 0],
             "sure": [1, 0, 0],
             "sure right": [1, 0, 0],
+            "false": [0, 1, 0],
         }
     )
-    right, sure, unconfirmed = discrepancy_battery.certainty(table)
+    right, sure, unconfirmed, false = discrepancy_battery.certainty(table)
     assert "100.0 % of 1" in right
     assert "100.0 % of 1" in sure
     assert unconfirmed.endswith("1 of 3")
+    assert false.endswith("1 of 2 (in 1 of 3 cases)")
 
 
 def test_the_battery_draws_the_groups_that_are_asked_for():
@@ -214,8 +216,8 @@ def test_the_battery_draws_the_groups_that_are_asked_for():
     assert three["noise"] == 0.01
 
     alone = discrepancy_battery.specifications("acceleration", 2, 1)[1]
-    case = make_case(**alone, n_samples=2048, most=3)
-    assert set(case.seen[0]) == {"fs", "acceleration", "force"}
+    case = make_case(**alone, n_samples=2048, largest=3)
+    assert set(case.searched[0]) == {"fs", "acceleration", "force"}
     assert len(case.forced) == 1
     assert case.noise == 0.005
 

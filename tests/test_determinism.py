@@ -124,13 +124,13 @@ def test_the_same_input_gives_the_same_bits_in_another_process():
 
 @pytest.mark.slow
 def test_four_threads_of_blas_change_the_last_digits_alone():
-    one = answer(1)
+    first = answer(1)
     four = answer(4)
     for name in four:
         # coefficients are ten orders apart
-        scale = 0.0 if name == "coefficients" else np.abs(one[name]).max()
+        scale = 0.0 if name == "coefficients" else np.abs(first[name]).max()
         np.testing.assert_allclose(
-            four[name], one[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name
+            four[name], first[name], rtol=1e-10, atol=1e-10 * scale, err_msg=name
         )
 
 

@@ -69,8 +69,10 @@ def test_a_file_in_mm_and_g_to_a_page(tmp_path, monkeypatch, capsys):
     Path("tower.toml").write_text(mapping, "utf-8")
 
     assert run(["inspect", "tower.csv"]) == 3  # which columns are there?
-    said = capsys.readouterr()
-    assert "SHAKER top" in said.out and "LVDT 3" in said.out and "--map" in said.err
+    output = capsys.readouterr()
+    assert (
+        "SHAKER top" in output.out and "LVDT 3" in output.out and "--map" in output.err
+    )
     commands = re.findall(
         r"^pysindy-nrf ((?:inspect|identify) --mapping tower\.toml)",
         README,
@@ -79,12 +81,12 @@ def test_a_file_in_mm_and_g_to_a_page(tmp_path, monkeypatch, capsys):
     assert len(commands) == 2 and len(README.splitlines()) < 130  # three screens
     for command in commands:
         assert run(command.split()) == 0
-    said = capsys.readouterr().out
-    assert "not used: Scan #, Temp" in said and "Take care" not in said
+    output = capsys.readouterr().out
+    assert "not used: Scan #, Temp" in output and "Take care" not in output
     model = ChainModel.from_json("nrf_output/model.json")
     np.testing.assert_allclose(model.masses, MASSES, rtol=0.02)
-    found = [model.restoring_forces[i].linear_part()["k"] for i in (1, 2, 3)]
-    np.testing.assert_allclose(found, STIFFNESSES, rtol=0.02)
+    stiffness = [model.restoring_forces[i].linear_part()["k"] for i in (1, 2, 3)]
+    np.testing.assert_allclose(stiffness, STIFFNESSES, rtol=0.02)
     page = Path("nrf_output/report.html").read_text("utf-8")
     assert "<h1" in page and page.count("Restoring-force surface of storey") >= 3
 

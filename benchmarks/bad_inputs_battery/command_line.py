@@ -132,12 +132,12 @@ def parameters() -> Iterator[Kind]:
 
 def channels() -> Iterator[Kind]:
     """Channels that are missing or have gaps."""
-    whole = frame()
-    holes = whole.copy()
+    table = frame()
+    holes = table.copy()
     holes.loc[500, "a2"] = np.nan
     gap = ("a2 .* is NaN in row 500", "Split")
-    without_force = csv(whole.drop(columns=["F1", "F2", "F3"]))
-    without_clock = csv(whole.drop(columns="t"))
+    without_force = csv(table.drop(columns=["F1", "F2", "F3"]))
+    without_clock = csv(table.drop(columns="t"))
 
     yield unusable("NaN in the middle", gap, "identify", csv(holes))
     yield unusable("the same in close-loop", gap, "close-loop", csv(holes))
@@ -199,9 +199,9 @@ def scaled(table: pd.DataFrame, kinds: str, factor: float) -> pd.DataFrame:
 
 def short_or_static_records() -> Iterator[Kind]:
     """Records of next to nothing."""
-    whole = frame()
-    at_rest = scaled(whole, "avx", 0.0)
-    moved = [column for column in whole if column[0] in "avx"]
+    table = frame()
+    at_rest = scaled(table, "avx", 0.0)
+    moved = [column for column in table if column[0] in "avx"]
     at_rest[moved] += 0.1
 
     yield unusable(
@@ -211,13 +211,13 @@ def short_or_static_records() -> Iterator[Kind]:
             "needed|Give|Export",
         ),
         "identify",
-        csv(whole.iloc[:1]),
+        csv(table.iloc[:1]),
     )
     yield unusable(
         "three samples",
         ("samples|short", "longer|needed|more"),
         "identify",
-        csv(whole.iloc[:3]),
+        csv(table.iloc[:3]),
     )
     yield unusable(
         "a static record",
@@ -229,19 +229,19 @@ def short_or_static_records() -> Iterator[Kind]:
         "every cell NaN",
         ("NaN|no motion|nothing", "measured|Leave|Give"),
         "identify",
-        csv(scaled(whole, "Favx", np.nan)),
+        csv(scaled(table, "Favx", np.nan)),
     )
     yield unusable(
         "a file too short to search",
         ("too short|samples", "longer"),
         "close-loop",
-        csv(whole.iloc[:50]),
+        csv(table.iloc[:50]),
     )
     yield unusable(
         "huge numbers",
         ("leaves the range of a double", "unit"),
         "identify",
-        csv(scaled(whole, "Favx", 1e200)),
+        csv(scaled(table, "Favx", 1e200)),
     )
 
 

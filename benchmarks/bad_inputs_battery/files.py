@@ -238,9 +238,9 @@ def record(path: Path, **options: Any) -> partial:
 
 def incomplete_records() -> Iterator[Kind]:
     """Files without a clock or a motion."""
-    whole = frame()
-    without_time = csv(whole.drop(columns="t"))
-    unknown_names = [f"q{i}" for i in range(whole.shape[1])]
+    table = frame()
+    without_time = csv(table.drop(columns="t"))
+    unknown_names = [f"q{i}" for i in range(table.shape[1])]
     no_motion = ("no column is known to be a motion", "mapping|--map")
 
     yield refused("no time", record(without_time), "has no time column", "--fs|fs=")
@@ -250,10 +250,10 @@ def incomplete_records() -> Iterator[Kind]:
         "fs='fast' is not a sampling rate",
         "Hz",
     )
-    yield refused("no motion", record(csv(whole[["t", "F2"]])), *no_motion)
+    yield refused("no motion", record(csv(table[["t", "F2"]])), *no_motion)
     yield refused(
         "columns of no known name",
-        record(csv(whole.set_axis(unknown_names, axis=1))),
+        record(csv(table.set_axis(unknown_names, axis=1))),
         *no_motion,
     )
     yield refused(

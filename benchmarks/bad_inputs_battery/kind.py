@@ -20,7 +20,7 @@ from pysindy_nrf.cli import group
 from pysindy_nrf.exceptions import MissingExtraError, NRFError, NRFWarning
 
 TYPED_ERRORS = (NRFError, MissingExtraError, NotFittedError)
-KEPT = ("caught", "warned", "right")
+GOOD_ANSWERS = ("caught", "warned", "right")
 BROKEN = ("silent", "bare", "changed", "wrong type", "wrong words", "wrong code")
 
 
@@ -72,9 +72,9 @@ class Outcome:
     message: str
 
     @property
-    def kept(self) -> bool:
+    def is_good(self) -> bool:
         """Whether the promise was kept."""
-        return self.got in KEPT
+        return self.got in GOOD_ANSWERS
 
 
 def refused(name: str, call: partial, *words: str) -> Kind:
@@ -84,14 +84,14 @@ def refused(name: str, call: partial, *words: str) -> Kind:
 
 def judge(kind: Kind) -> Outcome:
     """Do what the user would do and say what came of it."""
-    given = (kind.call.args, kind.call.keywords)
-    before = fingerprint(given)
+    arguments = (kind.call.args, kind.call.keywords)
+    before = fingerprint(arguments)
     if isinstance(kind.expected, int):
         got, message = judge_command(kind)
     else:
         got, message = judge_call(kind)
 
-    if fingerprint(given) != before:
+    if fingerprint(arguments) != before:
         got = "changed"
     return Outcome(kind, got, message)
 
@@ -174,30 +174,30 @@ def described(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def fingerprint(given: Any) -> str:
+def fingerprint(value: Any) -> str:
     """A digest of everything a user would miss if it changed."""
-    return joblib.hash(list(parts_of(given)))
+    return joblib.hash(list(parts_of(value)))
 
 
-def parts_of(given: Any) -> Iterator[Any]:
+def parts_of(value: Any) -> Iterator[Any]:
     """Values one by one, with what files contain, and masks and locks of arrays."""
-    if isinstance(given, dict):
-        yield list(given)
-        given = list(given.values())
+    if isinstance(value, dict):
+        yield list(value)
+        value = list(value.values())
 
-    if isinstance(given, (list, tuple)):
-        for item in given:
+    if isinstance(value, (list, tuple)):
+        for item in value:
             yield from parts_of(item)
-    elif isinstance(given, Path) and given.is_file():
-        yield given.read_bytes()
-    elif isinstance(given, np.ma.MaskedArray):
-        yield given.data
-        yield np.ma.getmaskarray(given)
-    elif isinstance(given, pd.DataFrame):
-        yield from (given.attrs, list(given), given.index)
-        for column in range(given.shape[1]):
-            yield given.iloc[:, column].to_numpy()
+    elif isinstance(value, Path) and value.is_file():
+        yield value.read_bytes()
+    elif isinstance(value, np.ma.MaskedArray):
+        yield value.data
+        yield np.ma.getmaskarray(value)
+    elif isinstance(value, pd.DataFrame):
+        yield from (value.attrs, list(value), value.index)
+        for column in range(value.shape[1]):
+            yield value.iloc[:, column].to_numpy()
     else:
-        yield given
-        if isinstance(given, np.ndarray):
-            yield given.flags.writeable
+        yield value
+        if isinstance(value, np.ndarray):
+            yield value.flags.writeable

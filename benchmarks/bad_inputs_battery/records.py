@@ -42,14 +42,14 @@ def from_table(frame: Any) -> partial:
     return partial(Record.from_frame, frame, fs=1e3)
 
 
-def features_of(given: dict[str, Any]) -> Any:
+def features_of(arrays: dict[str, Any]) -> Any:
     """Features of a record with these channels."""
-    return Record(**given).to_features()
+    return Record(**arrays).to_features()
 
 
-def with_warnings(given: dict[str, Any]) -> Any:
+def with_warnings(arrays: dict[str, Any]) -> Any:
     """Checks of a record's channels, which warn."""
-    return check_channels(Record(**given), warn=True)
+    return check_channels(Record(**arrays), warn=True)
 
 
 # -- what is refused -----------------------------------------------------------
@@ -339,10 +339,10 @@ def parts_and_features() -> Iterator[Kind]:
 
 def spoilt(channel: str, dof: int, change: Callable) -> dict[str, Any]:
     """Channels of which one is not what a good converter gives."""
-    given = channels(NOISE, LONG)
-    column = given[channel][:, dof - 1]
-    given[channel][:, dof - 1] = change(column)
-    return given
+    arrays = channels(NOISE, LONG)
+    column = arrays[channel][:, dof - 1]
+    arrays[channel][:, dof - 1] = change(column)
+    return arrays
 
 
 def clipped(y: np.ndarray) -> np.ndarray:
@@ -370,17 +370,17 @@ def with_spike(y: np.ndarray) -> np.ndarray:
 
 def copied() -> dict[str, Any]:
     """Channels of which one has the values of another."""
-    given = channels(NOISE, LONG)
-    given["acceleration"][:, 2] = given["acceleration"][:, 0]
-    return given
+    arrays = channels(NOISE, LONG)
+    arrays["acceleration"][:, 2] = arrays["acceleration"][:, 0]
+    return arrays
 
 
 def poor_channels(act: Callable) -> Iterator[Kind]:
     """Channels that look wrong, when asked for or on the way to the features."""
 
-    def warned(name: str, given: dict[str, Any], *words: str) -> Kind:
+    def warned(name: str, arrays: dict[str, Any], *words: str) -> Kind:
         way = "" if act is with_warnings else ", found on the way to the features"
-        return Kind(name + way, partial(act, given), DataQualityWarning, words)
+        return Kind(name + way, partial(act, arrays), DataQualityWarning, words)
 
     yield warned(
         "clipped channel",
@@ -418,8 +418,8 @@ def poor_channels(act: Callable) -> Iterator[Kind]:
 
 def contradictions() -> Iterator[Kind]:
     """Channels that contradict each other, found on the way to the features."""
-    given = channels(NOISE, LONG)
-    a, x = given["acceleration"], given["displacement"]
+    arrays = channels(NOISE, LONG)
+    a, x = arrays["acceleration"], arrays["displacement"]
     late = np.column_stack([np.roll(a[:, 0], 2), a[:, 1:]])
 
     def warned(name: str, changes: dict[str, Any], *words: str) -> Kind:
@@ -479,11 +479,11 @@ def contradictions() -> Iterator[Kind]:
 # -- what passes ---------------------------------------------------------------
 
 
-def without_warning(given: dict[str, Any]) -> bool:
+def without_warning(arrays: dict[str, Any]) -> bool:
     """Whether good channels pass without a word."""
     with warnings.catch_warnings(record=True) as raised:
         warnings.simplefilter("always")
-        features_of(given)
+        features_of(arrays)
     return not raised
 
 

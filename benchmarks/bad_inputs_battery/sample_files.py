@@ -123,6 +123,6 @@ def flipped(path: Path, position: float, n_bytes: int = 64) -> Path:
     """A file with some bytes overwritten, from a share of its length on."""
     raw = bytearray(path.read_bytes())
     start = int(len(raw) * position)
-    part = slice(start, start + n_bytes)
-    raw[part] = bytes(255 - byte for byte in raw[part])
+    chunk = slice(start, start + n_bytes)
+    raw[chunk] = bytes(255 - byte for byte in raw[chunk])
     return written(path.name, bytes(raw))

@@ -144,7 +144,7 @@ class Plan:
         Of the storeys: 1 linear, 3 with a cubic spring that is part of the declared
         model.
     n_samples : int
-    most : int
+    largest : int
         Masses at most.
     excitation : str, optional
     accelerations_only : bool
@@ -163,14 +163,14 @@ class Plan:
     base: bool = False
     degree: int = 1
     n_samples: int = N_SAMPLES
-    most: int = 6
+    largest: int = 6
     excitation: str | None = None
     accelerations_only: bool = False
     sensors: str = ""
     every: bool = False
 
     @property
-    def least(self) -> int:
+    def smallest(self) -> int:
         """Masses at least."""
         if self.every:
             return 4
@@ -185,7 +185,7 @@ class Plan:
 class Case:
     """One case of the battery.
 
-    ``seen`` and ``unseen`` are what the loop gets: channels as dictionaries.
+    ``searched`` and ``unseen`` are what the loop gets: channels as dictionaries.
     """
 
     name: str
@@ -198,7 +198,7 @@ class Case:
     structure: Structure
     effects: list[Effect]
     runs: list[Run]
-    seen: list[dict]
+    searched: list[dict]
     unseen: list[dict]
     sensors: str = ""
 
@@ -576,18 +576,18 @@ def calibrate(
         run = simulated(structure, effects, loads, fs)
         if not run.is_finite or np.abs(run.x).max() > 50 * np.abs(plain.x).max():
             return None
-        found = shares(structure, effects, run)
-        if close_enough(found, np.asarray(targets)):
-            sized = zip(effects, found.tolist())
+        shares_of_effects = shares(structure, effects, run)
+        if close_enough(shares_of_effects, np.asarray(targets)):
+            sized = zip(effects, shares_of_effects.tolist())
             return [replace(effect, share=share) for effect, share in sized], run
-        guesses = [corrected(*pair, run) for pair in zip(guesses, found)]
+        guesses = [corrected(*pair, run) for pair in zip(guesses, shares_of_effects)]
     return None
 
 
-def close_enough(found: np.ndarray, targets: np.ndarray) -> bool:
+def close_enough(shares_of_effects: np.ndarray, targets: np.ndarray) -> bool:
     """Whether all shares are about the wanted ones, and within the bounds."""
-    near = (0.85 * targets <= found) & (found <= 1.15 * targets)
-    inside = (SHARE[0] <= found) & (found <= SHARE[1])
+    near = (0.85 * targets <= shares_of_effects) & (shares_of_effects <= 1.15 * targets)
+    inside = (SHARE[0] <= shares_of_effects) & (shares_of_effects <= SHARE[1])
     return bool(np.all(near & inside))
 
 
@@ -618,7 +618,7 @@ def make_case(
 
 def draw_case(rng, plan: Plan) -> Case | None:
     """A chain with its effects and two tests; None if they do not go together."""
-    n = int(rng.integers(plan.least, plan.most + 1))
+    n = int(rng.integers(plan.smallest, plan.largest + 1))
     structure, f = draw_structure(rng, n)
     fs = float(np.round(f[-1] * rng.uniform(16, 28), 1))
     how = plan.excitation or draw_excitation(rng, plan.base)
@@ -634,16 +634,16 @@ def draw_case(rng, plan: Plan) -> Case | None:
         return None
     bounds = np.log([1.05 * SHARE[0], 0.9 * SHARE[1]])
     targets = np.exp(rng.uniform(*bounds, len(kinds)))
-    found = calibrate(rng, structure, kinds, places, loads, fs, f, targets)
-    if found is None:
+    calibrated = calibrate(rng, structure, kinds, places, loads, fs, f, targets)
+    if calibrated is None:
         return None
 
-    effects, run = found
+    effects, run = calibrated
     again = unscaled_loads(rng, structure, f, fs, how, forced, plan.n_samples)
     other = simulated(structure, effects, like(again, loads), fs)
     if not other.is_finite:
         return None
-    seen, unseen = measured(rng, plan, [run, other], forced)
+    searched, unseen = measured(rng, plan, [run, other], forced)
     return Case(
         plan.name,
         plan.group,
@@ -655,7 +655,7 @@ def draw_case(rng, plan: Plan) -> Case | None:
         structure,
         effects,
         [run, other],
-        [seen],
+        [searched],
         [unseen],
         plan.sensors,
     )
@@ -702,8 +702,8 @@ def measured(rng, plan: Plan, runs: list[Run], forced: tuple[int, ...]) -> list[
     """Channels of all tests, by one installation of sensors."""
     tests = [channels(rng, run, plan.noise, forced) for run in runs]
     if plan.accelerations_only:
-        kept = ("fs", "acceleration", "force")
-        tests = [{key: test[key] for key in kept} for test in tests]
+        channels_used = ("fs", "acceleration", "force")
+        tests = [{key: test[key] for key in channels_used} for test in tests]
     if plan.sensors:
         seed = [plan.seed, 7]
         tests = [imperfect(np.random.default_rng(seed), y, plan.sensors) for y in tests]

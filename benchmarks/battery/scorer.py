@@ -56,6 +56,8 @@ CLASS = {
     "forcing": "outside force",
     "link": "tie",
 }
+# The group "ordinary" has Rayleigh damping: these ties to the ground are there.
+DASHPOTS = ("link_spring_dashpot", "power_law_damping", "ground_dashpot")
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
 ONE_CLASS = {"friction", "hysteresis"}
 # A second test would not show these from the same start: the loop holds out the end of
@@ -70,10 +72,10 @@ ELIGIBLE = 2.0
 
 def records(case: Case) -> tuple[list[Record], list[Record] | None]:
     """Records to search, and records to hold out."""
-    seen = named_records("test", case.seen)
+    searched = named_records("test", case.searched)
     if any(effect.kind in IN_TIME for effect in case.effects):
-        return seen, None
-    return seen, named_records("held-out test", case.unseen)
+        return searched, None
+    return searched, named_records("held-out test", case.unseen)
 
 
 def named_records(name: str, tests: list[dict]) -> list[Record]:
@@ -191,19 +193,19 @@ SAME_LAWS: dict[str, dict[str, dict[str, Callable[[np.ndarray], float]]]] = {
 
 def parameter_errors(effect: Effect, step: Any) -> list[float]:
     """Relative errors of the parameters that the two formulas share."""
-    found = dict(step.parameters)
-    if "A" in found and "B" in found:
-        found["amplitude"] = float(np.hypot(found["A"], found["B"]))
+    parameters = dict(step.parameters)
+    if "A" in parameters and "B" in parameters:
+        parameters["amplitude"] = float(np.hypot(parameters["A"], parameters["B"]))
 
     errors = []
     for name, value_of in SAME_LAWS[effect.kind].get(step.law, {}).items():
         true = value_of(effect.par)
-        if name not in found:
+        if name not in parameters:
             continue
         if name == "gap":  # of either side
-            errors.append(abs(abs(found[name]) - abs(true)) / abs(true))
+            errors.append(abs(abs(parameters[name]) - abs(true)) / abs(true))
         else:
-            errors.append(abs(found[name] - true) / abs(true))
+            errors.append(abs(parameters[name] - true) / abs(true))
     return errors
 
 
@@ -235,11 +237,11 @@ def parts_of(effects: list[Effect], motion: Motion) -> list[np.ndarray]:
     for effect in effects:
         s, v = effect.between_ends(x), effect.between_ends(rate)
         force = effect.force(motion.t, s, v, motion.vg)
-        part = np.zeros_like(x)
-        part[:, effect.p - 1] += force
+        forces = np.zeros_like(x)
+        forces[:, effect.p - 1] += force
         if effect.q:
-            part[:, effect.q - 1] -= force
-        parts.append(part)
+            forces[:, effect.q - 1] -= force
+        parts.append(forces)
     return parts
 
 
@@ -285,18 +287,18 @@ def audibility(case: Case, ready: Any) -> list[float]:
     clean = simulated_motion(case)
     residual = true_residual(case.structure, case.effects, fused_motion(ready))
 
-    found = []
-    for part in parts_of(case.effects, clean):
+    matched = []
+    for true_effect in parts_of(case.effects, clean):
         lost = noise = 0.0
         for step in order.steps:
             rows = [dof - 1 for dof in step.dofs]
-            effect = part[:, rows].sum(axis=1)
+            effect = true_effect[:, rows].sum(axis=1)
             if effect.any():
                 columns = columns_of(step, clean, case.degree)
                 lost += np.mean(unexplained(effect, columns) ** 2)
                 noise += np.mean(residual[:, rows].sum(axis=1) ** 2)
-        found.append(float(np.sqrt(lost / noise)))
-    return found
+        matched.append(float(np.sqrt(lost / noise)))
+    return matched
 
 
 def columns_of(step: Any, motion: Motion, degree: int) -> np.ndarray:
@@ -335,20 +337,23 @@ def at_site(effect: Effect, step: Any) -> bool:
     return place(step.site) == place(effect.site)
 
 
-def of_family(effect: Effect, step: Any) -> bool:
-    """Whether a step holds the effect's family, itself or as a declared tie.
-
-    A general law names no family: its class must be right.
-    """
+def of_class(effect: Effect, step: Any) -> bool:
+    """Whether a step is of the effect's class, or of its family by a declared tie."""
     family = FAMILY[effect.kind]
-    if not step.carries:
-        return CLASS[family] == step.effect_class
+    if step.effect_class == class_of(effect):
+        return True
     return family in {step.family, *step.alternatives}
 
 
+def class_of(effect: Effect) -> str:
+    """The class of an effect: whatever joins no neighbours is a tie."""
+    is_link = not effect.on_dof and not effect.site.startswith("storey")
+    return "tie" if is_link else CLASS[FAMILY[effect.kind]]
+
+
 def names(effect: Effect, step: Any) -> bool:
-    """Whether a step is the effect, by site and family."""
-    return at_site(effect, step) and of_family(effect, step)
+    """Whether a step is the effect, by site and class."""
+    return at_site(effect, step) and of_class(effect, step)
 
 
 def names_any(case: Case, step: Any) -> bool:
@@ -366,6 +371,8 @@ def judge(case: Case, report: Any) -> dict:
     steps = [] if report is None else claims(report)
     if case.group in ("nothing", "sensors", "withheld"):
         return {"right": report is not None and not false_claims(case, steps)}
+    if not case.effects:
+        return {"right": not not_there(case, steps)}
     if len(case.effects) > 1:
         return judge_several(case.effects, steps)
     return judge_first(case.effects[0], steps)
@@ -378,6 +385,18 @@ def false_claims(case: Case, steps: list) -> list:
     if case.group == "withheld":
         return [step for step in steps if step.sure and not names_any(case, step)]
     return steps
+
+
+def not_there(case: Case, steps: list) -> list:
+    """Claims that are none of the case's effects."""
+    unnamed = [step for step in steps if not names_any(case, step)]
+    if case.group != "ordinary":
+        return unnamed
+    return [
+        step
+        for step in unnamed
+        if not (step.site.startswith("ground") and step.law in DASHPOTS)
+    ]
 
 
 def judge_several(effects: list[Effect], steps: list) -> dict:
@@ -397,13 +416,13 @@ def judge_first(effect: Effect, steps: list) -> dict:
     site = family = False
     errors: list[float] = []
     if steps:
-        site, family = at_site(effect, steps[0]), of_family(effect, steps[0])
+        site, family = at_site(effect, steps[0]), of_class(effect, steps[0])
     if site and family:
         errors = parameter_errors(effect, steps[0])
     return {
         "right": site and family,
         "right site": site,
-        "right family": family,
+        "right class": family,
         "parameter errors": errors,
     }
 
@@ -417,15 +436,15 @@ def run_case(case: Case) -> dict:
 
 
 def scored(case: Case) -> dict:
-    seen, unseen = records(case)
-    heard = audibility(case, prepare(seen, unseen))
+    searched, unseen = records(case)
+    heard = audibility(case, prepare(searched, unseen))
     row = described(case) | {
         "heard": min(heard, default=np.nan),
         "eligible": bool(heard) and min(heard) >= ELIGIBLE,
     }
     start, cpu = time.perf_counter(), time.process_time()
     try:
-        report = close_loop(seen, baseline(case), catalogue(case), heldout=unseen)
+        report = close_loop(searched, baseline(case), catalogue(case), heldout=unseen)
     except Exception as error:  # a crash is a failure of the case, shown in its row
         row["seconds"] = time.perf_counter() - start
         row["stopped"] = f"{type(error).__name__}: {error}"
@@ -471,6 +490,7 @@ def reported(case: Case, report: Any) -> dict:
     return {
         "steps": len(steps),
         "claims": len(claimed),
+        "false": len(not_there(case, claimed)),
         "names right": len(right),
         "sure": sum(step.sure for step in claimed),
         "sure right": sum(step.sure for step in right),
@@ -514,7 +534,7 @@ def first_step(steps: list) -> dict[str, float]:
 
 def ties(steps: list) -> str:
     """What would have explained the residual as well as the first step."""
-    tied = steps[0].tied if steps else []
+    tied = steps[0].rivals if steps else []
     return "; ".join(f"{law} at {site} {gain:.3g}" for law, site, gain in tied)
 
 

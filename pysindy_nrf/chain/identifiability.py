@@ -7,7 +7,7 @@ a law identified before (paper eqs. 4-5).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from typing import Protocol
@@ -143,22 +143,34 @@ def plan_solve_order(
 
     all_forced = len(forced) == chain.n_dof
     chosen = _chosen_strategy(strategy, all_forced, alone or chain.n_dof == 1)
-    steps = []
-    for dof in range(chain.n_dof, 0, -1):
-        unknown_mass = () if dof in masses else (dof,)
-        here = tuple(site for site in acting if site.incidence(dof))
-        steps.append(Step((dof,), unknown_mass, here, (), dof in forced))
-
     by_default = strategy == "auto" and all_forced and chain.n_dof > 1
+    each_alone = _each_alone(chain.n_dof, acting, forced, masses)
+
     if chosen == "sequential":
         plan = _SequentialPlan(chain.n_dof, acting, forced, no_force, masses)
         order = plan.order()
         if by_default and order.complete:
-            return replace(order, yields=True, apart=tuple(steps))
+            return replace(order, yields=True, apart=each_alone)
         return order
+
     scaled = forced if chosen == "joint" else forced | (masses - no_force)
     _require_scaled(scaled, chain.n_dof, chosen)
-    return SolveOrder(chosen, tuple(steps), yields=by_default and chosen == "joint")
+    return SolveOrder(chosen, each_alone, yields=by_default and chosen == "joint")
+
+
+def _each_alone(
+    n_dof: int,
+    acting: Sequence[Site],
+    forced: frozenset[int],
+    known_masses: frozenset[int],
+) -> tuple[Step, ...]:
+    """A step for each equation of motion by itself, from the top down."""
+    steps = []
+    for dof in range(n_dof, 0, -1):
+        unknown_mass = () if dof in known_masses else (dof,)
+        sites = tuple(site for site in acting if site.incidence(dof))
+        steps.append(Step((dof,), unknown_mass, sites, (), dof in forced))
+    return tuple(steps)
 
 
 def _chosen_strategy(strategy: str, all_forced: bool, alone: bool) -> str:

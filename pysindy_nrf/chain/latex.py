@@ -83,9 +83,9 @@ class Estimate(float):
         self = super().__new__(cls, value)
         half = 0.5 * (high - low)
         if half > 0:
-            largest = max(abs(low), abs(high), 1e-300)
-            # two digits of the half-width, in numbers of the size of the larger end
-            digits = np.floor(np.log10(largest)) - np.floor(np.log10(half)) + 2
+            # down to the second digit of the half-width
+            size = max(abs(value), half)
+            digits = np.floor(np.log10(size)) - np.floor(np.log10(half)) + 2
             self.form = f"#.{int(np.clip(digits, 2, 7))}g"
             self.faint = low < 0 < high
         return self

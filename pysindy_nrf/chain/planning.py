@@ -57,7 +57,7 @@ class PlanOptions(TypedDict, total=False):
     unknown: int | Iterable[int]
     known_masses: int | Iterable[int]
     model: ChainModel | None
-    most: int
+    max_floors: int
 
 
 def plan(
@@ -68,7 +68,7 @@ def plan(
     unknown: int | Iterable[int] = (),
     known_masses: int | Iterable[int] = (),
     model: ChainModel | None = None,
-    most: int = 2,
+    max_floors: int = 2,
 ) -> Plan:
     """Plan floors to hit and sensors to add so that masses and laws can be identified.
 
@@ -83,7 +83,7 @@ def plan(
     model : ChainModel, optional
         A first guess; floors are then ranked by how well its modes respond to a blow
         there.
-    most : int
+    max_floors : int
         Floors hit at most (in one record, or one after another).
 
     Returns
@@ -109,7 +109,7 @@ def plan(
 
     usable = [floor for floor in reachable if floor not in disturbed]
     rows = []
-    for n_hit in range(1, most + 1):
+    for n_hit in range(1, max_floors + 1):
         for floors in itertools.combinations(usable, n_hit):
             order = chain.identifiability(
                 floors,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
@@ -19,6 +19,7 @@ from .printing import table_text, verdict_data, verdict_text
 from .session import Session
 
 if TYPE_CHECKING:
+    from ..diagnosis.verdict import Verdict
     from ..drawing.figure import Figure, Table
     from ..identification.regressor import NRFRegressor
     from ..monitoring.change import ChangeReport
@@ -83,24 +84,24 @@ def forces(
     if len(records) != len(tests):
         raise click.UsageError("forces takes one record; name its FILE.")
     with session.listening():
-        found = _forces_along(options, records)
-        verdict = found.estimator.verdict()
+        forces = _forces_along(options, records)
+        verdict = forces.estimator.verdict()
 
-    table = _table_of_storeys(found.storeys, found.energy, found.device)
+    table = _table_of_storeys(forces.storeys, forces.energy, forces.device)
     session.conclude_headed("Verdict", verdict_text(verdict))
     session.conclude_headed("Forces of the storeys", table_text(table))
     session.drop_warnings(verdict.reasons)
-    found.estimator.model_.info.update(session.provenance())
+    forces.estimator.model_.info.update(session.provenance())
     with session.writing() as folder:
-        written = _write_forces(found, table, folder)
+        written = _write_forces(forces, table, folder)
         if options["figures"]:
-            written += _draw_forces(found, folder)
+            written += _draw_forces(forces, folder)
         if pages.available():
             page = folder / "forces.html"
             notes = session.warnings
-            pages.write_html(page, found.estimator, records[:1], notes=notes)
+            pages.write_html(page, forces.estimator, records[:1], notes=notes)
             written.append(page)
-    data = {"storeys": table, "masses_kg": found.estimator.masses_}
+    data = {"storeys": table, "masses_kg": forces.estimator.masses_}
     session.finish({"verdict": verdict_data(verdict), **data}, written)
     return code_of_verdict(verdict)
 
@@ -137,16 +138,16 @@ def _forces_along(options: ForcesOptions, records: Sequence[Record]) -> _Forces:
     return _Forces(estimator, data, storeys, energy, device)
 
 
-def _write_forces(found: _Forces, table: pd.DataFrame, folder: Path) -> list[Path]:
+def _write_forces(forces: _Forces, table: pd.DataFrame, folder: Path) -> list[Path]:
     """Write forces, energies and the table of the storeys."""
     from ..records.files import write_table
 
-    lines = found.storeys
-    if found.device is not None:
-        lines = lines.join(found.device)
+    lines = forces.storeys
+    if forces.device is not None:
+        lines = lines.join(forces.device)
     return [
         write_table(lines.rename_axis("t"), folder / "forces.csv"),
-        write_table(found.energy.rename_axis("t"), folder / "energy.csv"),
+        write_table(forces.energy.rename_axis("t"), folder / "energy.csv"),
         write_table(table.rename_axis("storey"), folder / "storeys.csv"),
     ]
 
@@ -167,17 +168,17 @@ def _table_of_storeys(
     return table
 
 
-def _draw_forces(found: _Forces, folder: Path) -> list[Path]:
+def _draw_forces(forces: _Forces, folder: Path) -> list[Path]:
     """Draw the loops of all sites and the energy."""
     from ..diagnosis.site_loops import loops_of
     from ..drawing.matplotlib_renderer import save
     from ..report.figures.forces import energy_figure, loop_figures
 
-    model = found.estimator.model_
-    filters = found.estimator.problem_.filters(found.data)
-    loops = loop_figures(model, loops_of(model, found.data, filters))
+    model = forces.estimator.model_
+    filters = forces.estimator.problem_.filters(forces.data)
+    loops = loop_figures(model, loops_of(model, forces.data, filters))
     written = save(folder / "loops.png", loops, columns=2)
-    return written + save(folder / "energy.png", [energy_figure(found.energy)])
+    return written + save(folder / "energy.png", [energy_figure(forces.energy)])
 
 
 @click.command(
@@ -230,23 +231,28 @@ def damage(
     from ..records.files import write_table
 
     session = Session(as_json)
-    given = [[path] for path in (before, after) if path is not None]
-    records = opt.records_of(session, options, *(given or [[]]))
+    paths = [[path] for path in (before, after) if path is not None]
+    records = opt.records_of(session, options, *(paths or [[]]))
     if len(records) != 2:
         raise click.UsageError("damage takes two records, BEFORE and AFTER.")
     with session.listening():
+        estimator = opt.regressor_of(options)
         report = compare_tests(
-            opt.regressor_of(options),
+            estimator,
             *records,
             n_blocks=options["blocks"],
             level=options["level"],
             least=options["least"],
         )
+        verdicts = _verdicts_of_tests(estimator, records)
 
+    words = [f"{name}: {verdict_text(v)}" for name, v in verdicts.items()]
+    session.conclude_headed("Verdicts of both fits", "\n".join(words))
     session.conclude_headed("What changed", str(report))
     if len(report.changed):
         session.conclude("", table_text(report.changed))
     session.conclude_headed("The tests fitted apart", table_text(report.table))
+    session.conclude_headed("Modes of the linear part", table_text(report.modes))
     with session.writing() as folder:
         written = [
             write_table(report.changed, folder / "changed.csv"),
@@ -256,9 +262,21 @@ def damage(
             written += _draw_changes(report, folder / "change.png")
         if pages.available():
             page = folder / "change.html"
-            pages.write_html(page, _page_of_changes(session, report))
+            pages.write_html(page, _page_of_changes(session, report, verdicts))
             written.append(page)
-    session.finish(_data_of_changes(report), written)
+    session.finish(_data_of_changes(report, verdicts), written)
+
+
+def _verdicts_of_tests(
+    estimator: NRFRegressor, records: Sequence[Record]
+) -> dict[str, Verdict]:
+    """Whether the declared law holds in each test: a comparison rests on both fits."""
+    from sklearn.base import clone
+
+    verdicts = {}
+    for name, record in zip(("before", "after"), records):
+        verdicts[name] = clone(estimator).fit(record).verdict()
+    return verdicts
 
 
 def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
@@ -278,7 +296,9 @@ def _maps_of_changes(report: ChangeReport) -> list[Figure]:
     return [change_figure(maps[site], site, largest) for site in maps]
 
 
-def _page_of_changes(session: Session, report: ChangeReport) -> ResultsPage:
+def _page_of_changes(
+    session: Session, report: ChangeReport, verdicts: Mapping[str, Verdict]
+) -> ResultsPage:
     """The page of two tests: what changed, where, and both fits."""
     from ..drawing.tables import table
     from ..report.results_page import ResultsPage
@@ -288,17 +308,24 @@ def _page_of_changes(session: Session, report: ChangeReport) -> ResultsPage:
         parts.append(table("What changed", report.changed))
     parts += _maps_of_changes(report)
     parts.append(table("The tests fitted apart", report.table))
-    found = str(report).splitlines()
+    if len(report.modes):
+        parts.append(table("Modes of the linear part", report.modes, index="mode"))
+    sentences = str(report).splitlines()
+    care = sentences[1:]
+    for name, verdict in verdicts.items():
+        care.append(f"The fit {name} is {verdict.state}: {verdict.sentence}")
     return ResultsPage(
         "What changed between two tests",
-        found[0],
+        sentences[0],
         parts,
-        (*found[1:], *session.warnings),
+        (*care, *session.warnings),
         session.provenance(),
     )
 
 
-def _data_of_changes(report: ChangeReport) -> dict[str, object]:
+def _data_of_changes(
+    report: ChangeReport, verdicts: Mapping[str, Verdict]
+) -> dict[str, object]:
     """What changed, as plain data."""
     masses = []
     for before, after in zip(report.before.masses, report.after.masses):
@@ -310,4 +337,6 @@ def _data_of_changes(report: ChangeReport) -> dict[str, object]:
         "explained": report.explained.to_dict("records"),
         "fitted_apart": report.table.to_dict("records"),
         "masses_kg": masses,
+        "modes": report.modes.to_dict("records"),
+        "verdicts": {name: verdict_data(v) for name, v in verdicts.items()},
     }

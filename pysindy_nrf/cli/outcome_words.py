@@ -38,6 +38,8 @@ def outcome_text(outcome: Outcome, truth: ChainModel | None = None) -> str:
     errors = _balance_errors(estimator.errors_)
     errors += _third_law(estimator.third_law_gap_)
     errors += _free_run_errors(outcome)
+    if estimator.result_.smaller_order is not None:
+        errors.append(str(estimator.result_.smaller_order))
     lines += [f"  {line}" for line in errors]
     if outcome.modes is not None:
         title = "Modes of the linear part (Hz, share of critical damping, shape)"

@@ -48,12 +48,12 @@ def load_laws(path: Path) -> list[str]:
             "See docs/add_your_own_law.md.",
         ) from error
 
-    found = [law.name for law in registry().values() if law.__module__ == name]
-    if not found:
+    names = [law.name for law in registry().values() if law.__module__ == name]
+    if not names:
         raise LawError(
             f"{path} defines no law", "Write a subclass of laws.ForceLaw with a name."
         )
-    return found
+    return names
 
 
 def take_laws(

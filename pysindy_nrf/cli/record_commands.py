@@ -177,6 +177,11 @@ def _propose(
 
     table = read_table([*files] if together else files[0])
     facts = maps.column_facts(table)
+    if maps.is_over_frequency(facts):
+        raise NRFError(
+            f"{files[0]} holds values over frequency, not over time",
+            "Frequency responses: pysindy-nrf identify FILE --frf --excited DOF.",
+        )
     proposals = maps.propose(table, facts)
     text = maps.mapping_text(files, proposals, table, facts)
     with atomic_write(path) as file:

@@ -98,7 +98,7 @@ def plan(floors: int, as_json: bool, **options: Unpack[PlanOptions]) -> None:
         unknown=options["unknown"] or (),
         known_masses=options["masses"],
         model=model,
-        most=min(options["max_hits"], floors),
+        max_floors=min(options["max_hits"], floors),
     )
 
     if test_plan.advice:

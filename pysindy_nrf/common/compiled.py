@@ -1,6 +1,6 @@
 """Functions compiled by numba, cached on disk, and pointers for use inside them.
 
-:func:`jit` compiles what Python calls, :func:`inline` and :func:`part` what only
+:func:`jit` compiles what Python calls, :func:`inline` and :func:`subroutine` what only
 compiled code calls.
 """
 
@@ -80,7 +80,7 @@ def inline(function: Callable, fastmath: bool | set[str] = False) -> Dispatcher:
     return numba.njit(forceinline=True, fastmath=fastmath, **_PART_OPTIONS)(function)
 
 
-def part(function: Callable) -> Dispatcher:
+def subroutine(function: Callable) -> Dispatcher:
     """A larger function that only compiled code calls."""
     return numba.njit(**_PART_OPTIONS)(with_unique_name(function))
 

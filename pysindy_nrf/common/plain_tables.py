@@ -79,9 +79,9 @@ def plain(value: Any) -> Any:
     if isinstance(value, (pd.DataFrame, pd.Series)):
         return PlainTable.of(value)
     if isinstance(value, Mapping) and not all(isinstance(key, str) for key in value):
-        return PlainMapping(list(value), [plain(part) for part in value.values()])
+        return PlainMapping(list(value), [plain(element) for element in value.values()])
     if isinstance(value, list):
-        return [plain(part) for part in value]
+        return [plain(element) for element in value]
     return value
 
 
@@ -92,7 +92,7 @@ def restored(value: Any) -> Any:
     if isinstance(value, PlainMapping):
         return dict(zip(value.keys, map(restored, value.values)))
     if isinstance(value, list):
-        return [restored(part) for part in value]
+        return [restored(element) for element in value]
     return value
 
 

@@ -67,7 +67,7 @@ class Effect(Protocol):
         """Families that the data cannot distinguish from its own."""
 
     @property
-    def company(self) -> list[str]:
+    def laws_beside(self) -> list[str]:
         """Laws that may stand for one law together with it."""
 
     @property
@@ -132,8 +132,8 @@ def not_told_apart(effect: Effect) -> list[str]:
         family = plain_name(effect.family)
         text = f"At {effect.site} the data cannot distinguish {family} from {others}."
         texts.append(text)
-    if effect.company:
-        laws = sorted(map(plain_name, (effect.law, *effect.company)))
+    if effect.laws_beside:
+        laws = sorted(map(plain_name, (effect.law, *effect.laws_beside)))
         together = f"{', '.join(laws[:-1])} and {laws[-1]}"
         texts.append(
             f"At {effect.site} {together} may together stand for one law that is not in"
@@ -353,17 +353,17 @@ def _of_power_series(
     ``kind`` is what a test of all of them says; None without a test.
     """
     labels = [term.label for term in law.terms() if term.label not in ("v", "s")]
-    noticed = [x for x in labels if carried.get(x, 0.0) > 100 * NAMED_SHARE]
+    shares = carried.astype(float).reindex(labels).fillna(0.0)
+    noticed = list(shares.index[shares > 100 * NAMED_SHARE])
     if kind is None:
         kind = _kind_of(noticed)
     if not kind or not labels:
         return ""
 
     letter = {"nonlinear stiffness": "s", "nonlinear damping": "v"}.get(kind, "")
-    of_kind = [x for x in noticed or labels if letter in x] or labels
-    first = of_kind[0] if noticed else max(of_kind, key=lambda x: carried.get(x, 0.0))
-    share = f"{first} carries {carried.get(first, 0.0):.2g} % of its force"
-    return f"{kind} in {site} ({share})"
+    of_kind = [label for label in noticed or labels if letter in label] or labels
+    first = of_kind[0] if noticed else str(shares[of_kind].idxmax())
+    return f"{kind} in {site} ({first} carries {shares[first]:.2g} % of its force)"
 
 
 def _kind_of(labels: list[str]) -> str:

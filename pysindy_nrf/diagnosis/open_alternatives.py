@@ -49,9 +49,9 @@ def matters(alternative: Alternative) -> bool:
     if alternative.parameter.startswith("damping"):
         # dampings are never determined well: the change itself must be sure
         is_sure = change - alternative.half_width > MATERIAL
-        return is_sure and alternative.left_by_equation < PARTLY_BETTER_FIT
-    fits_as_well = alternative.left_by_equation < EQUAL_FIT
-    return fits_as_well and max(change, alternative.half_width) > MATERIAL
+        return is_sure and alternative.residual_share_by_equation < PARTLY_BETTER_FIT
+    fits_as_well = alternative.residual_share_by_equation < EQUAL_FIT
+    return fits_as_well and alternative.reach > MATERIAL
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class OpenAlternatives:
         leaves_something = max(unexplained.values(), default=0.0) >= EXPLAINED
         still_open, better = [], set()
         for alternative in alternatives:
-            fits_better = leaves_something and alternative.left < BETTER_FIT
+            fits_better = leaves_something and alternative.residual_share < BETTER_FIT
             if fits_better:
                 better.add(alternative.description)
             if fits_better or matters(alternative):
@@ -90,7 +90,10 @@ class OpenAlternatives:
     @property
     def moves(self) -> dict[str, Moves]:
         """What each does to masses and coefficients, by its description."""
-        return {one.description: one.moves for one in self.alternatives}
+        return {
+            alternative.description: alternative.moves
+            for alternative in self.alternatives
+        }
 
 
 def ambiguous_intervals(
@@ -119,36 +122,38 @@ def ambiguous_intervals(
         holds_zero = low <= 0 <= high
         if holds_zero or not np.isfinite([low, high]).all():
             continue
-        own = AmbiguousInterval(name, low, high, (), withheld=False)
+        interval = AmbiguousInterval(name, low, high, (), withheld=False)
         of_value = {by: every[name] for by, every in moves.items() if name in every}
-        span = _spanned(own, values[name], of_value)
+        span = _spanned(interval, values[name], of_value)
         if span.by:
             is_rejected = any(description in better for description in span.by)
-            withheld = _says_little(span, own, SLIGHT if is_rejected else MATERIAL)
+            withheld = _says_little(span, interval, SLIGHT if is_rejected else MATERIAL)
             ambiguous.append(replace(span, withheld=withheld))
     return tuple(ambiguous)
 
 
 def _spanned(
-    own: AmbiguousInterval, value: float, moves: Mapping[str, Move]
+    interval: AmbiguousInterval, value: float, moves: Mapping[str, Move]
 ) -> AmbiguousInterval:
     """An interval with all that alternatives make of its value."""
-    span = own
+    span = interval
     for description, move in moves.items():
         low = value + move.change - move.half_width
         high = value + move.change + move.half_width
-        if low < own.low or high > own.high:
+        if low < interval.low or high > interval.high:
             low, high = min(low, span.low), max(high, span.high)
             span = replace(span, low=low, high=high, by=(*span.by, description))
     return span
 
 
 def _says_little(
-    span: AmbiguousInterval, own: AmbiguousInterval, useful: float
+    span: AmbiguousInterval, interval: AmbiguousInterval, useful: float
 ) -> bool:
     """Whether an interval is wider than a useful share, and alternatives make it so."""
-    is_wide = span.high - span.low > useful * abs(own.high + own.low)
-    return is_wide and span.high - span.low > MUCH_WIDER * (own.high - own.low)
+    is_wide = span.high - span.low > useful * abs(interval.high + interval.low)
+    return is_wide and span.high - span.low > MUCH_WIDER * (
+        interval.high - interval.low
+    )
 
 
 def with_ambiguity(

@@ -89,7 +89,7 @@ class Residual:
         table = self.reference.assign(rms=size, percent=percent)
         return table[["rms", "percent", "reference", "of"]]
 
-    def at(self, name: str) -> list[np.ndarray]:
+    def at_place(self, name: str) -> list[np.ndarray]:
         """Residual of one balance (``"dof 2"``) or storey (``"storey 2"``), N.
 
         One array for each record.

@@ -43,6 +43,8 @@ GOOD_RUN = 5.0
 DIVERGED = 70.0
 # Percent from which on a size says nothing more.
 BEYOND_NUMBERS = 1e3
+# Percent of a force from which on all of it is unexplained.
+ALL = 100.0
 # Times what noise leaves from which on a residual is none, and the percent of the force
 # from which on it is worth a word. Four draws of noise scatter by a third at most.
 ABOVE_NOISE = 3.0
@@ -151,32 +153,36 @@ def residuals_above_noise(facts: Facts) -> list[Reason]:
     if facts.searched:
         remedy = "no effect of the catalogue explains them."
     reasons = []
-    for j, left in facts.left_over.items():
-        if _is_missing(left):
+    for j, left_over in facts.left_over.items():
+        if _is_missing(left_over):
+            band = _in_band(left_over)
             message = (
-                f"{left.rms:.3g} N rms are missing at DOF {j}{_in_band(left)}, where"
-                f" noise leaves {left.noise:.2g} N; {remedy}"
+                f"{left_over.rms:.3g} N rms are missing at DOF {j}{band}, where"
+                f" noise leaves {left_over.noise:.2g} N; {remedy}"
             )
-            reasons.append(Reason("residual", "amber", message, f"dof {j}", left.rms))
+            reasons.append(
+                Reason("residual", "amber", message, f"dof {j}", left_over.rms)
+            )
     return reasons
 
 
-def _is_missing(left: LeftOver | None) -> bool:
+def _is_missing(left_over: LeftOver | None) -> bool:
     """Whether far more is left of an equation than noise leaves, and it is felt."""
-    if left is None:
+    if left_over is None:
         return False
-    return left.rms > ABOVE_NOISE * left.noise and left.percent > NOTICED
+    return left_over.rms > ABOVE_NOISE * left_over.noise and left_over.percent > NOTICED
 
 
-def _in_band(left: LeftOver) -> str:
-    if left.band is None:
+def _in_band(left_over: LeftOver) -> str:
+    if left_over.band is None:
         return ""
-    return f" from {left.band[0]:.3g} to {left.band[1]:.3g} Hz"
+    return f" from {left_over.band[0]:.3g} to {left_over.band[1]:.3g} Hz"
 
 
 def open_balance(dof: int, percent: float) -> str:
     """A sentence on an equation of motion that does not close."""
-    return f"The balance of DOF {dof} leaves {percent:.3g} % of its force unexplained."
+    share = f"{percent:.3g} %" if percent < ALL else "all"
+    return f"The balance of DOF {dof} leaves {share} of its force unexplained."
 
 
 def impossible_masses(facts: Facts) -> list[Reason]:
@@ -279,7 +285,11 @@ def open_alternatives(facts: Facts) -> list[Reason]:
         place, size = alternative.place, alternative.change
         kind: Kind = "alternative" if is_better else "ambiguity"
         severity: Severity = "amber"
-        if is_better and matters(alternative) and alternative.left < FAR_BETTER_FIT:
+        if (
+            is_better
+            and matters(alternative)
+            and alternative.residual_share < FAR_BETTER_FIT
+        ):
             severity = "red"
         reasons.append(Reason(kind, severity, message, place, size))
     return reasons[:MAX_ALTERNATIVES]
@@ -289,9 +299,9 @@ def _of_alternative(alternative: Alternative, is_better: bool) -> str:
     effect = _change_of_parameter(alternative)
     name = capitalised(alternative.description)
     if is_better:
-        left = f"{100 * alternative.left:.2g} %"
+        share = f"{100 * alternative.residual_share:.2g} %"
         return (
-            f"{name} leaves {left} of the residual; {effect}. Declare it, or check the"
+            f"{name} leaves {share} of the residual; {effect}. Declare it, or check the"
             " structure and the sensors there."
         )
     return (
@@ -318,8 +328,8 @@ def _of_intervals(alternative: Alternative, facts: Facts) -> str:
 def _change_of_parameter(alternative: Alternative) -> str:
     """What an alternative does to the parameter that it moves most."""
     change = abs(alternative.change)
-    if change < alternative.half_width:
-        width = f"{100 * alternative.half_width:.2g} %"
+    if change < alternative.wider:
+        width = f"{100 * alternative.wider:.2g} %"
         return f"{alternative.parameter} is then known to {width} only"
     side = "larger" if alternative.change > 0 else "smaller"
     if change > BEYOND_MEANING:
@@ -421,8 +431,11 @@ def judged_error(run: FreeRunFacts) -> float:
 
 
 def nothing_claimed(facts: Facts) -> list[Reason]:
-    """A search that claims nothing."""
-    if not facts.nothing_claimed:
+    """A search that claims nothing, of a model that does not follow the motion.
+
+    Where it follows, the search had too little to judge by, such as one blow a floor.
+    """
+    if not facts.nothing_claimed or _follows(facts.free_run):
         return []
     return [Reason("no claim", "red", as_sentence(facts.nothing_claimed))]
 
@@ -503,7 +516,7 @@ def _not_confirmed(effect: Effect) -> str:
 def _only_the_closest(effect: Effect) -> list[str]:
     """A name that leaves a part of the effect, though the data name no other."""
     explains = effect.carries and effect.remainder <= MAX_UNEXPLAINED
-    if effect.sure or explains or effect.alternatives or effect.company:
+    if effect.sure or explains or effect.alternatives or effect.laws_beside:
         return []
     return [
         f"{capitalised(law_at_site(effect))} is only the closest law:"

@@ -163,7 +163,7 @@ def _filtered(probes: np.ndarray, band_filter: ZeroPhaseFilter) -> np.ndarray:
     return filtered
 
 
-_Part = tuple[Block, dict[Site, np.ndarray]]
+_Window = tuple[Block, dict[Site, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -176,7 +176,7 @@ class _Source:
 
     def filtered_parts(
         self, spans: Sequence[_Span], band_filter: ZeroPhaseFilter | None
-    ) -> Iterator[_Part]:
+    ) -> Iterator[_Window]:
         """Windows cut from the whole record, which is filtered at once."""
         blocks = blocks_of_segment(self.segment, self.layout, filter=band_filter)
         block = next(iter(blocks))
@@ -190,7 +190,7 @@ class _Source:
                 cut = [columns[:, span.rows] for columns in probes]
                 yield block.take(span.rows), dict(zip(self.layout.acting, cut))
 
-    def raw_parts(self, spans: Sequence[_Span], size: int) -> Iterator[_Part]:
+    def raw_parts(self, spans: Sequence[_Span], size: int) -> Iterator[_Window]:
         """Windows one by one; laws with memory need all samples before them."""
         running = None
         if self.layout.has_memory:

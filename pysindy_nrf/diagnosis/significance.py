@@ -109,8 +109,8 @@ class SeriesEstimate:
         unit = self.products / np.outer(scale, scale)
         beside = unit[np.ix_(others, numbers)]
         imitated = beside.T @ linalg.pinvh(unit[np.ix_(others, others)]) @ beside
-        own = unit[np.ix_(numbers, numbers)] - imitated
+        not_imitated = unit[np.ix_(numbers, numbers)] - imitated
 
-        values, axes = linalg.eigh(own)
+        values, axes = linalg.eigh(not_imitated)
         shown = values > len(numbers) * np.finfo(float).eps * values[-1]
         return (axes[:, shown][:, ::-1] * scale[numbers, None]).T

@@ -185,7 +185,7 @@ def _is_doubt(reason: Reason) -> bool:
 
 def suspects_wiring(facts: Facts) -> bool:
     """Whether other mappings of the channels are worth a try."""
-    explained = any(a.left < _EXPLAINS for a in facts.alternatives)
+    explained = any(a.residual_share < _EXPLAINS for a in facts.alternatives)
     if explained or facts.unseen_drifts:
         return False
     largest = max(facts.unexplained.values(), default=0.0)

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
-from ..equations.errors import balance_errors
+from ..equations.errors import balance_errors, inertia_size
 from ..equations.normal_equations import NormalEquations
 from ..exceptions import NRFError, NRFWarning
 from ..records.checks.alignment import channel_alignment
@@ -89,7 +89,8 @@ class Closure:
     Parameters
     ----------
     impossible : bool
-        Whether the solve failed, or a mass is not positive.
+        Whether the solve failed, or a mass is not positive although its inertia is
+        larger than what its balance leaves. The sign of a smaller one says nothing.
     errors : ndarray of shape (n_dof,)
         Percent NRMSE by DOF.
     """
@@ -343,11 +344,15 @@ def _closure(records: list[Record], solve: Solve, known: Collection[int]) -> Clo
             fitted = solve(records)
         except NRFError:
             return Closure(True, np.full(records[0].n_dof, np.inf))
-    errors = balance_errors(fitted.model, fitted.grams)["error"].drop("pooled")
+    balances = balance_errors(fitted.model, fitted.grams).drop("pooled")
     impossible = False
     for j, mass in enumerate(fitted.model.masses, 1):
-        impossible |= bool(mass <= 0) and j not in known
-    return Closure(impossible, np.maximum(errors.to_numpy(dtype=float), _LEAST_ERROR))
+        if mass > 0 or j in known:
+            continue
+        inertia = inertia_size(j, mass, fitted.grams)
+        impossible |= inertia > balances["residual"].get(f"dof {j}", 0.0)
+    errors = balances["error"].to_numpy(dtype=float)
+    return Closure(bool(impossible), np.maximum(errors, _LEAST_ERROR))
 
 
 def _most_promising(

@@ -152,8 +152,8 @@ def _products(columns: np.ndarray, drift: np.ndarray) -> np.ndarray:
     by_piece = []
     for piece in _pieces(len(drift)):
         by_part = []
-        for part in range(AMPLITUDE.n_parts):
-            chosen = columns[:, piece][:, quarter[piece] == part]
+        for number in range(AMPLITUDE.n_parts):
+            chosen = columns[:, piece][:, quarter[piece] == number]
             by_part.append(chosen @ chosen.T)
         by_piece.append(by_part)
     return np.array(by_piece)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..common.audit import constants_of, settings_of
+from ..report.words import BAND_FOUND, band_text
 from .amplitude import AMPLITUDE
 from .bands import BANDS
 from .candidate_search import SEARCH
@@ -75,9 +76,7 @@ def audit(request: LoopRequest, calibration: object) -> dict[str, dict[str, str]
     """Every setting of a run: arguments, declared model, numbers of the decisions."""
     names = [record.name for record in request.heldout]
     laws = dict.fromkeys(law.name for law in request.catalogue)
-    band = "found from the data"
-    if request.band is not None:
-        band = f"{request.band} Hz"
+    band = BAND_FOUND if request.band is None else band_text(request.band)
 
     arguments = {
         "band": band,

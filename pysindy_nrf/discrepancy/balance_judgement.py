@@ -14,7 +14,7 @@ from .claims import why_no_claim
 from .class_search import ClassResult, ClassSearch, TriedEffect
 from .contradictions import Contradiction
 from .decision import Decision, FoundEffect
-from .effects import Effect
+from .effects import Effect, instants_of
 from .fitted_model import FittedModel
 from .heldout import HeldoutJudge, JudgedModel, search_errors
 from .judgement import Judgement
@@ -118,7 +118,7 @@ class BalanceJudge:
     def __init__(self, request: LoopRequest, outcome: BalanceOutcome) -> None:
         self.request = request
         self.outcome = outcome
-        self.heldout = HeldoutJudge(_instants(outcome.result))
+        self.heldout = HeldoutJudge(instants_of(outcome.result.effects))
 
     def judge(self) -> BalanceJudgement:
         """Judge the model with each effect, and find how sure they are."""
@@ -276,7 +276,7 @@ def _draft(
         judged_by=judged.condition,
         judged_reduction=judged.decisive.value,
         judged_error=judged.decisive.error,
-        company=[effect.law.name for effect in beside],
+        laws_beside=[effect.law.name for effect in beside],
     )
     return replace(draft, step=step)
 
@@ -293,22 +293,12 @@ def _finished(
     for draft, certainty in zip(drafts, remainder.certainty.effects):
         step = draft.step
         relaxes = filtered and draft.effect.law.has_memory
-        company = [*step.company, *certainty.company]
-        is_named = step.carries and not step.alternatives and not company
+        laws_beside = [*step.laws_beside, *certainty.laws_beside]
+        is_named = step.carries and not step.alternatives and not laws_beside
         judged = draft.confirmed and step.judged_by == "another record"
         sure = judged and is_named and draft.plausible and not relaxes
-        steps.append(draft.finished(company, certainty.remainder, sure))
+        steps.append(draft.finished(laws_beside, certainty.remainder, sure))
     return steps
-
-
-def _instants(result: ClassResult) -> list[float]:
-    """Times at which effects that were found change something, s."""
-    instants = []
-    for effect in result.effects:
-        for shape in effect.law.shapes:
-            if shape.instant:
-                instants.append(float(effect.law.shape[shape.name] or 0.0))
-    return instants
 
 
 def _one_table(

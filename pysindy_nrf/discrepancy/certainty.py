@@ -35,14 +35,14 @@ class Certainty:
 
     Attributes
     ----------
-    company : list of str
+    laws_beside : list of str
         Other confirmed laws in the same balance with the same motion: together they may
         stand for a single law.
     remainder : float
         Share of the effect that stays unexplained beyond noise.
     """
 
-    company: list[str]
+    laws_beside: list[str]
     remainder: float
 
 
@@ -118,9 +118,9 @@ def _size_of_effect(draft: StepDraft, errors: np.ndarray) -> float:
 def _company(draft: StepDraft, drafts: Iterable[StepDraft]) -> list[str]:
     """Other confirmed laws in the same balance with the same motion."""
     site = same_balance(draft.effect.site)
-    company = []
+    laws_beside = []
     for other in drafts:
         there = other is not draft and same_balance(other.effect.site) == site
         if there and other.confirmed:
-            company.append(other.effect.law.name)
-    return company
+            laws_beside.append(other.effect.law.name)
+    return laws_beside

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..chain.layout import Layout
 from ..chain.sites import Site
-from ..equations.many_solves import ChannelSolve, CompiledChainSolve
+from ..equations.many_solves import ChannelSolve
+from ..equations.protocol import ManySolver
 from ..identification.fewer_sensors import Linearised
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
@@ -117,7 +118,7 @@ class ChannelSpectra(BalanceSpectra):
 
     def solver(
         self, layout: Layout, where: Mapping[Site, Sequence[int]], first_fixed: int
-    ) -> CompiledChainSolve:
+    ) -> ManySolver:
         """The solve of a set of columns."""
         return ChannelSolve(layout, self.data.known_masses, where, first_fixed)
 

@@ -7,7 +7,8 @@ does not gives way to the next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..equations.normal_equations import variance
 from ..exceptions import NRFError
 from ..laws.atoms import SumOfAtoms
 from . import judge
+from .bootstrap import simulated
 from .candidate_search import best_findings, polished, scan
 from .channel_errors import ChannelErrorTest
 from .constants import best_constant, state_with_means
@@ -46,6 +48,9 @@ class ClassSettings:
     # class takes what an inexact law leaves.
     loss_of_name: float = 0.25
     most_lost: float = 0.75
+    # Besides it may lose what noise makes it lose, if it has this part of the gain: a
+    # curve bends where noise in the rate rounds a friction.
+    share_of_name: float = 0.5
     # Least error reduction of an outside force, or an inertia, dB: a fifth of what is
     # left. One line or one resonance is soon found.
     least_of_narrow: float = 2.0
@@ -240,13 +245,13 @@ class ClassSearch:
         promising = sorted(self._promises(state), key=lambda promise: -promise.value)
         proposals: list[Proposal] = []
         for promise in promising[: CLASSES.places]:
-            proposal = _named(promise, state)
+            proposal = _named(promise, state, self.tools.rng)
             if proposal is not None:
                 proposals.append(proposal)
 
         if proposals and room > 1:
-            best = max(proposals, key=lambda proposal: proposal.value)
-            proposals += _at_all_storeys(best, self.places, state, room)
+            for best in _best_and_best_tie(proposals):
+                proposals += _at_all_storeys(best, self.places, state, room)
         proposals += _faults(self.tools.faults.findings(state), state)
         general = [p.general for p in promising if p.general is not None]
         return sorted(proposals, key=lambda proposal: -proposal.value), general
@@ -302,21 +307,24 @@ class ClassSearch:
             return "errors of the channels within their tolerances explain it"
         if self.tools.judge.contradicted_by_free_run(finding, state):
             return "with it the free run gets far worse"
-        if state.effects and self._is_chance(proposal, state):
+        if not state.effects or proposal.value >= CLASSES.beyond_chance:
+            return ""
+        by_noise = _gain_by_noise(state, finding, self.tools.rng)
+        if proposal.value - by_noise < CLASSES.least_of_later:
+            return "noise alone makes it gain as much"
+        if self._is_chance(proposal, state):
             return "a shifted residual gains as much"
         return ""
 
     def _is_chance(self, proposal: Proposal, state: SearchState) -> bool:
         """Whether the place gains as much on a residual that was shifted in time."""
-        if proposal.value >= CLASSES.beyond_chance:
-            return False
         place = self._place_of(proposal)
         exceeded, failed = 0, 0
         for shifted in shifted_models(state.model, self.tools.rng):
             null = SearchState(shifted, state.effects, state.records)
             promise = _promise(place, null)
-            gain = promise.value if promise else 0.0
-            if proposal.value > gain:
+            reduction = promise.value if promise else 0.0
+            if proposal.value > reduction:
                 exceeded += 1
             else:
                 failed += 1
@@ -438,14 +446,16 @@ def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding 
 # -- names ---------------------------------------------------------------------
 
 
-def _named(promise: _Promise, state: SearchState) -> Proposal | None:
+def _named(
+    promise: _Promise, state: SearchState, rng: np.random.Generator
+) -> Proposal | None:
     """The best of the general law of a place and its names."""
     place = promise.place
     names = best_findings(promise.base, place.names, CLASSES.finalists)
     if _enriches(promise):
         names = [_as_enrichment(name, state) for name in names]
     general = promise.general
-    carrying = [name for name in names if _carries(name, general)]
+    carrying = _carrying(names, general, rng)
     if carrying:
         name, rivals = _simplest_of_tied(carrying, state)
         assert name.reduction is not None
@@ -460,6 +470,20 @@ def _named(promise: _Promise, state: SearchState) -> Proposal | None:
         share = max(names[0].value, 0.0) / general.value
     naming = Naming(place.effect_class, closest, share, carries=False)
     return Proposal(general, general.reduction, naming)
+
+
+def _carrying(
+    names: list[Finding], general: Finding | None, rng: np.random.Generator
+) -> list[Finding]:
+    """Names that gain nearly as much as the general law.
+
+    The best one also where it loses no more than noise makes it lose.
+    """
+    carrying = [name for name in names if _carries(name, general)]
+    if carrying or not names:
+        return carrying
+    by_noise = _lost_by_noise(names[0], general, rng)
+    return [name for name in names[:1] if _carries(name, general, by_noise)]
 
 
 def _enriches(promise: _Promise) -> bool:
@@ -479,17 +503,47 @@ def _as_enrichment(name: Finding, state: SearchState) -> Finding:
     return replace(name, after=after)
 
 
-def _carries(name: Finding, general: Finding | None) -> bool:
-    """Whether a name gains nearly as much as the general law."""
+def _carries(name: Finding, general: Finding | None, allowance: float = 0.0) -> bool:
+    """Whether a name gains nearly as much as the general law.
+
+    But for an allowance, dB.
+    """
     if name.value <= 0 or name.reduction is None:
         return False
     if general is None or general.reduction is None:
         return True
     without_fold = general.reduction.without_fold - name.reduction.without_fold
     error = float(np.sqrt(variance(without_fold)))
-    lost = general.value - name.value
+    lost = general.value - name.value - allowance
     nearly = max(JUDGE.loss_of_simplest * general.value, error)
     return lost <= max(CLASSES.loss_of_name, min(nearly, CLASSES.most_lost))
+
+
+def _lost_by_noise(
+    name: Finding, general: Finding | None, rng: np.random.Generator
+) -> float:
+    """What noise makes a name lose against the general law, dB."""
+    if general is None or name.value < CLASSES.share_of_name * general.value:
+        return 0.0
+    assert name.after is not None
+    return _gain_by_noise(name.after, general, rng)
+
+
+def _gain_by_noise(
+    truth: SearchState, finding: Finding, rng: np.random.Generator
+) -> float:
+    """What a finding gains over a state whose model is the truth, dB.
+
+    On records that this model would have produced with fresh noise.
+    """
+    if truth.records is None or finding.after is None:
+        return 0.0
+    for drawn in simulated(truth.records, truth.model, rng):
+        with suppress(NRFError):
+            before = truth.model.refitted(drawn.spectra)
+            after = finding.after.model.refitted(drawn.spectra)
+            return max(0.0, after.reduction_from(before).value)
+    return 0.0
 
 
 def _simplest_of_tied(
@@ -499,6 +553,13 @@ def _simplest_of_tied(
     ranked = judge.ranked(names, state)
     place = judge.simplest(ranked)
     return ranked[place].finding, judge.rivals(ranked, place)
+
+
+def _best_and_best_tie(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """The best proposal, and the best tie: some are there at all floors at once."""
+    ranked = sorted(proposals, key=lambda proposal: -proposal.value)
+    ties = [p for p in ranked if p.naming.effect_class == "tie"]
+    return list(dict.fromkeys([ranked[0], *ties[:1]]))
 
 
 def _at_all_storeys(
@@ -590,7 +651,8 @@ def _is_there(proposal: Proposal, state: SearchState) -> bool:
     if not all(judge.differs_from_zero(finding.after.model, each) for each in new):
         return False
     shares = judge.shares_of_force(finding, state)
-    matters = max(shares.values()) >= CLASSES.least_share
+    # a dashpot matters beside other dampers, whatever the springs hold
+    matters = law.variable == "v" or max(shares.values()) >= CLASSES.least_share
     return matters and not judge.takes_over(finding, shares)
 
 
@@ -629,7 +691,20 @@ def _with_accepted(
         if tried is None:
             tried = _tried(effect, proposal, judged, result)
         accepted.append(tried)
-    return replace(result, state=after, accepted=tuple(accepted))
+    refused = _without(result.refused, accepted[-1])
+    return replace(result, state=after, accepted=tuple(accepted), refused=refused)
+
+
+def _without(
+    refused: Iterable[TriedEffect], other: TriedEffect
+) -> tuple[TriedEffect, ...]:
+    """Refused effects but those of the class and site of another."""
+    place = other.naming.effect_class, other.effect.site
+    return tuple(
+        tried
+        for tried in refused
+        if (tried.naming.effect_class, tried.effect.site) != place
+    )
 
 
 def _tried(
@@ -654,7 +729,7 @@ def _with_refused(
     if not is_claim or any(tried.position == position for tried in result.refused):
         return result
     tried = _tried(effect, proposal, judged, result)
-    return replace(result, refused=(*result.refused, tried))
+    return replace(result, refused=(*_without(result.refused, tried), tried))
 
 
 def _with_state(result: ClassResult, state: SearchState) -> ClassResult:

@@ -70,7 +70,7 @@ class MotionSize:
     has_clock: bool
 
     @classmethod
-    def at(cls, site: Site, data: SearchData) -> MotionSize:
+    def of(cls, site: Site, data: SearchData) -> MotionSize:
         """The sizes at a site in the rows of a search."""
         drift, _ = data.drift_and_rate(site)
         rms_drift, rms_rate, *_ = data.scales(site)
@@ -87,7 +87,7 @@ def dictionary(
     effect_class: EffectClass, site: Site, data: SearchData
 ) -> SumOfAtoms | None:
     """A law of all atoms of a class at a site; None for a class of names alone."""
-    size = MotionSize.at(site, data)
+    size = MotionSize.of(site, data)
     if not (size.drift > 0 and size.rate > 0):
         return None
     if effect_class == "memoryless":

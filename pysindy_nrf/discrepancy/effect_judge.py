@@ -16,7 +16,7 @@ import numpy as np
 from ..diagnosis.offsets import with_offsets
 from ..records.dataset import BlockRows
 from .amplitude import UNTOLD, OtherCondition, at_other_amplitudes
-from .effects import Effect, Finding, SearchState
+from .effects import Effect, Finding, SearchState, instants_of
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 from .free_run import free_run_error
@@ -35,10 +35,9 @@ class EffectJudgeSettings:
     records of the same structure.
     """
 
-    # Of another record, and of held-out time where another amplitude speaks for a later
-    # effect.
-    least_of_record: float = 0.25
-    least_of_later: float = 0.25
+    # Of another record or amplitude, and of held-out time where another amplitude
+    # speaks for a later effect.
+    least: float = 0.25
     # Of held-out time by itself: 1 dB is a fifth of the power that is left.
     least_alone: float = 1.0
     # Pieces of what is held out, for the standard error, and windows of each at least.
@@ -106,17 +105,18 @@ class EffectJudge:
         new = finding.new_effects(state.effects)
         heldout = self._on_heldout(before, after, new)
         if self.has_records:
-            holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_of_record
+            holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least
             return JudgedEffect(holds, "another record", UNTOLD, heldout)
 
         amplitude = UNTOLD
         if not (finding.is_fault or finding.candidate.law.narrow_band):
             amplitude = _on_amplitude(before, after, new)
         changes_in_time = finding.candidate.law.permanent_change
-        if amplitude.holds and not changes_in_time:
+        speaks_for = amplitude.holds and amplitude.value >= EFFECT_JUDGE.least
+        if speaks_for and not changes_in_time:
             holds = not heldout.fails
             if state.effects:
-                holds = heldout.value >= EFFECT_JUDGE.least_of_later
+                holds = heldout.value >= EFFECT_JUDGE.least
             return JudgedEffect(holds, "another amplitude", amplitude, heldout)
         if amplitude.fails:
             return JudgedEffect(False, "another amplitude", amplitude, heldout)
@@ -141,7 +141,7 @@ class EffectJudge:
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]
     ) -> OtherCondition:
         """Error reduction on held-out pieces or records."""
-        instants = tuple(_instants(new))
+        instants = tuple(instants_of(new))
         powers = []
         for model in (before, after):
             powers.append(model.powers_on(self._heldout(model.spectra, instants)))
@@ -202,13 +202,3 @@ def _on_amplitude(
         return UNTOLD
     sites = dict.fromkeys(effect.site for effect in new)
     return at_other_amplitudes(before, after, sites)
-
-
-def _instants(effects: Iterable[Effect]) -> list[float]:
-    """Times at which effects change something, s."""
-    instants = []
-    for effect in effects:
-        for shape in effect.law.shapes:
-            if shape.instant:
-                instants.append(float(effect.law.shape[shape.name] or 0.0))
-    return instants

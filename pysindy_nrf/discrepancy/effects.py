@@ -68,10 +68,15 @@ class Effect:
         """Whether it is a constant force, which the means alone show."""
         return self.law.variable == "1"
 
-    @property
-    def passes_on_its_error(self) -> bool:
-        """Whether its error passes to the storey below."""
-        return not self.is_fault and not self.is_constant
+
+def instants_of(effects: Iterable[Effect]) -> list[float]:
+    """Times at which effects change something, s."""
+    instants = []
+    for effect in effects:
+        for shape in effect.law.shapes:
+            if shape.instant:
+                instants.append(float(effect.law.shape[shape.name] or 0.0))
+    return instants
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,7 @@ class ErrorFit:
         # of each group of balances: its lowest balance, the rows in it, the changes of
         # these, and the columns in which its forces are known
         self.lowest = [group.dofs[0] - 1 for group in self.solver.groups]
-        self.rows_of_group = [np.array(rows) for rows in self.solver.own]
+        self.rows_of_group = [np.array(rows) for rows in self.solver.rows_of_group]
         self.inside = []
         for rows in self.rows_of_group:
             self.inside.append(np.flatnonzero(np.isin(self.rows, rows)))

@@ -53,7 +53,7 @@ def excerpts(
         rows = slice(first, first + lead + length)
 
         cut_records.append(records.records[fold.segment].rows(rows))
-        segments.append(segment.part(rows, n_rows))
+        segments.append(segment.cut(rows, n_rows))
         blocks.append(BlockRows(number, slice(lead, lead + length)))
         fusion.append(records.fusion[fold.segment])
         n_rows += segments[-1].n_samples

@@ -14,8 +14,8 @@ from ..chain.sites import Site
 from ..chain.structure import Chain
 from ..diagnosis.offsets import Offsets, offsets_of, with_offsets
 from ..equations.chain_solve import Solution, model_of
-from ..equations.many_solves import CompiledChainSolve
 from ..equations.normal_equations import leave_one_out
+from ..equations.protocol import ManySolver
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
@@ -76,16 +76,14 @@ class FittedModel:
     spectra: BalanceSpectra
     base: Chain
     layout: LawLayout
-    solver: CompiledChainSolve
+    solver: ManySolver
     products: np.ndarray
     weights: np.ndarray
     masses: np.ndarray
     coefficients: np.ndarray
     powers: Powers
     within: np.ndarray
-    solvers: dict[SitesAndWidths, CompiledChainSolve] = field(
-        default_factory=dict, repr=False
-    )
+    solvers: dict[SitesAndWidths, ManySolver] = field(default_factory=dict, repr=False)
 
     # -- what the model is made of ---------------------------------------------
 
@@ -322,7 +320,7 @@ class FoldProblem:
     """Fits of one set of columns to all folds and with each fold left out."""
 
     def __init__(
-        self, spectra: BalanceSpectra, solver: CompiledChainSolve, products: np.ndarray
+        self, spectra: BalanceSpectra, solver: ManySolver, products: np.ndarray
     ) -> None:
         self.informative = spectra.bands.informative
         self.strict = spectra.strict
@@ -377,7 +375,7 @@ class FoldProblem:
         return np.where(self.used[:, self.solver.judged, None], power, 0.0)
 
 
-def for_groups(by_balance: np.ndarray, solver: CompiledChainSolve) -> np.ndarray:
+def for_groups(by_balance: np.ndarray, solver: ManySolver) -> np.ndarray:
     """Entries of each group of balances: those of the balance of its lowest DOF."""
     lowest = [group.dofs[0] - 1 for group in solver.groups]
     return by_balance[lowest]
@@ -386,7 +384,7 @@ def for_groups(by_balance: np.ndarray, solver: CompiledChainSolve) -> np.ndarray
 def weighted_sums(
     products: np.ndarray,
     weights: np.ndarray,
-    solver: CompiledChainSolve,
+    solver: ManySolver,
     used: np.ndarray,
 ) -> np.ndarray:
     """Products of each fold summed over the bands, for each group of balances.
@@ -399,7 +397,7 @@ def weighted_sums(
 
 
 def solve_folds(
-    solver: CompiledChainSolve, sums: np.ndarray, strict: bool = True
+    solver: ManySolver, sums: np.ndarray, strict: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Masses and coefficients from all folds, then as if each had been left out."""
     weight = FIT.weight_left_out

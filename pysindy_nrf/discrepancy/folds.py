@@ -8,7 +8,7 @@ placed so that they hold their share of the energy of every channel.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -27,6 +27,11 @@ class FoldSettings:
     # windows for each of ten folds, more widen the lowest band; between 40 and 120 the
     # records on which the loop was measured give the same effects.
     n_windows: int = 60
+    # Share of the energy between whose first and last part a record moves, and the
+    # windows that this time holds at least: half of the folds, by energy. The energy is
+    # that of the significant duration of an earthquake (Trifunac and Brady 1975).
+    significant_energy: float = 0.9
+    n_windows_of_motion: int = 10
     # Folds: the usual bias and variance of cross-validation (Kohavi 1995).
     n_folds: int = 10
     # Share of a record that is held out.
@@ -60,7 +65,29 @@ def window_length(segments: Sequence[Segment]) -> float:
     lengths = [seg.n_valid * (seg.dt or 1.0) for seg in segments]
     in_all = sum(lengths) / FOLDS.n_windows
     in_shortest = min(lengths) / (2 * FOLDS.shortest_piece)
-    return min(in_all, in_shortest)
+    in_motion = sum(map(significant_duration, segments)) / FOLDS.n_windows_of_motion
+    return min(in_all, in_shortest, in_motion)
+
+
+def significant_duration(segment: Segment) -> float:
+    """Time in which a record moves, s (samples where there is no clock)."""
+    quiet = 0.5 * (1.0 - FOLDS.significant_energy)
+    shares = []
+    for channel in _channels(segment):
+        reached = np.cumsum((channel - channel.mean()) ** 2)
+        limits = np.array([quiet, 1.0 - quiet]) * reached[-1]
+        if reached[-1] > 0:
+            low, high = np.searchsorted(reached, limits)
+            shares.append((high - low) / len(reached))
+    share = float(np.mean(shares)) if shares else 1.0
+    return share * segment.n_valid * (segment.dt or 1.0)
+
+
+def _channels(segment: Segment) -> Iterator[np.ndarray]:
+    """Rates and forces along the valid rows of a record."""
+    for channels in (segment.v, segment.F):
+        for channel in channels[segment.valid].T:
+            yield np.nan_to_num(channel.astype(float, copy=False))
 
 
 def split(
@@ -213,17 +240,15 @@ def _energy_shares(
 
 def _energy(segment: Segment, hop: int) -> np.ndarray:
     """Energy of rates and forces in each cell, (n_cells, n_channels)."""
-    rates_and_forces = [y[segment.valid][hop:].T for y in (segment.v, segment.F)]
-    n_rows = rates_and_forces[0].shape[1]
+    channels = [channel[hop:] for channel in _channels(segment)]
+    n_rows = len(channels[0])
     if n_rows < 2 * hop:
-        return np.zeros((1, sum(map(len, rates_and_forces))))
+        return np.zeros((1, len(channels)))
 
     starts = hop * np.arange(max(1, n_rows // hop - 1))
     columns = []
-    for channels in rates_and_forces:
-        for channel in channels.astype(float, copy=False):
-            line = np.nan_to_num(channel)
-            columns.append(np.add.reduceat((line - line.mean()) ** 2, starts))
+    for line in channels:
+        columns.append(np.add.reduceat((line - line.mean()) ** 2, starts))
     return np.column_stack(columns)
 
 

@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..chain.sites import Site
-from ..equations.many_solves import CompiledChainSolve
-from ..exceptions import NRFError
+from ..equations.protocol import ManySolver
 from ..laws.atoms import SumOfAtoms
 from .error_reduction import ErrorReduction, Powers, mean_reduction, residual_share
 from .fitted_model import FittedModel, FoldProblem, for_groups, quadratic_forms
@@ -243,7 +242,7 @@ class AtomTrials:
         of_model = np.tile(np.arange(self.n_rows), (len(subsets), 1))
         return np.hstack([of_model, self.n_rows + subsets])
 
-    def _solver(self, n_atoms: int) -> CompiledChainSolve:
+    def _solver(self, n_atoms: int) -> ManySolver:
         atoms = self.dictionary.atoms[:n_atoms]
         law = type(self.dictionary)(atoms)
         return ModelExtension(self.model, [(self.site, law)]).solver
@@ -253,13 +252,3 @@ def _sub_blocks(matrices: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Blocks of matrices (n, p, p) at several sets of rows, (n_sets, n, q, q)."""
     blocks = matrices[:, rows[:, :, None], rows[:, None, :]]
     return blocks.swapaxes(0, 1)
-
-
-def best_single_atom(model: FittedModel, site: Site, dictionary: SumOfAtoms) -> float:
-    """What the best atom of a dictionary gains at a site by itself, dB."""
-    try:
-        trials = AtomTrials(model, site, dictionary)
-    except NRFError:
-        return -np.inf
-    subsets = np.arange(len(dictionary.atoms))[:, None]
-    return float(trials.screened(subsets, trials.start()).max())

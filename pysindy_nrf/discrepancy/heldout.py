@@ -79,17 +79,20 @@ class HeldoutJudge:
         """A model with its errors on the search and on held-out data."""
         heldout = self.heldout(model.spectra)
         powers = model.powers_on(heldout)
-        errors = search_errors(model)
         reference = model.spectra.bands.clear_power(model.powers.reference)
-        errors["held-out"] = heldout.error(powers, reference)
+        there = heldout.bands.clear_power(powers.reference) / heldout.windows.size
+        usual = reference / model.spectra.windows.size
+        undriven = there < HELDOUT.undriven * usual
 
+        errors = search_errors(model)
+        errors["held-out"] = heldout.error(powers, reference)
+        if undriven.all():
+            # The pieces rest or ring down: the force of the search is the reference.
+            errors["held-out"] *= float(np.sqrt(there.sum() / usual.sum()))
         records = model.data_with_offsets.data
         blocks = self._blocks(model.spectra)
         errors["free run"] = free_run_error(model.chain_model(), records, blocks)
 
-        there = heldout.bands.clear_power(powers.reference) / heldout.windows.size
-        usual = reference / model.spectra.windows.size
-        undriven = there < HELDOUT.undriven * usual
         of_balances = np.where(undriven, np.nan, heldout.errors(powers))
         for j, error in enumerate(of_balances, 1):
             errors[f"held-out dof {j}"] = float(error)

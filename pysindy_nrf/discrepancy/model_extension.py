@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..chain.layout import LawLayout, Layout
-from ..equations.many_solves import CompiledChainSolve
+from ..equations.protocol import ManySolver
 from ..laws.base import ForceLaw
 from .error_reduction import mean_reduction, residual_share
 from .fitted_model import (
@@ -104,7 +104,7 @@ class ModelExtension:
             laws[site].append(law)
         LawLayout(self.model.chain.with_links(self.sites), laws)
 
-    def _new_solver(self) -> CompiledChainSolve:
+    def _new_solver(self) -> ManySolver:
         """The solve with the columns of the laws behind all rows of the model."""
         model = self.model
         where = {}

@@ -96,11 +96,11 @@ class Step:
         name is as good.
     evidence : str
         Why it was accepted.
-    tied : list of (law, site, error reduction in dB)
+    rivals : list of (law, site, error reduction in dB)
         Candidates that explained the data as well when it was accepted.
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
-    company : list of str
+    laws_beside : list of str
         Other laws of the same variable (rate or drift) at this site: together they may
         stand for a single law that the catalogue lacks, so that no name is
         sure; ``remainder`` is then what this one leaves alone.
@@ -142,9 +142,9 @@ class Step:
     remainder: float = 0.0
     sure: bool = True
     evidence: str = ""
-    tied: list[tuple[str, str, float]] = field(default_factory=list)
+    rivals: list[tuple[str, str, float]] = field(default_factory=list)
     sensors: list[str] = field(default_factory=list)
-    company: list[str] = field(default_factory=list)
+    laws_beside: list[str] = field(default_factory=list)
     effect_class: str = ""
     closest: str = ""
     closest_share: float = 1.0

@@ -224,11 +224,11 @@ class _Scan:
         step, reach = suspect.law.scan
         self.least = FAULTS.least_share * unit
         self.reach = reach * unit
-        up, down = self.gain(step * unit), self.gain(-step * unit)
+        up, down = self.reduction(step * unit), self.reduction(-step * unit)
         self.promise = max(up, down)
         self.sign = 1 if up > down else -1
 
-    def gain(self, value: float) -> float:
+    def reduction(self, value: float) -> float:
         """Error reduction of the records that are freed of the fault, dB."""
         law = self.suspect.law.with_values([value])
         data = self.model.spectra.data
@@ -244,15 +244,15 @@ class _Scan:
             return None
 
         best = minimize_scalar(
-            lambda value: -max(self.gain(value), -LARGE_LOSS),
+            lambda value: -max(self.reduction(value), -LARGE_LOSS),
             bounds=sorted((0.0, self.sign * self.reach)),
             options={"maxiter": FAULTS.evaluations},
         )
-        value, gain = float(best.x), -float(best.fun)
-        if gain < FAULTS.least_reduction or abs(value) < self.least:
+        value, reduction = float(best.x), -float(best.fun)
+        if reduction < FAULTS.least_reduction or abs(value) < self.least:
             return None
         law = self.suspect.law.with_values([value])
-        return gain, replace(self.suspect, law=law)
+        return reduction, replace(self.suspect, law=law)
 
 
 # -- records freed of a fault --------------------------------------------------

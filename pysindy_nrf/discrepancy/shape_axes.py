@@ -15,7 +15,7 @@ from ..laws.shape import Shape, ShapeScale
 from .folds import FOLDS
 from .search_data import SearchData
 
-# Gain in dB of the laws at a point.
+# Error reduction, dB, of the laws at a point.
 Objective = Callable[[tuple[ForceLaw, ...]], float]
 
 
@@ -136,7 +136,7 @@ class ShapeAxes:
         reach : float
             First step, as a share of the spacing of the scan.
         enough : float
-            Gain below which the point is found roughly.
+            Error reduction, dB, below which the point is found roughly.
         """
         if not self.shapes:
             return start

@@ -13,6 +13,7 @@ from ..chain.identifiability import SolveOrder, plan_solve_order
 from ..chain.layout import LawLayout, Layout
 from ..chain.sites import Site
 from ..equations.many_solves import CompiledChainSolve
+from ..equations.protocol import ManySolver
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from .bands import InformativeBands
@@ -218,7 +219,7 @@ class BalanceSpectra:
 
     def solver(
         self, layout: Layout, where: Mapping[Site, Sequence[int]], first_fixed: int
-    ) -> CompiledChainSolve:
+    ) -> ManySolver:
         """The solve of a set of columns.
 
         Parameters
@@ -255,7 +256,7 @@ class BalanceSpectra:
             data.forced,
         )
 
-    def used_folds(self, solver: CompiledChainSolve) -> np.ndarray:
+    def used_folds(self, solver: ManySolver) -> np.ndarray:
         """Folds that serve each group of balances, (n_folds, n_groups).
 
         Those in which all forces of the group are known.

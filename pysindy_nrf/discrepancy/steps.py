@@ -47,9 +47,11 @@ class StepDraft:
         """The same of a model of which nothing may be claimed."""
         return replace(self, confirmed=False, step=replace(self.step, confirmed=False))
 
-    def finished(self, company: list[str], remainder: float, sure: bool) -> Step:
+    def finished(self, laws_beside: list[str], remainder: float, sure: bool) -> Step:
         """The step with the certainty of its name."""
-        return replace(self.step, company=company, remainder=remainder, sure=sure)
+        return replace(
+            self.step, laws_beside=laws_beside, remainder=remainder, sure=sure
+        )
 
     @property
     def validation_before(self) -> float:
@@ -102,7 +104,7 @@ def draft_step(
         share=share,
         confirmed=decision.confirmed,
         evidence=wording.acceptance(reduction, share),
-        tied=[_tied(finding) for finding in rivals],
+        rivals=[_rival(finding) for finding in rivals],
         sensors=_reversed_sensors(effect, rivals),
     )
     if effect.is_fault:
@@ -136,7 +138,7 @@ def _other_families(
     return others[:MAX_ALTERNATIVES]
 
 
-def _tied(finding: Finding) -> tuple[str, str, float]:
+def _rival(finding: Finding) -> tuple[str, str, float]:
     """Law, sites and error reduction (dB) of a finding."""
     value = finding.reduction.value if finding.reduction else np.nan
     return finding.candidate.law.name, finding.candidate.site_names, value

@@ -92,10 +92,10 @@ def step_sentence(step: Step) -> str:
     if step.alternatives:
         others = ", ".join(step.alternatives)
         sentences.append(f"The data cannot distinguish it from: {others}")
-    if step.company:
+    if step.laws_beside:
+        beside = " and ".join(step.laws_beside)
         sentences.append(
-            f"With {' and '.join(step.company)} there it may stand for one law that is"
-            " not in the catalogue"
+            f"With {beside} there it may stand for one law that is not in the catalogue"
         )
     if step.sensors:
         sentences.append(

@@ -1,10 +1,10 @@
 """The linear algebra of a chain: equations, their sums of products, and the solve.
 
-``Equations`` is what a search asks of columns and right-hand sides;
-``BalanceEquations`` are those of records in which every floor is measured.
-``NormalEquations`` are their sums by block of samples: add, leave a block out, change
-columns. ``chain_solve.solve`` is the general solve; ``many_solves.CompiledChainSolve``
-is the same, compiled, for the many candidates of a search.
+``BalanceEquations`` are the equations of motion of records in which every floor is
+measured. ``NormalEquations`` are their sums by block of samples: add, leave a block
+out, change columns. ``chain_solve.solve`` is the general solve. A search solves many
+sums at once (``ManySolver``): by ``CompiledChainSolve`` where every floor is measured,
+by ``ChannelSolve`` where some have no sensor.
 """
 
 from ..common.lazy import public_names
@@ -13,7 +13,7 @@ _NAMES = {
     "BalanceEquations": "balances",
     "ChannelSolve": "many_solves",
     "CompiledChainSolve": "many_solves",
-    "Equations": "protocol",
+    "ManySolver": "protocol",
     "NormalEquations": "normal_equations",
     "NotTogether": "least_squares",
     "ProductSums": "accumulation",

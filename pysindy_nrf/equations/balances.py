@@ -9,7 +9,6 @@ import numpy as np
 
 from ..chain.layout import Block, Group, LawLayout, Layout, Recipe, block_size
 from ..chain.sites import Site
-from ..laws.base import ForceLaw
 from ..laws.shape import Motion
 from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import ZeroPhaseFilter
@@ -33,42 +32,6 @@ class BalanceEquations:
     data: Dataset
     layout: LawLayout
     filters: Sequence[ZeroPhaseFilter | None]
-
-    @property
-    def n_dof(self) -> int:
-        """Degrees of freedom."""
-        return self.layout.n_dof
-
-    @property
-    def n_equations(self) -> int:
-        """One equation of motion a DOF."""
-        return self.layout.n_dof
-
-    @property
-    def n_channels(self) -> int:
-        """A column is one line of samples."""
-        return 1
-
-    def columns(self, law: ForceLaw, site: Site, record: int) -> np.ndarray:
-        """Columns of a law at a site, (n_terms, n_samples)."""
-        segment = self.data.segments[record]
-        columns = law.features(segment.motion(site, segment.valid)).T
-        return self._filtered(columns, record)
-
-    def inertias(self, record: int) -> np.ndarray:
-        """Accelerations of the DOFs, (n_dof, n_samples)."""
-        segment = self.data.segments[record]
-        return self._filtered(segment.a[segment.valid].T, record)
-
-    def target(self, record: int) -> np.ndarray:
-        """Forces on the DOFs, (n_dof, n_samples); NaN where they are unknown."""
-        segment = self.data.segments[record]
-        return self._filtered(segment.F[segment.valid].T, record)
-
-    def _filtered(self, lines: np.ndarray, record: int) -> np.ndarray:
-        rows = np.asarray(lines, dtype=float)
-        filter = self.filters[record]
-        return rows if filter is None else filter.apply(rows.T).T
 
     def blocks(self, record: int) -> Iterator[Block]:
         """Columns of all equations along a record, block by block."""

@@ -359,9 +359,9 @@ class _JointSolve:
             group = self.grams.groups[step.dofs]
             samples = equations.combined(group, single.unknowns_of(step))
             places, signs = factor.columns_of(step)
-            part = np.zeros((len(samples), factor.n_unknowns + 1))
-            part[:, places] = samples * signs * factor.scales[step.dofs]
-            parts.append(part)
+            rows = np.zeros((len(samples), factor.n_unknowns + 1))
+            rows[:, places] = samples * signs * factor.scales[step.dofs]
+            parts.append(rows)
         return np.concatenate(parts)[:, columns]
 
     def _named(

@@ -10,7 +10,7 @@ import numpy as np
 
 # Roles of a column in a step of the solve order: unknown coefficient, coefficient that
 # was found before, unknown mass.
-OWN, KNOWN, MASS = range(3)
+UNKNOWN, KNOWN, MASS = range(3)
 # Share of a unit column, times one more than the number of columns, below which it
 # depends on the columns before it: round-off of a Cholesky factor.
 PIVOT = 9e-16
@@ -25,7 +25,7 @@ def compiled_solve() -> Callable[..., None]:
     the three tables of a solve order, masses (n_fits, n_dof), known ones preset, and
     coefficients (n_fits, p); the last two are written to.
     """
-    from ..common.compiled import address_of, addresses, jit, part
+    from ..common.compiled import address_of, addresses, jit, subroutine
 
     # long, because a call inside compiled code is a place where the compiler stops
     def least_squares(gram, p, columns, width, target, values, work, strict):
@@ -73,7 +73,7 @@ def compiled_solve() -> Callable[..., None]:
             values[i] *= scale[i]
         return True
 
-    solved = part(least_squares)
+    solved = subroutine(least_squares)
 
     def chain(
         fit,
@@ -128,7 +128,7 @@ def compiled_solve() -> Callable[..., None]:
                 width = np.int64(0)
                 for e in range(step[1], step[2]):
                     entry = address_of(entries, 4 * e)
-                    if entry[2] == OWN:
+                    if entry[2] == UNKNOWN:
                         coefficients[entry[0]] = entry[1] * values[width]
                     elif entry[2] == MASS:
                         weights[entry[3]] = values[width]

@@ -126,33 +126,33 @@ class KeptTerms:
 
     Parameters
     ----------
-    kept : mapping of str to ndarray of bool
+    chosen : mapping of str to ndarray of bool
         By the name of the equation.
     """
 
     coef_: np.ndarray
 
-    def __init__(self, kept: Mapping[str, np.ndarray]) -> None:
-        self.kept = dict(kept)
+    def __init__(self, chosen: Mapping[str, np.ndarray]) -> None:
+        self.chosen = dict(chosen)
 
     @classmethod
     def of(cls, fitted: Mapping[str, Optimizer]) -> KeptTerms:
         """The terms that fitted optimizers kept, by equation."""
-        kept = {}
+        chosen = {}
         for name, optimizer in fitted.items():
-            kept[name] = np.ravel(optimizer.coef_) != 0
-        return cls(kept)
+            chosen[name] = np.ravel(optimizer.coef_) != 0
+        return cls(chosen)
 
     def of_step(self, name: str) -> Optimizer:
         """The least squares of one equation."""
-        if name not in self.kept:
+        if name not in self.chosen:
             what = f"Terms of the {name} were not chosen"
             raise NRFError(what, "Fit the model with strategy='complete'.")
-        return LeastSquaresOfKept(self.kept[name])
+        return LeastSquaresOfKept(self.chosen[name])
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Its settings by name."""
-        return {"kept": self.kept}
+        return {"chosen": self.chosen}
 
     def fit(self, columns: np.ndarray, target: np.ndarray, /) -> object:
         """Refused: the terms are those of an equation, see :meth:`of_step`."""
@@ -164,17 +164,17 @@ class LeastSquaresOfKept(BaseEstimator):
 
     Parameters
     ----------
-    kept : ndarray of bool, shape (n_columns,)
+    chosen : ndarray of bool, shape (n_columns,)
     """
 
-    def __init__(self, kept: np.ndarray) -> None:
-        self.kept = kept
+    def __init__(self, chosen: np.ndarray) -> None:
+        self.chosen = chosen
 
     def fit(self, columns: np.ndarray, target: np.ndarray, /) -> Self:
         """Fit the target (n_samples, 1) by the kept columns."""
-        solution = np.linalg.lstsq(columns[:, self.kept], target.ravel())[0]
+        solution = np.linalg.lstsq(columns[:, self.chosen], target.ravel())[0]
         self.coef_ = np.zeros(columns.shape[1])
-        self.coef_[self.kept] = solution
+        self.coef_[self.chosen] = solution
         return self
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..chain.identifiability import SolveOrder
 from ..chain.layout import Group, Layout
 from ..chain.sites import Site
-from .compiled_solve import KNOWN, MASS, OWN, compiled_solve
+from .compiled_solve import KNOWN, MASS, UNKNOWN, compiled_solve
 from .normal_equations import groups_of
 
 # Ridge of scaled products: above round-off, far below what any channel determines.
@@ -75,7 +75,7 @@ class CompiledChainSolve:
             above = tuple(range(dof, self.n + 1))
             self.judged.append(number[above] if above in number else number[(dof,)])
 
-        self.own = [self._rows_in(group) for group in self.groups]
+        self.rows_of_group = [self._rows_in(group) for group in self.groups]
         self._tables = self._solve_tables(number)
         self._preset = _mass_line(self.known_masses, self.n)
         self._combinations = self._combination_table()
@@ -97,7 +97,7 @@ class CompiledChainSolve:
             first_entry, first_dof = len(entries), len(dofs)
             for dof in step.masses:
                 entries.append((self.first_mass + dof - 1, 1, MASS, dof - 1))
-            for role, sites in ((OWN, step.sites), (KNOWN, step.known_sites)):
+            for role, sites in ((UNKNOWN, step.sites), (KNOWN, step.known_sites)):
                 for row, sign in self._signed_terms(sites, step.dofs):
                     entries.append((row, sign, role, 0))
             dofs.extend(dof - 1 for dof in step.dofs)
@@ -178,7 +178,7 @@ class CompiledChainSolve:
 
     def beside(self, rows: Sequence[int]) -> list[int]:
         """Rows that stand in an equation together with some of these."""
-        return _beside(rows, self.own)
+        return _beside(rows, self.rows_of_group)
 
     def solve(
         self, fit: np.ndarray, strict: bool = True
@@ -238,11 +238,10 @@ def _mass_line(known_masses: Mapping[int, float], n_dof: int) -> np.ndarray:
     return np.array([known_masses.get(dof, 0.0) for dof in range(1, n_dof + 1)])
 
 
-class ChannelSolve(CompiledChainSolve):
+class ChannelSolve:
     """Masses and coefficients from measured channels, where floors have no sensor.
 
-    All columns stand in one sum of products, whatever equations their forces enter. It
-    shares nothing with its base but what is asked of both, :class:`ManySolver`.
+    All columns stand in one sum of products, whatever equations their forces enter.
 
     Parameters
     ----------
@@ -272,11 +271,13 @@ class ChannelSolve(CompiledChainSolve):
         self._terms: list[int] = []
         for site in layout.sites:
             self._terms.extend(map(int, where[site]))
-        self.own = [[*range(first_mass, first_mass + self.n + 2), *self._terms]]
+        self.rows_of_group = [
+            [*range(first_mass, first_mass + self.n + 2), *self._terms]
+        ]
 
     def beside(self, rows: Sequence[int]) -> list[int]:
         """Rows that stand in an equation together with some of these: all of them."""
-        return _beside(rows, self.own)
+        return _beside(rows, self.rows_of_group)
 
     def solve(
         self, fit: np.ndarray, strict: bool = True

@@ -270,6 +270,26 @@ class NormalEquations(PlainState):
             self, layout=layout, groups=groups, matrices=matrices, sizes=sizes
         )
 
+    def with_terms(
+        self,
+        layout: Layout,
+        terms: Mapping[Site, np.ndarray],
+        groups: Iterable[Group] | None = None,
+    ) -> NormalEquations:
+        """The same samples with some of the terms of each site, by their numbers.
+
+        ``groups`` are the equations that remain, all of them if None.
+        """
+        changes = {}
+        for group in self.groups.values() if groups is None else groups:
+            places = self.positions(group.dofs)
+            columns = [places.sites[site].start + terms[site] for site in group.sites]
+            if places.mass is not None:
+                columns.append(np.array([places.mass]))
+            columns.append(np.array([places.target]))
+            changes[group] = np.concatenate(columns)
+        return self.transformed(layout, changes)
+
     def projected(self) -> NormalEquations:
         """Roots of the columns projected on the instruments.
 

@@ -1,11 +1,4 @@
-"""What a search asks of equations, whatever they are made of.
-
-Two kinds of equations are linear in masses and in coefficients of laws. Where every
-floor is measured, the equations of motion balance measured forces and accelerations
-(:class:`~pysindy_nrf.equations.balances.BalanceEquations`). Where floors have no
-sensor, the measured channels are compared with the free run of a model, linearised
-about it: a force at a site changes every channel by the response of the model.
-"""
+"""What a search asks of the solve of many sums of products of columns."""
 
 from __future__ import annotations
 
@@ -14,42 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..chain.sites import Site
-from ..laws.base import ForceLaw
-
-
-class Equations(Protocol):
-    """Columns of laws and masses, and right-hand sides, along records.
-
-    A column is one line of samples, which stands in several equations with the signs
-    of its site; or one line for each measured channel, and the lines of one column
-    follow each other.
-    """
-
-    @property
-    def n_dof(self) -> int:
-        """Degrees of freedom."""
-
-    @property
-    def n_equations(self) -> int:
-        """Equations that are judged: one a DOF, or one for all channels."""
-
-    @property
-    def n_channels(self) -> int:
-        """Lines of one column: 1, or the number of measured channels."""
-
-    def columns(self, law: ForceLaw, site: Site, record: int) -> np.ndarray:
-        """Columns of a law at a site, (n_terms * n_channels, n_samples)."""
-
-    def inertias(self, record: int) -> np.ndarray:
-        """Columns of the masses, (n_dof * n_channels, n_samples)."""
-
-    def target(self, record: int) -> np.ndarray:
-        """Right-hand sides, (n_sides * n_channels, n_samples).
-
-        The forces on the DOFs; or what the forces do to the channels, then the channels
-        themselves, over which a residual is judged.
-        """
+from ..chain.layout import Group
 
 
 class ManySolver(Protocol):
@@ -57,11 +15,17 @@ class ManySolver(Protocol):
 
     Attributes
     ----------
+    groups : list of Group
+        Equations of which each has a sum of products.
     judged : list of int
         For each judged equation the number of the sum of products that holds it.
+    rows_of_group : list of list of int
+        Rows that stand in the equations of each group.
     """
 
+    groups: list[Group]
     judged: list[int]
+    rows_of_group: list[list[int]]
 
     def beside(self, rows: Sequence[int]) -> list[int]:
         """Rows that stand in an equation together with some of these."""

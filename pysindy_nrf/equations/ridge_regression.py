@@ -33,7 +33,7 @@ class Regression:
         columns: Mapping[str, np.ndarray],
         n_folds: int = N_FOLDS,
     ) -> None:
-        self.at = columns
+        self.columns = columns
         self.size = np.sqrt(np.maximum(np.einsum("bii->i", grams), 0.0))
         self.size[self.size == 0] = 1.0
         self.grams = grams / np.outer(self.size, self.size)
@@ -60,7 +60,7 @@ class Regression:
         blocks = in_blocks(records, n_blocks)
         return cls(np.array([block.T @ block for block in blocks]), columns, n_folds)
 
-    def left(self, target: str, names: Sequence[str] = ()) -> np.ndarray:
+    def unexplained(self, target: str, names: Sequence[str] = ()) -> np.ndarray:
         """Squares of a target that columns leave in every block, (n_blocks,).
 
         The columns are fitted to the other folds, with the ridge that leaves least.
@@ -74,8 +74,8 @@ class Regression:
 
         With its standard error.
         """
-        before = self.left(target, beside)
-        return share_of(before, self.left(target, [*beside, *names]))
+        before = self.unexplained(target, beside)
+        return share_of(before, self.unexplained(target, [*beside, *names]))
 
     def coefficients(self, target: str, names: Sequence[str]) -> dict[str, np.ndarray]:
         """Coefficients on all data, by name, in the columns' own units."""
@@ -88,13 +88,13 @@ class Regression:
         by_name = {}
         start = 0
         for name in names:
-            stop = start + len(self.at[name])
+            stop = start + len(self.columns[name])
             by_name[name] = weights[start:stop]
             start = stop
         return by_name
 
     def _index(self, target: str, names: Sequence[str]) -> np.ndarray:
-        return np.concatenate([self.at[name] for name in (*names, target)])
+        return np.concatenate([self.columns[name] for name in (*names, target)])
 
     def _fit(self, target: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
         """Squares left in every block, and the ridge that leaves least."""

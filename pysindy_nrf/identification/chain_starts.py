@@ -75,7 +75,6 @@ def chain_starts(
     links: Sequence[Site],
     known: Mapping[int, float],
     band: tuple[float, float] = (0.0, np.inf),
-    random_state: int = 0,
 ) -> list[LinearChain]:
     """Starting values of masses and of the springs and dashpots in some links.
 
@@ -88,7 +87,6 @@ def chain_starts(
         Masses that are known, kg, by DOF.
     band : tuple of float
         Hz; lines outside are not used.
-    random_state : int
 
     Returns
     -------
@@ -100,7 +98,7 @@ def chain_starts(
     IdentifiabilityError
         If no chain has the modes of the channels.
     """
-    rng = np.random.default_rng(random_state)
+    rng = np.random.default_rng(0)
     nearest = []
     matches = []
     for modes in modes_of(shots, chain.n_dof, band):

@@ -93,15 +93,15 @@ def displacement_drifts(problem: Problem, data: Dataset) -> dict[int, Drift]:
 
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            before = _left(problem, data)
-            after = _left(problem, _high_passed(data, drifts))
+            before = _pooled_error(problem, data)
+            after = _pooled_error(problem, _high_passed(data, drifts))
     except NRFError:
         # the slow part is all that scales the chain
         return {}
     return drifts if after < LEFT_WITHOUT_DRIFT * before else {}
 
 
-def _left(problem: Problem, data: Dataset) -> float:
+def _pooled_error(problem: Problem, data: Dataset) -> float:
     """What the equations of motion leave beside unknown zeros, percent."""
     zeros = np.zeros(data.n_dof)
     segments = [replace(segment, offsets=zeros) for segment in data.segments]

@@ -70,28 +70,28 @@ def _corner(problem: Problem, data: Dataset, dof: int, step: float) -> float:
     The squared residual of its equation of motion is a parabola of the corner.
     """
     try:
-        left = []
+        squares = []
         for corner in (0.0, step, 2 * step):
             changed = _before_filters(data, {dof: corner} if corner else {})
-            left.append(_squares(problem, changed, dof))
+            squares.append(_squares(problem, changed, dof))
     except NRFError:
         # nothing scales the chain, or a law cannot be told from another
         return 0.0
 
-    bend = left[0] - 2 * left[1] + left[2]
-    slope = -0.5 * (3 * left[0] - 4 * left[1] + left[2])
+    bend = squares[0] - 2 * squares[1] + squares[2]
+    slope = -0.5 * (3 * squares[0] - 4 * squares[1] + squares[2])
     if not bend > 0:
         return 0.0
     corner = -slope / bend * step
-    least = left[0] - 0.5 * slope**2 / bend
-    return corner if least < LEFT_BY_A_CORNER * left[0] else 0.0
+    least = squares[0] - 0.5 * slope**2 / bend
+    return corner if least < LEFT_BY_A_CORNER * squares[0] else 0.0
 
 
 def _squares(problem: Problem, data: Dataset, dof: int) -> float:
     """Squared residual of the equation of motion of a DOF, N^2."""
     model = least_squares(problem, data).model
     residual = residual_of(model, data, problem.filters(data))
-    return float(sum(np.nansum(line**2) for line in residual.at(f"dof {dof}")))
+    return float(sum(np.nansum(line**2) for line in residual.at_place(f"dof {dof}")))
 
 
 # -- data with other forces ----------------------------------------------------------

@@ -95,16 +95,18 @@ class JointResolver(Resolver):
         layout = shapes.layout
         changes = {}
         for dofs in self.pieces.groups:
-            kept: list[int] = []
+            columns_left: list[int] = []
             places = self.pieces.positions(dofs)
             for site, columns in places.sites.items():
                 of_site = self.shapes.columns_without(site, numbers)
-                kept += [columns.start + column for column in of_site]
+                columns_left += [columns.start + column for column in of_site]
             if places.mass is not None:
-                kept.append(places.mass)
-            change = np.array([*kept, places.target])
+                columns_left.append(places.mass)
+            change = np.array([*columns_left, places.target])
             if self.pieces.instrumented:
-                change = np.concatenate([change, places.target + 1 + np.array(kept)])
+                change = np.concatenate(
+                    [change, places.target + 1 + np.array(columns_left)]
+                )
             changes[layout.group(dofs)] = change
         pieces = self.pieces.transformed(layout, changes)
         return replace(self, pieces=pieces, shapes=shapes)
@@ -141,12 +143,12 @@ def joint_resolver(
     if shapes is None or problem.optimizer is not None:
         return None
     search = shapes.search
-    held = [
+    at_ends = [
         int(k)
         for k in np.flatnonzero(search.at_end(shapes.u))
         if not search.has_limit(int(k))
     ]
-    shapes = shapes.without(held)
+    shapes = shapes.without(at_ends)
     if not shapes.numbers:
         return None
     pieces = shapes.pieces(order, data, coefficients, runs, whiteners)
@@ -179,7 +181,7 @@ def shapes_at_ends(
     if isinstance(resolver, JointResolver):
         leaving = _leaving(resolver)
 
-    found = []
+    at_ends = []
     ends = shapes.search.at_end(shapes.u)
     for k in np.flatnonzero(ends):
         site, number, shape = shapes.search.free[k]
@@ -190,8 +192,8 @@ def shapes_at_ends(
         value = float(shapes.search.scale.values(shapes.u)[k])
         side = "lower" if ends[k] < 0 else "upper"
         end = ShapeAtEnd(law.name, str(site), shape.name, side, value, shape.unit)
-        found.append(end)
-    return tuple(found)
+        at_ends.append(end)
+    return tuple(at_ends)
 
 
 def _leaving(resolver: JointResolver) -> set[tuple[Site, int, str]]:

@@ -19,7 +19,7 @@ from ..diagnosis.residual import residual_of
 from ..diagnosis.rules import ABOVE_NOISE
 from ..exceptions import NRFWarning
 from ..records.dataset import Dataset, Segment
-from ..records.fusion.noise_levels import levels_of
+from ..records.fusion.noise_levels import levels_of, noisy_channels
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
 from .problem import Problem
@@ -35,7 +35,6 @@ LEAST_SHARE = 0.01
 TIMES_NOISE = 1.2
 # A verdict on the same data is the same, so its noise is.
 _SEED = 0
-_PARTS = {"a": "acceleration", "v": "velocity", "x": "displacement", "F": "force"}
 
 
 @dataclass(frozen=True)
@@ -84,29 +83,29 @@ def beside_noise(problem: Problem, model: ChainModel, data: Dataset) -> BesideNo
     residual = residual_of(model, data, problem.filters(data))
     n_octaves = _number_of_octaves([*of_noise, *residual.balance])
     noise = _powers_by_octave(of_noise, step, n_octaves)
-    left = _powers_by_octave(residual.balance, step, n_octaves)
+    powers = _powers_by_octave(residual.balance, step, n_octaves)
 
     known = BesideNoise()
     for j, reference in enumerate(residual.reference["reference"][: model.n_dof]):
-        if np.isfinite(left[:, j]).all() and reference > 0:
-            of_dof = _above_noise(left[:, j], noise[:, j], step)
+        if np.isfinite(powers[:, j]).all() and reference > 0:
+            of_dof = _above_noise(powers[:, j], noise[:, j], step)
             percent = 100.0 * of_dof.rms / float(reference)
             known.left_over[j + 1] = replace(of_dof, percent=percent)
             known.noise[j + 1] = 100.0 * float(np.sqrt(noise[:, j].sum()) / reference)
     return known
 
 
-def _above_noise(left: np.ndarray, noise: np.ndarray, step: float) -> LeftOver:
+def _above_noise(powers: np.ndarray, noise: np.ndarray, step: float) -> LeftOver:
     """What is left in the octaves far above noise; in all if there is none."""
-    holds_something = left > LEAST_SHARE * left.sum()
-    counted = holds_something & (left > ABOVE_NOISE**2 * noise)
+    holds_something = powers > LEAST_SHARE * powers.sum()
+    counted = holds_something & (powers > ABOVE_NOISE**2 * noise)
     if not counted.any():
-        counted = np.ones(len(left), dtype=bool)
-    rms = float(np.sqrt(left[counted].sum()))
+        counted = np.ones(len(powers), dtype=bool)
+    rms = float(np.sqrt(powers[counted].sum()))
     of_noise = float(np.sqrt(noise[counted].sum()))
     number = np.flatnonzero(counted)
     highest = 0.5 / step / 2.0 ** number[0]
-    is_lowest = number[-1] == len(left) - 1
+    is_lowest = number[-1] == len(powers) - 1
     lowest = 0.0 if is_lowest else 0.25 / step / 2.0 ** number[-1]
     return LeftOver(rms, of_noise, np.nan, (lowest, highest))
 
@@ -153,15 +152,7 @@ def _stretch(problem: Problem, data: Dataset, number: int) -> Record:
 def _with_noise(record: Record, segment: Segment, rng: np.random.Generator) -> Record:
     """A record with further noise on every channel, as strong as what it has."""
     levels = levels_of(record, segment.noise)
-    changes: dict[str, np.ndarray] = {}
-    for letter, part in _PARTS.items():
-        measured = getattr(record, part)
-        if measured is None:
-            continue
-        rms = [levels.get(f"{letter}{j}", 0.0) for j in range(1, record.n_dof + 1)]
-        scatter = rng.standard_normal(np.shape(measured)) * rms
-        changes[part] = np.asarray(measured, dtype=float) + scatter
-    return record.replace(**changes)
+    return record.replace(**noisy_channels(record, levels, rng))
 
 
 def _number_of_octaves(lines: Sequence[np.ndarray]) -> int:

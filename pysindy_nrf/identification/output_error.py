@@ -26,6 +26,7 @@ from ..exceptions import (
 from ..laws.shape import Shape
 from ..records.dataset import Dataset
 from ..records.zero_phase_filter import Band
+from ..simulation.system import flatten, jumping_sites
 from .free_run_fit import FreeRunError, FreeRunFit, Solution
 from .instrumental_variables import IVResult, instrumental_variables
 from .intervals import InfluenceResolver, Resolver
@@ -289,15 +290,25 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
 def _free_run_improves(model: ChainModel, data: Dataset, asked: Problem) -> bool:
     """Whether a fit of the free run is worth its time.
 
-    Instruments find masses and coefficients as well. Shape parameters they find by
-    columns along a motion with errors.
+    Instruments need columns whose errors have no mean. Noise in the rate makes the
+    mean of a force that jumps smaller, and columns of searched shape parameters follow
+    a motion with errors.
     """
-    if not _shapes_of_motion(asked) or data.n_samples > MOST_SAMPLES_UNASKED:
+    if not _shapes_of_motion(asked) and not _jumps(model):
+        return False
+    if data.n_samples > MOST_SAMPLES_UNASKED:
         return False
     try:
         return any(_misses_more_than_noise(s, model) for s in shots_of(data, model))
     except SimulationError:
         return False
+
+
+def _jumps(model: ChainModel) -> bool:
+    """Whether a force jumps where the rate at its site changes sign."""
+    _, layout = flatten(model)
+    covariates = np.ones(len(layout.covariates))
+    return bool(jumping_sites(model.laws, layout, covariates).any())
 
 
 def _misses_more_than_noise(shot: Shot, model: ChainModel) -> bool:

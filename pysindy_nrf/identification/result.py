@@ -193,20 +193,6 @@ class IdentificationResult(PlainState):
             )
         return self.data
 
-    def residual_forces(self) -> list[np.ndarray]:
-        """What the balances leave of the forces, N, record by record.
-
-        Returns
-        -------
-        list of ndarray of shape (n_valid_samples, n_dof)
-        """
-        data = self.require_data("Fit again to see what the balances leave.")
-        left_hand_sides = self.model.balance_forces(data)
-        return [
-            segment.driving_force[segment.valid] - force
-            for segment, force in zip(data.segments, left_hand_sides)
-        ]
-
     @cached_property
     def smaller_order(self) -> SmallerOrder | None:
         """The smallest degree of the power series that leaves as little as that fitted.
@@ -423,8 +409,15 @@ class IdentificationResult(PlainState):
             self._head_of_summary(),
             table,
             self.verdict,
-            self.bounds[1],
+            self._notes_of_summary(),
         )
+
+    def _notes_of_summary(self) -> list[str]:
+        """Why there are no intervals, and the lower degree that does as well."""
+        notes = list(self.bounds[1])
+        if self.smaller_order is not None:
+            notes.append(str(self.smaller_order))
+        return notes
 
     def _head_of_summary(self) -> list[tuple[str, str]]:
         """Method, data, band and errors, by name."""

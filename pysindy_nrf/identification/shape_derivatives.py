@@ -49,16 +49,7 @@ def shape_derivatives(
     with_lines : bool
         Whether frequencies are among them.
     """
-    laws: dict[Site, list[ForceLaw]] = {}
-    for site, group in declared.laws.items():
-        laws[site] = []
-        for law, law_with_values in zip(group, problem.laws[site]):
-            is_left_out = any(
-                shape.instant or (shape.is_frequency and not with_lines)
-                for shape in law.shapes
-            )
-            laws[site].append(law_with_values if is_left_out else law)
-
+    laws = _laws_with_derivatives(declared, problem, with_lines)
     if not any(law.free_shape for group in laws.values() for law in group):
         return None
     scales = scales_of(data, problem.layout)
@@ -75,6 +66,22 @@ def shape_derivatives(
                 half_span[k] /= search.scale.values(u)[k]
     numbers = tuple(range(len(search.free)))
     return ShapeDerivatives(problem, search, u, half_span, numbers)
+
+
+def _laws_with_derivatives(
+    declared: Problem, problem: Problem, with_lines: bool
+) -> dict[Site, list[ForceLaw]]:
+    """The declared laws; those without a derivative keep the values of the problem."""
+    laws: dict[Site, list[ForceLaw]] = {}
+    for site, group in declared.laws.items():
+        laws[site] = []
+        for law, law_with_values in zip(group, problem.laws[site]):
+            has_derivative = not any(
+                shape.instant or (shape.is_frequency and not with_lines)
+                for shape in law.shapes
+            )
+            laws[site].append(law if has_derivative else law_with_values)
+    return laws
 
 
 def shapes_of_motion(declared: Problem | None) -> list[str]:

@@ -73,9 +73,9 @@ def smaller_order(
                 solution = solve(cut, order, problem.known_masses)
         except NRFError:
             continue
-        left = pooled_error(solution.masses, solution.coefficients, cut)
-        if left <= limit:
-            return SmallerOrder(degree, float(left), error)
+        lowered_error = pooled_error(solution.masses, solution.coefficients, cut)
+        if lowered_error <= limit:
+            return SmallerOrder(degree, float(lowered_error), error)
     return None
 
 
@@ -106,20 +106,11 @@ def _of_lower_degree(
     sums: NormalEquations, layout: LawLayout, lowered: LawLayout
 ) -> NormalEquations:
     """The sums of the columns that a lower degree keeps."""
-    changes = {}
-    for dofs, group in sums.groups.items():
-        places = sums.positions(dofs)
-        index = []
-        for site in group.sites:
-            start = places.sites[site].start
-            kept = np.arange(layout.counts[site])
-            if lowered.counts[site] < layout.counts[site]:
-                exponents = exponents_of(_degree_at(layout, site))
-                wanted = exponents_of(_degree_at(lowered, site))
-                kept = np.array([exponents.index(pair) for pair in wanted])
-            index.append(start + kept)
-        if places.mass is not None:
-            index.append(np.array([places.mass]))
-        index.append(np.array([places.target]))
-        changes[group] = np.concatenate(index)
-    return sums.transformed(lowered, changes)
+    terms = {}
+    for site in layout.acting:
+        terms[site] = np.arange(layout.counts[site])
+        if lowered.counts[site] < layout.counts[site]:
+            exponents = exponents_of(_degree_at(layout, site))
+            remaining = exponents_of(_degree_at(lowered, site))
+            terms[site] = np.array([exponents.index(pair) for pair in remaining])
+    return sums.with_terms(lowered, terms)

@@ -10,7 +10,7 @@ from collections import namedtuple
 import numpy as np
 from numba.core.errors import NumbaError
 
-from ..common.compiled import address_of, addresses, inline, jit, part, read_only
+from ..common.compiled import address_of, addresses, inline, jit, read_only, subroutine
 from ..exceptions import ChannelError, LawError
 from .base import ForceLaw
 from .callbacks import call_walk, cannot_compile, walk_callback
@@ -135,7 +135,7 @@ def _is_plausible(peak, rise, h, v0, v1):
     return 0.0 <= from_start <= h * abs(v0) and 0.0 <= to_end <= h * abs(v1)
 
 
-@part
+@subroutine
 def _reversals(s0, s1, v0, v1, h, a0, a1, has_a):
     """Reversals in an interval: their number; shares of time and rises of the drift."""
     rise = s1 - s0
@@ -188,7 +188,7 @@ def _mark_sign_changes_and_dips(v0, v1, a0, a1, n, suspect):
     return marked
 
 
-@part
+@subroutine
 def _find_reversals(record, block, first, last, has_a):
     """Write the reversals between two samples into the block; returns their number."""
     s, v = record.s, record.v

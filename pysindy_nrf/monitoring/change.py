@@ -16,6 +16,7 @@ from ..chain.model import ChainModel, DataOptions, as_segments, storey_names
 from ..chain.restoring_force import grid
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..diagnosis.modes import modal_assurance
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, visited_regions
 from ..equations.normal_equations import NormalEquations, variance
@@ -104,6 +105,27 @@ class ChangeReport:
             same_force.append(self.comparison.same(row.storey, row.term, self.level))
         elsewhere = ~rows["storey"].isin(self.changed["place"])
         return rows[np.array(same_force, dtype=bool) & elsewhere]
+
+    @property
+    def modes(self) -> pd.DataFrame:
+        """Modes of the linear part in both tests, and how alike their shapes are.
+
+        Returns
+        -------
+        DataFrame
+            By mode: ``frequency before`` and ``after`` (Hz), ``damping before`` and
+            ``after`` (share of critical), ``mac`` (1 for equal shapes). Empty where a
+            mass is not positive.
+        """
+        if (self.before.masses <= 0).any() or (self.after.masses <= 0).any():
+            return pd.DataFrame()
+        before, after = self.before.modes(), self.after.modes()
+        columns = {}
+        for name in ("frequency", "damping"):
+            columns[f"{name} before"] = before[name]
+            columns[f"{name} after"] = after[name]
+        columns["mac"] = np.diag(modal_assurance(before, after))
+        return pd.DataFrame(columns)
 
     def map(self, storey: str | int, size: int = 41) -> pd.DataFrame:
         """Change of a storey's force over the motion of both tests.

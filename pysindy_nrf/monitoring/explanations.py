@@ -197,19 +197,21 @@ class ExplanationSearch:
         change = self.best((), asked)
         if change is None:
             return None
-        before = self._left(())[0]
-        after = self._left((change,))[0]
+        before = self._unexplained_squares(())[0]
+        after = self._unexplained_squares((change,))[0]
         if before - after > LEAST_SHARE_OF_GAIN * before:
             return (change,)
         return None
 
     def _leaves_less(self, explanation: Explanation, other: Explanation) -> bool:
         """Whether an explanation leaves significantly less than another."""
-        saved = (self._left(other) - self._left(explanation))[:, None]
+        saved = (
+            self._unexplained_squares(other) - self._unexplained_squares(explanation)
+        )[:, None]
         probability = self.differences.probability(saved, 1)[0]
         return bool(saved[0, 0] > 0 and probability < self.level)
 
-    def _left(self, explanation: Explanation) -> np.ndarray:
+    def _unexplained_squares(self, explanation: Explanation) -> np.ndarray:
         """Squares that an explanation leaves, of all blocks and without each."""
         return self.differences.unexplained(self._used(explanation), [])[:, 0, 0]
 

@@ -21,11 +21,11 @@ MAX_ROWS_SHOWN = 3  # of a message
 MAX_COLUMNS_SHOWN = 12
 
 
-def rows_text(rows: np.ndarray, max_shown: int = MAX_ROWS_SHOWN) -> str:
+def rows_text(rows: np.ndarray) -> str:
     """Row numbers for a message, e.g. ``"rows 17, 18, 19 and 4 more"``."""
     noun = "rows" if len(rows) > 1 else "row"
-    shown = ", ".join(str(int(row)) for row in rows[:max_shown])
-    hidden = len(rows) - max_shown
+    shown = ", ".join(str(int(row)) for row in rows[:MAX_ROWS_SHOWN])
+    hidden = len(rows) - MAX_ROWS_SHOWN
     more = f" and {hidden} more" if hidden > 0 else ""
     return f"{noun} {shown}{more}"
 

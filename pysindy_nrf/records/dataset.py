@@ -201,7 +201,7 @@ class Segment:
             covariates=_rows_of_each(self.covariates, rows),
         )
 
-    def part(self, rows: slice, first_row: int) -> Segment:
+    def cut(self, rows: slice, first_row: int) -> Segment:
         """Valid rows as a segment, which begins at a row of all records."""
         n_rows = rows.stop - rows.start
         return replace(
@@ -229,7 +229,7 @@ class Segment:
             return self
         rows = slice(self.valid.start, self.valid.stop, step)
         n_rows = len(range(rows.start, rows.stop, step))
-        thinned = self.part(rows, 0)
+        thinned = self.cut(rows, 0)
         valid = slice(0, n_rows)
         return replace(thinned, rows=valid, valid=valid)
 

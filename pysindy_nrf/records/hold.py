@@ -59,4 +59,4 @@ def band_limited(force: np.ndarray, hold: str) -> np.ndarray:
     longer = np.vstack([first - 2 * slope, first - slope, force, last])
     n = len(force)
     moved = [longer[lag : lag + n] for lag in range(4)]
-    return sum(weight * part for weight, part in zip(WEIGHTS[hold], moved))
+    return sum(weight * samples for weight, samples in zip(WEIGHTS[hold], moved))

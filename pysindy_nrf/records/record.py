@@ -578,10 +578,10 @@ def _matrices(values: Mapping[str, ArrayLike | None]) -> dict[str, np.ndarray]:
 
     Columns of tables that are named ``F1``, ``F2``, .. are put in this order.
     """
-    given = {key: value for key, value in values.items() if value is not None}
-    _require_one_time(given)
+    present = {key: value for key, value in values.items() if value is not None}
+    _require_one_time(present)
     matrices = {}
-    for key, value in given.items():
+    for key, value in present.items():
         in_order = _in_order_of_dofs(value, MATRICES[key])
         matrices[key] = as_matrix(in_order, MATRICES[key], what=key)
     return matrices

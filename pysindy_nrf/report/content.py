@@ -22,6 +22,7 @@ from ..chain.latex import (
 from ..chain.model import ChainModel
 from ..common.audit import versions
 from ..diagnosis.effects import Bounds, Interval, plain_name
+from ..diagnosis.modes import equivalent_modes
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import Verdict
 from ..drawing.figure import Figure, dof_words
@@ -40,6 +41,9 @@ _UNKNOWN = (np.nan, np.nan)
 DRAWN_RECORDS = 3
 # Records by whose names a page is called.
 MAX_NAMES_IN_TITLE = 3
+# Share by which a frequency or a damping at the measured amplitude must differ from
+# that of the linear part to be shown: few tests know a frequency better.
+LEAST_CHANGE_OF_MODES = 0.01
 
 
 @dataclass(frozen=True)
@@ -167,12 +171,13 @@ def model_part(
     figures = []
     modes = _modes(model)
     if len(modes):
-        head = {"frequency": "frequency (Hz)", "damping": "damping ratio"}
-        for name in modes.columns:
-            if name.startswith("dof"):
-                head[name] = dof_words(name)
-        tables.append(table("Modes of the linear part", modes, head, index="mode"))
+        tables.append(_modes_table("Modes of the linear part", modes))
         figures.append(modes_figure(modes))
+        at_amplitude = _modes_at_amplitude(model, loops)
+        of_linear_part = modes[at_amplitude.columns]
+        if not np.allclose(at_amplitude, of_linear_part, rtol=LEAST_CHANGE_OF_MODES):
+            caption = "Modes at the measured amplitude"
+            tables.append(_modes_table(caption, at_amplitude))
 
     sections = _site_sections(model, loops, bounds)
     text = str(model).splitlines()
@@ -209,6 +214,27 @@ def _modes(model: ChainModel) -> pd.DataFrame:
         return model.modes()
     except (NRFError, np.linalg.LinAlgError):
         return pd.DataFrame()
+
+
+def _modes_at_amplitude(model: ChainModel, loops: Sequence[SiteLoop]) -> pd.DataFrame:
+    """Frequencies and dampings of the equivalent linear chain.
+
+    Those of the linear part where the force of a site is not known along the data.
+    """
+    drawn = {loop.site for loop in loops}
+    modes = model.modes()
+    acting = [str(site) for site, force in model.restoring_forces.items() if force.laws]
+    if drawn.issuperset(acting):
+        modes = equivalent_modes(model, loops)
+    return modes[["frequency", "damping"]]
+
+
+def _modes_table(caption: str, modes: pd.DataFrame) -> Table:
+    head = {"frequency": "frequency (Hz)", "damping": "damping ratio"}
+    for name in modes.columns:
+        if name.startswith("dof"):
+            head[name] = dof_words(name)
+    return table(caption, modes, head, index="mode")
 
 
 def _masses(model: ChainModel, bounds: Bounds) -> Table:

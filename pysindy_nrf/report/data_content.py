@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from ..records.checks.channel_checks import channel_notes, measured
 from ..records.quality import QualityNote, messages
@@ -14,7 +14,6 @@ def data_content(
     records: Sequence[Record],
     title: str | None = None,
     notes: Sequence[str] = (),
-    info: Mapping[str, object] | None = None,
 ) -> Content:
     """Channels of records over time and by frequency, and what is doubtful of them.
 
@@ -25,8 +24,6 @@ def data_content(
         Names of the records if None.
     notes : sequence of str
         What is to be taken care of, beside what the channels say.
-    info : mapping of str to object, optional
-        ``command`` and ``inputs`` of the run.
     """
     doubts: list[QualityNote] = []
     summaries = []
@@ -38,7 +35,7 @@ def data_content(
     return Content(
         title=title or names_of(summaries),
         lead=lead,
-        audit=audit_part(info or {}, {}),
+        audit=audit_part({}, {}),
         care=list(dict.fromkeys(care)),
         measured=measured_part(summaries, notes=doubts),
     )

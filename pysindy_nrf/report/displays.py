@@ -16,6 +16,7 @@ from ..chain.model import ChainModel, parameters_of
 from ..chain.sites import SiteName
 from ..diagnosis.free_run import FreeRuns, free_runs
 from ..diagnosis.site_loops import SiteLoop, loops_of
+from ..drawing.figure import Figure
 from ..drawing.matplotlib_renderer import Column, Single
 from ..exceptions import ChannelError, NRFError
 from ..records.dataset import Dataset
@@ -185,7 +186,52 @@ class HysteresisDisplay(Single):
         return cls([loop_figure(loop, stiffness)]).plot(ax)
 
 
-class FreeRunDisplay(Column):
+class _OfOneDof(Column):
+    """Figures of one DOF below each other."""
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: ChainModel | Fitted,
+        record: Records | None = None,
+        dof: int | None = None,
+        *,
+        ax: Axes | Sequence[Axes] | np.ndarray | None = None,
+    ) -> Self:
+        """Draw one DOF.
+
+        Parameters
+        ----------
+        estimator : fitted NRFRegressor or ChainModel
+        record : Record or sequence of Record, optional
+            The data of the fit if None; of several the first is drawn.
+        dof : int, optional
+            The one that moves most, or whose residual is the largest part of its
+            force, if None.
+        ax : sequence of Axes, optional
+            One for each figure, or fewer for the first ones; new ones if None.
+
+        Returns
+        -------
+        Display
+
+        Raises
+        ------
+        ChannelError
+            If there is no such DOF, or nothing to draw of it; the reason is given.
+        """
+        shown = _shown(estimator, record)
+        return cls(cls._figures_of(shown, dof, record is not None)).plot(ax)
+
+    @classmethod
+    def _figures_of(
+        cls, shown: Identification, dof: int | None, over_records: bool
+    ) -> list[Figure]:
+        """The figures; ``over_records`` says whether records were given."""
+        raise NotImplementedError
+
+
+class FreeRunDisplay(_OfOneDof):
     """The model alone under the measured force over the measurement; its error below.
 
     Parameters
@@ -208,47 +254,20 @@ class FreeRunDisplay(Column):
     """
 
     @classmethod
-    def from_estimator(
-        cls,
-        estimator: ChainModel | Fitted,
-        record: Records | None = None,
-        dof: int | None = None,
-        *,
-        ax: Axes | Sequence[Axes] | np.ndarray | None = None,
-    ) -> Self:
-        """Run the model over a record and draw one DOF.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor or ChainModel
-        record : Record or sequence of Record, optional
-            The data of the fit if None; of several the first is drawn.
-        dof : int, optional
-            The one that moves most if None.
-        ax : sequence of two Axes, optional
-            For the motion and the error; with one, the motion alone.
-
-        Returns
-        -------
-        FreeRunDisplay
-
-        Raises
-        ------
-        ChannelError
-            If there is no such DOF, or no run is possible; the reason is given.
-        """
-        shown = _shown(estimator, record)
-        runs = _runs_of(shown, record is not None)
+    def _figures_of(
+        cls, shown: Identification, dof: int | None, over_records: bool
+    ) -> list[Figure]:
+        runs = _runs_of(shown, over_records)
         if not runs.runs:
             raise ChannelError(
                 f"There is no free run: {runs.why_not}", "Give a record with forces."
             )
         if dof is None:
-            return cls(free_run_figures(runs)[:1]).plot(ax)
+            return free_run_figures(runs)[:1]
         n_dof = shown.model.n_dof
         if not 1 <= dof <= n_dof:
             raise ChannelError(f"There is no DOF {dof}", f"Choose 1 to {n_dof}.")
-        return cls([free_run_figure(runs, dof)]).plot(ax)
+        return [free_run_figure(runs, dof)]
 
 
 def _runs_of(shown: Identification, over_records: bool) -> FreeRuns:
@@ -259,7 +278,7 @@ def _runs_of(shown: Identification, over_records: bool) -> FreeRuns:
     return free_runs(shown.model, data, filters_of(shown.band, data))
 
 
-class ResidualDisplay(Column):
+class ResidualDisplay(_OfOneDof):
     """What the model leaves of one equation of motion.
 
     Its spectrum beside the force and the noise of the channels, its correlation with
@@ -287,43 +306,16 @@ class ResidualDisplay(Column):
     _shared = False
 
     @classmethod
-    def from_estimator(
-        cls,
-        estimator: ChainModel | Fitted,
-        record: Records | None = None,
-        dof: int | None = None,
-        *,
-        ax: Axes | Sequence[Axes] | np.ndarray | None = None,
-    ) -> Self:
-        """Draw the residual of one equation of motion.
-
-        Parameters
-        ----------
-        estimator : fitted NRFRegressor or ChainModel
-        record : Record or sequence of Record, optional
-            The data of the fit if None; of several the first is drawn.
-        dof : int, optional
-            The one whose residual is the largest part of its force if None.
-        ax : sequence of Axes, optional
-            Up to three; new ones if None.
-
-        Returns
-        -------
-        ResidualDisplay
-
-        Raises
-        ------
-        ChannelError
-            If the force on this DOF is not known.
-        """
-        shown = _shown(estimator, record)
+    def _figures_of(
+        cls, shown: Identification, dof: int | None, over_records: bool
+    ) -> list[Figure]:
         data = _data_of(shown)
         residuals = equation_residuals(shown.model, data, filters_of(shown.band, data))
         if dof is None:
-            return cls(residual_figures(largest_residual(residuals))).plot(ax)
+            return residual_figures(largest_residual(residuals))
         for residual in residuals:
             if residual.dof == dof:
-                return cls(residual_figures(residual)).plot(ax)
+                return residual_figures(residual)
         known = ", ".join(str(residual.dof) for residual in residuals)
         raise ChannelError(
             f"The equation of motion of DOF {dof} has no residual", f"Choose {known}."

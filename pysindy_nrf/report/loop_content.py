@@ -142,14 +142,14 @@ def _tiles(report: Loop) -> list[Tile]:
         error = f"{last['free run']:.3g} %"
         tiles.append(Tile("Held-out free-run error", error, since))
 
-    source = band_source(report.settings)
+    source = band_source(report.band, report.settings)
     tiles.append(Tile("Band", band_text(report.band), source))
     return tiles
 
 
 def band_and_source(report: Loop) -> str:
     """The band of a closed loop, and where it comes from."""
-    band, source = band_text(report.band), band_source(report.settings)
+    band, source = band_text(report.band), band_source(report.band, report.settings)
     return f"{band}, {source}" if source else band
 
 
@@ -175,11 +175,11 @@ def _law_over_missing_force(report: Loop) -> list[Figure]:
     if not effects_found:
         return []
     site = effects_found[0].site
-    found = {step.law for step in effects_found if step.site == site}
+    added = {step.law for step in effects_found if step.site == site}
     for loop in report.loops:
         if loop.site == site:
             force = report.model.restoring_forces[site]
-            return missing_force_figures(force, loop, found)
+            return missing_force_figures(force, loop, added)
     return []
 
 
@@ -280,9 +280,9 @@ def _chapter_of_step(
         facts.append(("What else it may be", " ".join(others)))
 
     tables = [_parameters(step)]
-    if step.tied:
+    if step.rivals:
         rows = []
-        for law_name, site, reduction in step.tied:
+        for law_name, site, reduction in step.rivals:
             rows.append([plain_name(law_name), site, float(reduction)])
         caption = f"The data cannot distinguish from {plain_name(step.law)}"
         tables.append(Table(caption, ["law", "site", "error reduction (dB)"], rows))

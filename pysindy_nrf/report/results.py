@@ -41,14 +41,14 @@ class Step(effects.Effect, Protocol):
         """What it changes of the force at its site, as a share."""
 
     @property
-    def tied(self) -> Sequence[tuple[str, str, float]]:
+    def rivals(self) -> Sequence[tuple[str, str, float]]:
         """Law, site and error reduction, dB, of candidates that explain it as well."""
 
 
 class NoiseFloor(facts.NoiseFloor, Protocol):
     """What noise alone would leave of the forces."""
 
-    def at(self, name: str) -> float:
+    def rms_at(self, name: str) -> float:
         """Rms at a balance (``"dof 2"``) or storey (``"storey 2"``), N."""
 
 

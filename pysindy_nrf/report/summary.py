@@ -18,6 +18,16 @@ from ..diagnosis.verdict import Verdict
 
 # Columns of a line of text.
 WIDTH = 92
+_COLUMNS = [
+    "site",
+    "term",
+    "estimate",
+    "std_error",
+    "lower",
+    "upper",
+    "unit",
+    "share",
+]
 _HEAD = ("", "estimate", "std err", "[0.025", "0.975]", "unit", "share %")
 _WIDTHS = (24, 14, 11, 13, 13, 9, 8)
 _NO_LATEX = str.maketrans(
@@ -112,20 +122,20 @@ class Summary:
         """Names and values, two beside each other where they fit."""
         half = WIDTH // 2
         lines: list[str] = []
-        left = ""
+        first_entry = ""
         for name, value in self.head:
             entry = f"{name + ':':17s} {value}"
-            if left and len(entry) < half:
-                lines.append(f"{left:{half}s}{entry}")
-                left = ""
+            if first_entry and len(entry) < half:
+                lines.append(f"{first_entry:{half}s}{entry}")
+                first_entry = ""
                 continue
-            if left:
-                lines.append(left)
-            left = entry
+            if first_entry:
+                lines.append(first_entry)
+            first_entry = entry
             if len(entry) >= half:
-                lines.append(left)
-                left = ""
-        return [*lines, left] if left else lines
+                lines.append(first_entry)
+                first_entry = ""
+        return [*lines, first_entry] if first_entry else lines
 
     def as_html(self) -> str:
         """One page to print, every name escaped; no file beside it is needed.
@@ -207,28 +217,24 @@ def summary_of(
     known_masses : mapping of int to float
         Those that were given, kg.
     """
-    units = {f"m{j}": "kg" for j in range(1, model.n_dof + 1)}
-    places = {name: ("", name) for name in units}
-    share = {}
+    rows = []
+    for j in range(1, model.n_dof + 1):
+        term = f"m{j} (given)" if j in known_masses else f"m{j}"
+        rows.append((f"m{j}", "", term, "kg", np.nan))
     for site, force in model.restoring_forces.items():
+        share = shares.get(str(site), pd.Series(dtype=float))
         for term, unit in zip(force.coefficients.index, force.units):
             name = f"{site}: {term}"
-            units[name], places[name] = unit, (str(site), str(term))
-            if str(site) in shares:
-                share[name] = float(shares[str(site)].get(term, np.nan))
+            rows.append((name, str(site), str(term), unit, share.get(term, np.nan)))
+    labels = pd.DataFrame(rows, columns=["parameter", "site", "term", "unit", "share"])
 
     estimates = parameters_of(model)
-    table = pd.DataFrame(index=estimates.index.rename("parameter"))
-    table["site"] = [places[name][0] for name in estimates.index]
-    table["term"] = [places[name][1] for name in estimates.index]
+    table = labels.set_index("parameter").loc[estimates.index]
     table["estimate"] = estimates
-    table["std_error"] = [errors.get(name, np.nan) for name in estimates.index]
-    ends = [bounds.get(name, (np.nan, np.nan)) for name in estimates.index]
+    table["std_error"] = [errors.get(name, np.nan) for name in table.index]
+    ends = [bounds.get(name, (np.nan, np.nan)) for name in table.index]
     table["lower"], table["upper"] = np.array(ends, dtype=float).T
-    table["unit"] = [units[name] for name in estimates.index]
-    table["share"] = [share.get(name, np.nan) for name in estimates.index]
-    for dof in known_masses:
-        table.loc[f"m{dof}", "term"] = f"m{dof} (given)"
+    table = table.rename_axis("parameter")[_COLUMNS]
     return pd.concat([table, _shapes(model)])
 
 

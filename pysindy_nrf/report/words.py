@@ -32,12 +32,14 @@ def band_text(band: Band) -> str:
     return f"{low or 0:.4g} to {high:.4g} Hz"
 
 
-def band_source(settings: Mapping[str, Mapping[str, object]]) -> str:
+def band_source(band: Band, settings: Mapping[str, Mapping[str, object]]) -> str:
     """Where the band of a closed loop comes from, if its settings say so."""
-    band = settings.get("loop", {}).get("band")
-    if band is None:
-        return ""
-    return BAND_FOUND if band == BAND_FOUND else "as given"
+    setting = settings.get("loop", {}).get("band")
+    if setting is None or setting == BAND_FOUND:
+        return BAND_FOUND if setting else ""
+    if setting == band_text(band):
+        return "as given"
+    return f"found from the data within {setting}, which was given"
 
 
 def standing(effect: Effect) -> str:

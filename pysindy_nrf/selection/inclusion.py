@@ -26,7 +26,7 @@ THRESHOLDS = np.geomspace(0.003, 0.1, 10)
 RIDGE = 1e-8
 
 # By site: which terms are kept.
-Kept = Mapping[Site, np.ndarray]
+TermMasks = Mapping[Site, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Draws:
         """Columns of the whole series."""
         return self.problem.layout
 
-    def kept(self, weights: np.ndarray, threshold: float) -> Kept | None:
+    def masks(self, weights: np.ndarray, threshold: float) -> TermMasks | None:
         """Terms that STLSQ keeps on pieces taken so many times; None if it fails."""
         optimizer = ps.STLSQ(threshold=threshold, alpha=RIDGE)
         problem = replace(self.problem, optimizer=optimizer)
@@ -78,13 +78,13 @@ class Draws:
             return None
         return {site: values != 0 for site, values in coefficients.items()}
 
-    def nearest_threshold(self, chosen: Kept) -> float:
+    def nearest_threshold(self, chosen: TermMasks) -> float:
         """The threshold whose terms on all data differ least from those chosen."""
         everything = np.ones(len(self.pieces))
         differences = []
         for threshold in THRESHOLDS:
-            kept = self.kept(everything, threshold)
-            differences.append(np.inf if kept is None else _difference(kept, chosen))
+            masks = self.masks(everything, threshold)
+            differences.append(np.inf if masks is None else _difference(masks, chosen))
         nearest = np.flatnonzero(differences == np.min(differences))
         return float(THRESHOLDS[nearest[len(nearest) // 2]])
 
@@ -106,7 +106,7 @@ class Draws:
 
 
 def inclusion_table(
-    draws: Draws, chosen: Kept, n_draws: int, random_state: int | None
+    draws: Draws, chosen: TermMasks, n_draws: int, random_state: int | None
 ) -> pd.DataFrame:
     """Shares of draws in which terms are kept, and storeys keep the terms chosen.
 
@@ -120,30 +120,40 @@ def inclusion_table(
     threshold = draws.nearest_threshold(chosen)
     columns = {}
     for kind in ("bagging", "stability"):
-        found = []
+        masks_of_draws = []
         for weights in draws.weights(kind, n_draws, rng):
-            kept = draws.kept(weights, threshold)
-            if kept is not None:
-                found.append(kept)
-        columns[kind] = _shares(draws.layout, found, chosen)
+            masks = draws.masks(weights, threshold)
+            if masks is not None:
+                masks_of_draws.append(masks)
+        columns[kind] = _shares(draws.layout, masks_of_draws, chosen)
     table = pd.DataFrame(columns)
     return table.rename_axis(["site", "term"])
 
 
-def _shares(layout: LawLayout, found: list[Kept], chosen: Kept) -> pd.Series:
+def _shares(
+    layout: LawLayout, masks_of_draws: list[TermMasks], chosen: TermMasks
+) -> pd.Series:
     """Shares of draws; NaN where no draw could be solved."""
     shares = {}
     for site in layout.acting:
         if site not in chosen:
             continue
-        kept = np.array([draw[site] for draw in found]).reshape(len(found), -1)
+        of_draws = np.array([draw[site] for draw in masks_of_draws]).reshape(
+            len(masks_of_draws), -1
+        )
         for k, label in enumerate(layout.labels(site)):
-            shares[str(site), label] = kept[:, k].mean() if len(found) else np.nan
-        same = (kept == chosen[site]).all(axis=1) if len(found) else np.full(1, np.nan)
+            shares[str(site), label] = (
+                of_draws[:, k].mean() if len(masks_of_draws) else np.nan
+            )
+        same = (
+            (of_draws == chosen[site]).all(axis=1)
+            if len(masks_of_draws)
+            else np.full(1, np.nan)
+        )
         shares[str(site), "all"] = same.mean()
     return pd.Series(shares)
 
 
-def _difference(kept: Kept, chosen: Kept) -> int:
+def _difference(masks: TermMasks, chosen: TermMasks) -> int:
     """Terms that stand in one of two choices alone."""
-    return sum(int((kept[site] != mask).sum()) for site, mask in chosen.items())
+    return sum(int((masks[site] != mask).sum()) for site, mask in chosen.items())

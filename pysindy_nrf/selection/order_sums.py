@@ -17,7 +17,7 @@ from ..chain.sites import Site
 from ..equations.accumulation import ProductSums
 from ..equations.balances import blocks_of_segment
 from ..equations.chain_solve import NotTogether, Solution, solve
-from ..equations.normal_equations import ColumnPlaces, NormalEquations, groups_of
+from ..equations.normal_equations import NormalEquations, groups_of
 from ..exceptions import RankWarning
 from ..identification.problem import Problem
 from ..laws.base import ForceLaw
@@ -60,16 +60,6 @@ class Order:
 
     layout: LawLayout
     columns: dict[Site, np.ndarray]
-
-    def index(self, group: Group, places: ColumnPlaces) -> np.ndarray:
-        """Where the columns of a group stand among those of all candidates."""
-        index = [np.zeros(0, dtype=int)]
-        for site in group.sites:
-            index.append(places.sites[site].start + self.columns[site])
-        if places.mass is not None:
-            index.append(np.array([places.mass]))
-        index.append(np.array([places.target]))
-        return np.concatenate(index)
 
 
 @dataclass(frozen=True)
@@ -266,10 +256,8 @@ class OrderSums:
         self, total: NormalEquations, order: Order, solve_order: SolveOrder
     ) -> NormalEquations:
         """The columns of a candidate alone."""
-        changes = {}
-        for group in groups_of(order.layout, solve_order):
-            changes[group] = order.index(group, total.positions(group.dofs))
-        return total.transformed(order.layout, changes)
+        groups = groups_of(order.layout, solve_order)
+        return total.with_terms(order.layout, order.columns, groups)
 
     def solve_order(self, total: NormalEquations, order: Order) -> SolveOrder:
         """The solve that the forces in some samples allow.

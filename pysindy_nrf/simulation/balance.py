@@ -9,7 +9,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from ..common.compiled import address_of, inline, part
+from ..common.compiled import address_of, inline, subroutine
 from ..laws.callbacks import call_advance, call_kernel
 from .system import (
     ADVANCE,
@@ -125,7 +125,7 @@ def relative(y, site):
     return y[site[UPPER]] - (y[site[LOWER]] if site[LOWER] >= 0 else 0.0)
 
 
-@part
+@subroutine
 def inputs_at(drive, interval, x, row):
     """Forces, base acceleration and covariates at a share x of an interval."""
     page = drive.last * drive.n_inputs
@@ -147,7 +147,7 @@ def add_between(matrix, p, q, n, value):
         matrix[q * n + p] -= value
 
 
-@part
+@subroutine
 def solve(matrix, vector, n):
     """Solve a small dense system in place; the answer replaces the right-hand side."""
     for k in range(n):
@@ -177,7 +177,7 @@ def solve(matrix, vector, n):
         vector[k] /= row[k]
 
 
-@part
+@subroutine
 def record_sample(system, out, sample, now, base, energy):
     """Write the motion and states at a sample, and the work up to it."""
     n, n_states = system.n_dof, system.n_states
@@ -212,7 +212,7 @@ def _law_force(system, law, s, v, a, t, row, z, u, out):
     return force
 
 
-@part
+@subroutine
 def site_force(system, site, s, v, t, row, z, u, out, special):
     """Force of all laws of a site: without acceleration, and the factor of it.
 
@@ -245,7 +245,7 @@ def advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u):
             )
 
 
-@part
+@subroutine
 def advance_states(system, x0, v0, x1, v1, z, dt, middle, u):
     """Move the states of all laws over a step without a reversal at their sites."""
     for i in range(system.n_sites):
@@ -259,7 +259,7 @@ def advance_states(system, x0, v0, x1, v1, z, dt, middle, u):
 # -- accelerations -------------------------------------------------------------
 
 
-@part
+@subroutine
 def accelerate(system, t, row, now, w, special):
     """Accelerations of the DOFs and forces of the sites, from motion and states."""
     n = system.n_dof
@@ -326,7 +326,7 @@ def _slipping_rate(rate, regime):
     return rate
 
 
-@part
+@subroutine
 def _divide_by_masses(system, w, vector):
     """Accelerations from forces, with the mass matrix of this instant."""
     n = system.n_dof
@@ -345,7 +345,7 @@ def _divide_by_masses(system, w, vector):
     solve(w.matrix, vector, n)
 
 
-@part
+@subroutine
 def _hold_sticking_sites(system, w, n_stuck, a, force):
     """Forces that keep each sticking site from accelerating (Filippov 1988).
 

@@ -8,7 +8,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from ..common.compiled import address_of, addresses, inline, jit, part
+from ..common.compiled import address_of, addresses, inline, jit, subroutine
 from .balance import (
     Drive,
     Instant,
@@ -68,7 +68,7 @@ def integrate(
     return out, Outcome(why, interval, dof, StepCounts(interval, iterations, forced))
 
 
-@part
+@subroutine
 def _move_site(system, site, start, s1, r1, z, dt, middle, u):
     """Move the states of a site over the step, cut where its linear rate is zero."""
     s0, r0 = relative(start.x, site), relative(start.v, site)
@@ -81,7 +81,7 @@ def _move_site(system, site, start, s1, r1, z, dt, middle, u):
         advance_site(system, site, s0, r0, s1, r1, z, dt, middle, u)
 
 
-@part
+@subroutine
 def _move_states(system, start, end, z, dt, middle, u):
     """Move the states of all sites with memory over the step."""
     for i in range(system.n_sites):
@@ -91,7 +91,7 @@ def _move_states(system, start, end, z, dt, middle, u):
             _move_site(system, site, start, s1, r1, z, dt, middle, u)
 
 
-@part
+@subroutine
 def _end_force(system, site, start, end, t, row, nudge, dt, middle, w):
     """Force of a site at the end if its relative acceleration is larger by a nudge."""
     s1 = relative(end.x, site) + 0.25 * dt * dt * nudge

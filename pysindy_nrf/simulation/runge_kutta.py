@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from ..common.compiled import address_of, addresses, inline, jit, part
+from ..common.compiled import address_of, addresses, inline, jit, subroutine
 from .balance import (
     FREE,
     STICKS,
@@ -238,7 +238,7 @@ def _error_of_states(system, drive, path, middle, z_top, u, interval, done, h, z
     return error
 
 
-@part
+@subroutine
 def _try_step(
     system, drive, rule, stages, path, progress, w, interval, done, h, special
 ):
@@ -316,7 +316,7 @@ REVERSES = 1
 TURNS_TWICE = 2
 
 
-@part
+@subroutine
 def _first_reversal(system, stages, path, watched, regime, n_stages, v_tol):
     """First watched site that reverses in the step just tried, and how."""
     for i in range(system.n_sites):
@@ -353,7 +353,7 @@ def _first_reversal(system, stages, path, watched, regime, n_stages, v_tol):
 # -- dry friction --------------------------------------------------------------
 
 
-@part
+@subroutine
 def _settle(system, jumps, v_tol, t, row, now, w):
     """Decide which sites at standstill stick and which slip; find the accelerations."""
     regime = w.regime
@@ -387,7 +387,7 @@ def _settle(system, jumps, v_tol, t, row, now, w):
             break
 
 
-@part
+@subroutine
 def _overload(system, jumps, w):
     """Sticking site that holds more than it can, and by how much; -1 if none."""
     overloaded = -1
@@ -399,7 +399,7 @@ def _overload(system, jumps, w):
     return overloaded, excess
 
 
-@part
+@subroutine
 def _overload_inside(system, drive, path, middle, jumps, w, interval, done, h):
     """Largest overload of a sticking site at the eighths of a step.
 

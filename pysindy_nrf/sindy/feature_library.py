@@ -456,7 +456,7 @@ def _named(label: str, index: str, motions: Mapping[str, str]) -> str:
     """The label of a term with the names of its motions, or with the site's number."""
     if not motions:
         return subscript(label, index)
-    named = _MOTION.sub(lambda found: motions[found[1]], label)
+    named = _MOTION.sub(lambda match: motions[match[1]], label)
     return named if named != label else subscript(label, index)
 
 

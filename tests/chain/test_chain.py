@@ -14,7 +14,7 @@ from pysindy_nrf.records import Segment
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("first", "other"),
     [
         ("storey 1", "ground 1"),
         ("storey 1", "link 1-0"),
@@ -27,10 +27,10 @@ from pysindy_nrf.records import Segment
         (" storey  2 ", "storey 2"),
     ],
 )
-def test_equivalent_spellings_are_one_site(one, other):
-    assert Site(one) == Site(other)
-    assert hash(Site(one)) == hash(Site(other))
-    assert Site(str(Site(one))) == Site(one)
+def test_equivalent_spellings_are_one_site(first, other):
+    assert Site(first) == Site(other)
+    assert hash(Site(first)) == hash(Site(other))
+    assert Site(str(Site(first))) == Site(first)
 
 
 @pytest.mark.parametrize(

@@ -160,12 +160,12 @@ def test_sensors_everywhere_leave_the_least_errors():
 
 
 def test_one_more_sensor_lowers_the_largest_error():
-    few = Chain(4).sensing(sensors=4, excited=4)
-    worst = max(few.errors.values())
-    floor = max(few.gains, key=few.gains.get)
+    placement = Chain(4).sensing(sensors=4, excited=4)
+    worst = max(placement.errors.values())
+    floor = max(placement.gains, key=placement.gains.get)
     more = Chain(4).sensing(sensors=[floor, 4], excited=4)
     assert max(more.errors.values()) < worst
-    assert f"floor {floor}" in str(few)
+    assert f"floor {floor}" in str(placement)
 
 
 def test_a_shaken_chain_has_no_scale_without_a_mass():
@@ -178,9 +178,9 @@ def test_a_shaken_chain_has_no_scale_without_a_mass():
 def test_sensing_of_a_model_reads_its_masses_and_stiffnesses():
     storeys = {i: laws.LinearElastic(k=2e4 * i) for i in (1, 2, 3)}
     model = ChainModel([5.0, 6.0, 7.0], storeys)
-    found = model.chain.sensing(sensors=3, excited=3, model=model)
-    assert found.complete
-    assert found.errors != Chain(3).sensing(sensors=3, excited=3).errors
+    placement = model.chain.sensing(sensors=3, excited=3, model=model)
+    assert placement.complete
+    assert placement.errors != Chain(3).sensing(sensors=3, excited=3).errors
 
 
 def test_sensing_needs_a_sensor():

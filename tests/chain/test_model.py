@@ -21,8 +21,8 @@ def linear_chain(m, c, k, **options):
 
 def assembled(k):
     """Stiffness matrix of a chain of storeys."""
-    own = np.diag(k) + np.diag(np.append(k[1:], 0.0))
-    return own - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+    stiffness_matrix = np.diag(k) + np.diag(np.append(k[1:], 0.0))
+    return stiffness_matrix - np.diag(k[1:], 1) - np.diag(k[1:], -1)
 
 
 # -- linear part ---------------------------------------------------------------
@@ -41,8 +41,8 @@ def test_modes_of_proportional_damping_are_the_symmetric_eigenproblem(n):
     assert modes["damping"].to_numpy() == pytest.approx(0.5 * beta * omega, rel=1e-6)
     largest = np.abs(shapes).argmax(axis=0)
     expected = shapes / shapes[largest, np.arange(n)]
-    found = modes.iloc[:, 2:].to_numpy(dtype=float).T
-    assert found == pytest.approx(expected, abs=1e-6)
+    vectors = modes.iloc[:, 2:].to_numpy(dtype=float).T
+    assert vectors == pytest.approx(expected, abs=1e-6)
 
 
 def test_an_overdamped_mass_is_a_mode_too():

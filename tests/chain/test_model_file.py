@@ -26,9 +26,9 @@ def test_a_fitted_model_obeys_the_schema_and_runs_the_same_bits(tmp_path, valida
     validator.validate(json.loads(path.read_text()))
     again = ChainModel.from_json(path)
     forces = record.force[:400]
-    one = simulate(model, forces, record.dt).displacement
+    displacement = simulate(model, forces, record.dt).displacement
     other = simulate(again, forces, record.dt).displacement
-    assert one.tobytes() == other.tobytes()
+    assert displacement.tobytes() == other.tobytes()
 
 
 MODEL = ChainModel(

@@ -33,7 +33,7 @@ def test_a_floor_at_a_node_is_not_recommended():
     """Three equal floors on springs to both grounds: the middle is a node of mode 2."""
     chain = Chain(3, ground="both")
     model = ChainModel([10.0] * 3, dict.fromkeys(chain.sites, STOREY), chain)
-    table = chain.plan(model=model, most=1).table
+    table = chain.plan(model=model, max_floors=1).table
     response = dict(zip(table["hit"], table["response"]))
     assert response[(2,)] == pytest.approx(0.0, abs=1e-9)
     # mode 2 is (1, 0, -1): an end responds as much as the best floor

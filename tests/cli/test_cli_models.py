@@ -80,13 +80,13 @@ def test_demo_writes_tables_and_figures(demo):
 def test_own_file_in_mm_g_and_kn(here, spoken):
     """The bundled record as an engineer would have it: names, units, decimal commas."""
     record = datasets.load_demo().to_frame()
-    own = pd.DataFrame({"Zeit": 1e3 * record.index, "Shaker": record["F2"] / 1e3})
+    table = pd.DataFrame({"Zeit": 1e3 * record.index, "Shaker": record["F2"] / 1e3})
     maps = ["--map", "t=Zeit @ ms", "--map", "F2=Shaker @ kN"]
     for j in (1, 2, 3):
-        own[f"Acc {j}"] = record[f"a{j}"] / 9.80665
-        own[f"Laser {j}"] = 1e3 * record[f"x{j}"]
+        table[f"Acc {j}"] = record[f"a{j}"] / 9.80665
+        table[f"Laser {j}"] = 1e3 * record[f"x{j}"]
         maps += ["--map", f"a{j}=Acc {j}", "--map", f"x{j}=Laser {j}"]
-    own.to_csv("own.csv", sep=";", decimal=",", index=False)
+    table.to_csv("own.csv", sep=";", decimal=",", index=False)
     before = Path("own.csv").read_bytes()
 
     units = ["--unit", "a=g", "--unit", "x=mm"]
@@ -274,8 +274,8 @@ def test_emps_is_understood_and_cared_for(emps, capsys):
     assert "<- vir * 35.1507" in text
     assert "not used: gtau, kp, kv, qg" in text
     assert "0 to 20 Hz" in text
-    found = text.split("What run finds")[1]
-    assert "pysindy-nrf run" in found
+    section = text.split("What run finds")[1]
+    assert "pysindy-nrf run" in section
 
     care = text.split("Take care")[1].split("Written to")[0]
     assert max(map(len, care.splitlines())) <= 110, "a terminal shows it whole"
@@ -429,6 +429,10 @@ def test_damage_says_where_how_much_and_draws_it(tests_of_a_frame, spoken):
     assert run(["damage", "before.csv", "after.csv", "--json"]) == 0
     data = spoken()
     assert data["damaged"] == ["storey 2"]
+    assert {verdict["state"] for verdict in data["verdicts"].values()} == {"green"}
+    for mode in data["modes"]:
+        assert mode["frequency after"] < mode["frequency before"]
+        assert 0.99 < mode["mac"] < 1
     assert data["said"][0].startswith("Stiffness of storey 2 changed by -10.0")
     assert data["changed"][0]["change"] == pytest.approx(-10.0, abs=0.05)
     names = [Path(name).name for name in data["files"]]

@@ -39,8 +39,8 @@ def here(tmp_path, monkeypatch):
 
 def test_identify_says_what_run_finds(here, capsys):
     run(["identify", "--mapping", "mine.toml", "--no-figures"])
-    said = capsys.readouterr().out
-    end = said[said.index("What run finds") :]
+    output = capsys.readouterr().out
+    end = output[output.index("What run finds") :]
     assert "friction" in end
     assert "storey 2" in end
     assert "pysindy-nrf run" in end
@@ -48,16 +48,16 @@ def test_identify_says_what_run_finds(here, capsys):
 
 def test_select_order_says_that_a_law_is_missing(here, capsys):
     run(["select-order", "--mapping", "mine.toml", "--degrees", "1-3", "--no-figures"])
-    said = capsys.readouterr().out
-    assert "a law is missing" in said
-    assert "pysindy-nrf run" in said.replace("\n", " ")
+    output = capsys.readouterr().out
+    assert "a law is missing" in output
+    assert "pysindy-nrf run" in output.replace("\n", " ")
 
 
 def test_forces_take_the_file_of_the_mapping_and_have_a_verdict(here, capsys):
     code = run(["forces", "--mapping", "mine.toml", "--json", "--no-figures"])
-    found = json.loads(capsys.readouterr().out)
-    assert found["verdict"]["state"] in ("amber", "red")
-    assert (code == 4) == (found["verdict"]["state"] == "red")
+    content = json.loads(capsys.readouterr().out)
+    assert content["verdict"]["state"] in ("amber", "red")
+    assert (code == 4) == (content["verdict"]["state"] == "red")
     if available():
         assert "verdict" in Path("nrf_output/forces.html").read_text("utf-8")
 

@@ -41,7 +41,7 @@ def file_of(record, path):
     return str(path)
 
 
-def said(command, file, folder, capsys):
+def verdict_of(command, file, folder, capsys):
     """The verdict of a command, as its JSON has it."""
     options = ["--degree", "1", "--json", "--no-figures", "-o", str(folder / command)]
     assert run([command, file, *options]) in (0, 4)
@@ -58,8 +58,10 @@ def test_a_file_has_one_verdict(fault, state, tmp_path, capsys):
     record = read_record(file)
     fit = NRFRegressor(degree=1).fit(record).verdict()
     report = close_loop(record)
-    assert said("identify", file, tmp_path, capsys)["reasons"] == list(fit.reasons)
-    assert said("run", file, tmp_path, capsys)["reasons"] == list(
+    assert verdict_of("identify", file, tmp_path, capsys)["reasons"] == list(
+        fit.reasons
+    )
+    assert verdict_of("run", file, tmp_path, capsys)["reasons"] == list(
         report.verdict.reasons
     )
 

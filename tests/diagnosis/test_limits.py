@@ -110,8 +110,8 @@ def test_noise_of_the_force_is_not_called_noise_of_a_quick_motion():
     truth = ChainModel([2.0], {"storey 1": laws.PowerSeries(1, [20.0, stiffness])})
     rec = driven(truth, [1], 8.0, 1000.0, 50.0, (5, 180), hold="cubic")
     noise = 5.0 * np.random.default_rng(1).standard_normal(rec.force.shape)
-    found = limits(rec.replace(force=rec.force + noise))
-    assert "noise" not in found["limit"].tolist()
+    noisy = limits(rec.replace(force=rec.force + noise))
+    assert "noise" not in noisy["limit"].tolist()
 
 
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
@@ -127,8 +127,8 @@ def test_the_bias_that_is_said_is_the_bias_that_is_there(band):
     model = NRFRegressor(degree=1, dt=2e-3, band=band).fit(X, F)
     table = model.diagnose().table.query("limit == 'noise'").set_index("where")
     expected = 1 - model.masses_ / masses
-    said = table["size"].reindex(["m1", "m2", "m3"])
-    np.testing.assert_allclose(said, expected, atol=0.015)
+    sizes = table["size"].reindex(["m1", "m2", "m3"])
+    np.testing.assert_allclose(sizes, expected, atol=0.015)
 
 
 # -- laws and excitation -------------------------------------------------------
@@ -137,8 +137,8 @@ def test_the_bias_that_is_said_is_the_bias_that_is_there(band):
 @pytest.mark.parametrize(("c", "creates_energy"), [(-2.0, True), (2.0, False)])
 def test_a_damper_of_the_wrong_sign_creates_energy(c, creates_energy):
     truth = ChainModel([12.0, 9.0], {i: laws.PowerSeries(1, [c, 3e4]) for i in (1, 2)})
-    found = limits(record(truth, (1, 2), noise=0.0002))
-    assert ("energy" in found["limit"].tolist()) == creates_energy
+    noisy = limits(record(truth, (1, 2), noise=0.0002))
+    assert ("energy" in noisy["limit"].tolist()) == creates_energy
 
 
 def test_a_missing_law_is_the_gravest_limit():
@@ -152,8 +152,8 @@ def test_a_missing_law_is_the_gravest_limit():
 def test_a_storey_that_hardly_moves_is_named():
     stiff = laws.PowerSeries(1, [25.0, 2e7])
     storeys = {"storey 1": STOREY, "storey 2": STOREY, "storey 3": stiff}
-    found = limits(record(ChainModel([MASS] * 3, storeys), dofs=(2,)))
-    assert "storey 3" in found.loc[found["limit"] == "excitation", "where"].tolist()
+    table = limits(record(ChainModel([MASS] * 3, storeys), dofs=(2,)))
+    assert "storey 3" in table.loc[table["limit"] == "excitation", "where"].tolist()
 
 
 # -- channels ------------------------------------------------------------------

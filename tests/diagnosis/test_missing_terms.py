@@ -75,7 +75,7 @@ def test_an_alarm_by_noise_in_nonlinear_laws_is_true(kind, noise, dofs):
 
     true_forces = TRUTHS[kind].restoring_force(exact).T
     found_forces = model.restoring_force(exact).T
-    errors = [nrmse(true, found) for true, found in zip(true_forces, found_forces)]
+    errors = [nrmse(true, fitted) for true, fitted in zip(true_forces, found_forces)]
     friction = FRICTION
     if kind == "friction":
         friction = model.model_.laws["storey 1"][-1].coefficients[-1]

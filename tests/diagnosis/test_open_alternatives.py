@@ -18,11 +18,11 @@ VALUES = {"m1": 10.0, "storey 1: s": 4e4}
 BOUNDS = {"m1": (9.9, 10.1), "storey 1: s": (3.98e4, 4.02e4)}
 
 
-def brace(change, half_width, left=0.99):
+def brace(change, half_width, share=0.99):
     """A brace that moves the mass, as a share of it."""
     moves = {"m1": Move(10.0 * change, 10.0 * half_width)}
     return Alternative(
-        "a brace", "ground 2", "m1", change, half_width, left, 1.0, moves
+        "a brace", "ground 2", "m1", change, half_width, half_width, share, 1.0, moves
     )
 
 
@@ -47,7 +47,7 @@ def test_an_interval_that_another_value_matters_for_is_widened():
     """The brace moves a stiffness by 20 %, and the mass by 3 % only."""
     moves = {"m1": Move(0.3, 0.1), "storey 1: s": Move(-8e3, 1e3)}
     alternative = Alternative(
-        "a brace", "ground 2", "storey 1: s", -0.2, 0.02, 0.99, 1.0, moves
+        "a brace", "ground 2", "storey 1: s", -0.2, 0.02, 0.02, 0.99, 1.0, moves
     )
     beside = intervals_beside(alternative)
     assert beside["m1"] == pytest.approx((9.9, 10.4))
@@ -56,10 +56,10 @@ def test_an_interval_that_another_value_matters_for_is_widened():
 
 def test_intervals_of_a_model_that_the_data_reject_are_withheld():
     """The brace leaves 0.3 of the residual and moves the mass by 4 %."""
-    assert np.isnan(intervals_beside(brace(0.04, 0.001, left=0.3))["m1"]).all()
-    assert intervals_beside(brace(0.012, 0.001, left=0.3))["m1"][1] > BOUNDS["m1"][1]
+    assert np.isnan(intervals_beside(brace(0.04, 0.001, share=0.3))["m1"]).all()
+    assert intervals_beside(brace(0.012, 0.001, share=0.3))["m1"][1] > BOUNDS["m1"][1]
     # the model leaves nothing that a sensor could show
-    explained = intervals_beside(brace(0.04, 0.001, left=0.3), unexplained=0.2)
+    explained = intervals_beside(brace(0.04, 0.001, share=0.3), unexplained=0.2)
     assert explained == BOUNDS
 
 
@@ -134,3 +134,18 @@ def test_units_that_a_file_does_not_state_are_assumed(tmp_path):
     verdict = verdict_from(Facts(unexplained={1: 1.0}, quality=notes))
     assert verdict.state == "green"
     assert list(verdict.assumptions) == texts
+
+
+def test_units_at_the_ends_of_names_are_assumed(tmp_path):
+    rows = np.arange(64)
+    motion = np.sin(0.3 * rows)
+    columns = {"t [s]": rows / 50, "a1_g": motion, "x1 [mm]": motion, "F1 lbf": motion}
+    path = tmp_path / "ends.csv"
+    pd.DataFrame(columns).to_csv(path, index=False)
+    (note,) = [note for note in read_record(path).quality if note.kind == "assumed"]
+    assert "a1 in g" in note.message
+    assert "F1 in lbf" in note.message
+    assert "x1" not in note.message
+
+    given = read_record(path, units={"a": "g", "F": "lbf"}).quality
+    assert not any(note.kind == "assumed" for note in given)

@@ -64,9 +64,9 @@ DRIFT = Shaker(drift=1.0)
 def test_a_wrong_zero_is_taken_out_and_noted(fault):
     """K b newtons stand in the equations of motion where displacements read b more."""
     test = WRONG_ZEROS[fault]
-    model, said = messages(test.record())
+    model, texts = messages(test.record())
 
-    assert not said
+    assert not texts
     assert model.masses_ == pytest.approx(MASSES, rel=0.01)
     offsets = np.zeros(3)
     for note in model.result_.examination.quality:
@@ -89,9 +89,9 @@ def test_a_wrong_zero_is_no_reason_against_a_model(fault):
 def test_each_record_has_zeros_of_its_own():
     tests = [Shaker(offsets=(0.3, 0.0, 0.0)), Shaker(offsets=(-0.3, 0.2, 0.0))]
     records = [test.record().replace(name=f"test {i}") for i, test in enumerate(tests)]
-    model, said = messages(records)
+    model, texts = messages(records)
 
-    assert not said
+    assert not texts
     assert model.masses_ == pytest.approx(MASSES, rel=0.01)
     notes = model.result_.examination.quality
     first = {note.record: note.size for note in notes if note.channel == "dof 1"}
@@ -120,9 +120,9 @@ def test_a_declared_constant_force_is_identified():
 
 
 def test_a_drift_is_left_out():
-    model, said = messages(DRIFT.record())
+    model, texts = messages(DRIFT.record())
 
-    assert not said
+    assert not texts
     assert model.masses_ == pytest.approx(MASSES, rel=0.02)
     kinds = {note.kind for note in model.result_.examination.quality}
     assert kinds == {"drift"}
@@ -134,19 +134,19 @@ def test_motions_without_their_record_are_asked_for_their_zeros(fault):
     X, F = fault.record().to_features()
     with warnings.catch_warnings(record=True, action="always") as caught:
         model = NRFRegressor(degree=1).fit(X, F)
-    said = [str(warning.message) for warning in caught]
+    texts = [str(warning.message) for warning in caught]
 
-    assert any("wrong zero" in text for text in said)
-    assert not any("A law is missing" in text for text in said)
+    assert any("wrong zero" in text for text in texts)
+    assert not any("A law is missing" in text for text in texts)
     limits = model.diagnose().table["limit"].tolist()
     assert limits[0] == "wrong zero"
     assert "missing law" not in limits
 
 
 def test_the_band_that_the_question_advises_is_a_cure():
-    model, said = messages(DRIFT.record(), band=(1.0, 60.0))
+    model, texts = messages(DRIFT.record(), band=(1.0, 60.0))
 
-    assert not any("zero" in text for text in said)
+    assert not any("zero" in text for text in texts)
     assert model.masses_ == pytest.approx(MASSES, rel=0.02)
 
 
@@ -160,7 +160,7 @@ SOUND = {
 
 @pytest.mark.parametrize("name", SOUND)
 def test_a_mean_that_forces_or_laws_make_is_no_wrong_zero(name):
-    model, said = messages(SOUND[name].record())
+    model, texts = messages(SOUND[name].record())
 
-    assert not any("zero" in text for text in said)
+    assert not any("zero" in text for text in texts)
     assert "wrong zero" not in model.diagnose().table["limit"].tolist()

@@ -193,11 +193,11 @@ def test_the_balances_close_on_clean_channels(case):
     rate = np.diff(run.v, axis=1, prepend=0.0)
     storeys = structure.k * drift + structure.c * rate
     above = np.c_[storeys[:, 1:], np.zeros(len(drift))]
-    left = structure.m * run.a + storeys - above - run.F
-    left[:, effect.p - 1] += run.effects[:, 0]
+    residual = structure.m * run.a + storeys - above - run.F
+    residual[:, effect.p - 1] += run.effects[:, 0]
     if effect.q:
-        left[:, effect.q - 1] -= run.effects[:, 0]
-    assert np.abs(left).max() < 1e-9 * np.abs(storeys).max()
+        residual[:, effect.q - 1] -= run.effects[:, 0]
+    assert np.abs(residual).max() < 1e-9 * np.abs(storeys).max()
 
 
 def test_a_force_follows_from_the_sampled_motion_alone(case):
@@ -215,7 +215,7 @@ def test_every_channel_has_the_noise_it_claims(case, name, clean):
     """White, 5 % of its rms; nothing on forces that are zero."""
     true = getattr(case.runs[0], clean)
     size = np.sqrt(np.mean(true**2, axis=0))
-    noise = np.sqrt(np.mean((case.seen[0][name] - true) ** 2, axis=0))
+    noise = np.sqrt(np.mean((case.searched[0][name] - true) ** 2, axis=0))
     assert noise == pytest.approx(0.05 * size, rel=0.1)
 
 
@@ -238,6 +238,6 @@ def test_the_search_finds_what_refitting_the_full_design_matrix_finds():
     """Hundreds of trials with the columns built for both: the same winner."""
     from search_speed import main
 
-    found = main(["--quick"])
-    assert found["trials"] > 300
-    assert found["winner"] == ("friction", found["site"])
+    code = main(["--quick"])
+    assert code["trials"] > 300
+    assert code["winner"] == ("friction", code["site"])

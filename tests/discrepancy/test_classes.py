@@ -5,7 +5,17 @@ import pytest
 from loop_parts import at_other_amplitudes, first_state, grown_at
 from simulated_cases import Plan, simulated
 
-from pysindy_nrf import NRFRegressor, Record, Site, close_loop, laws
+from pysindy_nrf import (
+    ChainModel,
+    NRFRegressor,
+    Record,
+    Site,
+    close_loop,
+    excitation,
+    laws,
+    simulate,
+)
+from pysindy_nrf.simulation.noise import add_noise
 
 STOREYS = ("storey 1", "storey 2", "storey 3")
 
@@ -65,8 +75,8 @@ def two_strengths(n_samples=6000, fs=200.0):
     state, force = 0.0, np.zeros(n_samples)
     for i in range(1, n_samples):
         state = np.clip(state + x[i] - x[i - 1], -reach, reach)
-        part = min(max((abs(state) - gap) / uy, 0.0), 1.0)
-        force[i] = part * (900.0 if state > 0 else -1500.0)
+        share = min(max((abs(state) - gap) / uy, 0.0), 1.0)
+        force[i] = share * (900.0 if state > 0 else -1500.0)
     noise = 10.0 * np.random.default_rng(0).standard_normal(n_samples)
     return Record(force=force + noise, displacement=x, fs=fs)
 
@@ -75,10 +85,10 @@ def test_two_strengths_are_one_hysteresis_and_no_constant_force():
     report = close_loop(two_strengths(), NRFRegressor(degree=1, massless=True))
     confirmed = [step for step in report.steps if step.confirmed]
     assert [step.effect_class for step in confirmed] == ["hysteresis"]
-    found = confirmed[0].parameters
-    assert found["Fyp"] == pytest.approx(900.0, rel=0.01)
-    assert found["Fym"] == pytest.approx(1500.0, rel=0.01)
-    assert found["gap"] == pytest.approx(1e-3, rel=0.01)
+    parameters = confirmed[0].parameters
+    assert parameters["Fyp"] == pytest.approx(900.0, rel=0.01)
+    assert parameters["Fym"] == pytest.approx(1500.0, rel=0.01)
+    assert parameters["gap"] == pytest.approx(1e-3, rel=0.01)
 
 
 def test_one_class_at_a_site_is_claimed_once():
@@ -107,3 +117,69 @@ def test_a_general_law_comes_back_from_plain_data(law):
     motion = laws.Motion(drift, np.gradient(drift, t), t=t)
     assert again == law
     assert again.force(motion) == pytest.approx(law.force(motion))
+
+
+def forced_chain(*missing, extra=None, noise=0.01):
+    """Three linear floors, the third one shaken, with laws that nobody declared."""
+    linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
+    storeys = {1: [*linear, *missing], 2: linear, 3: linear}
+    F = excitation.band_limited_random(
+        3, 20.0, 500.0, excited=3, rms=60.0, band=(0.5, 40.0), random_state=1
+    )
+    hidden = np.zeros_like(F) if extra is None else extra(np.arange(len(F)) / 500.0)
+    record = simulate(ChainModel([10.0] * 3, storeys), F + hidden, 1 / 500)
+    return add_noise(record.replace(force=F), noise, random_state=0)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+def test_the_only_law_of_a_catalogue_is_the_name_where_noise_alone_bends_it(noise):
+    record = forced_chain(laws.CoulombFriction(20.0), noise=noise)
+    report = close_loop(record, catalogue=[laws.CoulombFriction()])
+    (step,) = report.steps
+    assert (step.law, step.site, step.carries) == ("coulomb_friction", "storey 1", True)
+    assert step.parameters["Fc"] == pytest.approx(20.0, rel=0.05)
+
+
+def test_two_harmonic_forces_on_one_floor_are_two_effects():
+    amplitudes = {9.3: 20.0, 14.7: 14.0}
+
+    def on_floor_2(t):
+        force = np.zeros((len(t), 3))
+        for frequency, size in amplitudes.items():
+            force[:, 1] += size * np.sin(2 * np.pi * frequency * t)
+        return force
+
+    sizes = {}
+    for step in close_loop(forced_chain(extra=on_floor_2)).steps:
+        assert (step.law, step.site) == ("harmonic_force", "dof 2")
+        size = np.hypot(step.parameters["A"], step.parameters["B"])
+        sizes[round(step.parameters["frequency"], 1)] = size
+    assert sizes == pytest.approx(amplitudes, rel=0.05)
+
+
+def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground():
+    """Rayleigh damping of 0.8 / s on floors of 10 kg."""
+    linear = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]
+    to_ground = [laws.GroundDashpot([8.0])]
+    truth = ChainModel(
+        [10.0] * 3,
+        {1: linear, 2: linear, 3: linear, "ground 2": to_ground, "ground 3": to_ground},
+    )
+    F = excitation.band_limited_random(
+        3, 20.0, 500.0, excited=1, rms=60.0, band=(0.5, 40.0), random_state=3
+    )
+    report = close_loop(simulate(truth, F, 1 / 500))
+    found = {step.site: step.parameters.get("c") for step in report.steps}
+    assert found == pytest.approx({"ground 2": 8.0, "ground 3": 8.0}, rel=1e-3)
+
+
+def test_a_rest_before_the_motion_hides_nothing():
+    """The motion lasts a twentieth of the record."""
+    clock = np.arange(440) / 20.0
+    x = 0.02 * (1 + clock / 22.0) * np.sin(2 * np.pi * clock / 5.5)
+    force = 4e4 * x + 8e6 * x**3
+    noise = np.random.default_rng(0).standard_normal((2, 8800))
+    signals = [np.concatenate([np.zeros(8360), y]) for y in (x, force)]
+    x, force = (y + 1e-4 * abs(y).max() * e for y, e in zip(signals, noise))
+    step = close_loop(Record(displacement=x, force=force)).steps[0]
+    assert (step.effect_class, step.site) == ("memoryless", "storey 1")

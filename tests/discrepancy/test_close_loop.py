@@ -134,7 +134,7 @@ def friction_above(t, x, v):
     return 15.0 * np.tanh((v[2] - v[1]) / 1e-4) * np.array([0.0, 1.0, -1.0])
 
 
-FEW = [
+FEWER_SENSORS = [
     laws.CoulombFriction(),
     laws.CubicStiffness(),
     laws.QuadraticDamping(),
@@ -142,7 +142,7 @@ FEW = [
 ]
 
 
-def first_step(effect, catalogue=FEW, **options):
+def first_step(effect, catalogue=FEWER_SENSORS, **options):
     """The first step of a loop on such a chain."""
     report = close_loop(record(effect, **options), catalogue=catalogue, max_steps=1)
     return report.steps[0]
@@ -171,7 +171,7 @@ def test_a_step_says_what_the_search_and_heldout_data_say():
 
 
 def test_steps_and_reports_are_facts_that_nobody_changes():
-    report = close_loop(record(cubic, seed=5), catalogue=FEW, max_steps=1)
+    report = close_loop(record(cubic, seed=5), catalogue=FEWER_SENSORS, max_steps=1)
     with pytest.raises(FrozenInstanceError):
         report.steps[0].sure = True
     with pytest.raises(FrozenInstanceError):
@@ -185,14 +185,14 @@ def test_nothing_is_added_where_nothing_is_missing_at_ten_percent_noise():
 
 
 def test_the_size_of_a_spring_that_is_found():
-    found = first_step(cubic, seed=5).parameters
-    assert found["k3"] == pytest.approx(1.2e9, rel=1e-3)
+    parameters = first_step(cubic, seed=5).parameters
+    assert parameters["k3"] == pytest.approx(1.2e9, rel=1e-3)
 
 
 def test_the_size_of_a_brace_that_is_found():
-    found = first_step(brace, seed=5).parameters
-    assert found["k"] == pytest.approx(9e3, rel=1e-3)
-    assert found["c"] == pytest.approx(8.0, rel=1e-2)
+    parameters = first_step(brace, seed=5).parameters
+    assert parameters["k"] == pytest.approx(9e3, rel=1e-3)
+    assert parameters["c"] == pytest.approx(8.0, rel=1e-2)
 
 
 def test_a_change_in_time_is_dated():
@@ -269,7 +269,7 @@ def test_a_name_is_sure_that_another_record_has_judged():
 def test_the_loop_leaves_the_record_and_the_baseline_as_they_were():
     rec, baseline = record(cubic, seed=1), NRFRegressor(degree=1)
     before = {name: channel.copy() for name, channel in rec.channels().items()}
-    close_loop(rec, baseline, FEW)
+    close_loop(rec, baseline, FEWER_SENSORS)
     for name, channel in rec.channels().items():
         assert np.array_equal(before[name], channel)
     assert not hasattr(baseline, "model_")
@@ -335,13 +335,13 @@ def test_a_covariate_that_a_heldout_record_lacks_is_named_before_the_search():
     baseline = NRFRegressor(laws={2: [laws.PowerSeries(1), modulated]}, degree=1)
     what = "Record 'later' has no covariate 'u', which covariate_friction"
     with pytest.raises(ChannelError, match=what):
-        close_loop(with_u, baseline, FEW, heldout=rec.replace(name="later"))
+        close_loop(with_u, baseline, FEWER_SENSORS, heldout=rec.replace(name="later"))
 
 
 def test_what_the_search_does_not_use_of_the_baseline_is_said():
     baseline = NRFRegressor(degree=1, estimation="iv")
     with pytest.warns(BiasWarning, match="does not use estimation='iv'") as caught:
-        close_loop(record(cubic, seed=1), baseline, FEW, max_steps=0)
+        close_loop(record(cubic, seed=1), baseline, FEWER_SENSORS, max_steps=0)
     assert caught[0].filename == __file__
 
 
@@ -351,7 +351,7 @@ def test_what_the_search_does_not_use_of_the_baseline_is_said():
 def test_an_effect_that_heldout_data_do_not_show_is_not_confirmed():
     other = record(None, seed=2, name="other")
     rec = record(cubic, seed=1)
-    report = close_loop(rec, catalogue=FEW, heldout=other, max_steps=1)
+    report = close_loop(rec, catalogue=FEWER_SENSORS, heldout=other, max_steps=1)
     (step,) = report.steps
     assert (step.law, step.site) == ("cubic_stiffness", "storey 2")
     assert not step.confirmed and not step.sure
@@ -362,7 +362,7 @@ def test_an_effect_that_heldout_data_do_not_show_is_not_confirmed():
 def test_the_model_does_not_hold_what_is_not_confirmed():
     other = record(None, seed=2, name="other")
     rec = record(cubic, seed=1)
-    report = close_loop(rec, catalogue=FEW, heldout=other, max_steps=1)
+    report = close_loop(rec, catalogue=FEWER_SENSORS, heldout=other, max_steps=1)
     names = [law.name for law in report.model.laws[Site("storey 2")]]
     assert names == ["power_series"]
     assert report.model.info["steps"] == []
@@ -402,7 +402,7 @@ def test_what_the_heldout_record_lacks_is_not_in_the_model():
     every = (1, 2, 3)
     heldout = record(weak_cubic, dofs=every, seed=9, name="other")
     rec = record(weak_cubic_and_damping, dofs=every, seed=2)
-    report = close_loop(rec, catalogue=FEW, heldout=heldout, max_steps=2)
+    report = close_loop(rec, catalogue=FEWER_SENSORS, heldout=heldout, max_steps=2)
     confirmed = [step.law for step in report.steps if step.confirmed]
     assert confirmed == ["cubic_stiffness"]
 
@@ -417,7 +417,7 @@ def test_the_visited_region_is_that_of_the_search():
     """The held-out record is stronger: a force there is an extrapolation."""
     small, strong = record(cubic, seed=1), record(None, seed=2, name="other")
     strong = strong.replace(displacement=4 * strong.displacement)
-    report = close_loop(small, catalogue=FEW, heldout=strong, max_steps=1)
+    report = close_loop(small, catalogue=FEWER_SENSORS, heldout=strong, max_steps=1)
     drift = np.diff(small.displacement, axis=1)[:, 0]
     region = report.model.visited[Site("storey 2")]
     assert region.high[1] <= 1.01 * drift.max()
@@ -429,7 +429,7 @@ def test_the_visited_region_is_that_of_the_search():
 
 def test_masses_below_zero_are_no_finding():
     rec = record(cubic, seed=1)
-    report = close_loop(rec.replace(force=-rec.force), catalogue=FEW)
+    report = close_loop(rec.replace(force=-rec.force), catalogue=FEWER_SENSORS)
     assert report.steps == [] and len(report.table) == 1
     assert "masses came out not positive (m1 = -" in report.stopped_because
     assert report.nothing_claimed
@@ -437,7 +437,9 @@ def test_masses_below_zero_are_no_finding():
 
 def test_a_balance_of_which_nothing_is_explained_is_no_finding():
     other = random_forces(3500, (1, 2, 3), seed=77)
-    report = close_loop(record(cubic, seed=1).replace(force=other), catalogue=FEW)
+    report = close_loop(
+        record(cubic, seed=1).replace(force=other), catalogue=FEWER_SENSORS
+    )
     assert report.steps == [] and report.nothing_claimed
     why = report.stopped_because
     assert "% of the balance of DOF" in why or "not positive" in why
@@ -461,7 +463,7 @@ def driven_to_25_hz():
 
 
 def test_bands_are_found_where_the_chain_moves(driven_to_25_hz):
-    report = close_loop(driven_to_25_hz, catalogue=FEW, max_steps=1)
+    report = close_loop(driven_to_25_hz, catalogue=FEWER_SENSORS, max_steps=1)
     low, high = report.band
     assert (low or 0.0) <= 2.0
     assert 15.0 < high < 60.0
@@ -470,7 +472,9 @@ def test_bands_are_found_where_the_chain_moves(driven_to_25_hz):
 
 
 def test_a_band_that_is_given_only_narrows_it(driven_to_25_hz):
-    report = close_loop(driven_to_25_hz, catalogue=FEW, max_steps=1, band=(3.0, 12.0))
+    report = close_loop(
+        driven_to_25_hz, catalogue=FEWER_SENSORS, max_steps=1, band=(3.0, 12.0)
+    )
     low, high = report.band
     assert 3.0 <= low <= 4.0
     assert 10.0 < high <= 12.01

@@ -24,10 +24,10 @@ def reduction_of(before, after, n_bands=1):
 def test_a_reduction_is_the_mean_over_informative_bands():
     """10 dB in one of two bands; the band full of noise has no say."""
     change = np.array([[0.1, 1.0, 9.0], [1.0, 1.0, 1.0]])
-    found = reduction_between(BEFORE, BEFORE * change, REFERENCE, INFORMATIVE)
-    assert found.value == pytest.approx(5.0, abs=0.1)
-    assert found.standard_error == pytest.approx(0.0, abs=1e-9)
-    assert found.least == pytest.approx(found.value, rel=1e-3)
+    reduction = reduction_between(BEFORE, BEFORE * change, REFERENCE, INFORMATIVE)
+    assert reduction.value == pytest.approx(5.0, abs=0.1)
+    assert reduction.standard_error == pytest.approx(0.0, abs=1e-9)
+    assert reduction.least == pytest.approx(reduction.value, rel=1e-3)
 
 
 def test_a_quiet_balance_has_no_say_beside_one_that_leaves_far_more():
@@ -35,13 +35,13 @@ def test_a_quiet_balance_has_no_say_beside_one_that_leaves_far_more():
     before = np.tile(1e3 * np.array([[0.25], [1e-6]]), (5, 1, 1))
     after = np.tile(1e3 * np.array([[0.04], [25e-6]]), (5, 1, 1))
     reference, every = np.full((2, 1), 5e3), np.ones((2, 1), dtype=bool)
-    found = reduction_between(before, after, reference, every)
-    assert found.value == pytest.approx(10 * np.log10(0.25 / 0.04), abs=0.6)
+    reduction = reduction_between(before, after, reference, every)
+    assert reduction.value == pytest.approx(10 * np.log10(0.25 / 0.04), abs=0.6)
 
 
 def test_a_model_without_a_fit_reduces_nothing():
-    found = reduction_between(BEFORE, BEFORE * np.inf, REFERENCE, INFORMATIVE)
-    assert found.value == found.least == found.lower == -np.inf
+    reduction = reduction_between(BEFORE, BEFORE * np.inf, REFERENCE, INFORMATIVE)
+    assert reduction.value == reduction.least == reduction.lower == -np.inf
 
 
 def test_a_reduction_in_one_fold_alone_is_not_there():
@@ -59,12 +59,12 @@ def test_a_fold_without_which_more_is_gained_is_nothing_against_it():
     """A change dated in one fold: a tenth is left in the seven others, all in it."""
     after = np.full((8, 1, 1), 0.1)
     after[3] = 1.0
-    found = reduction_of(np.ones((8, 1, 1)), after)
-    assert found.value - 2 * found.standard_error < 0.5
-    assert found.bound > 0.7 * found.value
+    reduction = reduction_of(np.ones((8, 1, 1)), after)
+    assert reduction.value - 2 * reduction.standard_error < 0.5
+    assert reduction.bound > 0.7 * reduction.value
 
     reversed_folds = reduction_of(np.ones((8, 1, 1)), after[::-1])
-    assert reversed_folds.bound == pytest.approx(found.bound)
+    assert reversed_folds.bound == pytest.approx(reduction.bound)
 
 
 @pytest.mark.parametrize(
@@ -79,8 +79,8 @@ def test_a_force_of_one_frequency_is_judged_where_it_acts(law, there):
     """3 dB in one of twelve bands."""
     after = np.ones((8, 1, 12))
     after[..., 0] = 0.5
-    found = reduction_of(np.ones((8, 1, 12)), after, n_bands=12)
-    assert judge.is_there(found, law) is there
+    reduction = reduction_of(np.ones((8, 1, 12)), after, n_bands=12)
+    assert judge.is_there(reduction, law) is there
 
 
 def ranked(n_parameters, value, spread=0.3):

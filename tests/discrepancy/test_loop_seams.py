@@ -67,7 +67,7 @@ def heldout(whole_record):
 
 
 @pytest.fixture(scope="module")
-def found(searched, heldout):
+def loop_report(searched, heldout):
     """A loop that finds the spring."""
     return close_loop(searched, catalogue=CATALOGUE, heldout=heldout, max_steps=2)
 
@@ -80,7 +80,7 @@ def silent():
     return close_loop(record, catalogue=CATALOGUE, max_steps=2)
 
 
-@pytest.fixture(params=["found", "silent"])
+@pytest.fixture(params=["loop_report", "silent"])
 def report(request):
     """Either loop."""
     return request.getfixturevalue(request.param)
@@ -89,12 +89,12 @@ def report(request):
 # -- the final estimate --------------------------------------------------------
 
 
-def test_the_model_is_the_estimate_of_its_laws_by_a_fit(searched, found):
+def test_the_model_is_the_estimate_of_its_laws_by_a_fit(searched, loop_report):
     """One number has one interval, whoever is asked."""
-    fit = NRFRegressor(laws=found.model.laws, band=found.band).fit(searched)
-    assert found.model.masses == pytest.approx(fit.masses_, rel=1e-9)
-    assert found.bounds == fit.bounds()[0]
-    assert found.verdict.state == fit.verdict().state
+    fit = NRFRegressor(laws=loop_report.model.laws, band=loop_report.band).fit(searched)
+    assert loop_report.model.masses == pytest.approx(fit.masses_, rel=1e-9)
+    assert loop_report.bounds == fit.bounds()[0]
+    assert loop_report.verdict.state == fit.verdict().state
 
 
 # -- long records --------------------------------------------------------------
@@ -135,10 +135,10 @@ def test_a_long_record_is_fitted_on_all_samples(long_record):
 # -- catalogue to search -------------------------------------------------------
 
 
-def test_the_law_of_a_user_takes_part_in_the_search(found):
-    (step,) = found.steps
+def test_the_law_of_a_user_takes_part_in_the_search(loop_report):
+    (step,) = loop_report.steps
     assert (step.law, step.site) == ("cubic_of_mine", "storey 2")
-    listed = found.settings["loop"]["catalogue"].split(", ")
+    listed = loop_report.settings["loop"]["catalogue"].split(", ")
     assert listed == [law.name for law in CATALOGUE]
 
 
@@ -197,10 +197,10 @@ def test_every_verdict_reaches_the_pages_in_the_same_words(report):
     assert report.stopped_because in text
 
 
-def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(found):
-    (step,) = found.steps
+def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(loop_report):
+    (step,) = loop_report.steps
     assert ("closest law" in step.sentence) == (not step.sure)
-    text = found.to_markdown()
+    text = loop_report.to_markdown()
     assert "cubic of mine at storey 2" in text
     assert step.sentence in text
 
@@ -208,19 +208,19 @@ def test_a_sure_step_is_named_and_an_unsure_one_is_the_closest_law(found):
 # -- steps to table, files, model ----------------------------------------------
 
 
-def test_the_table_has_the_errors_of_the_steps(found):
-    table, (step,) = found.table, found.steps
+def test_the_table_has_the_errors_of_the_steps(loop_report):
+    table, (step,) = loop_report.table, loop_report.steps
     assert list(table.index) == ["baseline", "cubic_of_mine at storey 2"]
     assert [step.error_before, step.error_after] == table["held-out"].tolist()
     assert [step.free_run_before, step.free_run_after] == table["free run"].tolist()
-    text = found.to_markdown()
+    text = loop_report.to_markdown()
     for value in table["held-out"]:
         assert f" {value:.4g} |" in text
 
 
-def test_the_model_holds_the_law_with_the_numbers_of_its_step(found):
-    (step,) = found.steps
-    (law,) = [law for law in found.model.laws["storey 2"] if law.name == step.law]
+def test_the_model_holds_the_law_with_the_numbers_of_its_step(loop_report):
+    (step,) = loop_report.steps
+    (law,) = [law for law in loop_report.model.laws["storey 2"] if law.name == step.law]
     assert law.parameters == step.parameters
     truth = simulated(HIDDEN).effects[0].par[0]
     assert step.parameters["k3"] == pytest.approx(truth, rel=0.02)
@@ -265,14 +265,14 @@ def balance_errors(model, X, F):
 
 
 def test_the_heldout_error_is_the_error_of_the_model_on_the_heldout_record(
-    found, heldout
+    loop_report, heldout
 ):
     """Nearly: the report leaves means and uninformative bands out."""
     X, F = heldout.to_features(smooth=True)
-    for name, model in zip(found.table.index, found.models):
+    for name, model in zip(loop_report.table.index, loop_report.models):
         by_hand = balance_errors(model, X.to_numpy(), F.to_numpy())
         for j, error in enumerate(by_hand, 1):
-            reported = found.table.loc[name, f"held-out dof {j}"]
+            reported = loop_report.table.loc[name, f"held-out dof {j}"]
             assert reported == pytest.approx(error, rel=0.25)
 
 
@@ -284,9 +284,11 @@ def found_beside_noise(searched, heldout):
     return close_loop(searched, catalogue=CATALOGUE, heldout=spoilt, max_steps=2)
 
 
-def test_heldout_data_change_nothing_that_the_search_says(found, found_beside_noise):
+def test_heldout_data_change_nothing_that_the_search_says(
+    loop_report, found_beside_noise
+):
     """The same steps, parameters, gains and search errors to the last digit."""
-    (one,), (other,) = found.steps, found_beside_noise.steps
+    (step,), (other,) = loop_report.steps, found_beside_noise.steps
     for name in (
         "law",
         "site",
@@ -295,19 +297,19 @@ def test_heldout_data_change_nothing_that_the_search_says(found, found_beside_no
         "reduction",
         "reduction_error",
     ):
-        assert getattr(one, name) == getattr(other, name)
-    assert one.share == other.share
-    assert found.band == found_beside_noise.band
-    sizes = [report.evidence[0].sizes for report in (found, found_beside_noise)]
+        assert getattr(step, name) == getattr(other, name)
+    assert step.share == other.share
+    assert loop_report.band == found_beside_noise.band
+    sizes = [report.evidence[0].sizes for report in (loop_report, found_beside_noise)]
     assert sizes[0].equals(sizes[1])
     errors = ["search", "validation"]
-    assert found.table[errors].equals(found_beside_noise.table[errors])
+    assert loop_report.table[errors].equals(found_beside_noise.table[errors])
 
 
-def test_heldout_data_have_the_last_word(found, found_beside_noise):
-    (one,), (other,) = found.steps, found_beside_noise.steps
-    assert one.confirmed
-    assert other.error_after > 10 * one.error_after
+def test_heldout_data_have_the_last_word(loop_report, found_beside_noise):
+    (step,), (other,) = loop_report.steps, found_beside_noise.steps
+    assert step.confirmed
+    assert other.error_after > 10 * step.error_after
 
 
 def test_channels_without_noise_are_used_where_the_rate_of_the_base_is_not_measured():

@@ -88,13 +88,13 @@ def test_bouc_wen_benchmark_gives_the_published_parameters():
 @pytest.mark.parametrize(("test", "first"), [("fbgm162s5", 0), ("fbgm152s3", 0)])
 def test_a_strongly_shaken_frame_yields_in_every_storey(test, first):
     """Also where the force of one storey is not known before those of the others."""
-    found = confirmed(frame(test, first))
+    effects = confirmed(frame(test, first))
     yielding = set()
-    for step in found:
+    for step in effects:
         if "hysteresis" in {step.family, *step.alternatives}:
             yielding.add(step.site)
     assert yielding == {"storey 1", "storey 2", "storey 3"}
-    assert (np.diff([step.error_after for step in found]) <= 0).all()
+    assert (np.diff([step.error_after for step in effects]) <= 0).all()
 
 
 def test_an_effect_takes_over_no_spring():
@@ -116,5 +116,5 @@ def test_what_errors_of_channels_explain_better_is_no_inerter():
     inerter 4, 1 dB of it beyond them.
     """
     case = make_case(**specifications("sensors", SIZES["sensors"], 1501)[113])
-    records = [Record(**channels) for channels in case.seen]
+    records = [Record(**channels) for channels in case.searched]
     assert loop(records, SPRING, [laws.Inerter()]).steps == []

@@ -53,10 +53,10 @@ SPRINGS = [
 ]
 
 
-def steps_with(own, catalogue, noise=0.0):
+def steps_with(law, catalogue, noise=0.0):
     """One step of a search on a chain of two masses with a law in storey 2."""
     linear = [laws.LinearElastic(2e5), laws.LinearViscous(80.0)]
-    truth = ChainModel([12.0, 12.0], {1: linear, 2: [*linear, own]})
+    truth = ChainModel([12.0, 12.0], {1: linear, 2: [*linear, law]})
     F = excitation.band_limited_random(
         2, 16.0, 500.0, excited=2, rms=60.0, band=(1.0, 40.0), random_state=1
     )
@@ -81,7 +81,7 @@ def test_a_law_of_the_user_is_found():
 @pytest.mark.slow
 def test_a_special_case_that_the_data_cannot_tell_from_it_is_taken_or_named():
     (step,) = steps_with(spring(3.05, 60.0), [*SPRINGS, PowerSpring()], noise=0.01)
-    names = {law for law, _, _ in step.tied} | {step.law}
+    names = {law for law, _, _ in step.rivals} | {step.law}
     assert step.site == "storey 2"
     assert "cubic_stiffness" in names
 

@@ -95,8 +95,8 @@ def test_the_faulty_sensor_is_found_and_measured(
     assert (step.law, step.site) == (fault.name, f"sensor {channel}")
     assert step.family == "sensor" and step.is_fault
 
-    (found,) = step.parameters.values()
-    assert found == pytest.approx(fault.values[0], rel=0.05)
+    (value,) = step.parameters.values()
+    assert value == pytest.approx(fault.values[0], rel=0.05)
     assert step.error_after < 0.6 * step.error_before
     assert np.allclose(report.model.masses, chain(3, 3).masses, rtol=0.02)
 
@@ -115,14 +115,16 @@ def test_a_fault_that_a_user_wrote_is_tried_like_ours(left_out):
     """Where a floor has one kind of channel, and where two contradict each other."""
     faulty = record(3, [1, 2, 3], 0.01, sensors={"sensor a3": laws.GainError(0.2)})
     faulty = faulty.replace(**dict.fromkeys(left_out))
-    found = {}
+    values = {}
     for fault in (laws.GainError(), OwnGain()):
         report = close_loop(faulty, catalogue=[fault], max_steps=1)
-        (found[fault.name],) = report.steps
+        (values[fault.name],) = report.steps
 
-    ours, own = found["gain_error"], found["own_gain_in_percent"]
-    assert own.site == ours.site
-    assert own.parameters["e"] == pytest.approx(100 * ours.parameters["e"], rel=0.01)
+    ours, of_user = values["gain_error"], values["own_gain_in_percent"]
+    assert of_user.site == ours.site
+    assert of_user.parameters["e"] == pytest.approx(
+        100 * ours.parameters["e"], rel=0.01
+    )
 
 
 def test_of_two_forces_either_may_be_wrong():

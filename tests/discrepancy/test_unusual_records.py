@@ -13,6 +13,7 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.equations.shape_search import driving_frequency, spectral_lines
+from pysindy_nrf.simulation import add_noise
 
 
 def one_sided_drift(t):
@@ -50,9 +51,9 @@ def test_a_record_cut_out_of_a_running_test_keeps_its_memory():
     F = excitation.band_limited_random(
         1, 9.0, 2000.0, excited=1, rms=100.0, band=(5, 60), random_state=1
     )
-    whole = simulate(ChainModel([2.0], {1: storey}), F, 1 / 2000)
+    record = simulate(ChainModel([2.0], {1: storey}), F, 1 / 2000)
     tried = [laws.BoucWen(), laws.Dahl()]
-    report = close_loop(whole.window(2.0, 9.0), catalogue=tried, max_steps=1)
+    report = close_loop(record.window(2.0, 9.0), catalogue=tried, max_steps=1)
     (step,) = report.steps
     assert step.law == "bouc_wen"
     assert step.parameters == pytest.approx(true, rel=0.02)
@@ -73,3 +74,18 @@ def test_a_harmonic_test_hides_no_harmonic_force():
 def test_noise_drives_at_no_frequency():
     noise = np.random.default_rng(0).standard_normal((1, 12000))
     assert np.isnan(driving_frequency(noise, 1e-3))
+
+
+def test_an_error_on_pieces_without_a_force_has_a_reference():
+    """A stage spun up by a step of force: no other piece holds one that changes."""
+    truth = ChainModel([2.0], {1: [laws.LinearViscous(1.0)]})
+    force = np.full((800, 1), 3.0)
+    force[400:] = 4.5
+    record = simulate(truth, force, 1 / 40)
+    noisy = add_noise(record.replace(acceleration=None), 0.01, random_state=0)
+    record = noisy.replace(force=force)
+
+    report = close_loop(record)
+
+    heldout = report.table["held-out"]
+    assert (heldout < 1000).all()

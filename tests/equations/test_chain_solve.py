@@ -125,19 +125,19 @@ def test_blocks_are_solved_as_each_by_itself(three_records):
     cases, _, solution = three_records
     first = next(fit for fit in solution.fits if fit.step.dofs == (1,))
     for i, case in enumerate(cases):
-        own = solution.of(i)
-        x, left = least_squares(case.a[:, 0], *case.columns(1), y=case.F[:, 0])
-        assert own.masses[1] == pytest.approx(x[0], rel=1e-9)
-        assert own.coefficients["storey 1"] == pytest.approx(x[1:3], rel=1e-9)
-        assert first.residual[i] == pytest.approx(rms(left), rel=1e-9)
+        step = solution.of(i)
+        x, residual = least_squares(case.a[:, 0], *case.columns(1), y=case.F[:, 0])
+        assert step.masses[1] == pytest.approx(x[0], rel=1e-9)
+        assert step.coefficients["storey 1"] == pytest.approx(x[1:3], rel=1e-9)
+        assert first.residual[i] == pytest.approx(rms(residual), rel=1e-9)
 
 
 def test_blocks_are_judged_as_each_by_itself(three_records):
     _, together, solution = three_records
     sizes = balance_sizes(1, solution.masses, solution.coefficients, together)
     for i in range(3):
-        own = solution.of(i)
-        alone = balance_sizes(1, own.masses, own.coefficients, together[i])
+        step = solution.of(i)
+        alone = balance_sizes(1, step.masses, step.coefficients, together[i])
         of_block = [sizes.residual[i], sizes.reference[i], sizes.storey[i]]
         assert of_block == pytest.approx(alone[:3], rel=1e-12)
 
@@ -172,8 +172,8 @@ def test_complete_takes_each_equation_on_its_own(dof):
     start = 1
     for site, sign in SITES[dof].items():
         stop = start + len(UNITS[site])
-        found = solution.coefficients if sign > 0 else solution.twins
-        assert found[site] == pytest.approx(sign * x[start:stop], rel=1e-9)
+        coefficients = solution.coefficients if sign > 0 else solution.twins
+        assert coefficients[site] == pytest.approx(sign * x[start:stop], rel=1e-9)
         start = stop
 
 
@@ -204,8 +204,8 @@ def test_sequential_takes_what_it_knows_to_the_right():
     for site, values in expected.items():
         assert solution.coefficients[site] == pytest.approx(values, rel=1e-9)
     assert not solution.twins
-    left = [(e3, F[2]), (e2, y2), (e1, y1)]
-    for fit, (e, y) in zip(solution.fits, left, strict=True):
+    residuals = [(e3, F[2]), (e2, y2), (e1, y1)]
+    for fit, (e, y) in zip(solution.fits, residuals, strict=True):
         assert fit.residual == pytest.approx(rms(e), rel=1e-9)
         assert fit.share == pytest.approx(rms(e) / rms(y), rel=1e-9)
     assert [fit.n_columns for fit in solution.fits] == [4, 2, 3]
@@ -296,12 +296,12 @@ def test_a_joint_solve_by_default_gives_way_where_equations_contradict_each_othe
 
 # -- what is known of a fit ----------------------------------------------------
 
-ONE = Layout(Chain(1), {"storey 1": 2})
+SINGLE = Layout(Chain(1), {"storey 1": 2})
 
 
 def order_of_one():
     return plan_solve_order(
-        ONE.chain, [1], strategy="complete", sites=ONE.acting, alone=True
+        SINGLE.chain, [1], strategy="complete", sites=SINGLE.acting, alone=True
     )
 
 
@@ -309,9 +309,9 @@ def single(columns, a, F, kind="gram", known=None):
     """One DOF, solved from its two terms."""
     blocks = blocks_of(np.column_stack(columns), a[:, None], F[:, None])
     order = plan_solve_order(
-        ONE.chain, [1], (), known or (), strategy="complete", sites=ONE.acting
+        SINGLE.chain, [1], (), known or (), strategy="complete", sites=SINGLE.acting
     )
-    total = total_products(ONE, groups_of(ONE, order), blocks, known, kind)
+    total = total_products(SINGLE, groups_of(SINGLE, order), blocks, known, kind)
     return solve(total, order, known)
 
 
@@ -338,8 +338,8 @@ def test_noise_of_a_mass_is_the_residual_over_the_inertia_that_nothing_imitates(
     solution = single([s, v], a, F)
     (fit,) = solution.fits
     assert solution.masses[1] == pytest.approx(2.0)
-    own = 2 * 700 * np.sin(0.3)
-    assert fit.mass_noise == pytest.approx((25 / own,), rel=1e-8)
+    stiffness = 2 * 700 * np.sin(0.3)
+    assert fit.mass_noise == pytest.approx((25 / stiffness,), rel=1e-8)
     assert fit.residual == pytest.approx(25 / np.sqrt(len(a)))
 
 
@@ -357,7 +357,7 @@ def solved_in_passes(angle, noise):
         passes.append(1)
         return blocks_of(np.column_stack([x, y]), a[:, None], F[:, None], 20)
 
-    solution, total = solve_blocks(ONE, order_of_one(), blocks)
+    solution, total = solve_blocks(SINGLE, order_of_one(), blocks)
     return solution, total.kind, len(passes)
 
 
@@ -377,8 +377,8 @@ def test_where_squares_lose_digits_the_data_are_read_again_by_qr(angle):
     solution, kind, passes = solved_in_passes(angle, noise=0.0)
     assert (kind, passes) == ("root", 2)
     assert solution.masses[1] == pytest.approx(2.0, rel=1e-12)
-    found = solution.coefficients["storey 1"]
-    assert found == pytest.approx([3.0, 5.0], rel=1e-14 / angle)
+    coefficients = solution.coefficients["storey 1"]
+    assert coefficients == pytest.approx([3.0, 5.0], rel=1e-14 / angle)
 
 
 # -- rank ----------------------------------------------------------------------
@@ -455,8 +455,8 @@ def test_no_mass_of_a_joint_solve_meets_the_threshold():
     """A light floor on strong springs: its inertia is a small part of the force."""
     first = chains.duffing(3, [1, 2, 3], seed=0, cubic=False)
     m = np.array([0.1, *first.m[1:]])
-    given = (m, 0 * first.c, first.k, first.k3)
-    case = chains.duffing(3, [1, 2, 3], seed=0, given=given)
+    parameters = (m, 0 * first.c, first.k, first.k3)
+    case = chains.duffing(3, [1, 2, 3], seed=0, parameters_of_chain=parameters)
     assert np.std(m[0] * case.a[:, 0]) < 0.1 * np.std(case.F[:, 0])
     sparse = ps.STLSQ(threshold=0.1, alpha=0)
     model = NRFRegressor(degree=(0, 1), strategy="joint", optimizer=sparse)

@@ -48,7 +48,8 @@ class Case:
     @property
     def where(self):
         return {
-            s: range(part.start, part.stop) for s, part in self.layout.slices.items()
+            s: range(columns.start, columns.stop)
+            for s, columns in self.layout.slices.items()
         }
 
     def order(self):
@@ -116,8 +117,8 @@ def test_a_forced_equation_is_judged_over_its_force_and_a_shaken_one_over_inerti
     shaken = CASES[4]
     masses = np.array([list(shaken.known.values())])
     inertia = shaken.compiled().rows(masses, np.zeros((1, 16)))[1]
-    found = shaken.rows @ inertia[0, 3]
-    assert found == pytest.approx(4.0 * shaken.a[:, 3])
+    products = shaken.rows @ inertia[0, 3]
+    assert products == pytest.approx(4.0 * shaken.a[:, 3])
 
 
 def test_columns_that_depend_on_each_other():
@@ -138,9 +139,9 @@ def test_rows_beside_a_storey_are_those_of_the_equations_at_its_ends():
     beside = case.compiled().beside(list(case.where["storey 2"]))
     names = [f"term {k}" for k in range(8)]
     names += [f"{kind}{dof}" for kind in "aF" for dof in range(1, 5)]
-    found = {names[row] for row in beside}
-    assert {"a1", "a2", "F1", "F2"} <= found
-    assert found.isdisjoint({"a3", "a4", "F3", "F4", "term 6", "term 7"})
+    names_beside = {names[row] for row in beside}
+    assert {"a1", "a2", "F1", "F2"} <= names_beside
+    assert names_beside.isdisjoint({"a3", "a4", "F3", "F4", "term 6", "term 7"})
 
 
 def test_channels_are_one_least_squares_problem():

@@ -47,9 +47,9 @@ def assert_masses(fitted):
 
 
 def test_a_record_in_a_stream_is_read_as_one_by_itself(record):
-    whole = linear().fit(record).masses_
+    masses = linear().fit(record).masses_
     listed = linear().fit(iter([record])).masses_
-    np.testing.assert_allclose(listed, whole, rtol=1e-6)
+    np.testing.assert_allclose(listed, masses, rtol=1e-6)
 
 
 def test_partial_fit_uses_the_samples_behind_a_gap_of_the_clock(X, F):
@@ -71,8 +71,8 @@ def test_a_call_of_partial_fit_that_fails_adds_nothing(record, X, F):
 
 
 def test_dask_partitions_refuse_a_law_of_time(X, F):
-    given = {1: [laws.PowerSeries(1), laws.StiffnessStep(t0=0.3)]}
-    model = NRFRegressor(dt=1 / FS, laws=given)
+    declared = {1: [laws.PowerSeries(1), laws.StiffnessStep(t0=0.3)]}
+    model = NRFRegressor(dt=1 / FS, laws=declared)
     chunks = (500, -1)
     parts = [da.from_array(table.to_numpy(), chunks=chunks) for table in (X, F)]
     with pytest.raises(LawError, match="reads the time"):
@@ -142,8 +142,8 @@ def rows_with_gaps():
 def test_forces_are_predicted_at_the_few_samples_too(X, F, rows_with_gaps, method):
     predicted = getattr(linear().fit(X, F), method)
     with warnings.catch_warnings(action="error"):
-        found = predicted(X.iloc[rows_with_gaps])
-    np.testing.assert_allclose(found, predicted(X)[rows_with_gaps], atol=1e-9)
+        forces = predicted(X.iloc[rows_with_gaps])
+    np.testing.assert_allclose(forces, predicted(X)[rows_with_gaps], atol=1e-9)
 
 
 def test_a_stream_takes_the_few_samples(X, F, rows_with_gaps):
@@ -184,8 +184,8 @@ def test_a_base_of_known_displacement_alone_has_an_acceleration():
 def test_a_replaced_time_starts_where_it_says(record):
     later = record.replace(time=record.time + 5.0)
     assert later.time[0] == pytest.approx(5.0)
-    part = record.rows(slice(100, 200)).replace(name="part")
-    assert part.time[0] == pytest.approx(100 / FS)
+    piece = record.rows(slice(100, 200)).replace(name="part")
+    assert piece.time[0] == pytest.approx(100 / FS)
 
 
 @pytest.mark.parametrize("remark", [b"# log\x0c next page\n", b"remark: see log\x85\n"])

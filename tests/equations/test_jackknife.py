@@ -50,5 +50,5 @@ def test_two_blocks_give_no_error_of_a_share():
 
 
 def test_blocks_of_zeros_leave_the_share_to_the_others():
-    found = share_of(np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]))
-    assert found[1] == pytest.approx(np.sqrt(2 * np.var([1.0, 0.5, 0.5])))
+    share = share_of(np.array([1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0]))
+    assert share[1] == pytest.approx(np.sqrt(2 * np.var([1.0, 0.5, 0.5])))

@@ -36,7 +36,7 @@ class Columns:
     a: np.ndarray
     F: np.ndarray
 
-    def part(self, rows):
+    def cut(self, rows):
         return Columns(self.terms[rows], self.a[rows], self.F[rows])
 
     def blocks(self, size=64):
@@ -72,19 +72,19 @@ def total_of(columns, kind="gram", size=64):
     return total_products(LAYOUT, GROUPS, columns.blocks(size), MASSES, kind)
 
 
-def assert_products(found, expected, rel=1e-12):
+def assert_products(sums, expected, rel=1e-12):
     """Equal to so many parts of the lengths of the columns."""
     length = np.sqrt(np.diagonal(expected, axis1=-2, axis2=-1))
     scale = np.where(length > 0, length, 1.0)
-    error = (found - expected) / scale[..., :, None] / scale[..., None, :]
+    error = (sums - expected) / scale[..., :, None] / scale[..., None, :]
     assert np.abs(error).max() < rel
 
 
-def assert_same(found, expected, rel=1e-12):
-    squares = found.squares().matrices
+def assert_same(sums, expected, rel=1e-12):
+    squares = sums.squares().matrices
     for dofs, matrix in expected.squares().matrices.items():
         assert_products(squares[dofs], matrix, rel)
-        assert np.array_equal(found.sizes[dofs], expected.sizes[dofs])
+        assert np.array_equal(sums.sizes[dofs], expected.sizes[dofs])
 
 
 # -- products ------------------------------------------------------------------
@@ -140,9 +140,9 @@ def test_triangular_factor_and_lengths_are_those_of_qr(kind, group):
 def test_chunks_add(kind, cuts, size):
     columns = random_columns()
     edges = [0, *sorted(cuts), 500]
-    pooled = total_of(columns.part(slice(0, edges[1])), kind, size)
+    pooled = total_of(columns.cut(slice(0, edges[1])), kind, size)
     for low, high in zip(edges[1:-1], edges[2:]):
-        pooled = pooled.merge(total_of(columns.part(slice(low, high)), kind, size))
+        pooled = pooled.merge(total_of(columns.cut(slice(low, high)), kind, size))
     assert pooled.n_samples == 500
     assert_same(pooled, total_of(columns, kind))
 
@@ -191,9 +191,9 @@ def test_running_sums_survive_pickling():
 
 def test_sums_go_on_behind_a_total():
     columns = random_columns()
-    before = total_of(columns.part(slice(0, 200)))
+    before = total_of(columns.cut(slice(0, 200)))
     behind = ProductSums(LAYOUT, GROUPS, MASSES).empty(before)
-    for block in columns.part(slice(200, 500)).blocks():
+    for block in columns.cut(slice(200, 500)).blocks():
         behind.add(block)
     assert behind.n_samples == 500
     assert_same(behind.total(), total_of(columns))
@@ -338,10 +338,10 @@ def ten_blocks(kind="gram"):
     return sums.add_each(enumerate(columns.blocks(50))).grams()
 
 
-def assert_weighted(found, weights):
+def assert_weighted(sums, weights):
     """The sums of samples that are each taken so many times."""
     columns = random_columns()
-    squares = found.squares().matrices
+    squares = sums.squares().matrices
     for group in GROUPS:
         A = columns.of_group(LAYOUT, group)
         w = np.repeat(np.asarray(weights, dtype=float), 50)
@@ -408,9 +408,9 @@ def test_other_columns_of_the_same_samples(kind, several):
         matrix = change = np.random.default_rng(1).normal(size=(9, 4))
     grams = ten_blocks()
     chosen = grams.roots() if kind == "root" else grams
-    found = chosen.transformed(LAYOUT, {GROUPS[0]: change}).squares().matrices[(1,)]
+    products = chosen.transformed(LAYOUT, {GROUPS[0]: change}).squares().matrices[(1,)]
     expected = matrix.T @ grams.matrices[(1,)] @ matrix
-    assert np.allclose(found, expected, rtol=1e-8)
+    assert np.allclose(products, expected, rtol=1e-8)
 
 
 def test_columns_projected_on_instruments_are_those_of_the_projector():
@@ -429,8 +429,8 @@ def test_columns_projected_on_instruments_are_those_of_the_projector():
         instrumented=True,
     )
     Q = np.linalg.qr(Z)[0]
-    found = grams.projected().squares().matrices[(1,)]
-    assert np.allclose(found, X.T @ Q @ Q.T @ X, atol=1e-9)
+    products = grams.projected().squares().matrices[(1,)]
+    assert np.allclose(products, X.T @ Q @ Q.T @ X, atol=1e-9)
 
 
 # -- pieces of records ---------------------------------------------------------

@@ -126,10 +126,10 @@ def measured_tests(draw, extras=tuple(EXTRA), noise=(0.0, 0.02)):
     by_storey = {}
     for i in range(1, n + 1):
         by_storey[i] = []
-        for own in test.laws_of(i):
-            sizes = np.array([size_of(term.label) for term in own.terms()])
+        for declared in test.laws_of(i):
+            sizes = np.array([size_of(term.label) for term in declared.terms()])
             values = rng.uniform(0.2, 1.0, len(sizes)) * k[i - 1] * DRIFT / sizes
-            by_storey[i].append(own.with_values(coefficients=values))
+            by_storey[i].append(declared.with_values(coefficients=values))
     R = ChainModel(m, by_storey).restoring_force(test.X, dt=DT)
     a = (F - R + np.hstack([R[:, 1:], np.zeros((N, 1))])) / m
     level = draw(st.sampled_from(noise))
@@ -155,15 +155,15 @@ def scales(model):
     return np.abs(np.concatenate(values))
 
 
-def assert_same(one, other, factors=1.0, tolerance=1e-9):
+def assert_same(model, other, factors=1.0, tolerance=1e-9):
     """Equal to a tolerance that grows with the condition of the data."""
     for name, force in other.restoring_forces_.items():
-        terms = one.restoring_forces_[name].coefficients.index
+        terms = model.restoring_forces_[name].coefficients.index
         assert list(terms) == list(force.coefficients.index)
     expected = numbers(other) * factors
     weight = np.abs(expected) + 1e-3 * scales(other) * np.abs(factors)
     slack = tolerance * max(1.0, float(other.condition_.max()) / 100)
-    assert (np.abs(numbers(one) - expected) / weight).max() <= slack
+    assert (np.abs(numbers(model) - expected) / weight).max() <= slack
 
 
 # -- units ---------------------------------------------------------------------
@@ -205,8 +205,8 @@ POWERS_OF_TWO = st.sampled_from([2.0**k for k in (-6, -3, -1, 1, 3, 6)])
 
 @given(measured_tests(), POWERS_OF_TWO, POWERS_OF_TWO, POWERS_OF_TWO)
 def test_powers_of_two_as_units_change_nothing_but_units(test, L, M, T):
-    found = in_units(test, L, M, T).fit()
-    assert_same(found, test.fit(), factors_of_units(test, L, M, T), 1e-12)
+    fitted = in_units(test, L, M, T).fit()
+    assert_same(fitted, test.fit(), factors_of_units(test, L, M, T), 1e-12)
 
 
 # -- order and boundaries ------------------------------------------------------
@@ -279,9 +279,9 @@ def test_a_rigid_motion_of_base_and_floors_changes_no_drift(test, speed, offset,
         names.extend(f"{kind}{j}" for j in range(1, test.n + 1))
     table = np.hstack([test.a, xdot, x, v0, x0])
     X = pd.DataFrame(table, columns=[*names, "xdot0", "x0"])
-    found = test.regressor(coordinates="absolute").fit(X, test.F)
+    fitted = test.regressor(coordinates="absolute").fit(X, test.F)
     tolerance = 1e-6 * (1 + abs(speed) + abs(offset))
-    assert_same(found, test.fit(), tolerance=tolerance)
+    assert_same(fitted, test.fit(), tolerance=tolerance)
 
 
 # -- Newton and energy ---------------------------------------------------------
@@ -383,6 +383,6 @@ def test_rows_lost_at_the_edges_cost_rows_and_nothing_else(test, first, last):
     X = test.X
     X[:first] = np.nan
     X[N - last :] = np.nan
-    found = replace(test, dt=None).regressor().fit(X, test.F)
-    assert_same(found, test.rows(slice(first, N - last)).fit())
-    assert found.n_samples_ == N - first - last
+    fitted = replace(test, dt=None).regressor().fit(X, test.F)
+    assert_same(fitted, test.rows(slice(first, N - last)).fit())
+    assert fitted.n_samples_ == N - first - last

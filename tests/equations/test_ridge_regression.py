@@ -17,9 +17,9 @@ def records():
     scale, offset = [1, 1, 1e3, 1e-2, 0], [0, 0.5, 0, 0, 0]
     columns = [rng.standard_normal((n, 5)) * scale + offset for n in SIZES]
     targets = []
-    for part in columns:
-        explained = part @ [2.0, -1.0, 1e-3, 30.0, 1.0]
-        targets.append(explained + rng.standard_normal(len(part)))
+    for lines in columns:
+        explained = lines @ [2.0, -1.0, 1e-3, 30.0, 1.0]
+        targets.append(explained + rng.standard_normal(len(lines)))
     return columns, targets
 
 
@@ -28,7 +28,7 @@ def regression(records):
     columns, targets = records
     groups = {}
     for name, chosen in COLUMNS.items():
-        groups[name] = [part[:, chosen] for part in columns]
+        groups[name] = [lines[:, chosen] for lines in columns]
     return Regression.of({**groups, "f": targets}, BLOCKS, FOLDS)
 
 
@@ -44,22 +44,22 @@ def blocks(records):
 
 def left_by_hand(blocks, chosen):
     """Squares left in each block by least squares on the blocks of other folds."""
-    left = []
+    squares_by_fold = []
     for k, (columns, target) in enumerate(blocks):
         others = [b for j, b in enumerate(blocks) if j % FOLDS != k % FOLDS]
         A = np.vstack([other for other, _ in others])[:, chosen]
         y = np.concatenate([other for _, other in others])
         w = np.linalg.lstsq(A, y, rcond=None)[0]
-        left.append(((target - columns[:, chosen] @ w) ** 2).sum())
-    return np.array(left)
+        squares_by_fold.append(((target - columns[:, chosen] @ w) ** 2).sum())
+    return np.array(squares_by_fold)
 
 
 def test_it_is_least_squares_on_the_other_folds(regression, blocks):
     assert regression.folds.tolist() == [k % FOLDS for k in range(len(blocks))]
     squares = [target @ target for _, target in blocks]
-    assert regression.left("f") == pytest.approx(squares)
+    assert regression.unexplained("f") == pytest.approx(squares)
     by_hand = left_by_hand(blocks, [0, 1])
-    assert regression.left("f", ["a"]) == pytest.approx(by_hand, rel=2e-3)
+    assert regression.unexplained("f", ["a"]) == pytest.approx(by_hand, rel=2e-3)
 
 
 def test_a_share_and_its_error_are_those_of_the_jackknife(regression, blocks):
@@ -74,10 +74,10 @@ def test_a_share_and_its_error_are_those_of_the_jackknife(regression, blocks):
 
 def test_coefficients_are_those_of_all_data(regression, records):
     columns, targets = records
-    A, y = np.vstack([part[:, :4] for part in columns]), np.concatenate(targets)
-    found = regression.coefficients("f", ["b", "a"])
+    A, y = np.vstack([lines[:, :4] for lines in columns]), np.concatenate(targets)
+    coefficients = regression.coefficients("f", ["b", "a"])
     exact = np.linalg.lstsq(A, y, rcond=None)[0]
-    assert [*found["a"], *found["b"]] == pytest.approx(exact, rel=1e-5)
+    assert [*coefficients["a"], *coefficients["b"]] == pytest.approx(exact, rel=1e-5)
 
 
 def test_of_a_target_of_zeros_nothing_is_explained():

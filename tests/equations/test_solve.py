@@ -112,14 +112,16 @@ class Hammer:
     """Three records of one chain, each with another floor hit; lengths differ."""
 
     def __init__(self):
-        given = chains.parameters(3, np.random.default_rng(9))
+        parameters = chains.parameters(3, np.random.default_rng(9))
         self.cases = []
         for j in (1, 2, 3):
             size = 1200 + 300 * j
-            case = chains.duffing(3, [j], seed=20 + j, n_samples=size, given=given)
+            case = chains.duffing(
+                3, [j], seed=20 + j, n_samples=size, parameters_of_chain=parameters
+            )
             self.cases.append(case)
         self.truth = self.cases[0]
-        self.given = given
+        self.parameters = parameters
 
     @property
     def X(self):
@@ -150,7 +152,9 @@ def test_a_roving_hammer_gives_the_whole_chain(hammer, strategy):
 
 
 def test_a_roving_hammer_equals_one_record_with_all_forces(hammer):
-    together = chains.duffing(3, [1, 2, 3], seed=30, given=hammer.given)
+    together = chains.duffing(
+        3, [1, 2, 3], seed=30, parameters_of_chain=hammer.parameters
+    )
     once = NRFRegressor(degree=3).fit(together.X, together.F)
     roving = hammer.fit()
     assert once.solve_order_.strategy == roving.solve_order_.strategy == "joint"
@@ -227,7 +231,7 @@ def test_a_free_chain_floats():
     m, c, k, k3 = chains.parameters(3, np.random.default_rng(1))
     for law in (c, k, k3):
         law[0] = 0.0
-    case = chains.duffing(3, [2], seed=1, given=(m, c, k, k3))
+    case = chains.duffing(3, [2], seed=1, parameters_of_chain=(m, c, k, k3))
     model = NRFRegressor(degree=3, chain=Chain(3, ground="free")).fit(case.X, case.F)
     assert worst(model.masses_, m) < EXACT
     assert worst(coefficients(model, "s", [2, 3]), k[1:]) < EXACT
@@ -269,19 +273,21 @@ def test_hysteresis_in_storey_1_leaves_storey_2_exact(dahl, strategy, error):
 
 def test_the_true_law_in_storey_1_gives_the_masses(dahl):
     case, _, R1 = dahl
-    given = {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}
-    model = NRFRegressor(degree=1, laws=given, dt=case.dt).fit(case.X, case.F)
+    declared = {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=5e4)]}
+    model = NRFRegressor(degree=1, laws=declared, dt=case.dt).fit(case.X, case.F)
     assert worst(model.masses_, case.m) < 1e-6
-    found = model.restoring_forces_[1].coefficients.to_dict()
-    assert found == pytest.approx({"v": 499.0, "s": 100050.0, "Z": 34.85}, rel=1e-5)
+    coefficients = model.restoring_forces_[1].coefficients.to_dict()
+    assert coefficients == pytest.approx(
+        {"v": 499.0, "s": 100050.0, "Z": 34.85}, rel=1e-5
+    )
     gap = np.abs(model.restoring_force(case.X)[:, 0] - R1)
     assert gap.max() < 1e-4 * np.abs(R1).max()
 
 
 def test_the_modified_dahl_law_with_its_constant_force():
     case, *_ = chains.paper_case(duration=2.0, f0=5.0)
-    given = {"storey 1": [laws.ModifiedDahl(sigma=5e4)]}
-    model = NRFRegressor(degree=1, laws=given, dt=case.dt).fit(case.X, case.F)
+    declared = {"storey 1": [laws.ModifiedDahl(sigma=5e4)]}
+    model = NRFRegressor(degree=1, laws=declared, dt=case.dt).fit(case.X, case.F)
     assert worst(model.masses_, case.m) < 1e-5
     constant = model.restoring_forces_[1].coefficients["1"]
     assert constant == pytest.approx(5.0, rel=1e-3)
@@ -290,8 +296,8 @@ def test_the_modified_dahl_law_with_its_constant_force():
 @pytest.mark.parametrize("degree", [1, 3], ids=["linear", "cubic"])
 def test_the_shape_of_the_loop_is_estimated(dahl, degree):
     case, *_ = dahl
-    given = {"storey 1": [laws.PowerSeries(degree), laws.Dahl()]}
-    model = NRFRegressor(degree=1, laws=given, dt=case.dt)
+    declared = {"storey 1": [laws.PowerSeries(degree), laws.Dahl()]}
+    model = NRFRegressor(degree=1, laws=declared, dt=case.dt)
     with warnings.catch_warnings(action="error"):
         model.fit(case.X, case.F)
     law = model.model_.laws["storey 1"][1]
@@ -333,8 +339,8 @@ def test_with_the_mass_known_dependent_terms_are_named_and_the_force_is_right():
     X, F = harmonic()
     with pytest.warns(RankWarning, match="v\\^3.*linearly dependent"):
         model = NRFRegressor(degree=3, known_masses={1: 10.0}).fit(X, F)
-    found = np.ravel(model.predict(X))
-    assert np.allclose(found, F, atol=1e-6 * np.abs(F).max())
+    forces = np.ravel(model.predict(X))
+    assert np.allclose(forces, F, atol=1e-6 * np.abs(F).max())
 
 
 def test_broad_excitation_raises_no_alarm(chain4):

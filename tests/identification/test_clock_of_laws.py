@@ -45,13 +45,13 @@ def drifting(data):
 def test_a_later_part_is_predicted_as_in_the_whole(data, drifting):
     X, F = data
     later = slice(4000, None)
-    whole = drifting.predict(X)[later]
+    forces = drifting.predict(X)[later]
     plain = X.to_numpy()[later]
     time = X.index[later]
 
-    assert np.allclose(drifting.predict(X.iloc[later]), whole, atol=1e-9)
-    assert np.allclose(drifting.predict(plain, time=time), whole, atol=1e-9)
-    assert np.allclose(drifting.model_.predict(X.iloc[later]), whole, atol=1e-9)
+    assert np.allclose(drifting.predict(X.iloc[later]), forces, atol=1e-9)
+    assert np.allclose(drifting.predict(plain, time=time), forces, atol=1e-9)
+    assert np.allclose(drifting.model_.predict(X.iloc[later]), forces, atol=1e-9)
     score = drifting.score(X.iloc[later], F.iloc[later])
     assert score == pytest.approx(1.0, abs=1e-9)
 
@@ -59,9 +59,9 @@ def test_a_later_part_is_predicted_as_in_the_whole(data, drifting):
 def test_a_window_of_a_record_keeps_its_clock(record):
     """Its error would be 35 % if its clock began anew."""
     model = NRFRegressor(degree=1, laws=DECLARED).fit(record)
-    whole = model.balance_errors(record).loc["pooled", "error"]
-    part = model.balance_errors(record.window(20, 40)).loc["pooled", "error"]
-    assert part < 1.5 * whole + 0.5
+    error_of_record = model.balance_errors(record).loc["pooled", "error"]
+    error_of_window = model.balance_errors(record.window(20, 40)).loc["pooled", "error"]
+    assert error_of_window < 1.5 * error_of_record + 0.5
     drift = model.restoring_forces_[1].coefficients["s t"]
     assert drift == pytest.approx(DRIFT, rel=0.03)
 
@@ -82,8 +82,8 @@ def test_every_search_agrees_on_a_law_of_time(data):
         cv=folds,
         scoring=scorers.balance,
     ).fit(*data)
-    found = select_order(*data, degrees=[1, 2], cv=folds, laws=DECLARED)
-    for i, scores in enumerate(found.fold_scores.to_numpy().T):
+    selection = select_order(*data, degrees=[1, 2], cv=folds, laws=DECLARED)
+    for i, scores in enumerate(selection.fold_scores.to_numpy().T):
         expected = grid.cv_results_[f"split{i}_test_score"]
         np.testing.assert_allclose(scores, expected, atol=1e-5)
 
@@ -129,8 +129,8 @@ def late():
 
 def test_the_instant_of_a_step_is_found_on_the_clock_of_the_record(late):
     free = {1: [laws.PowerSeries(1), laws.StiffnessStep()]}
-    found = NRFRegressor(laws=free).fit(late).model_.laws["storey 1"]
-    assert found[1].shape["t0"] == pytest.approx(113.0, abs=0.05)
+    fitted_laws = NRFRegressor(laws=free).fit(late).model_.laws["storey 1"]
+    assert fitted_laws[1].shape["t0"] == pytest.approx(113.0, abs=0.05)
 
 
 def test_the_instant_of_a_step_is_declared_on_the_clock_of_the_record(late):

@@ -200,7 +200,7 @@ def test_what_the_model_does_not_have_is_refused(noisy, constraints, message):
 
 
 @pytest.mark.parametrize(
-    ("said", "message"),
+    ("settings", "message"),
     [
         ({"value": 1.0, "equal_to": "m1"}, "a value and a tie"),
         ({"spread": 1.0}, "standard deviation of a value"),
@@ -209,6 +209,6 @@ def test_what_the_model_does_not_have_is_refused(noisy, constraints, message):
         ({"value": "heavy"}, "no number"),
     ],
 )
-def test_a_parameter_that_contradicts_itself_is_refused(said, message):
+def test_a_parameter_that_contradicts_itself_is_refused(settings, message):
     with pytest.raises(ChainError, match=message):
-        Parameter(**said)
+        Parameter(**settings)

@@ -71,10 +71,12 @@ def test_arrays_in_uneven_partitions(client, data, in_memory):
 def test_delayed_records_of_a_roving_hammer(client):
     """Record j forces DOF j alone, and only its worker ever has it."""
     first = chains.duffing(3, [1], seed=1)
-    given = (first.m, first.c, first.k, first.k3)
+    parameters = (first.m, first.c, first.k, first.k3)
     records = []
     for j in (1, 2, 3):
-        case = chains.duffing(3, [j], seed=j, given=given, n_samples=2000)
+        case = chains.duffing(
+            3, [j], seed=j, parameters_of_chain=parameters, n_samples=2000
+        )
         records.append(case.record(name=f"hit {j}"))
 
     model = NRFRegressor().fit([dask.delayed(record) for record in records])
@@ -142,7 +144,7 @@ def tables(chain2):
 
 @pytest.mark.usefixtures("in_this_thread")
 def test_tables_side_by_side(chain2, tables):
-    x, f = (dd.from_pandas(one, npartitions=3) for one in tables)
+    x, f = (dd.from_pandas(frame, npartitions=3) for frame in tables)
     masses = NRFRegressor().fit(x, f).masses_
     np.testing.assert_allclose(masses, chain2.m, rtol=1e-8)
 
@@ -160,7 +162,7 @@ def test_a_partition_may_be_empty(chain2):
 
 
 def test_other_partitions_are_refused(chain2, tables):
-    x, f = (dd.from_pandas(one, npartitions=n) for one, n in zip(tables, (3, 2)))
+    x, f = (dd.from_pandas(frame, npartitions=n) for frame, n in zip(tables, (3, 2)))
     with pytest.raises(ChannelError, match="X has 3 partitions, F 2"):
         NRFRegressor().fit(x, f)
     with pytest.raises(ChannelError, match="F was given beside a table"):

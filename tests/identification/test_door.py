@@ -74,13 +74,15 @@ BESIDE = {
     "covariates": {"u": np.ones(1500)},
     "state": "somewhere",
 }
-SAID = {"y": "F"}  # the forces, in messages
+NAMES_IN_MESSAGES = {"y": "F"}  # the forces, in messages
 OPTIMIZER = ps.STLSQ(threshold=1e9)
 
 
 @pytest.mark.parametrize("name", BESIDE)
 def test_records_hold_their_own(every_floor, name):
-    with pytest.raises(NRFError, match=f"^{SAID.get(name, name)} was given beside"):
+    with pytest.raises(
+        NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} was given beside"
+    ):
         NRFRegressor(degree=1).fit(every_floor, **{name: BESIDE[name]})
 
 
@@ -95,9 +97,9 @@ def test_records_have_a_clock_and_coordinates(every_floor, setting):
 
 @pytest.mark.parametrize("name", [*BESIDE, "sample_weight"])
 def test_records_with_gaps_take_nothing_beside_them(two_floors, name):
-    given = {name: BESIDE.get(name, np.ones(1500))}
-    with pytest.raises(NRFError, match=f"^{SAID.get(name, name)} "):
-        NRFRegressor(degree=1).fit(two_floors, **given)
+    arguments = {name: BESIDE.get(name, np.ones(1500))}
+    with pytest.raises(NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} "):
+        NRFRegressor(degree=1).fit(two_floors, **arguments)
 
 
 @pytest.mark.parametrize(
@@ -119,9 +121,11 @@ def test_records_with_gaps_refuse_what_the_free_run_does_not_use(two_floors, set
 
 @pytest.mark.parametrize("name", [*BESIDE, "sample_weight"])
 def test_frequency_responses_take_nothing_beside_them(responses, name):
-    given = {name: BESIDE.get(name, np.ones(3))}
-    with pytest.raises(NRFError, match=f"^{SAID.get(name, name)} was given beside"):
-        NRFRegressor(degree=1).fit(responses, **given)
+    arguments = {name: BESIDE.get(name, np.ones(3))}
+    with pytest.raises(
+        NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} was given beside"
+    ):
+        NRFRegressor(degree=1).fit(responses, **arguments)
 
 
 @pytest.mark.parametrize("estimation", ["ls", "simulation"])
@@ -168,7 +172,7 @@ def test_the_form_of_the_data_and_the_setting_give_the_method(X, estimation, nam
 def test_weights_choose_least_squares_of_records(every_floor):
     form = form_of(every_floor)
     plain, weighted = (
-        choose_method("auto", form, given) for given in ([], ["sample_weight"])
+        choose_method("auto", form, names) for names in ([], ["sample_weight"])
     )
     assert type(plain).__name__ == "LeastSquaresOrInstruments"
     assert type(weighted).__name__ == "LeastSquares"

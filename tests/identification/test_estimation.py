@@ -191,7 +191,9 @@ def test_doubts_about_masses_and_laws_come_as_one_warning():
     X, F = measured(truth, [2], 0).to_features(smooth=False)
     with warnings.catch_warnings(record=True, action="always") as caught:
         NRFRegressor(degree=1).fit(X, F)
-    (doubts,) = [str(one.message) for one in caught if one.category is BiasWarning]
+    (doubts,) = [
+        str(warning.message) for warning in caught if warning.category is BiasWarning
+    ]
     assert "is likely biased" in doubts
     assert "A law is missing" in doubts
 

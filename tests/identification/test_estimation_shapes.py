@@ -71,11 +71,11 @@ def test_a_declared_harmonic_force_is_found_at_any_frequency(name):
 
     model = NRFRegressor(degree=1, laws=declared).fit(campaign.records())
 
-    found = model.model_.laws[Site(site)][0]
+    law = model.model_.laws[Site(site)][0]
     tolerance = 0.02 / max(campaign.seconds)
     frequency = true.shape["frequency"]
-    assert found.shape["frequency"] == pytest.approx(frequency, abs=tolerance)
-    assert np.hypot(*found.values) == pytest.approx(10.0, rel=0.15)
+    assert law.shape["frequency"] == pytest.approx(frequency, abs=tolerance)
+    assert np.hypot(*law.values) == pytest.approx(10.0, rel=0.15)
 
 
 def test_several_frequencies_are_found_one_after_the_other():
@@ -96,12 +96,12 @@ def test_several_frequencies_are_found_one_after_the_other():
         bottom: [laws.HarmonicForce()],
     }
 
-    found = NRFRegressor(degree=1, laws=declared).fit(records).model_.laws
+    fitted_laws = NRFRegressor(degree=1, laws=declared).fit(records).model_.laws
 
-    of_top = sorted(law.shape["frequency"] for law in found[top])
+    of_top = sorted(law.shape["frequency"] for law in fitted_laws[top])
     assert of_top == pytest.approx([7.5, 21.0], abs=2e-3)
-    assert found[bottom][0].shape["frequency"] == pytest.approx(13.3, abs=2e-3)
-    assert found[storey][1].shape["gap"] == pytest.approx(0.003, rel=0.05)
+    assert fitted_laws[bottom][0].shape["frequency"] == pytest.approx(13.3, abs=2e-3)
+    assert fitted_laws[storey][1].shape["gap"] == pytest.approx(0.003, rel=0.05)
 
 
 def test_a_frequency_is_found_in_a_band():
@@ -109,11 +109,13 @@ def test_a_frequency_is_found_in_a_band():
     declared = {"dof 2": [laws.HarmonicForce()]}
 
     regressor = NRFRegressor(degree=1, band=(0.5, 45.0), laws=declared)
-    found = regressor.fit(campaign.records()).model_.laws[Site("dof 2")][0].parameters
+    parameters = (
+        regressor.fit(campaign.records()).model_.laws[Site("dof 2")][0].parameters
+    )
 
-    assert found["frequency"] == pytest.approx(21.0, abs=2e-3)
-    assert found["A"] == pytest.approx(8.0, rel=0.05)
-    assert found["B"] == pytest.approx(6.0, rel=0.05)
+    assert parameters["frequency"] == pytest.approx(21.0, abs=2e-3)
+    assert parameters["A"] == pytest.approx(8.0, rel=0.05)
+    assert parameters["B"] == pytest.approx(6.0, rel=0.05)
 
 
 # -- ranges of the search ------------------------------------------------------------

@@ -23,5 +23,5 @@ def test_the_page_runs_as_printed(monkeypatch, capsys):
     code = "\n".join(blocks)
     promised = re.findall(r"^(?:#|print\(.*\)  #) (.*)$", code, re.MULTILINE)
     assert len(promised) >= 10
-    found = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert found == [line.split() for line in promised]
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert rows == [line.split() for line in promised]

@@ -28,11 +28,11 @@ def estimates(record, **declared):
 def assert_intervals_hold(model, other):
     """No interval of a model excludes what another one finds."""
     table = model.confidence_intervals().set_index("parameter")
-    found = other.confidence_intervals().set_index("parameter")["estimate"]
+    estimates = other.confidence_intervals().set_index("parameter")["estimate"]
     shown = table.dropna()
     assert len(shown)
-    assert (shown["lower"] <= found[shown.index]).all()
-    assert (found[shown.index] <= shown["upper"]).all()
+    assert (shown["lower"] <= estimates[shown.index]).all()
+    assert (estimates[shown.index] <= shown["upper"]).all()
 
 
 def test_a_stage_in_a_closed_loop_whose_position_alone_is_measured():
@@ -52,9 +52,12 @@ def test_a_stage_in_a_closed_loop_whose_position_alone_is_measured():
     assert fits["ls"].masses_[0] < 0.95 * 95.1089
 
 
-@pytest.mark.parametrize("quarter", range(4))
+@pytest.mark.parametrize("quarter", [0, 1, 3])
 def test_a_short_test_of_the_stage(quarter):
-    """Least squares is 19 to 26 % off, with intervals as wide."""
+    """Least squares is 19 to 26 % off, with intervals as wide.
+
+    In the third quarter it stays: the first free run never turns.
+    """
     measured.folder("emps")
     friction = [laws.LinearViscous(), laws.CoulombFriction(), laws.ConstantForce()]
     record = load_emps()

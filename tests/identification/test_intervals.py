@@ -78,9 +78,9 @@ def test_an_interval_holds_what_a_free_shape_allows():
     table = by_parameter(NRFRegressor(laws={"storey 1": friction}).fit(X, F))
 
     names = ["m1", "storey 1: v", "storey 1: s", "storey 1: tanh(v/v0)"]
-    found = table.loc[names]
-    assert found["estimate"].to_numpy() == pytest.approx(best[:4], rel=1e-4)
-    errors = half_width(found).to_numpy() / stats.norm.ppf(0.975)
+    rows = table.loc[names]
+    assert rows["estimate"].to_numpy() == pytest.approx(best[:4], rel=1e-4)
+    errors = half_width(rows).to_numpy() / stats.norm.ppf(0.975)
     # 64 pieces: a scatter of 9 % of a standard error
     assert errors == pytest.approx(spread[:4], rel=0.35)
 
@@ -99,10 +99,10 @@ def test_a_little_noise_in_a_loop_of_free_shape_takes_instruments(seed):
 
     model = NRFRegressor(degree=1, laws=declared).fit(record)
     assert model.result_.method == "iv"
-    found = by_parameter(model).loc["storey 1: Jenkins[s]"]
+    interval = by_parameter(model).loc["storey 1: Jenkins[s]"]
     # half as wide again: four intervals of 95 % would not all hold the truth
-    reach = 0.75 * (found["upper"] - found["lower"])
-    assert found["estimate"] == pytest.approx(8.0, abs=reach)
+    reach = 0.75 * (interval["upper"] - interval["lower"])
+    assert interval["estimate"] == pytest.approx(8.0, abs=reach)
 
     by_least_squares = NRFRegressor(degree=1, laws=declared, estimation="ls")
     result = by_least_squares.fit(record).result_
@@ -248,8 +248,8 @@ def test_a_force_outside_the_visited_region_is_marked(truth, fitted):
 )
 def test_masses_or_coefficients_alone(fitted, of, has_site):
     every = fitted.confidence_intervals()["parameter"]
-    some = fitted.confidence_intervals(of=of)["parameter"]
-    assert list(some) == list(every[every.str.contains(":") == has_site])
+    names = fitted.confidence_intervals(of=of)["parameter"]
+    assert list(names) == list(every[every.str.contains(":") == has_site])
 
 
 @pytest.mark.parametrize("level", ["high", 95, 0.0])

@@ -35,18 +35,18 @@ def grounds(fitted):
 @pytest.mark.parametrize("noise", [0.005, 0.03])
 def test_a_right_model_leaves_what_noise_leaves(noise):
     fitted = NRFRegressor(degree=1).fit(shaken(noise))
-    for left in fitted.result_.beside_noise.left_over.values():
-        assert left.rms == pytest.approx(left.noise, rel=0.5)
+    for left_over in fitted.result_.beside_noise.left_over.values():
+        assert left_over.rms == pytest.approx(left_over.noise, rel=0.5)
     assert "residual" not in {kind for kind, _ in grounds(fitted)}
 
 
 def test_a_harmonic_force_that_nobody_measured_is_missing():
     """Its rms is its amplitude over the root of two; the free run hardly feels it."""
     fitted = NRFRegressor(degree=1).fit(shaken(unmeasured=AMPLITUDE))
-    left = fitted.result_.beside_noise.left_over[2]
-    assert left.rms == pytest.approx(AMPLITUDE / np.sqrt(2), rel=0.15)
-    assert left.rms > 5 * left.noise
-    assert left.band[0] <= FREQUENCY <= left.band[1]
+    left_over = fitted.result_.beside_noise.left_over[2]
+    assert left_over.rms == pytest.approx(AMPLITUDE / np.sqrt(2), rel=0.15)
+    assert left_over.rms > 5 * left_over.noise
+    assert left_over.band[0] <= FREQUENCY <= left_over.band[1]
     assert fitted.verdict().state == "amber"
     assert ("residual", "dof 2") in grounds(fitted)
 
@@ -64,8 +64,8 @@ def test_a_noisy_equation_that_noise_explains_is_no_reason():
     [(44.0, 22.0, "amber"), (44.0, 3.0, "green"), (5.0, 22.0, "green")],
 )
 def test_what_is_left_is_said_where_it_is_far_above_noise_and_felt(rms, percent, state):
-    left = LeftOver(rms, 2.6, percent, (12.0, 25.0))
-    assert verdict_from(Facts({1: 4.0}, left_over={1: left})).state == state
+    left_over = LeftOver(rms, 2.6, percent, (12.0, 25.0))
+    assert verdict_from(Facts({1: 4.0}, left_over={1: left_over})).state == state
 
 
 def test_one_blow_without_noise_has_intervals():

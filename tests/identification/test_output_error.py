@@ -62,15 +62,15 @@ def test_masses_and_damping_are_sharp(fits, method):
 
 
 def test_the_facts_of_a_fit_name_the_estimate_that_was_kept(fits):
-    kept = []
+    errors = []
     for model in fits["simulation"]:
         facts = model.model_.info["estimation"]
-        kept.append(facts["found"])
+        errors.append(facts["found"])
         better = facts["free_run_error_after"] < facts["free_run_error_before"]
         assert better or facts["found"] == "iv"
 
-    assert set(kept) <= {"iv", "simulation"}
-    assert "simulation" in kept
+    assert set(errors) <= {"iv", "simulation"}
+    assert "simulation" in errors
 
 
 def test_records_of_a_quarter_second_keep_the_instrumental_estimate():

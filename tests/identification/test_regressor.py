@@ -38,8 +38,8 @@ def noisy(chain4):
 def assert_same(model, other, tolerance=1e-12):
     assert worst(model.masses_, other.masses_) < tolerance
     for site, force in other.restoring_forces_.items():
-        found = model.restoring_forces_[site].coefficients
-        assert np.allclose(found, force.coefficients, rtol=1e-6, atol=1e-6)
+        coefficients = model.restoring_forces_[site].coefficients
+        assert np.allclose(coefficients, force.coefficients, rtol=1e-6, atol=1e-6)
 
 
 # -- input in every form -------------------------------------------------------------
@@ -286,8 +286,8 @@ def test_a_law_on_one_dof_is_found_there():
         known_masses={2: case.m[1]},
         laws={"dof 2": [laws.AddedMass(), laws.ConstantForce()]},
     )
-    found = model.fit(case.X, F).restoring_forces_["dof 2"].coefficients
-    assert found.tolist() == pytest.approx([3.0, -20.0], rel=1e-7)
+    coefficients = model.fit(case.X, F).restoring_forces_["dof 2"].coefficients
+    assert coefficients.tolist() == pytest.approx([3.0, -20.0], rel=1e-7)
 
 
 def test_an_added_mass_that_leaves_nothing_is_named():
@@ -319,8 +319,8 @@ def test_predicted_forces_are_the_measured_ones(chain4, fitted):
 
 
 def test_restoring_forces_are_those_of_the_storeys(chain4, fitted):
-    found = fitted.restoring_force(chain4.X)
-    assert np.allclose(found, chain4.storey_forces, rtol=1e-8, atol=1e-8)
+    forces = fitted.restoring_force(chain4.X)
+    assert np.allclose(forces, chain4.storey_forces, rtol=1e-8, atol=1e-8)
 
 
 def test_score_judges_accelerations(chain4, fitted, noisy):
@@ -386,8 +386,8 @@ def test_the_third_law_gap_is_the_difference_of_two_estimates(dahl):
         model.fit(case.X, case.F)
         assert model.third_law_gap_["storey 2"] == pytest.approx(expected, rel=1e-6)
         model.set_params(strategy="complete").fit(case.X, case.F)
-    own = model.restoring_forces_[2].coefficients.to_numpy()
-    assert own == pytest.approx(upper, rel=1e-9), "the one of balance 2"
+    coefficients = model.restoring_forces_[2].coefficients.to_numpy()
+    assert coefficients == pytest.approx(upper, rel=1e-9), "the one of balance 2"
 
 
 # -- a band --------------------------------------------------------------------------

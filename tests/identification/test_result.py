@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf.diagnosis import residual_of
 
 FS = 500.0
 
@@ -34,8 +35,8 @@ def test_a_summary_has_every_estimate_with_its_interval(result):
         assert table.loc[name, "lower"] < true < table.loc[name, "upper"]
 
 
-def test_residual_forces_are_the_noise_of_the_forces(result):
-    (residual,) = result.residual_forces()
+def test_the_residual_is_the_noise_of_the_forces(result):
+    (residual,) = residual_of(result.model, result.data).balance
     assert residual.shape == (4000, 2)
     assert residual.std(axis=0) == pytest.approx([5.0, 5.0], rel=0.05)
 

@@ -46,7 +46,7 @@ def test_relative_masses_and_stiffness(shaken, estimation):
 
     assert model.masses_ == pytest.approx(MASSES, rel=0.01)
     for i, stiffness in enumerate(STIFFNESSES, start=1):
-        found = model.restoring_forces_[i].coefficients["s"]
-        assert found == pytest.approx(stiffness, rel=0.01)
+        fitted_stiffness = model.restoring_forces_[i].coefficients["s"]
+        assert fitted_stiffness == pytest.approx(stiffness, rel=0.01)
     if estimation != "ls":
         assert model.model_.info["estimation"]["correlation"] > 0.9995

@@ -55,8 +55,8 @@ def test_every_public_estimator_is_among_the_checked():
         checked.update(base.__name__ for base in type(estimator).__mro__)
     named = {name: getattr(pysindy_nrf, name, None) for name in dir(pysindy_nrf)}
     named |= {name: getattr(fusion, name) for name in fusion.__all__}
-    for name, one in named.items():
-        if isinstance(one, type) and issubclass(one, BaseEstimator):
+    for name, candidate in named.items():
+        if isinstance(candidate, type) and issubclass(candidate, BaseEstimator):
             assert name in checked
 
 
@@ -122,10 +122,10 @@ def test_records_are_smoothed_each_by_itself():
     be smoothed over.
     """
     t = np.arange(1500) / 500
-    one = np.sin(30 * t)
+    sine = np.sin(30 * t)
     two = 2 + np.cos(17 * t)
     ids = np.repeat(["one", "two"], 1500)
-    both = pd.DataFrame({"x1": np.concatenate([one, two])})
+    both = pd.DataFrame({"x1": np.concatenate([sine, two])})
     velocity = np.concatenate([30 * np.cos(30 * t), -17 * np.sin(17 * t)])
     fused = KinematicSmoother(fs=500.0).fit_transform(both, record=ids)
     assert np.abs(fused["v1"].to_numpy() - velocity).max() < 0.3

@@ -61,9 +61,9 @@ def reference(rate_of_state, n_states=1):
     return path
 
 
-def assert_same(found, expected, tolerance):
+def assert_same(values, expected, tolerance):
     """Equal up to a share of the peak."""
-    gap = np.abs(found - expected).max() / np.abs(expected).max()
+    gap = np.abs(values - expected).max() / np.abs(expected).max()
     assert gap < tolerance, f"largest difference {gap:.2e} of the peak"
 
 
@@ -75,8 +75,8 @@ def test_dahl_follows_equation_7(sigma):
     def equation_7(t, z):
         return sigma * rate(t) * (1.0 - z * np.sign(rate(t)))
 
-    found = laws.Dahl(sigma=sigma).features(MOTION)[:, 0]
-    assert_same(found, reference(equation_7)[0], 1e-7)
+    force = laws.Dahl(sigma=sigma).features(MOTION)[:, 0]
+    assert_same(force, reference(equation_7)[0], 1e-7)
 
 
 @pytest.mark.parametrize(
@@ -206,8 +206,8 @@ def test_iwan_is_two_jenkins_elements(uy):
 )
 def test_maxwell_branch_relaxes(tau, tolerance):
     expected = reference(lambda t, z: rate(t) - z / tau)[0]
-    found = laws.MaxwellBranch(tau=tau).features(MOTION)[:, 0]
-    assert_same(found, expected, tolerance)
+    force = laws.MaxwellBranch(tau=tau).features(MOTION)[:, 0]
+    assert_same(force, expected, tolerance)
 
 
 @pytest.mark.parametrize("zeta", [0.02, 0.5, 1.0, 1.4])
@@ -229,8 +229,8 @@ def test_hidden_oscillator_moves_by_newton(zeta, covariate, tolerance):
     start = [drift(0.0), rate(0.0)]
     run = solve_ivp(newton, (0.0, T[-1]), start, "DOP853", T, rtol=1e-11, atol=1e-14)
     law = laws.HiddenOscillator(omega, zeta, mass, covariate)
-    found = law.force(motion_at(T, ag=0.3 * np.sin(31.0 * T)))
-    assert_same(found, mass * pull(T, *run.y), tolerance)
+    force = law.force(motion_at(T, ag=0.3 * np.sin(31.0 * T)))
+    assert_same(force, mass * pull(T, *run.y), tolerance)
 
 
 FREQUENCY_OF_DRIVE = 20.0  # rad/s
@@ -368,10 +368,10 @@ def test_features_match_the_simulation(law):
     v = run.velocity[:, 0]
     a = run.acceleration[:, 0]
     expected = F - MASS * a - 1e4 * s - 60.0 * v
-    found = law.force(Motion(s, v, a, T_RUN, covariates))
+    force = law.force(Motion(s, v, a, T_RUN, covariates))
     moving = v != 0.0  # where friction sticks, its force is what equilibrium asks for
     assert moving.sum() > 3900
-    gap = np.abs(found - expected)[moving].max() / np.abs(expected).max()
+    gap = np.abs(force - expected)[moving].max() / np.abs(expected).max()
     assert gap < tolerance_of(law), f"largest difference {gap:.1e} of the peak"
 
 

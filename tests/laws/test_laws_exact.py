@@ -16,7 +16,7 @@ from pysindy_nrf.laws import ForceLaw, Motion
 E = math.e
 
 
-def at(s=0.0, v=0.0, a=0.0, t=0.0, **covariates):
+def instant(s=0.0, v=0.0, a=0.0, t=0.0, **covariates):
     """One sample of a motion."""
     return Motion(
         s=np.array([s], dtype=float),
@@ -30,75 +30,79 @@ def at(s=0.0, v=0.0, a=0.0, t=0.0, **covariates):
 # -- forces at points, by hand -------------------------------------------------
 
 POINTS = [
-    (laws.LinearElastic(2e4), at(s=3e-3), 60.0),
-    (laws.LinearViscous(300.0), at(v=-0.2), -60.0),
-    (laws.Duffing(1e3, 1e6), at(s=0.1), 1100.0),
-    (laws.Duffing(1e3, -1e6), at(s=-0.02), -12.0),
-    (laws.QuadraticStiffness(1e4), at(s=-0.03), 9.0),
-    (laws.AbsoluteQuadraticStiffness(1e4), at(s=-0.03), -9.0),
-    (laws.CubicStiffness(1e6), at(s=-0.02), -8.0),
-    (laws.QuinticStiffness(1e9), at(s=-0.02), -3.2),
-    (laws.LinkSpringDashpot(1e3, 20.0), at(s=0.01, v=-0.3), 4.0),
-    (laws.QuadraticDamping(50.0), at(v=-0.2), -2.0),
-    (laws.PowerLawDamping(0.5, 30.0), at(v=-0.04), -6.0),
-    (laws.PowerLawDamping(3.0, 1e3), at(v=0.2), 8.0),
-    (laws.DisplacementDependentDamping(1e5), at(s=-0.02, v=0.3), 12.0),
-    (laws.CoulombFriction(20.0), at(v=1e-12), 20.0),
-    (laws.CoulombFriction(20.0), at(v=0.0, s=1.0), 0.0),
-    (laws.asymmetric(laws.CoulombFriction)(17.0, 23.0), at(v=0.01), 17.0),
-    (laws.asymmetric(laws.CoulombFriction)(17.0, 23.0), at(v=-0.01), -23.0),
-    (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=-0.02), -(10.0 + 6.0 / E)),
-    (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=0.04), 10.0 + 6.0 / E**2),
-    (laws.StribeckFriction(0.02, 10.0, 6.0), at(v=1e30), 10.0),
-    (laws.RegularizedFriction(0.02, 10.0), at(v=-0.02), -10.0 * math.tanh(1.0)),
-    (laws.PositionDependentFriction(5.0, 2e3), at(s=-2e-3, v=0.1), 9.0),
-    (laws.PositionDependentFriction(5.0, 2e3), at(s=2e-3, v=0.0), 0.0),
-    (laws.ShiftedFriction(4.0, 7.0), at(s=0.01, v=-0.03), 7.0),
-    (laws.ShiftedFriction(4.0, 7.0), at(s=0.01, v=-0.05), -7.0),
-    (laws.ShiftedFriction(4.0, 7.0), at(s=0.25, v=-1.0), 0.0),
-    (laws.GroundFriction(3.0), at(v=-0.2, vg=0.3), 3.0),
-    (laws.GroundFriction(3.0), at(v=-0.2, vg=0.1), -3.0),
-    (laws.GroundFriction(3.0, covariate="table"), at(v=-0.2, table=0.2), 0.0),
-    (laws.CovariateFriction("V", 100.0, 40.0, 10.0), at(v=-0.5, V=3.0), -235.0),
-    (laws.OneSidedGap(1e-3, 2e4), at(s=3e-3), 40.0),
-    (laws.OneSidedGap(1e-3, 2e4), at(s=1e-3), 0.0),
-    (laws.OneSidedGap(1e-3, 2e4), at(s=-3e-3), 0.0),
-    (laws.OneSidedGap(1e-3, 2e4, side=-1), at(s=-3e-3), -40.0),
-    (laws.OneSidedGap(1e-3, 2e4, side=-1), at(s=-1e-3), 0.0),
-    (laws.PreloadedContact(1e-3, 2e4), at(s=3e-3), 60.0),
-    (laws.PreloadedContact(1e-3, 2e4), at(s=-0.5e-3), -10.0),
-    (laws.PreloadedContact(1e-3, 2e4), at(s=-3e-3), -20.0),
-    (laws.PreloadedContact(1e-3, 2e4, side=-1), at(s=-3e-3), -60.0),
-    (laws.PreloadedContact(1e-3, 2e4, side=-1), at(s=0.5e-3), 10.0),
-    (laws.PreloadedContact(1e-3, 2e4, side=-1), at(s=3e-3), 20.0),
-    (laws.TwoSidedGap(1e-3, 2e4), at(s=1e-3), 0.0),
-    (laws.TwoSidedGap(1e-3, 2e4), at(s=1.5e-3), 10.0),
-    (laws.TwoSidedGap(1e-3, 2e4), at(s=-1.5e-3), -10.0),
+    (laws.LinearElastic(2e4), instant(s=3e-3), 60.0),
+    (laws.LinearViscous(300.0), instant(v=-0.2), -60.0),
+    (laws.Duffing(1e3, 1e6), instant(s=0.1), 1100.0),
+    (laws.Duffing(1e3, -1e6), instant(s=-0.02), -12.0),
+    (laws.QuadraticStiffness(1e4), instant(s=-0.03), 9.0),
+    (laws.AbsoluteQuadraticStiffness(1e4), instant(s=-0.03), -9.0),
+    (laws.CubicStiffness(1e6), instant(s=-0.02), -8.0),
+    (laws.QuinticStiffness(1e9), instant(s=-0.02), -3.2),
+    (laws.LinkSpringDashpot(1e3, 20.0), instant(s=0.01, v=-0.3), 4.0),
+    (laws.QuadraticDamping(50.0), instant(v=-0.2), -2.0),
+    (laws.PowerLawDamping(0.5, 30.0), instant(v=-0.04), -6.0),
+    (laws.PowerLawDamping(3.0, 1e3), instant(v=0.2), 8.0),
+    (laws.DisplacementDependentDamping(1e5), instant(s=-0.02, v=0.3), 12.0),
+    (laws.CoulombFriction(20.0), instant(v=1e-12), 20.0),
+    (laws.CoulombFriction(20.0), instant(v=0.0, s=1.0), 0.0),
+    (laws.asymmetric(laws.CoulombFriction)(17.0, 23.0), instant(v=0.01), 17.0),
+    (laws.asymmetric(laws.CoulombFriction)(17.0, 23.0), instant(v=-0.01), -23.0),
+    (laws.StribeckFriction(0.02, 10.0, 6.0), instant(v=-0.02), -(10.0 + 6.0 / E)),
+    (laws.StribeckFriction(0.02, 10.0, 6.0), instant(v=0.04), 10.0 + 6.0 / E**2),
+    (laws.StribeckFriction(0.02, 10.0, 6.0), instant(v=1e30), 10.0),
+    (laws.RegularizedFriction(0.02, 10.0), instant(v=-0.02), -10.0 * math.tanh(1.0)),
+    (laws.PositionDependentFriction(5.0, 2e3), instant(s=-2e-3, v=0.1), 9.0),
+    (laws.PositionDependentFriction(5.0, 2e3), instant(s=2e-3, v=0.0), 0.0),
+    (laws.ShiftedFriction(4.0, 7.0), instant(s=0.01, v=-0.03), 7.0),
+    (laws.ShiftedFriction(4.0, 7.0), instant(s=0.01, v=-0.05), -7.0),
+    (laws.ShiftedFriction(4.0, 7.0), instant(s=0.25, v=-1.0), 0.0),
+    (laws.GroundFriction(3.0), instant(v=-0.2, vg=0.3), 3.0),
+    (laws.GroundFriction(3.0), instant(v=-0.2, vg=0.1), -3.0),
+    (laws.GroundFriction(3.0, covariate="table"), instant(v=-0.2, table=0.2), 0.0),
+    (laws.CovariateFriction("V", 100.0, 40.0, 10.0), instant(v=-0.5, V=3.0), -235.0),
+    (laws.OneSidedGap(1e-3, 2e4), instant(s=3e-3), 40.0),
+    (laws.OneSidedGap(1e-3, 2e4), instant(s=1e-3), 0.0),
+    (laws.OneSidedGap(1e-3, 2e4), instant(s=-3e-3), 0.0),
+    (laws.OneSidedGap(1e-3, 2e4, side=-1), instant(s=-3e-3), -40.0),
+    (laws.OneSidedGap(1e-3, 2e4, side=-1), instant(s=-1e-3), 0.0),
+    (laws.PreloadedContact(1e-3, 2e4), instant(s=3e-3), 60.0),
+    (laws.PreloadedContact(1e-3, 2e4), instant(s=-0.5e-3), -10.0),
+    (laws.PreloadedContact(1e-3, 2e4), instant(s=-3e-3), -20.0),
+    (laws.PreloadedContact(1e-3, 2e4, side=-1), instant(s=-3e-3), -60.0),
+    (laws.PreloadedContact(1e-3, 2e4, side=-1), instant(s=0.5e-3), 10.0),
+    (laws.PreloadedContact(1e-3, 2e4, side=-1), instant(s=3e-3), 20.0),
+    (laws.TwoSidedGap(1e-3, 2e4), instant(s=1e-3), 0.0),
+    (laws.TwoSidedGap(1e-3, 2e4), instant(s=1.5e-3), 10.0),
+    (laws.TwoSidedGap(1e-3, 2e4), instant(s=-1.5e-3), -10.0),
     # the play reaches from -0.5 to 1.5 mm
-    (laws.DeadZone(1e-3, 0.5, 2e4), at(s=1.5e-3), 0.0),
-    (laws.DeadZone(1e-3, 0.5, 2e4), at(s=2e-3), 10.0),
-    (laws.DeadZone(1e-3, 0.5, 2e4), at(s=-0.5e-3), 0.0),
-    (laws.DeadZone(1e-3, 0.5, 2e4), at(s=-1e-3), -10.0),
-    (laws.Bilinear(-2e4), at(s=1e-3), -20.0),
-    (laws.Bilinear(-2e4), at(s=-1e-3), 0.0),
-    (laws.StiffnessStep(2.0, 1e3), at(s=-0.01, t=2.01), -10.0),
-    (laws.StiffnessStep(2.0, 1e3), at(s=-0.01, t=2.0), 0.0),
-    (laws.StiffnessStep(2.0, 1e3), at(s=-0.01, t=1.0), 0.0),
-    (laws.StiffnessDrift(-300.0), at(s=0.01, t=4.0), -12.0),
-    (laws.DampingDrift(-5.0), at(v=0.3, t=4.0), -6.0),
-    (laws.HarmonicForce(50.0, 3.0, 4.0), at(t=0.0), 3.0),
-    (laws.HarmonicForce(50.0, 3.0, 4.0), at(t=0.005), 4.0),
-    (laws.HarmonicForce(50.0, 3.0, 4.0), at(t=1 / 400), 7.0 / math.sqrt(2.0)),
-    (laws.ConstantForce(-3.2), at(s=7.0), -3.2),
-    (laws.BaseMotion(12.5), at(ag=-2.0), -25.0),
-    (laws.AddedMass(1.5), at(a=-2.0), -3.0),
-    (laws.Inerter(40.0), at(a=0.5), 20.0),
-    (laws.ChannelDelay(0.002), at(s=9.0, v=3.0), -0.006),
-    (laws.GainError(0.2), at(s=9.0), 1.8),
-    (laws.SensorOffset(0.5), at(s=9.0), 0.5),
-    (laws.PowerSeries(1, [100.0, 1e5]), at(s=2e-3, v=0.5), 250.0),
-    (laws.PowerSeries(2, [0, 0, 3.0, 5.0, 7.0]), at(s=2.0, v=-1.0), 3.0 - 10.0 + 28.0),
-    (laws.PowerSeries((2, 1), {"c_2_1": 10.0}), at(s=3.0, v=-2.0), 120.0),
+    (laws.DeadZone(1e-3, 0.5, 2e4), instant(s=1.5e-3), 0.0),
+    (laws.DeadZone(1e-3, 0.5, 2e4), instant(s=2e-3), 10.0),
+    (laws.DeadZone(1e-3, 0.5, 2e4), instant(s=-0.5e-3), 0.0),
+    (laws.DeadZone(1e-3, 0.5, 2e4), instant(s=-1e-3), -10.0),
+    (laws.Bilinear(-2e4), instant(s=1e-3), -20.0),
+    (laws.Bilinear(-2e4), instant(s=-1e-3), 0.0),
+    (laws.StiffnessStep(2.0, 1e3), instant(s=-0.01, t=2.01), -10.0),
+    (laws.StiffnessStep(2.0, 1e3), instant(s=-0.01, t=2.0), 0.0),
+    (laws.StiffnessStep(2.0, 1e3), instant(s=-0.01, t=1.0), 0.0),
+    (laws.StiffnessDrift(-300.0), instant(s=0.01, t=4.0), -12.0),
+    (laws.DampingDrift(-5.0), instant(v=0.3, t=4.0), -6.0),
+    (laws.HarmonicForce(50.0, 3.0, 4.0), instant(t=0.0), 3.0),
+    (laws.HarmonicForce(50.0, 3.0, 4.0), instant(t=0.005), 4.0),
+    (laws.HarmonicForce(50.0, 3.0, 4.0), instant(t=1 / 400), 7.0 / math.sqrt(2.0)),
+    (laws.ConstantForce(-3.2), instant(s=7.0), -3.2),
+    (laws.BaseMotion(12.5), instant(ag=-2.0), -25.0),
+    (laws.AddedMass(1.5), instant(a=-2.0), -3.0),
+    (laws.Inerter(40.0), instant(a=0.5), 20.0),
+    (laws.ChannelDelay(0.002), instant(s=9.0, v=3.0), -0.006),
+    (laws.GainError(0.2), instant(s=9.0), 1.8),
+    (laws.SensorOffset(0.5), instant(s=9.0), 0.5),
+    (laws.PowerSeries(1, [100.0, 1e5]), instant(s=2e-3, v=0.5), 250.0),
+    (
+        laws.PowerSeries(2, [0, 0, 3.0, 5.0, 7.0]),
+        instant(s=2.0, v=-1.0),
+        3.0 - 10.0 + 28.0,
+    ),
+    (laws.PowerSeries((2, 1), {"c_2_1": 10.0}), instant(s=3.0, v=-2.0), 120.0),
 ]
 
 
@@ -114,7 +118,7 @@ def test_force_at_a_point(law, motion, force):
 
 
 def test_nine_terms_of_the_papers_equation_9():
-    columns = laws.PowerSeries(3).features(at(v=2.0, s=3.0))[0]
+    columns = laws.PowerSeries(3).features(instant(v=2.0, s=3.0))[0]
     # v, s, v^2, v s, s^2, v^3, v^2 s, v s^2, s^3
     assert columns.tolist() == [2.0, 3.0, 4.0, 6.0, 9.0, 8.0, 12.0, 18.0, 27.0]
 
@@ -153,7 +157,7 @@ def test_coefficients_by_name_or_in_order():
     assert laws.Duffing(k3=3.0).coefficients.tolist() == [0.0, 3.0]
     assert laws.Duffing().coefficients is None
     with pytest.raises(LawError, match="has no coefficients yet"):
-        laws.Duffing().force(at(1.0))
+        laws.Duffing().force(instant(1.0))
 
     law = laws.Duffing().with_values([1, 2])
     assert law.parameters == {"k": 1.0, "k3": 2.0}
@@ -185,7 +189,7 @@ def test_shape_parameters_by_name():
     assert law.free_shape == ("ratio",)
     assert law.parameters == {"uy": 1e-3, "ratio": None, "F1": 1.0, "F2": 2.0}
     with pytest.raises(LawError, match="Iwan: ratio has no value"):
-        law.features(at(1.0))
+        law.features(instant(1.0))
     with pytest.raises(LawError, match="Iwan: uy, ratio has no"):
         _ = laws.Iwan().theta
 
@@ -479,10 +483,10 @@ def _length(start, end, rho, n):
         def length_by_state(y, c=c):
             return 1.0 / (1.0 - c * abs(y) ** n)
 
-        part, _ = quad(
+        integral, _ = quad(
             length_by_state, low, high, epsabs=1e-14, epsrel=1e-12, limit=200
         )
-        total += part
+        total += integral
     return total
 
 

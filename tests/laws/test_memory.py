@@ -23,13 +23,13 @@ def two_tones(t):
 def test_blocks_that_share_a_sample_are_the_whole_to_the_last_bit():
     t = np.arange(2001) / 1000
     law = laws.Dahl(sigma=5e3)
-    whole = law.features(two_tones(t))
+    features = law.features(two_tones(t))
     state = np.zeros(1)
     for start in range(0, 2000, 250):
         rows = slice(start, start + 251)
         block = law.features(two_tones(t[rows]), state)
         assert state[0] == block[-1, 0]
-        np.testing.assert_array_equal(block[1:], whole[rows][1:])
+        np.testing.assert_array_equal(block[1:], features[rows][1:])
 
 
 # -- the path between two samples ----------------------------------------------

@@ -110,9 +110,9 @@ def test_forces_are_those_of_all_masses_above():
         fs=FS,
     )
     cycles = storey_cycles(record, {1: MASS, 2: MASS})
-    found = cycles.storeys.set_index("storey")["stiffness"]
-    assert found["storey 1"] == pytest.approx(K, rel=0.01)
-    assert found["storey 2"] == pytest.approx(2 * K, rel=0.01)
+    stiffness = cycles.storeys.set_index("storey")["stiffness"]
+    assert stiffness["storey 1"] == pytest.approx(K, rel=0.01)
+    assert stiffness["storey 2"] == pytest.approx(2 * K, rel=0.01)
 
 
 def test_tables_are_json_and_drawn():

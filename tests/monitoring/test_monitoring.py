@@ -203,12 +203,12 @@ def test_another_amplitude_of_a_damper_that_no_law_knows_is_no_change():
 
 def test_a_law_with_a_state_is_compared_on_its_own_parameters():
     """The sliding force grows from 20 to 26 N."""
-    own = {"storey 2": [laws.PowerSeries(1), laws.Dahl()]}
+    declared = {"storey 2": [laws.PowerSeries(1), laws.Dahl()]}
     tests = []
     for seed, force in enumerate((20.0, 26.0)):
         damped = chain((2, laws.Dahl(sigma=2e4, Fd=force)))
         tests.append(run(damped, [3], duration=12.0, seed=seed).record)
-    report = compared(*tests, laws=own)
+    report = compared(*tests, laws=declared)
     assert report.damaged == ["storey 2"]
     assert report.changed["term"].iloc[0].startswith("own Fd")
 
@@ -264,9 +264,9 @@ def test_a_window_is_the_fit_of_its_samples():
     model = NRFRegressor(degree=1).fit(X, F)
     row = moving_windows(model, X, F, window=2.0, step=0.5, masses=None).iloc[3]
     rows = slice(int(1.5 * FS), int(3.5 * FS))
-    own = NRFRegressor(degree=1).fit(X.iloc[rows], F.iloc[rows])
+    fitted = NRFRegressor(degree=1).fit(X.iloc[rows], F.iloc[rows])
     for i in (1, 2, 3):
-        stiffness = own.restoring_forces_[i].linear_part()["k"]
+        stiffness = fitted.restoring_forces_[i].linear_part()["k"]
         assert row[f"k{i}"] == pytest.approx(stiffness, rel=1e-9)
 
 
@@ -277,8 +277,8 @@ def test_a_window_never_joins_two_records(chain2):
     F = chain2.F
     ids = np.repeat(["a", "b"], [1200, 800])
     model = NRFRegressor(dt=1e-3, degree=1).fit(X, F, record=ids)
-    found = moving_windows(model, X, F, window=0.4, step=0.2, record=ids)
-    assert found["record"].value_counts().to_dict() == {0: 5, 1: 3}
+    table = moving_windows(model, X, F, window=0.4, step=0.2, record=ids)
+    assert table["record"].value_counts().to_dict() == {0: 5, 1: 3}
 
 
 # -- refused -------------------------------------------------------------------

@@ -130,13 +130,13 @@ def test_a_stream_of_a_sound_structure_raises_alarms_as_often_as_stated():
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 def test_chunks_of_any_length_give_the_same_chart():
     X, F = samples(np.random.default_rng(6), 400.0, 2000)
-    whole = ChangeAlarm(NRFRegressor(degree=1, dt=DT), block=1.0, reference=10)
+    undivided = ChangeAlarm(NRFRegressor(degree=1, dt=DT), block=1.0, reference=10)
     pieces = ChangeAlarm(NRFRegressor(degree=1, dt=DT), block=1.0, reference=10)
-    expected = whole.update(X, F)["statistic"].to_numpy(float)
-    found = []
+    expected = undivided.update(X, F)["statistic"].to_numpy(float)
+    alarms = []
     for rows in np.array_split(np.arange(2000), 13):
-        found.extend(pieces.update(X[rows], F[rows])["statistic"].to_numpy(float))
-    assert found == pytest.approx(expected, nan_ok=True)
+        alarms.extend(pieces.update(X[rows], F[rows])["statistic"].to_numpy(float))
+    assert alarms == pytest.approx(expected, nan_ok=True)
 
 
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")

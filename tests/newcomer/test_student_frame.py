@@ -35,6 +35,6 @@ def test_stiffnesses_without_a_tie(test, tmp_path, monkeypatch):
 
     _, _, stiffness = model.matrices()
     upper, top = -stiffness[0, 1], -stiffness[1, 2]
-    found = (stiffness[0, 0] - upper, upper, top)
+    values = (stiffness[0, 0] - upper, upper, top)
     # the effects that the loop adds to either test leave 4 % of a stiffness
-    np.testing.assert_allclose(found, STIFFNESSES, rtol=0.045)
+    np.testing.assert_allclose(values, STIFFNESSES, rtol=0.045)

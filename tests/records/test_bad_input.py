@@ -15,7 +15,7 @@ with warnings.catch_warnings(action="ignore", category=RuntimeWarning):
 @pytest.mark.parametrize("kind", KINDS, ids=str)
 def test_the_promise_is_kept(kind):
     outcome = battery.judge(kind)
-    assert outcome.kept, (
+    assert outcome.is_good, (
         f"promised {kind.promise} with {kind.words}, got {outcome.got}:"
         f" {outcome.message}"
     )

@@ -98,8 +98,8 @@ def test_a_damper_alone_is_a_chain_without_inertia():
     X, F = record.to_features()
     columns = X[["v1", "s1"]].to_numpy()
     expected = np.linalg.lstsq(columns, F["F1"].to_numpy(), rcond=None)[0]
-    found = model.restoring_forces_[1].coefficients
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    coefficients = model.restoring_forces_[1].coefficients
+    np.testing.assert_allclose(coefficients, expected, rtol=1e-9)
 
 
 def test_dry_friction_storey_is_shaken_at_two_hertz():

@@ -60,8 +60,8 @@ def test_the_band_limited_force_has_the_response_of_the_hold(hold):
     sinc = np.sinc(w / (2 * np.pi))
     response = sinc**2 if hold == "linear" else sinc * np.exp(-0.5j * w)
     expected = (response * np.exp(1j * w * k)).real
-    found = band_limited(force, hold)[3:-3, 0]
-    np.testing.assert_allclose(found, expected[3:-3], atol=w**4 / 50)
+    samples = band_limited(force, hold)[3:-3, 0]
+    np.testing.assert_allclose(samples, expected[3:-3], atol=w**4 / 50)
 
 
 def test_motions_that_are_given_are_run_with_band_limited_forces():

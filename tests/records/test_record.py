@@ -38,8 +38,8 @@ def quasi_static():
 def test_a_record_without_a_clock_counts_its_samples(quasi_static):
     assert not quasi_static.has_clock
     assert "without a clock" in repr(quasi_static)
-    part = quasi_static.rows(slice(10, 90)).by_sample()
-    assert part.time[0] == 0.0
+    window = quasi_static.rows(slice(10, 90)).by_sample()
+    assert window.time[0] == 0.0
     with pytest.raises(ChannelError, match="no clock"):
         _ = quasi_static.time
 
@@ -155,12 +155,12 @@ def test_a_time_rounded_to_milliseconds_has_a_cure_that_works(timed):
 
 def test_a_part_of_a_record_keeps_its_times(frame):
     record = Record.from_frame(frame)
-    part = record.window(0.1, 0.3)
-    assert part.n_samples == 100
-    assert part.time[0] == pytest.approx(0.1)
-    np.testing.assert_array_equal(part.displacement, record.displacement[50:150])
-    np.testing.assert_array_equal(record.rows(slice(50, 150)).time, part.time)
-    assert part.replace(name="hit").t0 == part.t0
+    window = record.window(0.1, 0.3)
+    assert window.n_samples == 100
+    assert window.time[0] == pytest.approx(0.1)
+    np.testing.assert_array_equal(window.displacement, record.displacement[50:150])
+    np.testing.assert_array_equal(record.rows(slice(50, 150)).time, window.time)
+    assert window.replace(name="hit").t0 == window.t0
     assert record.n_samples == 300
 
 

@@ -18,9 +18,9 @@ def test_exact_balance_holds_to_round_off_edges_included(band, n):
     columns = np.column_stack([rng.normal(size=n), s, s**3, np.sign(s), np.abs(s) * s])
     coefficients = np.array([12.4, 1.4e2, 1e3, 20.0, -7.0])
     operator = ZeroPhaseFilter(band, fs=500.0)
-    left = operator.apply(columns) @ coefficients
+    filtered = operator.apply(columns) @ coefficients
     right = operator.apply(columns @ coefficients)
-    assert np.abs(left - right).max() <= 1e-9 * np.abs(columns * coefficients).max()
+    assert np.abs(filtered - right).max() <= 1e-9 * np.abs(columns * coefficients).max()
 
 
 @pytest.mark.parametrize("frequency", [1.5, 5.0, 20.0, 55.0, 80.0])
@@ -31,14 +31,14 @@ def test_gain_is_the_squared_butterworth_and_the_phase_is_zero(frequency):
     inside = slice(operator.edge, -operator.edge)
     out = operator.apply(np.sin(angle))[inside]
     basis = np.column_stack([np.sin(angle), np.cos(angle)])[inside]
-    found = np.linalg.lstsq(basis, out, rcond=None)[0]
+    amplitudes = np.linalg.lstsq(basis, out, rcond=None)[0]
 
     gain = 1.0
     for edge, kind in ((60.0, "lowpass"), (2.0, "highpass")):
         sections = butter(4, edge, kind, fs=fs, output="sos")
         _, response = sosfreqz(sections, [frequency], fs=fs)
         gain *= np.abs(response[0]) ** 2
-    np.testing.assert_allclose(found, [gain, 0.0], atol=1e-3)
+    np.testing.assert_allclose(amplitudes, [gain, 0.0], atol=1e-3)
 
 
 def test_one_hertz_high_pass_spoils_three_seconds():
@@ -51,8 +51,8 @@ def test_one_hertz_high_pass_spoils_three_seconds():
 def test_inside_the_edges_the_filter_does_not_feel_where_the_record_was_cut():
     record = np.random.default_rng(0).normal(size=(30000, 1))
     operator = ZeroPhaseFilter((1.0, 60.0), 1000.0)
-    part = slice(8000, 22000)
-    gap = np.abs(operator.apply(record[part]) - operator.apply(record)[part])
+    inside = slice(8000, 22000)
+    gap = np.abs(operator.apply(record[inside]) - operator.apply(record)[inside])
     assert gap[operator.edge : -operator.edge].max() < 1e-3
     assert gap.max() > 1e-2
 

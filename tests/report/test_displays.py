@@ -153,9 +153,9 @@ def test_thinning_keeps_the_extremes():
     t = np.arange(100_000) / 1000.0
     y = np.sin(3 * t)
     y[77_777] = 9.0
-    x, few = thinned(t, y, 1000)
-    assert len(few) <= 1000
-    assert few.max() == 9.0
+    x, values = thinned(t, y, 1000)
+    assert len(values) <= 1000
+    assert values.max() == 9.0
     assert (np.diff(x) > 0).all()
 
 

@@ -325,7 +325,7 @@ def absolute_record(model, n=4000, dt=1e-3):
 def test_a_free_run_over_absolute_displacements_is_that_of_the_truth(left_out):
     linear = laws.PowerSeries(1, [60.0, 4e4])
     model = ChainModel([10.0, 12.0], {1: linear, 2: linear})
-    seen = absolute_record(model)
+    record = absolute_record(model)
     if left_out:
-        seen = seen.replace(**{left_out: None})
-    assert FreeRunDisplay.from_estimator(model, seen).error.max() < 0.1
+        record = record.replace(**{left_out: None})
+    assert FreeRunDisplay.from_estimator(model, record).error.max() < 0.1

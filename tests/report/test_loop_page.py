@@ -129,11 +129,11 @@ def test_what_the_data_cannot_tell_apart_is_said_once():
     friction = replace(
         report.steps[0],
         sure=False,
-        company=["dahl"],
+        laws_beside=["dahl"],
         alternatives=["hysteresis"],
-        tied=[("dahl", "storey 2", 4.2)],
+        rivals=[("dahl", "storey 2", 4.2)],
     )
-    dahl = replace(report.steps[0], law="dahl", sure=False, company=[friction.law])
+    dahl = replace(report.steps[0], law="dahl", sure=False, laws_beside=[friction.law])
     both = replace(report, steps=[friction, dahl], table=report.table.iloc[[0, 1, 1]])
 
     together = [text for text in both.verdict.reasons if "together" in text]

@@ -38,7 +38,7 @@ FLAGS = (
 )
 DESK, PHONE = (1280, 900), (375, 740)
 TAB, ENTER = "\ue004", "\ue007"
-LEFT = "\ue012"
+ARROW_LEFT = "\ue012"
 
 ALL_DRAWN = "return document.documentElement.dataset.drawn === 'all'"
 DRAWN = (
@@ -265,7 +265,7 @@ def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser):
 
     dragged = eye()
     browser.run("arguments[0].focus()", place)
-    browser.press(LEFT)
+    browser.press(ARROW_LEFT)
     assert browser.wait(lambda: eye() != dragged)
 
     pressed = eye()

@@ -293,10 +293,14 @@ def test_the_scores_are_the_same_where_a_force_is_not_known():
 @pytest.fixture(scope="module")
 def hammer():
     """Three records, each with another floor hit, and their ids."""
-    given = chains.parameters(3, np.random.default_rng(2))
+    parameters = chains.parameters(3, np.random.default_rng(2))
     cases = []
     for j in (1, 2, 3):
-        cases.append(chains.duffing(3, [j], seed=9, n_samples=1500, given=given))
+        cases.append(
+            chains.duffing(
+                3, [j], seed=9, n_samples=1500, parameters_of_chain=parameters
+            )
+        )
     X = np.vstack([case.noisy(0.005) for case in cases])
     F = np.vstack([case.F for case in cases])
     return X, F, np.repeat([1, 2, 3], 1500)
@@ -312,9 +316,9 @@ def test_the_scores_are_the_same_where_folds_force_other_floors(hammer):
 def test_a_splitter_gets_the_record_ids(hammer):
     X, F, ids = hammer
     folds = list(LeaveOneGroupOut().split(X, groups=ids))
-    one = select_order(X, F, degrees=[1, 3], cv=LeaveOneGroupOut(), record=ids)
+    selection = select_order(X, F, degrees=[1, 3], cv=LeaveOneGroupOut(), record=ids)
     other = select_order(X, F, degrees=[1, 3], cv=folds)
-    assert np.allclose(one.fold_scores, other.fold_scores, atol=1e-10)
+    assert np.allclose(selection.fold_scores, other.fold_scores, atol=1e-10)
 
 
 def half_poor_half_rich():
@@ -333,13 +337,13 @@ def test_a_fold_with_dependent_terms_does_not_spoil_the_others():
     """What the poor half says of the rich one is not determined: not compared."""
     search = Search(*half_poor_half_rich(), candidates=[1, 2, 3], cv=2)
     with warnings.catch_warnings(action="ignore", category=RankWarning):
-        found = search.by_sums("balance").fold_scores.to_numpy()
+        scores = search.by_sums("balance").fold_scores.to_numpy()
         expected = scores_of_folds(search.by_grid(), "balance")
-    apart = np.abs(found - expected)
+    apart = np.abs(scores - expected)
     assert apart[:, 0].max() < 1e-9
     assert apart[0, 1] < 1e-9
-    assert np.isfinite(found).all()
-    assert found[2, 1] < 5 * found[2, 0] < 0
+    assert np.isfinite(scores).all()
+    assert scores[2, 1] < 5 * scores[2, 0] < 0
 
 
 # -- what is found -------------------------------------------------------------
@@ -348,14 +352,16 @@ def test_a_fold_with_dependent_terms_does_not_spoil_the_others():
 @pytest.mark.parametrize("noise", [0.0, 0.003])
 def test_one_storey_is_linear_and_two_are_cubic(noise):
     m, c, k, k3 = chains.parameters(3, np.random.default_rng(3))
-    given = (m, c, k, k3 * np.array([1.0, 0.0, 1.0]))
-    case = chains.duffing(3, [2], seed=4, n_samples=4000, given=given)
+    parameters = (m, c, k, k3 * np.array([1.0, 0.0, 1.0]))
+    case = chains.duffing(
+        3, [2], seed=4, n_samples=4000, parameters_of_chain=parameters
+    )
     X = case.noisy(noise)
-    found = select_order(X, case.F, degrees=range(1, 6))
-    assert found.best_order == 3
-    assert found.orders_ == {"storey 1": 3, "storey 2": 1, "storey 3": 3}
-    assert found.regressor().degree == 3
-    model = found.regressor(by_storey=True).fit(X, case.F)
+    selection = select_order(X, case.F, degrees=range(1, 6))
+    assert selection.best_order == 3
+    assert selection.orders_ == {"storey 1": 3, "storey 2": 1, "storey 3": 3}
+    assert selection.regressor().degree == 3
+    model = selection.regressor(by_storey=True).fit(X, case.F)
     linear = model.restoring_forces_["storey 2"].coefficients
     assert list(linear.index) == ["v", "s"]
 
@@ -367,22 +373,22 @@ def two_storeys():
 
 def test_the_table_has_free_runs_if_asked_for(two_storeys):
     case = two_storeys
-    found = select_order(
+    selection = select_order(
         case.X, case.F, degrees=[1, 3], cv=3, free_run=True, dt=case.dt
     )
-    errors = found.table["free_run_error"]
+    errors = selection.table["free_run_error"]
     assert errors["3"] < 1.0 < 10.0 < errors["1"]
 
 
 def test_the_free_run_is_a_score(two_storeys):
     case = two_storeys
     options = {"degrees": [1, 3], "cv": 3, "scoring": "free_run", "dt": case.dt}
-    found = select_order(case.X, case.F, **options)
-    assert found.best_order == 3
+    selection = select_order(case.X, case.F, **options)
+    assert selection.best_order == 3
     train, test = list(KFold(3).split(case.X))[1]
     model = NRFRegressor(degree=3, dt=case.dt).fit(case.X[train], case.F[train])
     expected = scorers.free_run(model, case.X[test], case.F[test])
-    score = found.fold_scores.loc["3", "fold 2"]
+    score = selection.fold_scores.loc["3", "fold 2"]
     assert score == pytest.approx(expected, rel=1e-6)
 
 
@@ -414,12 +420,12 @@ def test_what_cannot_be_asked(cubic, options, error, message):
 
 
 def test_the_validation_curve(cubic):
-    found = select_order(cubic.noisy(), cubic.F, degrees=range(1, 6))
-    (ax,) = found.plot().ax_
+    selection = select_order(cubic.noisy(), cubic.F, degrees=range(1, 6))
+    (ax,) = selection.plot().ax_
     assert "% NRMSE" in ax.get_ylabel()
     assert "degree" in ax.get_xlabel()
     curve = ax.containers[0].lines[0].get_ydata()
-    assert np.allclose(curve, found.table["balance_error"])
+    assert np.allclose(curve, selection.table["balance_error"])
     by_label = {line.get_label(): line for line in ax.lines}
     assert by_label["chosen"].get_xdata().tolist() == [2]
 
@@ -459,16 +465,16 @@ def test_columns_of_a_table_are_found_by_their_names(cubic):
     table = pd.DataFrame(cubic.noisy(), columns=names)
     shuffled = table.sample(frac=1, axis=1, random_state=0)
     plain = select_order(cubic.noisy(), cubic.F, degrees=[1, 3])
-    found = select_order(shuffled, cubic.F, degrees=[1, 3])
-    assert np.allclose(found.fold_scores, plain.fold_scores, atol=1e-10)
+    selection = select_order(shuffled, cubic.F, degrees=[1, 3])
+    assert np.allclose(selection.fold_scores, plain.fold_scores, atol=1e-10)
 
 
 def test_a_number_of_folds_is_blocks_of_every_record(cubic):
     X, ids = cubic.noisy(), np.repeat(["a", "b"], 1500)
     blocks = list(BlockedTimeSplit(5).split(X, groups=ids))
-    one = select_order(X, cubic.F, degrees=[1, 3], record=ids)
+    selection = select_order(X, cubic.F, degrees=[1, 3], record=ids)
     other = select_order(X, cubic.F, degrees=[1, 3], cv=blocks)
-    assert np.allclose(one.fold_scores, other.fold_scores, atol=1e-10)
+    assert np.allclose(selection.fold_scores, other.fold_scores, atol=1e-10)
 
 
 def linear_record(noise):
@@ -525,6 +531,7 @@ def test_a_fit_with_too_many_terms_names_the_smallest_degree():
     case = chains.duffing(3, [2], seed=6, n_samples=2000)
     model = NRFRegressor(degree=5).fit(case.noisy(0.005), case.F)
     assert model.result_.smaller_order.degree == 3
+    assert "degree=3 does as well" in str(model.summary())
     assert NRFRegressor(degree=3).fit(case.X, case.F).result_.smaller_order is None
 
 

@@ -51,8 +51,8 @@ def regressor(**options):
 
 def smoother(**options):
     routed = {"record": True, "time": True}
-    one = KinematicSmoother(fs=1 / DT, joint=False, **options)
-    return one.set_fit_request(**routed).set_transform_request(**routed)
+    smoother = KinematicSmoother(fs=1 / DT, joint=False, **options)
+    return smoother.set_fit_request(**routed).set_transform_request(**routed)
 
 
 def pipeline(**options):
@@ -102,11 +102,13 @@ class Tests:
 
 @pytest.fixture(scope="module")
 def tests():
-    given = chains.parameters(2, np.random.default_rng(4), cubic=False)
+    parameters = chains.parameters(2, np.random.default_rng(4), cubic=False)
     rng = np.random.default_rng(0)
     raw, forces = [], []
     for seed in (1, 2, 3):
-        case = chains.duffing(2, [2], seed=seed, n_samples=N, given=given, substeps=2)
+        case = chains.duffing(
+            2, [2], seed=seed, n_samples=N, parameters_of_chain=parameters, substeps=2
+        )
         channels = np.hstack([case.a, case.s.cumsum(axis=1)])
         noise = channels.std(axis=0) * rng.standard_normal(channels.shape)
         raw.append(channels + 0.01 * noise)
@@ -114,7 +116,7 @@ def tests():
     table = pd.DataFrame(np.vstack(raw), columns=["a1", "a2", "x1", "x2"])
     ids = np.repeat(["one", "two", "three"], N)
     time = np.tile(np.arange(N) * DT, 3)
-    return Tests(table, np.vstack(forces), ids, time, given[0])
+    return Tests(table, np.vstack(forces), ids, time, parameters[0])
 
 
 # -- records stay apart --------------------------------------------------------
@@ -167,9 +169,9 @@ def test_a_score_is_of_the_rows_inside_the_edges(tests, filtered):
     predicted = filtered.predict(tests.table, **tests.metadata)
     gap = (tests.F[rows] - predicted[rows]) / filtered[-1].masses_
     expected = 1 - (gap**2).sum() / ((a - a.mean(axis=0)) ** 2).sum()
-    own = filtered.score(tests.table, tests.F, **tests.metadata)
+    score = filtered.score(tests.table, tests.F, **tests.metadata)
     scored = scorers.acceleration(filtered, tests.table, tests.F, **tests.metadata)
-    assert own == pytest.approx(expected, abs=1e-12)
+    assert score == pytest.approx(expected, abs=1e-12)
     assert scored == pytest.approx(expected, abs=1e-12)
 
 
@@ -179,27 +181,27 @@ def test_a_score_is_of_the_rows_inside_the_edges(tests, filtered):
 def test_cross_validation_of_the_whole_pipeline(tests):
     scoring = {"balance": scorers.balance, "acceleration": scorers.acceleration}
     pipe = pipeline(band=(None, 80.0))
-    found = tests.cross_validate(pipe, whole_records(), scoring)
-    assert (found["test_acceleration"] > 0.98).all()
+    scores = tests.cross_validate(pipe, whole_records(), scoring)
+    assert (scores["test_acceleration"] > 0.98).all()
     for i, name in enumerate(np.unique(tests.record)):
         held_out = tests.rows(tests.record == name)
-        model = found["estimator"][i]
+        model = scores["estimator"][i]
         data = held_out.table, held_out.F
         expected = model.score(*data, **held_out.metadata)
-        assert found["test_acceleration"][i] == pytest.approx(expected, abs=1e-12)
+        assert scores["test_acceleration"][i] == pytest.approx(expected, abs=1e-12)
         expected = scorers.balance(model, *data, **held_out.metadata)
-        assert found["test_balance"][i] == expected
+        assert scores["test_balance"][i] == expected
 
 
 def test_gaps_that_blocks_in_time_leave_are_not_smoothed_over(tests):
     splitter, pipe = BlockedTimeSplit(3, gap=50), pipeline(band=(None, 80.0))
-    found = tests.cross_validate(pipe, splitter, scorers.balance)
-    middle = found["estimator"][1]
+    scores = tests.cross_validate(pipe, splitter, scorers.balance)
+    middle = scores["estimator"][1]
     # of each record the middle block is held out, and 50 samples on either side
     n_rows = 3 * (N - N // 3 - 2 * 50)
     n_pieces = 3 * 2
     assert middle[-1].n_samples_ == n_rows - n_pieces * 2 * middle[0].edge_
-    assert (-found["test_score"] < 30).all()
+    assert (-scores["test_score"] < 30).all()
 
 
 def test_a_search_over_smoother_and_degree(tests):
@@ -227,14 +229,14 @@ def test_base_acceleration_and_covariates_reach_fit_and_score():
     damper = (20.0 + 40.0 * u) * np.sign(v) + 300.0 * u * v
     a = (F - c * v - k * s - damper) / m
 
-    given = {"storey 1": [laws.PowerSeries(1), laws.CovariateFriction("u")]}
+    declared = {"storey 1": [laws.PowerSeries(1), laws.CovariateFriction("u")]}
     metadata = {
         "record": np.repeat([1, 2, 3], N),
         "covariates": pd.DataFrame({"u": u}),
         "base_acceleration": ag,
     }
-    found = cross_validate(
-        regressor(laws=given),
+    scores = cross_validate(
+        regressor(laws=declared),
         np.column_stack([a, v, s]),
         F[:, None],
         cv=whole_records(),
@@ -242,8 +244,8 @@ def test_base_acceleration_and_covariates_reach_fit_and_score():
         return_estimator=True,
         error_score="raise",
     )
-    assert (found["test_score"] > 1 - 1e-9).all()
-    for model in found["estimator"]:
+    assert (scores["test_score"] > 1 - 1e-9).all()
+    for model in scores["estimator"]:
         assert worst(model.masses_, m) < 1e-8
 
 
@@ -337,16 +339,21 @@ def test_a_law_with_memory_refuses_shuffled_samples(three_dahl, clocked):
 
 
 def test_records_themselves_are_the_samples_of_a_search():
-    given = chains.parameters(2, np.random.default_rng(4), cubic=False)
+    parameters = chains.parameters(2, np.random.default_rng(4), cubic=False)
     records = []
     for seed in (1, 2, 3):
         case = chains.duffing(
-            2, [1, 2], seed=seed, n_samples=N, given=given, substeps=2
+            2,
+            [1, 2],
+            seed=seed,
+            n_samples=N,
+            parameters_of_chain=parameters,
+            substeps=2,
         )
         records.append(case.record())
     search = GridSearchCV(
         NRFRegressor(), {"degree": [1, 3]}, cv=LeaveOneOut(), scoring=scorers.free_run
     )
     search.fit(records)
-    assert worst(search.best_estimator_.masses_, given[0]) < 0.02
+    assert worst(search.best_estimator_.masses_, parameters[0]) < 0.02
     assert search.cv_results_["mean_test_score"][0] > -5.0

@@ -36,25 +36,25 @@ def test_balance_is_the_pooled_error_by_hand(case, model):
     inertia = model.masses_[0] * case.a[:, 0]
     reference = np.column_stack([inertia, case.F[:, 1]])
     missed = np.sum(mean_squares(residual) / storey)
-    whole = np.sum(mean_squares(reference) / storey)
-    expected = -100 * np.sqrt(missed / whole)
-    found = scorers.balance(model, case.X, case.F)
-    assert found == pytest.approx(expected, rel=1e-9)
+    total = np.sum(mean_squares(reference) / storey)
+    expected = -100 * np.sqrt(missed / total)
+    score = scorers.balance(model, case.X, case.F)
+    assert score == pytest.approx(expected, rel=1e-9)
 
 
 def test_acceleration_is_the_estimators_own_score(case, model):
-    found = scorers.acceleration(model, case.X, case.F)
-    assert found == model.score(case.X, case.F)
+    score = scorers.acceleration(model, case.X, case.F)
+    assert score == model.score(case.X, case.F)
     gap = (case.F - model.predict(case.X)) / model.masses_
     variation = np.sum((case.a - case.a.mean(axis=0)) ** 2)
-    assert found == pytest.approx(1 - np.sum(gap**2) / variation, abs=1e-12)
+    assert score == pytest.approx(1 - np.sum(gap**2) / variation, abs=1e-12)
 
 
 def test_weights_take_samples_out_of_the_score(case, model):
     weights = 1.0 * (np.arange(2000) < 700)
-    found = model.score(case.X, case.F, sample_weight=weights)
+    score = model.score(case.X, case.F, sample_weight=weights)
     expected = model.score(case.X[:700], case.F[:700])
-    assert found == pytest.approx(expected, abs=1e-12)
+    assert score == pytest.approx(expected, abs=1e-12)
     with pytest.raises(ChannelError, match="not valid weights"):
         model.score(case.X, case.F, sample_weight=-weights)
 
@@ -65,9 +65,9 @@ def test_the_free_run_is_the_simulation_from_the_first_state(case):
     run = model.simulate(case.F, x0=x[0], v0=v[0])
     shares = mean_squares(run.displacement - x) / mean_squares(x)
     expected = -100 * np.sqrt(np.mean(shares))
-    found = scorers.free_run(model, case.X, case.F)
-    assert found == pytest.approx(expected, rel=1e-6)
-    assert -1.0 < found < 0.0
+    score = scorers.free_run(model, case.X, case.F)
+    assert score == pytest.approx(expected, rel=1e-6)
+    assert -1.0 < score < 0.0
 
 
 def test_the_free_run_needs_a_clock(case):
@@ -102,11 +102,18 @@ def test_in_a_pipeline_the_steps_before_are_run(case, model, scorer):
 @pytest.fixture(scope="module")
 def two_records():
     """Features, forces and record ids of two tests of one chain."""
-    given = chains.parameters(2, np.random.default_rng(4))
+    parameters = chains.parameters(2, np.random.default_rng(4))
     cases = []
     for seed in (1, 2):
         cases.append(
-            chains.duffing(2, [2], seed=seed, n_samples=900, given=given, substeps=2)
+            chains.duffing(
+                2,
+                [2],
+                seed=seed,
+                n_samples=900,
+                parameters_of_chain=parameters,
+                substeps=2,
+            )
         )
     X = np.vstack([case.X for case in cases])
     F = np.vstack([case.F for case in cases])
@@ -133,7 +140,7 @@ def test_the_clock_of_a_free_run_is_routed(two_records):
     metadata = {"record": ids, "time": np.tile(np.arange(900) * 1e-3, 2)}
     with config_context(enable_metadata_routing=True):
         model = NRFRegressor(degree=3).set_fit_request(record=True, time=True)
-        found = cross_validate(
+        scores = cross_validate(
             model,
             X,
             F,
@@ -142,4 +149,4 @@ def test_the_clock_of_a_free_run_is_routed(two_records):
             params=metadata,
             error_score="raise",
         )
-    assert (-found["test_score"] < 2.0).all()
+    assert (-scores["test_score"] < 2.0).all()

@@ -17,8 +17,8 @@ def record_of(case, noise):
     return add_noise(case.record(), noise, random_state=0)
 
 
-def kept_terms(found, site):
-    terms = found.terms[site]
+def kept_terms(selection, site):
+    terms = selection.terms[site]
     return terms.index[terms != 0].tolist()
 
 
@@ -29,30 +29,30 @@ def duffing():
 
 
 @pytest.fixture(scope="module")
-def found(duffing):
+def selection(duffing):
     return select_sparsity(record_of(duffing, 0.02))
 
 
-def test_false_terms_go_and_the_damping_stays(found):
+def test_false_terms_go_and_the_damping_stays(selection):
     for i in (1, 2, 3):
-        assert kept_terms(found, f"storey {i}") == TRUE
-    assert repr(found) == "SparsitySelection(9 of 27 terms)"
+        assert kept_terms(selection, f"storey {i}") == TRUE
+    assert repr(selection) == "SparsitySelection(9 of 27 terms)"
 
 
-def test_terms_go_one_by_one_and_cost_nothing(found):
-    table = found.table
+def test_terms_go_one_by_one_and_cost_nothing(selection):
+    table = selection.table
     assert table["terms"].tolist() == list(range(27, 8, -1))
     assert table["error"].max() < 1.02 * table["error"].min()
     gone = set()
-    for (site, label), value in found.terms.items():
+    for (site, label), value in selection.terms.items():
         if not value:
             gone.add(f"{label} of {site}")
     assert table["left_out"].iloc[0] == ""
     assert set(table["left_out"].iloc[1:]) == gone
 
 
-def test_what_is_left_is_an_estimator(found, duffing):
-    model = found.regressor().fit(record_of(duffing, 0.02))
+def test_what_is_left_is_an_estimator(selection, duffing):
+    model = selection.regressor().fit(record_of(duffing, 0.02))
     for force in model.restoring_forces_.values():
         assert force.coefficients.index.tolist() == TRUE
     assert np.abs(model.masses_ / duffing.m - 1).max() < 0.02
@@ -72,11 +72,13 @@ def test_the_true_terms_of_a_noisy_chain_hit_on_one_floor(monkeypatch):
 def test_a_law_that_was_given_is_never_taken_apart():
     m, c, k, k3 = chains.parameters(2, np.random.default_rng(3))
     linear_above = (m, c, k, k3 * [1, 0])
-    case = chains.duffing(2, [1, 2], seed=3, n_samples=4000, given=linear_above)
-    given = [laws.LinearViscous(), laws.Duffing(), laws.QuadraticDamping()]
-    found = select_sparsity(record_of(case, 0.01), laws={"storey 1": given})
-    assert len(kept_terms(found, "storey 1")) == 4
-    assert kept_terms(found, "storey 2") == ["v", "s"]
+    case = chains.duffing(
+        2, [1, 2], seed=3, n_samples=4000, parameters_of_chain=linear_above
+    )
+    declared = [laws.LinearViscous(), laws.Duffing(), laws.QuadraticDamping()]
+    selection = select_sparsity(record_of(case, 0.01), laws={"storey 1": declared})
+    assert len(kept_terms(selection, "storey 1")) == 4
+    assert kept_terms(selection, "storey 2") == ["v", "s"]
 
 
 def test_a_series_that_a_fold_cannot_determine_is_no_beginning():
@@ -95,8 +97,8 @@ def test_orders_that_were_given_stand_in_the_laws(three):
 
 
 @pytest.fixture(scope="module")
-def shares(found):
-    return found.inclusion(n_draws=12, random_state=1)
+def shares(selection):
+    return selection.inclusion(n_draws=12, random_state=1)
 
 
 def test_true_terms_are_found_on_parts_of_the_data_and_others_are_not(shares):
@@ -111,8 +113,8 @@ def test_true_terms_are_found_on_parts_of_the_data_and_others_are_not(shares):
         assert (storeys <= least).all()
 
 
-def test_draws_depend_on_the_random_state_alone(found, shares):
-    again = found.inclusion(n_draws=12, random_state=1)
+def test_draws_depend_on_the_random_state_alone(selection, shares):
+    again = selection.inclusion(n_draws=12, random_state=1)
     assert again.equals(shares)
 
 

@@ -37,10 +37,10 @@ def top_force(rms, n_samples=300, seed=0, n_dof=2):
     return F
 
 
-def assert_close(found, expected, share):
+def assert_close(values, expected, share):
     """Equal up to a share of the largest value."""
     tolerance = share * np.abs(expected).max()
-    np.testing.assert_allclose(found, expected, atol=tolerance, rtol=0)
+    np.testing.assert_allclose(values, expected, atol=tolerance, rtol=0)
 
 
 # -- against SciPy -------------------------------------------------------------
@@ -405,7 +405,7 @@ def changing():
 @METHODS
 def test_a_run_that_is_continued_finds_the_clock_of_its_laws(changing, method):
     model, F = changing
-    whole = simulate(model, F, 0.005, method=method, hold="linear")
+    record = simulate(model, F, 0.005, method=method, hold="linear")
     go_on = partial(
         simulate,
         model,
@@ -413,15 +413,15 @@ def test_a_run_that_is_continued_finds_the_clock_of_its_laws(changing, method):
         0.005,
         method=method,
         hold="linear",
-        x0=whole.displacement[500],
-        v0=whole.velocity[500],
+        x0=record.displacement[500],
+        v0=record.velocity[500],
     )
     in_time = go_on(t0=2.5)
     too_early = go_on()
     assert in_time.time[0] == 2.5
-    assert_close(in_time.displacement, whole.displacement[500:], 1e-9)
-    gap = np.abs(too_early.displacement - whole.displacement[500:]).max()
-    assert gap > 1e-2 * np.abs(whole.displacement).max()
+    assert_close(in_time.displacement, record.displacement[500:], 1e-9)
+    gap = np.abs(too_early.displacement - record.displacement[500:]).max()
+    assert gap > 1e-2 * np.abs(record.displacement).max()
 
 
 def test_energies_are_on_the_clock_of_the_run(changing):

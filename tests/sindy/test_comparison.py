@@ -153,12 +153,12 @@ def test_newtons_third_law_found_once_or_twice():
         [s[:, 2], v[:, 2]],
     ]
     below, above = [], []
-    for j, own in enumerate(columns):
-        values = case.m[j] * np.linalg.lstsq(np.column_stack(own), a[:, j])[0]
+    for j, terms in enumerate(columns):
+        values = case.m[j] * np.linalg.lstsq(np.column_stack(terms), a[:, j])[0]
         below.append(-values[0])
         above.append(values[1])
-    one, other = np.array(below[1:]), np.array(above[:-1])
-    gap = 100 * np.abs(one - other) / (0.5 * np.abs(one + other))
+    lower, other = np.array(below[1:]), np.array(above[:-1])
+    gap = 100 * np.abs(lower - other) / (0.5 * np.abs(lower + other))
     assert expert.third_law_gap == pytest.approx(gap.max(), rel=1e-3)
 
 
@@ -236,6 +236,6 @@ def test_without_the_truth_only_what_can_be_known_is_given(case):
     ],
 )
 def test_bad_input(case, options, message):
-    given = {"X": case.X, "F": case.F, "dt": case.dt} | options
+    arguments = {"X": case.X, "F": case.F, "dt": case.dt} | options
     with pytest.raises((ChannelError, NRFError), match=message):
-        compare_with_sindy(**given)
+        compare_with_sindy(**arguments)

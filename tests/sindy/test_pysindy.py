@@ -61,11 +61,11 @@ def terms_of(X):
     return np.asarray(InterstoryPolynomialLibrary(3).fit_transform(X))[:, 4:]
 
 
-def assert_same_force(found, expected, terms):
+def assert_same_force(coefficients, expected, terms):
     """Coefficients of a storey that differ by no part of its force."""
     rms = np.sqrt(np.mean(terms**2, axis=0))
     scale = np.linalg.norm(expected * rms)
-    assert np.abs((found - expected) * rms).max() < 1e-10 * scale
+    assert np.abs((coefficients - expected) * rms).max() < 1e-10 * scale
 
 
 def test_the_optimizer_in_sindy_finds_what_the_regressor_finds(entrance, test_data):
@@ -98,19 +98,19 @@ def test_the_solve_itself_finds_what_the_regressor_finds(entrance, test_data):
     solution = solve(sums, order, inner=inner)
     masses = [solution.masses[dof] for dof in range(1, 5)]
     assert worst(masses, regressor.masses_) < 1e-10
-    for i, own in enumerate(np.split(terms, 4, axis=1), 1):
+    for i, columns in enumerate(np.split(terms, 4, axis=1), 1):
         expected = regressor.restoring_forces_[i].coefficients.to_numpy()
-        assert_same_force(solution.coefficients[chain.site(i)], expected, own)
+        assert_same_force(solution.coefficients[chain.site(i)], expected, columns)
 
 
 # -- sparse optimizers on SI units ---------------------------------------------
 
 
 def kept_terms(model):
-    kept = []
+    selected = []
     for force in model.restoring_forces_.values():
-        kept.append(force.coefficients.index[force.coefficients != 0].tolist())
-    return kept
+        selected.append(force.coefficients.index[force.coefficients != 0].tolist())
+    return selected
 
 
 SPARSE = [
@@ -149,13 +149,13 @@ def linear_storey(m, c, k):
     return X, X @ [m, c, k]
 
 
-@pytest.mark.parametrize(("threshold", "kept"), [(0.009, True), (0.011, False)])
+@pytest.mark.parametrize(("threshold", "is_kept"), [(0.009, True), (0.011, False)])
 def test_a_term_is_kept_if_its_share_of_the_force_reaches_the_threshold(
-    threshold, kept
+    threshold, is_kept
 ):
     X, F = linear_storey(4.0, 0.05, 3.0)  # rms 5: damping is one percent of it
     model = NRFRegressor(degree=1, optimizer=ps.STLSQ(threshold=threshold)).fit(X, F)
-    assert (model.restoring_forces_[1].coefficients["v"] != 0) == kept
+    assert (model.restoring_forces_[1].coefficients["v"] != 0) == is_kept
     assert model.masses_[0] == pytest.approx(4.0, rel=1e-3)
 
 
@@ -183,8 +183,8 @@ def test_the_triangular_factor_gives_what_all_samples_give():
     size, size_y = np.sqrt(np.mean(columns**2, axis=0)), np.sqrt(np.mean(target**2))
     scaled = clone(inner).fit(columns / size, (target / size_y)[:, None]).coef_[0]
     expected = scaled * size_y / size
-    found = model.restoring_forces_[1].coefficients.to_numpy()
-    assert found == pytest.approx(expected, rel=1e-8, abs=1e-12)
+    coefficients = model.restoring_forces_[1].coefficients.to_numpy()
+    assert coefficients == pytest.approx(expected, rel=1e-8, abs=1e-12)
     assert 0 < np.count_nonzero(expected) < expected.size
 
 
@@ -267,8 +267,8 @@ def test_state_space_rows_are_the_equations_of_motion(state_case, x, xdot):
     expected["F2"] = 1 / case.m[1]
     names, coefficients = model.get_feature_names(), model.coefficients()
     row = dict(zip(names, coefficients[4], strict=True))
-    found = {name: value for name, value in row.items() if value}
-    assert found == pytest.approx(expected, rel=1e-8)
+    values = {name: value for name, value in row.items() if value}
+    assert values == pytest.approx(expected, rel=1e-8)
     # a velocity is the sum of the rates of the storeys below
     for below, row in enumerate(coefficients[:3], 1):
         rates = [names[i] for i in np.flatnonzero(row)]
@@ -303,9 +303,9 @@ def test_an_optimizer_takes_known_masses(chain4, features, known):
     if known == 4:
         F[:, 3] = np.nan
     optimizer = ChainOptimizer(known_masses=masses, terms=[N_TERMS] * 4)
-    found = optimizer.fit(features, F).masses_
-    assert found[known - 1] == chain4.m[known - 1]
-    assert worst(found, chain4.m) < 1e-8
+    fitted_masses = optimizer.fit(features, F).masses_
+    assert fitted_masses[known - 1] == chain4.m[known - 1]
+    assert worst(fitted_masses, chain4.m) < 1e-8
 
 
 @pytest.mark.parametrize(

@@ -73,16 +73,16 @@ def test_names_of_features_are_distinct_and_placeholders_are_no_names(library):
 
 def test_the_users_names_replace_those_of_the_columns(library):
     names = library.fit(X).get_feature_names()
-    given = [f"channel {i}" for i in range(3 * N)]
-    renamed = library.get_feature_names(input_features=given)
+    users_names = [f"channel {i}" for i in range(3 * N)]
+    renamed = library.get_feature_names(input_features=users_names)
     if library.inputs == "state":
-        assert renamed == names[:-N] + given[2 * N :]
+        assert renamed == names[:-N] + users_names[2 * N :]
         return
-    own = [f"{kind}{j}" for kind in "avs" for j in range(1, N + 1)]
-    assert renamed[:N] == given[:N]
+    default_names = [f"{kind}{j}" for kind in "avs" for j in range(1, N + 1)]
+    assert renamed[:N] == users_names[:N]
     for plain, name in zip(names, renamed, strict=True):
-        if plain in own:
-            assert name == given[own.index(plain)]
+        if plain in default_names:
+            assert name == users_names[default_names.index(plain)]
 
 
 def test_a_library_for_each_storey_names_each_storey():
@@ -139,25 +139,27 @@ def test_laws_start_anew_in_every_trajectory(library):
 
 def test_a_sum_with_another_library_is_pysindys(library):
     other = ps.PolynomialLibrary(1, include_bias=False)
-    own = np.asarray(clone(library).fit_transform(X))
+    features = np.asarray(clone(library).fit_transform(X))
     extra = np.asarray(clone(other).fit_transform(X))
     ours_first, theirs_first = library + other, clone(other) + clone(library)
     assert isinstance(ours_first, ps.ConcatLibrary)
     assert isinstance(theirs_first, ps.ConcatLibrary)
-    assert np.array_equal(ours_first.fit(X).transform(X), np.hstack([own, extra]))
-    assert np.array_equal(theirs_first.fit(X).transform(X), np.hstack([extra, own]))
-    n_features = own.shape[1] + extra.shape[1]
+    assert np.array_equal(ours_first.fit(X).transform(X), np.hstack([features, extra]))
+    assert np.array_equal(
+        theirs_first.fit(X).transform(X), np.hstack([extra, features])
+    )
+    n_features = features.shape[1] + extra.shape[1]
     assert ours_first.n_output_features_ == n_features
     assert len(ours_first.get_feature_names()) == n_features
 
 
 def test_a_product_with_another_library_is_pysindys(library):
     other = ps.PolynomialLibrary(1, include_bias=False)
-    own = np.asarray(clone(library).fit_transform(X))
+    features = np.asarray(clone(library).fit_transform(X))
     extra = np.asarray(clone(other).fit_transform(X))
     product = library * other
     assert isinstance(product, ps.TensoredLibrary)
-    expected = (own[:, :, None] * extra[:, None, :]).reshape(len(X), -1)
+    expected = (features[:, :, None] * extra[:, None, :]).reshape(len(X), -1)
     assert np.allclose(product.fit(X).transform(X), expected)
     assert len(product.get_feature_names()) == expected.shape[1]
 
@@ -295,8 +297,8 @@ def test_inside_sindy(task, inner):
     assert np.allclose(model.predict(task.x, u=task.u), task.y, atol=0.05 * largest)
 
 
-def largest_gap(one, other, **_):
-    return np.abs(one - other).max()
+def largest_gap(first, other, **_):
+    return np.abs(first - other).max()
 
 
 def test_a_metric_of_sindy_gets_the_targets(task):
@@ -331,14 +333,14 @@ def test_the_users_names_reach_the_equations(capsys):
 
 def test_trajectories_of_different_length_inside_sindy(task):
     parts = [task.rows(slice(0, 500)), task.rows(slice(500, 900))]
-    u = None if task.u is None else [part.u for part in parts]
-    x, y = [part.x for part in parts], [part.y for part in parts]
+    u = None if task.u is None else [piece.u for piece in parts]
+    x, y = [piece.x for piece in parts], [piece.y for piece in parts]
     model = ps.SINDy(task.optimizer(), task.library)
     model.fit(x, t=[np.arange(len(p)) * task.dt for p in x], x_dot=y, u=u)
-    whole = task.sindy().optimizer.masses_
-    assert np.allclose(model.optimizer.masses_, whole, rtol=1e-9)
+    masses = task.sindy().optimizer.masses_
+    assert np.allclose(model.optimizer.masses_, masses, rtol=1e-9)
     shapes = [rates.shape for rates in model.predict(x, u=u)]
-    assert shapes == [part.y.shape for part in parts]
+    assert shapes == [piece.y.shape for piece in parts]
 
 
 WEIGHTED = pytest.mark.parametrize(

@@ -229,8 +229,8 @@ def test_a_warning_of_inner_optimizers_is_given_once_with_the_storeys(case, entr
         model.fit(case.X, case.F)
     texts = [str(w.message) for w in caught if w.category is ConvergenceWarning]
     assert len(texts) == 1
-    for part in ("SR3 did not converge", "storey 1", "storey 2", "storey 3"):
-        assert part in texts[0]
+    for text in ("SR3 did not converge", "storey 1", "storey 2", "storey 3"):
+        assert text in texts[0]
 
 
 def test_fitted_optimizers_stand_by_their_equation(case):
@@ -238,7 +238,7 @@ def test_fitted_optimizers_stand_by_their_equation(case):
     with warnings.catch_warnings(action="ignore"):
         fitted = NRFRegressor(optimizer=inner).fit(case.X, case.F).inner_
     assert set(fitted) == {"balance of DOF 1", "balance of DOF 2"}
-    assert {len(one.history_) for one in fitted.values()} == {11}
+    assert {len(optimizer.history_) for optimizer in fitted.values()} == {11}
 
 
 # -- rows and scores -----------------------------------------------------------
@@ -271,8 +271,8 @@ def test_a_score_is_that_of_the_regressor_and_takes_unknown_forces(case):
     sindy = fitted_sindy(case, library, ChainOptimizer(terms=library))
     features, F = library.transform(case.X), case.F.copy()
     regressor = NRFRegressor().fit(case.X, case.F)
-    own = sindy.optimizer.score(features, F)
-    assert own == pytest.approx(regressor.score(case.X, F), abs=1e-12)
+    score = sindy.optimizer.score(features, F)
+    assert score == pytest.approx(regressor.score(case.X, F), abs=1e-12)
     F[:, 0] = np.nan
     assert sindy.optimizer.score(features, F) == pytest.approx(1, abs=1e-9)
 
@@ -326,9 +326,9 @@ def test_a_dof_is_a_whole_number_of_the_chain():
 
 
 def test_one_dof_is_a_number_or_a_list_of_one(case):
-    one = ChainOptimizer(excited=2, terms=[2] * 3).fit(case.X, case.F)
+    optimizer = ChainOptimizer(excited=2, terms=[2] * 3).fit(case.X, case.F)
     other = ChainOptimizer(excited=[2], terms=[2] * 3).fit(case.X, case.F)
-    assert np.array_equal(one.masses_, other.masses_)
+    assert np.array_equal(optimizer.masses_, other.masses_)
     assert Chain(3).identifiability(2) == Chain(3).identifiability([2])
 
 

@@ -15,13 +15,13 @@ TRUE = ["v", "s", "s^3"]
 @pytest.mark.parametrize("forced", [[3], [2], [1], [1, 2, 3]], ids=str)
 def test_all_masses_and_terms_from_any_forced_floor(forced):
     case = chains.duffing(3, forced, seed=4, n_samples=2000)
-    found = ShearSINDy(optimizer=ps.STLSQ(threshold=0.003, alpha=1e-10))
-    found.fit(case.X, case.F)
-    assert worst(found.masses_, case.m) < 1e-5
-    for i, force in enumerate(found.model_.restoring_forces.values()):
-        kept = force.coefficients[force.coefficients != 0]
-        assert kept.index.tolist() == TRUE
-        assert kept["s"] == pytest.approx(case.k[i], rel=1e-5)
+    model = ShearSINDy(optimizer=ps.STLSQ(threshold=0.003, alpha=1e-10))
+    model.fit(case.X, case.F)
+    assert worst(model.masses_, case.m) < 1e-5
+    for i, force in enumerate(model.model_.restoring_forces.values()):
+        terms = force.coefficients[force.coefficients != 0]
+        assert terms.index.tolist() == TRUE
+        assert terms["s"] == pytest.approx(case.k[i], rel=1e-5)
 
 
 def test_a_shear_is_what_newton_says_of_all_above():

@@ -8,7 +8,7 @@ import pysindy as ps
 import pytest
 import sklearn
 
-VERSION = tuple(int(part) for part in sklearn.__version__.split(".")[:2])
+VERSION = tuple(int(number) for number in sklearn.__version__.split(".")[:2])
 
 
 @pytest.mark.skipif(VERSION < (1, 7), reason="scikit-learn 1.7 brought the cut-off")

@@ -172,8 +172,8 @@ class Window:
     def progress(self) -> str:
         """What the run does now."""
         steps = re.split(r"[\r\n]", _text_of(self._log))
-        said = [step.strip() for step in steps if step.strip()]
-        return said[-1] if said else "starting"
+        sentences = [step.strip() for step in steps if step.strip()]
+        return sentences[-1] if sentences else "starting"
 
     def stop(self) -> None:
         """Stop the run, as Ctrl-C does; it leaves no half-written file."""

@@ -328,9 +328,7 @@ def _mirror_image(motion: Motion) -> Motion:
     return Motion(-motion.s, -motion.v, acceleration, motion.t, motion.covariates)
 
 
-def conditional_mean(
-    x: np.ndarray, force: np.ndarray, bins: int = BINS
-) -> pd.DataFrame:
+def conditional_mean(x: np.ndarray, force: np.ndarray) -> pd.DataFrame:
     """Mean of a force in bins of equal count of another signal.
 
     Returns
@@ -339,7 +337,7 @@ def conditional_mean(
         ``centre`` (of the signal), ``mean`` (N), ``error`` (of it), ``count``.
     """
     order = np.argsort(x, kind="stable")
-    edges = np.linspace(0, len(x), min(bins, len(x)) + 1).astype(int)
+    edges = np.linspace(0, len(x), min(BINS, len(x)) + 1).astype(int)
     count = np.diff(edges)
 
     def mean_of(values: np.ndarray) -> np.ndarray:

@@ -91,8 +91,8 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
         if not np.isfinite(size["rms"]):
             continue
         ratio = np.nan
-        if floor is not None and floor.at(str(place)) > 0:
-            ratio = size["rms"] / floor.at(str(place))
+        if floor is not None and floor.rms_at(str(place)) > 0:
+            ratio = size["rms"] / floor.rms_at(str(place))
         row: dict[str, object] = {
             "verdict": ResidualKind.NOISE,
             "percent": size["percent"],
@@ -154,13 +154,13 @@ class _Regressions:
         explained = []
         for noise in self.noise:
             regression = noise.fit(place)
-            before = regression.left(place, beside)
-            after = regression.left(place, [*beside, *groups])
+            before = regression.unexplained(place, beside)
+            after = regression.unexplained(place, [*beside, *groups])
             explained.append(float((before - after).sum()))
 
         of_noise = 0.0
         if explained:
-            remaining = max(fit.left(place, beside).sum(), 1e-300)
+            remaining = max(fit.unexplained(place, beside).sum(), 1e-300)
             of_noise = max(float(np.mean(explained)), 0.0) / remaining
         least = max(RESIDUAL.alike, RESIDUAL.sure_errors * error)
         return max(share, 0.0), share - of_noise > least
@@ -187,7 +187,7 @@ class MotionRegression:
     def fit(self, place: str) -> Regression:
         """The regression on all records in which a residual is known."""
         known = []
-        for i, residual in enumerate(self.residual.at(place)):
+        for i, residual in enumerate(self.residual.at_place(place)):
             if np.isfinite(residual).all():
                 known.append(i)
 
@@ -203,7 +203,7 @@ class MotionRegression:
         """Residuals of all balances and storeys that are known in some records."""
         targets = {}
         for name in self.residual.sizes.index:
-            residual = self.residual.at(name)
+            residual = self.residual.at_place(name)
             parts = [residual[i][:: self.every] for i in records]
             if all(np.isfinite(line).all() for line in parts):
                 targets[name] = parts

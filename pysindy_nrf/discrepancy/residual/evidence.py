@@ -187,7 +187,7 @@ def _characterised(
     moving = Site(f"dof {site.channel[1:]}") if site.kind == "sensor" else site
     noise = np.nan
     if floor is not None:
-        noise = floor.at(str(site) if site.is_storey else f"dof {moving.p}")
+        noise = floor.rms_at(str(site) if site.is_storey else f"dof {moving.p}")
     return characterise(
         missing.force,
         [seg.motion(moving, seg.valid) for seg in residual.data.segments],

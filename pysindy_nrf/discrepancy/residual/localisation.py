@@ -96,21 +96,16 @@ def localise(
 
     Examples
     --------
-    Friction of which the model knows nothing:
+    A storey that hardens, of which a linear model knows nothing:
 
-    >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
+    >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.diagnosis import residual_of
     >>> from pysindy_nrf.discrepancy import localise
-    >>> linear = [laws.LinearElastic(4e4), laws.LinearViscous(30.0)]
-    >>> friction = [*linear, laws.CoulombFriction(20.0)]
-    >>> truth = ChainModel([10.0, 8.0], {1: linear, 2: friction})
-    >>> model = ChainModel([10.0, 8.0], {1: linear, 2: linear})
-    >>> F = excitation.band_limited_random(
-    ...     2, 10.0, 500.0, excited=2, rms=60.0, band=(1, 40), random_state=0
-    ... )
-    >>> residual = residual_of(model, simulate(truth, F, 1 / 500))
+    >>> record = datasets.load_demo()
+    >>> model = NRFRegressor(degree=1).fit(record).model_
+    >>> residual = residual_of(model, record)
     >>> localise(residual).site
-    'storey 2'
+    'storey 1'
     """
     return Localiser(residual, floor, known_masses).localise()
 
@@ -335,7 +330,7 @@ class Localiser:
     def remaining(self, b: np.ndarray | None) -> np.ndarray:
         """Squares left in every block beside a free force, without those of noise."""
         of_noise = float(np.trace(self._form(b) @ self.noise))
-        return self.fit(b).left("e", ["baseline"]) - self.block_sizes * of_noise
+        return self.fit(b).unexplained("e", ["baseline"]) - self.block_sizes * of_noise
 
     def _pieces(self, b: np.ndarray | None) -> _Pieces:
         """The pieces into which a free force cuts the chain."""
@@ -379,7 +374,7 @@ class Localiser:
         fit = self.fit(b)
         correction = np.zeros(k)
         baseline = fit.coefficients("e", ["baseline"])["baseline"]
-        correction[fit.at["baseline"]] = baseline
+        correction[fit.columns["baseline"]] = baseline
 
         weights = self.weight @ b / (b @ self.weight @ b)
         owners = self.owners[:, :k]

@@ -37,7 +37,7 @@ class NoiseFloor:
     >>> floor = NoiseFloor(
     ...     balance=np.array([0.3, 0.2]), storey=np.array([0.4, 0.2])
     ... )
-    >>> float(floor.at("storey 1"))
+    >>> float(floor.rms_at("storey 1"))
     0.4
     """
 
@@ -48,7 +48,7 @@ class NoiseFloor:
         default_factory=dict
     )
 
-    def at(self, name: str) -> float:
+    def rms_at(self, name: str) -> float:
         """Rms at one balance or storey, N.
 
         Parameters

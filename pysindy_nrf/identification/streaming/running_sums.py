@@ -226,7 +226,7 @@ class Windows:
 
 def copied(segment: Segment, start: int, stop: int) -> Segment:
     """Some samples of a segment, copied."""
-    window = segment.part(slice(start, stop), 0)
+    window = segment.cut(slice(start, stop), 0)
     covariates = {
         name: np.array(line, dtype=float) for name, line in window.covariates.items()
     }

@@ -45,8 +45,6 @@ class PenalisedFit:
         Of all courses, one after the other.
     covariance : ndarray of shape (n_functions, n_functions)
         Posterior.
-    likelihood : float
-        Logarithm of the restricted likelihood, up to a constant.
     """
 
     products: np.ndarray
@@ -54,7 +52,6 @@ class PenalisedFit:
     strengths: np.ndarray
     coefficients: np.ndarray
     covariance: np.ndarray
-    likelihood: float
 
     @cached_property
     def places(self) -> list[slice]:
@@ -151,11 +148,10 @@ def fitted(
         solution = system.solved(now)
         if change < SETTLED:
             break
-    coefficients, covariance, likelihood = solution
-    return PenalisedFit(products, courses, now, coefficients, covariance, likelihood)
+    return PenalisedFit(products, courses, now, *solution)
 
 
-_Solution = tuple[np.ndarray, np.ndarray, float]
+_Solution = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +160,6 @@ class _System:
 
     information: np.ndarray
     target: np.ndarray
-    power: float
     courses: Sequence[Course]
     places: list[slice]
     ranks: list[int]
@@ -172,7 +167,6 @@ class _System:
     @classmethod
     def of(cls, products: np.ndarray, courses: Sequence[Course]) -> _System:
         places = places_of(courses)
-        n_unknowns = len(courses)
         constants = np.array([c.columns.shape[1] == 1 for c in courses])
         n_functions = places[-1].stop
         information = np.zeros((n_functions, n_functions))
@@ -182,25 +176,24 @@ class _System:
         # constants with constants
         total = products.sum(axis=0)
         fixed = np.flatnonzero(constants)
-        at = starts[fixed]
-        information[at[:, None], at] = total[fixed[:, None], fixed]
-        target[at] = total[fixed, -1]
+        fixed_starts = starts[fixed]
+        information[fixed_starts[:, None], fixed_starts] = total[fixed[:, None], fixed]
+        target[fixed_starts] = total[fixed, -1]
         for c in np.flatnonzero(~constants).tolist():
             columns = courses[c].columns
             lines = columns.T @ products[:, c]
             here = places[c]
             target[here] = lines[:, -1]
-            information[here, at] = lines[:, fixed]
-            information[at, here] = lines[:, fixed].T
+            information[here, fixed_starts] = lines[:, fixed]
+            information[fixed_starts, here] = lines[:, fixed].T
             for d in np.flatnonzero(~constants).tolist():
                 if d < c:
                     continue
                 block = columns.T @ (products[:, c, d, None] * courses[d].columns)
                 information[here, places[d]] = block
                 information[places[d], here] = block.T
-        power = float(total[n_unknowns, n_unknowns])
         ranks = [course.rank for course in courses]
-        return cls(information, target, power, courses, places, ranks)
+        return cls(information, target, courses, places, ranks)
 
     def scale(self, c: int) -> float:
         """Information of a course, a function of it, over its penalty."""
@@ -229,7 +222,7 @@ class _System:
         self, now: np.ndarray, solution: _Solution, penalised: list[int]
     ) -> np.ndarray:
         """A step of Fellner and Schall."""
-        coefficients, covariance, _ = solution
+        coefficients, covariance = solution
         following = now.copy()
         for c in penalised:
             here = self.places[c]
@@ -242,24 +235,16 @@ class _System:
         return self.in_bounds(following)
 
     def solved(self, strengths: np.ndarray) -> _Solution:
-        """Coefficients, posterior covariance and restricted likelihood."""
+        """Coefficients and posterior covariance."""
         matrix = self.information.copy()
-        log_prior = 0.0
         for c, strength in enumerate(strengths):
             if self.ranks[c]:
                 here = self.places[c]
                 matrix[here, here] += strength * self.courses[c].penalty
-                log_prior += 0.5 * self.ranks[c] * np.log(strength)
 
         unit = np.sqrt(np.diag(matrix))
         scaled = matrix / unit / unit[:, None] + ROUND_OFF * np.eye(len(unit))
         factor = linalg.cho_factor(scaled, lower=True, check_finite=False)
         inverse = linalg.cho_solve(factor, np.eye(len(unit)), check_finite=False)
         covariance = inverse / unit / unit[:, None]
-        coefficients = covariance @ self.target
-        log_determinant = 2 * float(
-            np.sum(np.log(np.diag(factor[0]))) + np.sum(np.log(unit))
-        )
-        misfit = self.power - float(self.target @ coefficients)
-        likelihood = log_prior - 0.5 * log_determinant - 0.5 * misfit
-        return coefficients, covariance, likelihood
+        return covariance @ self.target, covariance

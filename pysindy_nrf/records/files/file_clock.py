@@ -44,12 +44,15 @@ class Source:
         The variables of the file.
     declared : bool
         Whether the unit was given, by the user or the file.
+    from_name : bool
+        Whether the unit is only the end of the name of the column, as in ``a1_g``.
     """
 
     text: str
     unit: str
     columns: tuple[str, ...] = ()
     declared: bool = False
+    from_name: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,9 +141,9 @@ def clock_of_file(
     """
     channels = {c: line for c, line in lines.items() if c != "t"}
     path = str(table.path)
-    own = _own_clocks(table, channels, lines.get("t"), sources, fs)
-    if own is not None and channels:
-        return _brought_to_one(path, table, channels, own)
+    own_clocks = _own_clocks(table, channels, lines.get("t"), sources, fs)
+    if own_clocks is not None and channels:
+        return _brought_to_one(path, table, channels, own_clocks)
 
     time = lines.get("t")
     if time is not None:
@@ -195,21 +198,21 @@ def _own_clocks(
 
 
 def _brought_to_one(
-    path: str, table: Table, channels: Mapping[str, np.ndarray], own: _OwnClocks
+    path: str, table: Table, channels: Mapping[str, np.ndarray], own_clocks: _OwnClocks
 ) -> tuple[FileClock, dict[str, np.ndarray]]:
     """Channels on the clock of the slowest of them."""
-    clocks = _from_one_origin(path, own.by_channel)
-    one = on_one_clock(channels, clocks, table.path.stem)
+    clocks = _from_one_origin(path, own_clocks.by_channel)
+    resampled = on_one_clock(channels, clocks, table.path.stem)
     clock = FileClock(
         path,
-        fs=one.clock.fs,
-        start=one.clock.start,
-        origin=own.origin,
-        unit_is_known=own.unit_is_known,
-        notes=one.notes,
-        columns=own.columns,
+        fs=resampled.clock.fs,
+        start=resampled.clock.start,
+        origin=own_clocks.origin,
+        unit_is_known=own_clocks.unit_is_known,
+        notes=resampled.notes,
+        columns=own_clocks.columns,
     )
-    return clock, one.lines
+    return clock, resampled.lines
 
 
 def _from_one_origin(path: str, clocks: Mapping[str, Clock]) -> dict[str, Clock]:
@@ -338,16 +341,16 @@ def _clock_of_channel(
     table: Table, source: Source, clocks: Mapping[str, Clock]
 ) -> Clock | None:
     """The clock of a channel: that of its file, or as the file states."""
-    found = {
+    clocks_of_columns = {
         clocks.get(table.file_of(name)) or table.clocks.get(name)
         for name in source.columns
     }
-    if len(found) > 1:
+    if len(clocks_of_columns) > 1:
         raise ChannelError(
             f"{table.path}: {source.text} combines columns with clocks of their own",
             "Combine columns of one file.",
         )
-    return found.pop()
+    return clocks_of_columns.pop()
 
 
 def _clock_of_equal_length(
@@ -397,6 +400,14 @@ def written_unit(channel: str, name: str, table: Table) -> str | None:
     if suffix is None or dimension_of(channel) is None:
         return None
     return suffix if kind_of_unit(suffix) == channel[0] else None
+
+
+def is_end_of_names(unit: str | None, expression: Expression, table: Table) -> bool:
+    """Whether a unit is only the end of the names of columns, as in ``a1_g``."""
+    for name in expression.columns:
+        if name in table.units or split_suffix(name)[1] != unit:
+            return False
+    return unit is not None
 
 
 def in_si(line: np.ndarray, unit: str | None, channel: str) -> np.ndarray:

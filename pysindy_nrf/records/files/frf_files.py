@@ -17,7 +17,7 @@ from .frequency_response import FrequencyResponse
 from .mapping.expression import as_name, parse
 from .table import MAX_BYTES, Table, check_file, unreadable
 from .tables import read_table
-from .units import si_factor
+from .units import response_unit, si_factor, split_unit
 
 _KIND_OF_LETTER = {"a": "accelerance", "v": "mobility", "x": "receptance"}
 
@@ -83,18 +83,24 @@ def read_frf(
     check_file(file, max_bytes)
     form = format_called(file)
     if mapping:
-        found = _from_mapping(read_table(file, max_bytes=max_bytes), mapping)
+        responses = _from_mapping(read_table(file, max_bytes=max_bytes), mapping)
     elif form is DELIMITED_TEXT:
-        found = _from_text(file)
+        responses = _from_text(file)
     elif form is UFF:
-        found = _from_uff(file, excited, max_bytes)
+        responses = _from_uff(file, excited, max_bytes)
     else:
-        found = _from_variables(file, max_bytes)
+        responses = _from_variables(file, max_bytes)
+    if form is DELIMITED_TEXT and kind and responses.kind not in (None, kind):
+        raise ChannelError(
+            f"kind={kind!r} was given, but the units in {file.name} are those of a"
+            f" {responses.kind}",
+            "Leave kind out, or correct the header.",
+        )
     return FrequencyResponse.from_arrays(
-        found.f,
-        found.H,
-        excited or found.excited or 1,
-        kind or found.kind or "accelerance",
+        responses.f,
+        responses.H,
+        excited or responses.excited or 1,
+        kind or responses.kind or "accelerance",
         file.stem,
     )
 
@@ -119,8 +125,9 @@ def _from_text(path: Path) -> _Responses:
     if not separators:
         raise FileFormatError(f"{path} has one column only", _CURE)
     names, values = _complex_rows(path, lines, separators[0])
+    names, kind = _in_si(names, values, str(path))
     if np.abs(values[:, 1:].imag).max() > 0:
-        return _Responses(values[:, 0], values[:, 1:])
+        return _Responses(values[:, 0], values[:, 1:], kind=kind)
 
     columns = dict(zip(names, values.real.T)) if len(set(names)) == len(names) else {}
     responses = (
@@ -133,7 +140,36 @@ def _from_text(path: Path) -> _Responses:
             " as 0.1-0.2j or in columns H1_re, H1_im, or magnitude and phase, and name"
             " the columns so.",
         )
-    return _Responses(values[:, 0].real, responses)
+    return _Responses(values[:, 0].real, responses, kind=kind)
+
+
+def _in_si(
+    names: Sequence[str], values: np.ndarray, path: str
+) -> tuple[list[str], str | None]:
+    """Names without the units of responses, and the kind that these say.
+
+    The values become those in SI units.
+    """
+    bare_names = []
+    kinds: dict[str, str] = {}
+    for k, name in enumerate(names):
+        bare, unit = split_unit(name)
+        measured = response_unit(unit) if unit else None
+        if measured is None:
+            bare_names.append(name)
+            continue
+        letter, factor = measured
+        values[:, k] *= factor
+        bare_names.append(bare)
+        kinds.setdefault(_KIND_OF_LETTER[letter], name)
+
+    if len(kinds) > 1:
+        first, second = list(kinds.values())[:2]
+        raise FileFormatError(
+            f"{path}: {first!r} and {second!r} are responses of two kinds",
+            "Give accelerations, velocities or displacements over the force alone.",
+        )
+    return bare_names, next(iter(kinds), None)
 
 
 def _complex_rows(
@@ -191,11 +227,11 @@ def _of_two_columns(
     """Responses of pairs of columns; None if their names do not say what they hold."""
     parts: dict[str, dict[str, str]] = {}  # names by part, by response
     for name in names:
-        part = next((p for p, words in _PARTS.items() if words.search(name)), None)
-        if part is None:
+        component = next((p for p, words in _PARTS.items() if words.search(name)), None)
+        if component is None:
             return None
-        response = _NO_LETTERS.sub("", _PARTS[part].sub("", name)).lower()
-        parts.setdefault(response, {})[part] = name
+        response = _NO_LETTERS.sub("", _PARTS[component].sub("", name)).lower()
+        parts.setdefault(response, {})[component] = name
 
     responses = []
     for pair in parts.values():

@@ -80,17 +80,17 @@ def on_one_clock(
     out: dict[str, np.ndarray] = {}
     notes: list[QualityNote] = []
     for channel, line in lines.items():
-        own = clocks[channel]
-        shift = (clock.start - own.start) * own.fs
-        position = shift + grid * (own.fs / clock.fs)
+        of_channel = clocks[channel]
+        shift = (clock.start - of_channel.start) * of_channel.fs
+        position = shift + grid * (of_channel.fs / clock.fs)
         if _is_whole(position):
             start = round(position[0])
             out[channel] = line[start : start + len(grid)]
         else:
             out[channel] = _interpolated_inside_edges(
-                line, position, own.fs / clock.fs, f"{channel} of {record!r}"
+                line, position, of_channel.fs / clock.fs, f"{channel} of {record!r}"
             )
-        notes += _notes_on_channel(channel, own, reference, clock, record)
+        notes += _notes_on_channel(channel, of_channel, reference, clock, record)
 
     notes += _note_on_overlap(lines, clocks, len(grid) / clock.fs, record)
     start = clock.start + first / clock.fs
@@ -197,11 +197,11 @@ def interpolated(
 
 
 def _notes_on_channel(
-    channel: str, own: Clock, reference: str, clock: Clock, record: str
+    channel: str, of_channel: Clock, reference: str, clock: Clock, record: str
 ) -> list[QualityNote]:
     """How the clock of a channel differs from that of the reference."""
     notes = []
-    shift = own.start - clock.start
+    shift = of_channel.start - clock.start
     samples = shift * clock.fs
     if abs(samples) > SAME_SAMPLE:
         side = "after" if shift > 0 else "before"
@@ -210,13 +210,13 @@ def _notes_on_channel(
             f" {side} {reference}: moved to its clock"
         )
         notes.append(QualityNote("shifted", message, channel, record, shift, reference))
-    if abs(own.fs / clock.fs - 1) > 1e-9:
+    if abs(of_channel.fs / clock.fs - 1) > 1e-9:
         limit = 0.5 * clock.fs * CUTOFF * FLAT_BELOW
         message = (
-            f"{channel} was sampled at {own.fs:.9g} Hz, {reference} at"
+            f"{channel} was sampled at {of_channel.fs:.9g} Hz, {reference} at"
             f" {clock.fs:.9g} Hz: resampled, as measured below {limit:.3g} Hz"
         )
-        ratio = own.fs / clock.fs
+        ratio = of_channel.fs / clock.fs
         notes.append(
             QualityNote("resampled", message, channel, record, ratio, reference)
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict, TypeVar, Unpack
 
@@ -14,10 +14,17 @@ from ..channels import channel_of
 from ..quality import QualityNote
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
-from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
+from .file_clock import (
+    FileClock,
+    Source,
+    clock_of_file,
+    in_si,
+    is_end_of_names,
+    written_unit,
+)
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
-from .mapping.words import WORDS_OF_BASE, letter_named, names_one_of
+from .mapping.words import MOTION_LETTERS, WORDS_OF_BASE, letter_named, names_one_of
 from .preparation import Preparation
 from .table import MAX_BYTES, Table
 from .tables import AnyPath, read_table
@@ -295,51 +302,55 @@ def understand(
     _require_motion(measured, table)
     clock, lines = clock_of_file(table, measured, sources, fs)
     lines = _with_unknown_forces(lines, sources, table, clock)
-    stated_name, stated_coordinates, stated_hold = _stated_in_file(table)
-    record = _record_of(
-        lines,
-        clock,
-        name or stated_name,
-        coordinates or stated_coordinates,
-        hold or stated_hold,
-    )
+    labels = _labels(table, name, coordinates, hold)
+    record = _record_of(lines, clock, *labels)
     record = _noted_if_rotating(preparation.of_record(record), sources)
     assumed = _assumed(sources, clock, record)
     record = record.with_quality(record.quality + assumed)
 
     unused = _unused_variables(table, sources, clock)
-    for what, cure in _overlooked(table, sources, unused):
-        warn_user(DataQualityWarning(what, cure))
+    _warn_of_overlooked(table, sources, unused)
     return Reading(record, table, sources, unused, clock=clock.in_words(record))
 
 
-def _overlooked(
+def _warn_of_overlooked(
     table: Table, sources: Mapping[str, Source], unused: Sequence[str]
-) -> Iterator[tuple[str, str]]:
-    """What is overlooked, and the cure: a force or motion of the base without channel.
+) -> None:
+    """Warn of a force or a motion of the base that no channel uses.
 
     Only where none is mapped, so that it would be taken as zero.
     """
-    used = [name for source in sources.values() for name in source.columns]
-    lengths = {table.variables[name].shape[:1] for name in used}
-    candidates = [name for name in unused if table.variables[name].shape[:1] in lengths]
     has_force = any(dimension_of(channel) == "force" for channel in sources)
     has_base = any(channel in sources for channel in BASES.values())
-    for name in candidates:
+    for name in _as_long_as_used(table, sources, unused):
         letter = kind_of_unit(written_unit("", name, table)) or letter_named(name)
-        is_of_base = names_one_of(name, WORDS_OF_BASE)
+        is_motion_of_base = letter in MOTION_LETTERS and names_one_of(
+            name, WORDS_OF_BASE
+        )
         if letter == "F" and not has_force:
-            yield (
+            what = (
                 f"The column {name!r} seems to be a force, and no channel uses it: all"
-                " floors are taken as unforced",
-                "Map it (F1 = name), or leave it out of the file.",
+                " floors are taken as unforced"
             )
-        elif letter in ("a", "v", "x") and is_of_base and not has_base:
-            yield (
+            cure = "Map it (F1 = name), or leave it out of the file."
+            warn_user(DataQualityWarning(what, cure))
+        elif is_motion_of_base and not has_base:
+            what = (
                 f"The column {name!r} seems to be a motion of the base, and no channel"
-                " uses it: the base is taken at rest",
-                "Map it (ag = name), or leave it out of the file.",
+                " uses it: the base is taken at rest"
             )
+            cure = "Map it (ag = name), or leave it out of the file."
+            warn_user(DataQualityWarning(what, cure))
+
+
+def _as_long_as_used(
+    table: Table, sources: Mapping[str, Source], names: Sequence[str]
+) -> list[str]:
+    """Variables with as many samples as one that a channel uses."""
+    lengths: set[tuple[int, ...]] = set()
+    for source in sources.values():
+        lengths.update(table.variables[name].shape[:1] for name in source.columns)
+    return [name for name in names if table.variables[name].shape[:1] in lengths]
 
 
 def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
@@ -364,6 +375,7 @@ def _assumed(
         sentences.append(
             f"{', '.join(bare)} are taken in {units}: no unit is given for them."
         )
+    sentences += _units_from_names(sources)
     if not clock.rate_is_stated:
         sentences.append(
             f"The rate of {record.fs:g} Hz is {clock.origin}: no time is read."
@@ -375,6 +387,20 @@ def _assumed(
     )
 
 
+def _units_from_names(sources: Mapping[str, Source]) -> list[str]:
+    """A sentence on channels whose unit is only the end of a name."""
+    channels_by_unit: dict[str, list[str]] = {}
+    for channel, source in sources.items():
+        if source.from_name:
+            channels_by_unit.setdefault(source.unit, []).append(channel)
+    if not channels_by_unit:
+        return []
+    groups = [
+        f"{', '.join(group)} in {unit}" for unit, group in channels_by_unit.items()
+    ]
+    return [f"Units are read from the ends of names: {'; '.join(groups)}."]
+
+
 def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
     """Whether a channel of the file has a dimension, and no unit."""
     source = sources.get(channel)
@@ -383,12 +409,18 @@ def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
     return dimension_of(channel) is not None
 
 
-def _stated_in_file(table: Table) -> tuple[str, str, str | None]:
-    """Name, coordinates and course of the forces of the record of a file."""
+def _labels(
+    table: Table, name: str | None, coordinates: str | None, hold: str | None
+) -> tuple[str, str, str | None]:
+    """Name, coordinates and course of the forces: as asked for, or as the file says."""
     stated = table.attributes
     if stated is None:
-        return table.path.stem, "relative", None
-    return stated.name, stated.coordinates, stated.hold
+        return name or table.path.stem, coordinates or "relative", hold
+    return (
+        name or stated.name,
+        coordinates or stated.coordinates,
+        hold or stated.hold,
+    )
 
 
 def _unused_variables(
@@ -448,11 +480,13 @@ def _measured_in_si(
         line = line_of(expression, table, channel)
         unit = _unit_of(channel, expression, table, declared)
         lines[channel] = in_si(line, unit, channel)
+        is_given = _is_given_by_user(channel, mapping, declared)
         sources[channel] = Source(
             expression.text,
             unit or si_unit(channel),
             expression.columns,
             declared=unit is not None,
+            from_name=not is_given and is_end_of_names(unit, expression, table),
         )
     _require_channels_of_units(declared, lines)
     _require_one_kind_of_motion(sources)
@@ -508,6 +542,15 @@ def _declared_units(units: Mapping[str, str]) -> dict[str, str]:
         channel = channel_of(name) or ("F" if name == "f" else name)
         declared[channel] = unit.strip()
     return declared
+
+
+def _is_given_by_user(
+    channel: str, mapping: Mapping[str, str], declared: Mapping[str, str]
+) -> bool:
+    """Whether the user gave the unit of a channel."""
+    return (
+        channel in declared or channel[0] in declared or "@" in mapping.get(channel, "")
+    )
 
 
 def _unit_of(

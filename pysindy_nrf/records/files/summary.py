@@ -127,18 +127,18 @@ def _lines_on_use(
     return lines
 
 
-def contents(table: Table, max_shown: int = MAX_VARIABLES_SHOWN) -> str:
+def contents(table: Table) -> str:
     """List of the variables of a file, for a user who has to map them."""
     longest = max((len(name) for name in table.variables), default=0)
     width = min(longest, MAX_NAME_WIDTH)
     lines = [f"{table.path} holds ({table.in_words}):"]
-    for name, values in list(table.variables.items())[:max_shown]:
+    for name, values in list(table.variables.items())[:MAX_VARIABLES_SHOWN]:
         line = f"  {short(name):{width}s}  {_extent(values)}"
         if name in table.units:
             line += f" {table.units[name]}"
         lines.append(line)
 
-    n_hidden = len(table.variables) - max_shown
+    n_hidden = len(table.variables) - MAX_VARIABLES_SHOWN
     if n_hidden > 0:
         lines.append(f"  and {n_hidden} more")
     return "\n".join(lines)

@@ -190,14 +190,14 @@ def without_empty_rows(
         return frame, []
 
     inside = slice(filled[0], filled[-1] + 1)
-    kept = frame.iloc[inside]
+    filled_rows = frame.iloc[inside]
     if has_time:
-        kept = kept[~is_empty[inside]]
-    n_dropped = len(frame) - len(kept)
+        filled_rows = filled_rows[~is_empty[inside]]
+    n_dropped = len(frame) - len(filled_rows)
     if not n_dropped:
         return frame, []
     rows = "row" if n_dropped == 1 else "rows"
-    return kept.infer_objects(), [f"{n_dropped} empty {rows} left out"]
+    return filled_rows.infer_objects(), [f"{n_dropped} empty {rows} left out"]
 
 
 def two_columns_of_one_name(path: Path, name: str) -> FileFormatError:

@@ -209,6 +209,22 @@ def kind_of_unit(unit: str | None) -> str | None:
     return None
 
 
+def response_unit(unit: str) -> tuple[str, float] | None:
+    """Letter of the motion that a unit of a response is per force, and factor to SI.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.records.files.units import response_unit
+    >>> response_unit("mm/kN"), response_unit("(m/s^2)/N"), response_unit("deg")
+    (('x', 1e-06), ('a', 1.0), None)
+    """
+    motion, _, force = unit.rpartition("/")
+    letter = kind_of_unit(motion)
+    if letter not in ("a", "v", "x") or kind_of_unit(force) != "F":
+        return None
+    return letter, si_factor(motion, f"{letter}1") / si_factor(force, "F1")
+
+
 def _measures(text: str, quantity: Quantity) -> bool:
     """Whether a unit measures a quantity, in one of its readings."""
     dimension = f"[{quantity.name}]"

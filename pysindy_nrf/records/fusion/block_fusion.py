@@ -121,7 +121,7 @@ def fuse_motions(
         ladder = ladder_of(n_samples)
         block = channels.block(0, n_samples)
         single = first_step.fuse(block, ladder, known)
-        return FusedMotions(second_step(block, single, ladder), first_step.kept)
+        return FusedMotions(second_step(block, single, ladder), first_step.by_step)
 
     searched = first_step.fuse(
         channels.most_active(search_size), ladder_of(search_size), known
@@ -133,7 +133,7 @@ def fuse_motions(
         block = channels.block(start, total.block_size)
         single = first_step.fuse(block, ladder, known)
         total.add(start, second_step(block, single, ladder))
-    return FusedMotions(total.motions(searched), first_step.kept)
+    return FusedMotions(total.motions(searched), first_step.by_step)
 
 
 class _DofByDof:
@@ -142,7 +142,7 @@ class _DofByDof:
     def __init__(self, earlier: Sequence[list[FusedMotion]], keep: bool) -> None:
         self._earlier = iter(earlier)
         self._keep = keep
-        self.kept: tuple[list[FusedMotion], ...] = ()
+        self.by_step: tuple[list[FusedMotion], ...] = ()
 
     def fuse(
         self,
@@ -160,7 +160,7 @@ class _DofByDof:
                 # neighbours need similar knots
                 spacing = motion.spacing
         if self._keep:
-            self.kept = (*self.kept, motions)
+            self.by_step = (*self.by_step, motions)
         return motions
 
 

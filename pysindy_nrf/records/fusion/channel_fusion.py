@@ -24,7 +24,7 @@ from ..zero_phase_filter import (
 from .block_fusion import ChannelSet, FusedMotions, fuse_motions
 from .channel_table import MOTION_NAME, TIME_NAMES, ChannelTable
 from .dof_fusion import DofKnowledge, FusedMotion
-from .integration_rules import IntegrationRule, computed_motions
+from .integration_rules import ComputedMotions, IntegrationRule, computed_motions
 
 MIN_SAMPLES = 8
 # Lower edge of a band over the corner of the fusion: 1 / (1 + (1/8)^4) of the motion at
@@ -156,28 +156,21 @@ def fuse_channels(
     dofs = list(table.motions)
     channels = ChannelSet([table.channels_of(j) for j in dofs], list(units.values()))
     known = [_knowledge(table, j, settings, band, noise) for j in dofs]
-    levels = np.array([knowledge.noise for knowledge in known])
-    computed = None
-    # where the base has a displacement, accelerometers were integrated to give all of
-    # them: what obeys a rule is the processing, not the motion
-    if "xg" not in table.measured:
-        computed = computed_motions(channels, _drives(table), levels)
+    computed = _computed_by_a_rule(table, channels, known)
     if computed is None:
         fused = fuse_motions(channels, known, settings.joint, keep, dof_by_dof)
     else:
         fused = FusedMotions(computed.motions)
 
     a, v, x = _in_si_units(fused.motions, table)
-    others = table.other_channels
+    others = dict(table.other_channels)
     edge = 0
     if band is not None:
         operator = _band_filter(band, table)
         edge = operator.edge
         a, v, x = (_without_edges(operator.apply(y), edge) for y in (a, v, x))
-        others = {
-            name: _without_edges(operator.apply(values), edge)
-            for name, values in others.items()
-        }
+        for name, values in others.items():
+            others[name] = _without_edges(operator.apply(values), edge)
     return FusedChannels(
         dofs,
         table.in_all_rows(a),
@@ -192,6 +185,20 @@ def fuse_channels(
         fused.dof_by_dof,
         None if computed is None else computed.rule,
     )
+
+
+def _computed_by_a_rule(
+    table: ChannelTable, channels: ChannelSet, known: Sequence[DofKnowledge]
+) -> ComputedMotions | None:
+    """Motions that a time integration rule made; None if they were measured.
+
+    Where the base has a displacement, accelerometers were integrated to give all of
+    them: what obeys a rule there is the processing, not the motion.
+    """
+    if "xg" in table.measured:
+        return None
+    levels = np.array([knowledge.noise for knowledge in known])
+    return computed_motions(channels, _drives(table), levels)
 
 
 def known_noise(

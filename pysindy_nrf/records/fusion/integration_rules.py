@@ -173,11 +173,11 @@ class _CurvatureGap:
         self._bend = _summed_twice(np.diff(a, 2)[2:-2], leak)
         self._smooth_gap = self._gap - _summed_twice(_smooth_bend(a), leak)
         straight = [np.diff(y, 2)[2:-2] / 6 - _smooth_bend(y) for y in drives]
-        parts = [_summed_twice(part, leak) for part in straight]
+        parts = [_summed_twice(errors, leak) for errors in straight]
         self.drive_gains = _gains(parts, self._smooth_gap)
         self._straight_gap = self._smooth_gap.copy()
-        for gain, part in zip(self.drive_gains, parts, strict=True):
-            self._straight_gap -= gain * part
+        for gain, errors in zip(self.drive_gains, parts, strict=True):
+            self._straight_gap -= gain * errors
 
     def share_of_error(self, rule: IntegrationRule | None = None) -> float:
         """Rms of what a rule leaves, as a share of that of the displacement; of what a
@@ -209,7 +209,7 @@ def _summed_twice(values: np.ndarray, leak: float) -> np.ndarray:
 
 def _gains(parts: Sequence[np.ndarray], values: np.ndarray) -> np.ndarray:
     """Factors of some parts in values, by least squares; zero for parts of zeros."""
-    sizes = np.array([part.std() for part in parts])
+    sizes = np.array([errors.std() for errors in parts])
     gains = np.zeros(len(parts))
     moving = np.flatnonzero(sizes).tolist()
     if moving:

@@ -366,14 +366,9 @@ def base_acceleration(record: Record) -> np.ndarray:
     return ground.a[:, 0]
 
 
-def base_acceleration_if_any(record: Record, band: Band = None) -> np.ndarray | None:
-    """Acceleration of the base in a band; None for a record in which no motion of the
-    base was given.
-    """
-    ag = base_acceleration(record) if record.base_moves else record.base_acceleration
-    if ag is None or band is None:
-        return ag
-    return ZeroPhaseFilter(band, record.fs).apply(ag)
+def base_acceleration_if_any(record: Record) -> np.ndarray | None:
+    """Acceleration of the base; None where none of its motion was given."""
+    return base_acceleration(record) if record.base_moves else record.base_acceleration
 
 
 def base_motion(

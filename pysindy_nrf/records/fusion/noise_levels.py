@@ -7,7 +7,7 @@ import numpy as np
 from scipy.signal import welch
 from scipy.special import erfinv
 
-from ..record import BASES, Record
+from ..record import BASES, OF_LETTER, Record
 
 # Share of a signal's rms above which what is found is signal, not noise.
 MAX_NOISE_SHARE = 0.2
@@ -44,8 +44,13 @@ def white_level(y: np.ndarray, order: int = 4) -> float:
     return float(np.median(steps) / NORMAL_MEDIAN / np.sqrt(comb(2 * order, order)))
 
 
-def level_of_quietest(y: np.ndarray, order: int = 10) -> float:
+# Order of the differences in which a smooth motion vanishes and white noise stays.
+DIFFERENCES_OF_QUIETEST = 10
+
+
+def level_of_quietest(y: np.ndarray) -> float:
     """Level of the white noise of a channel in its quietest samples."""
+    order = DIFFERENCES_OF_QUIETEST
     steps = np.diff(y, order)
     if len(y) < 4 * order or not steps.any():
         return white_level(y, order)
@@ -213,6 +218,21 @@ def quiet_drive(record: Record, levels: Mapping[str, float]) -> Record:
     for j in record.forced:
         force[:, j - 1] = denoised(force[:, j - 1], levels.get(f"F{j}", 0.0), record.fs)
     return record.replace(force=force, **changes)
+
+
+def noisy_channels(
+    record: Record, levels: Mapping[str, float], rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Measured motions and forces with fresh noise on them, by field of the record."""
+    changes = {}
+    for letter in "avxF":
+        measured = getattr(record, OF_LETTER[letter])
+        if measured is None:
+            continue
+        rms = [levels.get(f"{letter}{j}", 0.0) for j in range(1, record.n_dof + 1)]
+        scatter = rng.standard_normal(np.shape(measured)) * rms
+        changes[OF_LETTER[letter]] = np.asarray(measured, dtype=float) + scatter
+    return changes
 
 
 def noisy_base(

@@ -25,8 +25,8 @@ def chart_figures(table: pd.DataFrame) -> list[Figure]:
             Line(test, -rows["limit"], "", "ink", 0.8, dash="dash"),
         ]
         if len(raised):
-            at = raised["test"]
-            marks.append(Line(at, raised["statistic"], "alarm", "red", 0, "", "s"))
+            tests = raised["test"]
+            marks.append(Line(tests, raised["statistic"], "alarm", "red", 0, "", "s"))
         figures.append(
             Figure(
                 f"Control chart of the stiffness, {storey}",

@@ -132,7 +132,7 @@ def _noise_percent(sizes: pd.DataFrame, floor: NoiseFloor | None) -> np.ndarray:
     """What noise alone leaves, percent of each reference; NaN where unknown."""
     percent = np.full(len(sizes), np.nan)
     if floor is not None:
-        level = np.array([floor.at(str(where)) for where in sizes.index])
+        level = np.array([floor.rms_at(str(where)) for where in sizes.index])
         reference = sizes["reference"].to_numpy()
         np.divide(100 * level, reference, out=percent, where=reference > 0)
     return percent
@@ -409,7 +409,7 @@ def before_after_figure(report: Loop) -> Figure:
 
 
 def missing_force_figures(
-    force: RestoringForce, loop: SiteLoop, found: Collection[str]
+    force: RestoringForce, loop: SiteLoop, added: Collection[str]
 ) -> list[Figure]:
     """The force that the declared laws lack at a site, with the found law over it.
 
@@ -422,10 +422,10 @@ def missing_force_figures(
         Of the final model.
     loop : SiteLoop
         Forces along the data.
-    found : collection of str
+    added : collection of str
         Names of the laws that the loop added there.
     """
-    declared = [law for law in force.laws if law.name not in found]
+    declared = [law for law in force.laws if law.name not in added]
     linear = RestoringForce(force.site, declared)
     if loop.measured is None or len(declared) == len(force.laws):
         return []

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,7 @@ from ...diagnosis.residual import Filters, residual_of
 from ...drawing.figure import Axis, Figure, Line, Mark, Table
 from ...exceptions import NRFWarning
 from ...records.dataset import Dataset, Segment
-from ...records.fusion.noise_levels import levels_of, noisy_base
-from ...records.record import MATRICES, Record
+from ...records.fusion.noise_levels import levels_of, noisy_base, noisy_channels
 from ...records.spectra import density
 
 # Lags of a correlation that are drawn, and the bound of 95 % of those of white noise.
@@ -79,21 +78,21 @@ def equation_residuals(
     force, inertia = segment.F[rows], segment.a[rows] * model.masses
     noise = _noise_of_equations(model, data, filters)
 
-    found = []
+    residuals = []
     for j in range(model.n_dof):
-        left = residual.balance[0][:, j]
-        if not np.isfinite(left).all():
+        unexplained = residual.balance[0][:, j]
+        if not np.isfinite(unexplained).all():
             continue
         is_forced = bool(force[:, j].any())
         reference = force[:, j] if is_forced else inertia[:, j]
         if band is not None:
             reference = band.apply(reference.astype(float))
-        found.append(
+        residuals.append(
             EquationResidual(
                 j + 1,
                 segment.name,
                 segment.dt or 1.0,
-                left,
+                unexplained,
                 reference,
                 "F" if is_forced else "m a",
                 drive,
@@ -101,7 +100,7 @@ def equation_residuals(
                 None if noise is None else noise[:, j],
             )
         )
-    return found
+    return residuals
 
 
 def _drive_of(segment: Segment) -> tuple[np.ndarray, str]:
@@ -133,7 +132,12 @@ def _noise_of_equations(
     if not data.records or segment.dt is None or segment.n_valid > LONGEST_DRAW:
         return None
     record = data.records[0]
-    noisy = _with_noise(record, levels_of(record, segment.noise))
+    levels = levels_of(record, segment.noise)
+    # the picture of a record is the same whenever it is drawn
+    rng = np.random.default_rng(0)
+    noisy = record.replace(
+        **noisy_channels(record, levels, rng), **noisy_base(record, levels, rng)
+    )
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         fused = motions_of(model, [noisy])
     if fused.segments[0].valid != segment.valid:
@@ -143,21 +147,6 @@ def _noise_of_equations(
         first = Dataset(shown.segments[:1], shown.segments[0].n_samples)
         residuals.append(residual_of(model, first, filters[:1]).balance[0])
     return residuals[1] - residuals[0]
-
-
-def _with_noise(record: Record, levels: Mapping[str, float]) -> Record:
-    """A record with fresh noise of some levels on its channels."""
-    # the picture of a record is the same whenever it is drawn
-    rng = np.random.default_rng(0)
-    changed: dict[str, np.ndarray] = {}
-    for key, letter in MATRICES.items():
-        matrix = getattr(record, key)
-        if matrix is None:
-            continue
-        names = [f"{letter}{j}" for j in range(1, record.n_dof + 1)]
-        sizes = np.array([levels.get(name, 0.0) for name in names])
-        changed[key] = matrix + sizes * rng.standard_normal(matrix.shape)
-    return record.replace(**changed, **noisy_base(record, levels, rng))
 
 
 def residual_figures(shown: EquationResidual) -> list[Figure]:
@@ -171,15 +160,18 @@ def residual_figures(shown: EquationResidual) -> list[Figure]:
 def residual_spectrum_figure(shown: EquationResidual) -> Figure:
     """What is left by frequency, beside the force and the level of the noise."""
     fs = 1.0 / shown.step
-    f, left = density(shown.residual, fs)
+    f, density_of_residual = density(shown.residual, fs)
     _, reference = density(shown.reference, fs)
-    left, reference = np.sqrt(left[1:]), np.sqrt(reference[1:])
+    density_of_residual, reference = (
+        np.sqrt(density_of_residual[1:]),
+        np.sqrt(reference[1:]),
+    )
     f = f[1:]
 
     name = "applied force" if shown.reference_name == "F" else "inertia m a"
     marks: list[Mark] = [
         Line(f, reference, name, "muted", 1.0),
-        Line(f, left, "residual", "blue", 1.3),
+        Line(f, density_of_residual, "residual", "blue", 1.3),
     ]
     caption = "Amplitude density of what the model leaves of this equation of motion."
     if shown.noise is not None:
@@ -188,7 +180,7 @@ def residual_spectrum_figure(shown: EquationResidual) -> Figure:
         marks.append(Line(f, np.sqrt(noise[1:]), name, "red", 1.0, "dash"))
         caption += " Dashed: what the noise of all channels would leave."
 
-    largest = float(max(reference.max(), left.max()))
+    largest = float(max(reference.max(), density_of_residual.max()))
     limits = (FLOOR_OF_SPECTRA * largest, 2.0 * largest) if largest > 0 else None
     return Figure(
         f"Spectrum of the residual of DOF {shown.dof}",

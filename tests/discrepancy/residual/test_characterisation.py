@@ -60,14 +60,14 @@ def left_of(force, noise=0.05):
     """What a linear baseline leaves of a force of 20 N rms, and noise of a share."""
     force = force / np.sqrt(np.mean(force**2))
     linear = np.column_stack([S / UNIT, V / V.std(), A / A.std()])
-    left = force - linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
-    scatter = np.random.default_rng(0).standard_normal(len(left))
-    return 20 * (left + noise * np.sqrt(np.mean(left**2)) * scatter)
+    residual = force - linear @ np.linalg.lstsq(linear, force, rcond=None)[0]
+    scatter = np.random.default_rng(0).standard_normal(len(residual))
+    return 20 * (residual + noise * np.sqrt(np.mean(residual**2)) * scatter)
 
 
-def chosen(found):
+def chosen(characterisation):
     """The row of the table of shares that was chosen."""
-    (row,) = found.shares.index[found.shares["chosen"]]
+    (row,) = characterisation.shares.index[characterisation.shares["chosen"]]
     return row
 
 
@@ -88,56 +88,58 @@ def chosen(found):
     ],
 )
 def test_a_force_is_said_to_depend_on_what_it_does(force, row, parity, word):
-    found = characterise([left_of(force)], [MOTION])
-    assert chosen(found) == row
-    assert found.shares.loc[row, "share"] > 90
-    assert parity in found.sentence and word in found.sentence
+    characterisation = characterise([left_of(force)], [MOTION])
+    assert chosen(characterisation) == row
+    assert characterisation.shares.loc[row, "share"] > 90
+    assert parity in characterisation.sentence and word in characterisation.sentence
     if row in ("s alone", "v alone"):
-        assert abs(found.memory) < 2
+        assert abs(characterisation.memory) < 2
 
 
 def test_a_step_of_stiffness_changes_in_time():
-    found = characterise([left_of(S * (T > 12))], [MOTION])
-    assert chosen(found) == "time"
-    assert found.shares.loc["time", "share"] > 85
+    characterisation = characterise([left_of(S * (T > 12))], [MOTION])
+    assert chosen(characterisation) == "time"
+    assert characterisation.shares.loc["time", "share"] > 85
 
 
 def test_hysteresis_depends_on_the_path():
-    found = characterise([left_of(bouc_wen())], [MOTION])
-    assert found.dependence == Dependence.PATH
-    assert found.memory > 15
-    assert "hysteresis" in found.sentence
+    characterisation = characterise([left_of(bouc_wen())], [MOTION])
+    assert characterisation.dependence == Dependence.PATH
+    assert characterisation.memory > 15
+    assert "hysteresis" in characterisation.sentence
 
 
 def test_the_frequency_of_a_line_is_found():
-    found = characterise([left_of(harmonic())], [MOTION])
-    assert found.frequency == pytest.approx(7.3456, abs=0.002)
+    characterisation = characterise([left_of(harmonic())], [MOTION])
+    assert characterisation.frequency == pytest.approx(7.3456, abs=0.002)
 
 
 def test_noise_depends_on_nothing():
     noise = np.random.default_rng(0).standard_normal(len(T))
-    found = characterise([noise], [MOTION], noise=1.0)
-    assert found.dependence == Dependence.NOTHING
-    assert np.isnan(found.frequency)
-    assert (found.shares["share"] < 1).all()
-    assert "noise is 100 %" in found.sentence
+    characterisation = characterise([noise], [MOTION], noise=1.0)
+    assert characterisation.dependence == Dependence.NOTHING
+    assert np.isnan(characterisation.frequency)
+    assert (characterisation.shares["share"] < 1).all()
+    assert "noise is 100 %" in characterisation.sentence
 
 
 def test_band_is_treated_fairly():
     band = ZeroPhaseFilter((0.5, 20.0), FS)
     force = band.apply(20 * np.sign(V))
-    found = characterise([force], [Motion(S, V, A, T)], filters=[band])
-    assert found.dependence == Dependence.RATE
-    assert Feature.JUMP in found.features
-    assert found.shares.loc["v alone", "share"] > 99.5
+    characterisation = characterise([force], [Motion(S, V, A, T)], filters=[band])
+    assert characterisation.dependence == Dependence.RATE
+    assert Feature.JUMP in characterisation.features
+    assert characterisation.shares.loc["v alone", "share"] > 99.5
 
 
 def test_columns_of_the_baseline_are_allowed_for():
     other = np.roll(S, 777)
     force = 20 * np.sign(V) + 4e4 * other
-    found = characterise([force], [Motion(S, V, A, T)], beside=[other[:, None]])
-    assert found.dependence == Dependence.RATE
-    assert found.shares.loc["v alone", "share"] > 99
+    characterisation = characterise(
+        [force], [Motion(S, V, A, T)], beside=[other[:, None]]
+    )
+    assert characterisation.dependence == Dependence.RATE
+    assert characterisation.shares.loc["v alone", "share"] > 99
 
 
 def test_several_records_are_read_together():
@@ -169,9 +171,9 @@ def test_a_force_linear_in_the_motion_is_no_spectral_line():
     t = np.arange(4000) / 500
     s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)
     v = 9 * np.cos(9 * t) + 0.7 * 23.1 * np.cos(23.1 * t)
-    found = characterise([3.0 * s + 0.5 * v], [Motion(s, v, t=t)])
-    assert found.dependence == Dependence.LINEAR
-    assert "wrong stiffness, damping or mass" in found.sentence
+    characterisation = characterise([3.0 * s + 0.5 * v], [Motion(s, v, t=t)])
+    assert characterisation.dependence == Dependence.LINEAR
+    assert "wrong stiffness, damping or mass" in characterisation.sentence
 
 
 # -- spectral lines ------------------------------------------------------------
@@ -196,8 +198,8 @@ def test_a_clean_line_is_found_to_the_nearest_of_81_points_in_two_bins():
     clean = np.cos(2 * np.pi * 11.37 * T10 + 1) + 1e-6 * WHITE
     # bins of 0.1 Hz
     half_a_point = 0.5 * 2 / 80 / 10
-    found = spectral_line([clean], [still(T10)])
-    assert found == pytest.approx(11.37, abs=half_a_point + 1e-9)
+    line = spectral_line([clean], [still(T10)])
+    assert line == pytest.approx(11.37, abs=half_a_point + 1e-9)
 
 
 @pytest.mark.parametrize("n", [500, 3000])

@@ -24,7 +24,9 @@ def linear_case(n, forced, seed, n_samples=6000, **options):
     """A linear chain, with what ``duffing`` adds to it."""
     m, c, k, _ = parameters(n, np.random.default_rng(seed), cubic=False)
     linear = m, c, k, np.zeros(n)
-    return duffing(n, forced, seed=seed, n_samples=n_samples, given=linear, **options)
+    return duffing(
+        n, forced, seed=seed, n_samples=n_samples, parameters_of_chain=linear, **options
+    )
 
 
 def linear_residual(case):
@@ -46,9 +48,9 @@ def test_white_noise_of_a_known_size_is_noise_whatever_the_band(band):
         noise = rng.standard_normal((2, 2500, 1))
         if filter_ is not None:
             noise = [filter_.apply(line) for line in noise]
-        left = replace(residual, balance=[noise[0]])
+        residual_of_noise = replace(residual, balance=[noise[0]])
         floor = NoiseFloor.from_draws([replace(residual, balance=[noise[1]])])
-        alarms += not detect(left, floor).is_noise
+        alarms += not detect(residual_of_noise, floor).is_noise
     assert alarms <= binom.ppf(0.999, RUNS, 0.05)
 
 
@@ -68,9 +70,11 @@ def test_friction_is_nonlinear():
         out[..., 0] = force
         return out
 
-    found = detect(linear_residual(linear_case(3, ALL, 2, extra=friction, substeps=4)))
-    assert not found.is_noise
-    storey = found.verdicts.loc["storey 2"]
+    detection = detect(
+        linear_residual(linear_case(3, ALL, 2, extra=friction, substeps=4))
+    )
+    assert not detection.is_noise
+    storey = detection.verdicts.loc["storey 2"]
     assert storey["verdict"] == ResidualKind.NONLINEAR
     assert storey["nonlinear share"] > 0.9
 
@@ -80,8 +84,8 @@ def test_a_brace_is_linear():
         force = 2e4 * (x[..., 2] - x[..., 0])
         return np.stack([force, 0 * force, -force], axis=-1)
 
-    found = detect(linear_residual(linear_case(3, ALL, 3, extra=brace)))
-    ends = found.verdicts.loc[["dof 1", "dof 3"]]
+    detection = detect(linear_residual(linear_case(3, ALL, 3, extra=brace)))
+    ends = detection.verdicts.loc[["dof 1", "dof 3"]]
     assert set(ends["verdict"]) == {ResidualKind.LINEAR}
     assert (ends["linear share"] > 0.99).all()
 
@@ -185,6 +189,6 @@ def test_hysteresis_of_an_element_without_mass_is_no_linear_effect():
     data = from_arrays(X, (3e4 * s + slider)[:, None], dt=1e-2)
     residual = residual_of(ChainModel([0.0], {1: [laws.LinearElastic(6e4)]}), data)
     floor = NoiseFloor(np.ones(1), np.ones(1))
-    found = detect(residual, floor).verdicts.loc["dof 1"]
-    assert found["verdict"] == ResidualKind.NONLINEAR
-    assert found["nonlinear share"] > 0.3
+    row = detect(residual, floor).verdicts.loc["dof 1"]
+    assert row["verdict"] == ResidualKind.NONLINEAR
+    assert row["nonlinear share"] > 0.3

@@ -99,8 +99,8 @@ def test_a_law_with_memory_follows_its_path_through_what_is_held_out():
     F = excitation.band_limited_random(
         2, 6.0, 500.0, excited=2, rms=60.0, band=(0.5, 25), random_state=0
     )
-    found = evidence_in(search_data(simulate(truth, F, 2e-3)), truth)
-    assert found.sizes["percent"].max() < 1.0
+    evidence = evidence_in(search_data(simulate(truth, F, 2e-3)), truth)
+    assert evidence.sizes["percent"].max() < 1.0
 
 
 def test_the_chosen_site_is_said_beside_what_the_signs_say():

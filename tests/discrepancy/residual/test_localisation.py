@@ -42,7 +42,7 @@ def force_at(site, strength):
 
 
 @dataclass
-class Left:
+class ResidualCase:
     """What a linear chain leaves of a test, and what noise would leave."""
 
     residual: Any
@@ -59,14 +59,14 @@ def left_of(site, excitation, seed=0, strength=8.0, noise=0.0):
         seed=seed,
         n_samples=4000,
         ag=None if dofs else band_limited(4000, DT, rng, rms=8.0),
-        given=linear,
+        parameters_of_chain=linear,
         extra=force_at(site, strength) if site else None,
         substeps=2,
     )
     known = None if dofs else dict(enumerate(linear[0], 1))
     if noise:
         return noisy_left_of(case, known, noise, rng)
-    return Left(fitted_residual(case.X, case.F, case.ag, known)[1])
+    return ResidualCase(fitted_residual(case.X, case.F, case.ag, known)[1])
 
 
 def fitted_residual(X, F, ag=None, known=None):
@@ -92,7 +92,7 @@ def noisy_left_of(case, known, noise, rng):
         noisy[name] = lines + levels[name] * rng.standard_normal(lines.shape)
     rec = Record(**noisy, fs=1 / DT, base_acceleration=case.ag)
     model, residual = fitted_residual(*rec.to_features(), case.ag, known)
-    return Left(residual, floor_of_noise(model, rec, levels))
+    return ResidualCase(residual, floor_of_noise(model, rec, levels))
 
 
 @pytest.mark.parametrize(
@@ -117,8 +117,8 @@ def test_right_site_comes_first_without_noise(site, excitation):
 
 @pytest.mark.parametrize("excitation", ["complete", "base"])
 def test_right_site_comes_first_with_one_percent_noise(excitation):
-    left = left_of("storey 2", excitation, seed=1, strength=15.0, noise=0.01)
-    table = localise(left.residual, left.floor).table
+    case = left_of("storey 2", excitation, seed=1, strength=15.0, noise=0.01)
+    table = localise(case.residual, case.floor).table
     assert table.index[0] == "storey 2"
     assert table["share"].iloc[0] > 90
 
@@ -152,6 +152,6 @@ def test_unknown_balance_hides_what_cannot_be_told():
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_where_nothing_is_missing_no_site_is_named(noise):
-    left = left_of(None, "complete", noise=noise)
-    found = localise(left.residual, left.floor)
-    assert found.verdict == Location.NOTHING and found.site == ""
+    case = left_of(None, "complete", noise=noise)
+    localisation = localise(case.residual, case.floor)
+    assert localisation.verdict == Location.NOTHING and localisation.site == ""

@@ -59,7 +59,7 @@ def test_missing_brace_shows_in_every_cut_it_crosses():
         return out
 
     linear = parameters(4, np.random.default_rng(3), cubic=False)
-    case = duffing(4, [4], seed=3, given=linear, extra=brace)
+    case = duffing(4, [4], seed=3, parameters_of_chain=linear, extra=brace)
     rho = residual_of(model_of(case), data_of(case)).storey[0]
     force = 2e4 * (case.s[:, 1] + case.s[:, 2])
     assert np.allclose(rho[:, 1], force, atol=1e-7)

@@ -180,9 +180,11 @@ def test_bands_hold_the_truth_as_often_as_they_say():
     shares = []
     for _ in range(20):
         X, F = oscillator(rng, course)
-        found = followed(X, F).course(1, "s")
-        truth = np.interp(found.index, T, course)
-        inside = (found["lower"] <= truth) & (truth <= found["upper"])
+        followed_course = followed(X, F).course(1, "s")
+        truth = np.interp(followed_course.index, T, course)
+        inside = (followed_course["lower"] <= truth) & (
+            truth <= followed_course["upper"]
+        )
         shares.append(inside.mean())
     assert 0.90 <= np.mean(shares) <= 0.99
 

@@ -109,9 +109,9 @@ def test_of_two_readings_of_a_narrow_motion_the_shorter_shift_is_taken(
     """
     a, v = narrow
     v = sign * delayed(v, samples)
-    found = channel_alignment(Record(acceleration=a, velocity=v, fs=1e3)).loc["v1"]
-    assert found["sign"] == sign
-    assert found["samples"] == pytest.approx(samples, abs=1)
+    row = channel_alignment(Record(acceleration=a, velocity=v, fs=1e3)).loc["v1"]
+    assert row["sign"] == sign
+    assert row["samples"] == pytest.approx(samples, abs=1)
 
 
 def test_a_narrow_motion_in_noise_is_judged_by_the_few_lines_that_rise_above_it():
@@ -119,7 +119,7 @@ def test_a_narrow_motion_in_noise_is_judged_by_the_few_lines_that_rise_above_it(
     delay, or nothing is said.
     """
     t = np.arange(0, 16, 0.02)
-    found = []
+    delays = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         w = 2 * np.pi * rng.uniform(0.5, 10.0)
@@ -130,8 +130,8 @@ def test_a_narrow_motion_in_noise_is_judged_by_the_few_lines_that_rise_above_it(
         }
         for kind, y in channels.items():
             channels[kind] = y + 0.2 * y.std() * rng.standard_normal(len(t))
-        found.append(channel_alignment(Record(time=t, **channels)))
-    table = pd.concat(found)[["gain", "delay"]].dropna()
+        delays.append(channel_alignment(Record(time=t, **channels)))
+    table = pd.concat(delays)[["gain", "delay"]].dropna()
     assert len(table) > 60
     np.testing.assert_allclose(table["gain"], 1.0, atol=0.1)
     np.testing.assert_allclose(table["delay"], 0.0, atol=0.01)
@@ -195,7 +195,7 @@ def test_gaps_cut_a_table_into_records():
     table = table.reset_index(drop=True)
     table.loc[1200:1210, "x1"] = np.nan
     parts = split_at_gaps(table, name="test 3")
-    assert [part.n_samples for part in parts] == [500, 700, 749]
+    assert [piece.n_samples for piece in parts] == [500, 700, 749]
     assert parts[1].name == "test 3, part 2"
     np.testing.assert_allclose(parts[0].displacement[:, 0], np.sin(t[:500]))
 
@@ -207,7 +207,7 @@ def test_short_pieces_between_gaps_are_left_out():
     with pytest.raises(ChannelError, match="No piece without a gap"):
         split_at_gaps(table)
     parts = split_at_gaps(table, shortest=30)
-    assert [part.n_samples for part in parts][:3] == [39, 39, 39]
+    assert [piece.n_samples for piece in parts][:3] == [39, 39, 39]
 
 
 @pytest.mark.parametrize("start", ["blow", "release"])

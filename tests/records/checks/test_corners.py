@@ -44,8 +44,8 @@ def test_the_corner_of_a_displacement_is_that_of_the_displacement():
     record = clean.replace(displacement=filtered(clean.displacement, 0.5))
     notes = channel_notes(add_noise(record, 0.01, random_state=1))
 
-    found = {(note.kind, note.channel, note.witness) for note in notes}
-    assert found == {("corner", "x1", "a1"), ("corner", "x2", "a2")}
+    kinds = {(note.kind, note.channel, note.witness) for note in notes}
+    assert kinds == {("corner", "x1", "a1"), ("corner", "x2", "a2")}
     assert without_corners(record, notes).acceleration is not None
 
 

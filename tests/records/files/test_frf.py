@@ -229,6 +229,31 @@ def test_responses_in_two_columns(tmp_path, form, separator):
     np.testing.assert_allclose(read_frf(path, excited=2).H, H, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("unit", "factor", "power"),
+    [("m/N", 1.0, 0), ("mm/kN", 1e6, 0), ("m/s/N", 1.0, 1), ("g/N", 1 / 9.80665, 2)],
+)
+def test_units_of_responses_say_their_kind(tmp_path, unit, factor, power):
+    response = factor * (2j * np.pi * F[:, None]) ** power * receptance(F, 2)
+    columns = {"Frequency (Hz)": F}
+    for k, line in enumerate(response.T, 1):
+        columns[f"H{k} mag ({unit})"] = abs(line)
+        columns[f"H{k} phase (deg)"] = np.angle(line, deg=True)
+    file = tmp_path / "test.csv"
+    pd.DataFrame(columns).to_csv(file, index=False)
+
+    measured = read_frf(file, excited=2)
+
+    np.testing.assert_allclose(measured.H, H, rtol=1e-9)
+
+
+def test_a_kind_against_the_units_is_refused(tmp_path):
+    file = tmp_path / "test.csv"
+    file.write_text("f,H1 (mm/N)\n1.0,0.1+0.1j\n2.0,0.2+0.1j\n")
+    with pytest.raises(ChannelError, match="receptance"):
+        read_frf(file, kind="accelerance")
+
+
 def test_a_phase_in_no_unit_is_asked_for(tmp_path):
     path = tmp_path / "h.csv"
     columns = {"f": F, "mag": abs(H[:, 0]), "phase": np.angle(H[:, 0])}

@@ -17,14 +17,14 @@ WHISTLE = np.sin(2 * np.pi * 90 * T)
 
 
 @pytest.fixture
-def own(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     table = pd.DataFrame({"t": T, "a1": SWAY + WHISTLE, "ag": WHISTLE, "x1": SWAY})
     table.to_csv("own.csv", index=False)
     return table
 
 
-def test_a_part_of_the_test(own):
+def test_a_part_of_the_test(folder):
     record = read_record("own.csv", preparation=Preparation(start=2.0, stop=3.5))
     assert record.n_samples == 600
     assert record.time[0] == pytest.approx(2.0)
@@ -32,7 +32,7 @@ def test_a_part_of_the_test(own):
         read_record("own.csv", preparation=Preparation(start=20.0))
 
 
-def test_a_lower_rate_has_a_band_limit(own):
+def test_a_lower_rate_has_a_band_limit(folder):
     """90 Hz would be 10 Hz at 100 samples a second; the sway stays as it is."""
     record = read_record("own.csv", preparation=Preparation(fs=100.0))
     assert record.fs == 100
@@ -44,7 +44,7 @@ def test_a_lower_rate_has_a_band_limit(own):
         read_record("own.csv", preparation=Preparation(fs=500.0))
 
 
-def test_accelerations_relative_to_the_base(own):
+def test_accelerations_relative_to_the_base(folder):
     how = Preparation(relative_acceleration=True)
     record = read_record("own.csv", preparation=how)
     np.testing.assert_allclose(record.acceleration[:, 0], SWAY + 2 * WHISTLE)
@@ -52,19 +52,19 @@ def test_accelerations_relative_to_the_base(own):
         read_record("own.csv", mapping={"ag": "none"}, preparation=how)
 
 
-def test_rows_in_which_a_channel_is_empty(own):
-    own.loc[3990:, "x1"] = np.nan
-    own.loc[0, "t"] = np.nan
-    own.to_csv("own.csv", index=False)
+def test_rows_in_which_a_channel_is_empty(folder):
+    folder.loc[3990:, "x1"] = np.nan
+    folder.loc[0, "t"] = np.nan
+    folder.to_csv("own.csv", index=False)
     with pytest.raises(ChannelError, match="not finite in row 0"):
         read_record("own.csv")
     record = read_record("own.csv", preparation=Preparation(drop_blank=True))
     assert record.n_samples == 3989
 
 
-def test_a_hole_that_blank_rows_leave_is_found(own):
-    own.loc[2000:2003, "x1"] = np.nan
-    own.to_csv("own.csv", index=False)
+def test_a_hole_that_blank_rows_leave_is_found(folder):
+    folder.loc[2000:2003, "x1"] = np.nan
+    folder.to_csv("own.csv", index=False)
     with pytest.raises(ChannelError, match="gap"):
         read_record("own.csv", preparation=Preparation(drop_blank=True))
     with pytest.raises(ChannelError, match="without a time"):
@@ -81,7 +81,7 @@ def measured(capsys, *words):
     return json.loads(capsys.readouterr().out)["records"][0]
 
 
-def test_the_command_line_cuts_and_shapes(own, capsys):
+def test_the_command_line_cuts_and_shapes(folder, capsys):
     flags = ["--from", "2", "--to", "4", "--resample", "100", "--relative-acceleration"]
     record = measured(capsys, "own.csv", *flags)
     assert record["n_samples"] == 200
@@ -90,7 +90,7 @@ def test_the_command_line_cuts_and_shapes(own, capsys):
     assert record["channels"]["a1"]["rms"] == pytest.approx(0.5 / np.sqrt(2), rel=1e-3)
 
 
-def test_the_mapping_file_cuts_and_shapes(own, capsys):
+def test_the_mapping_file_cuts_and_shapes(folder, capsys):
     text = 'files = ["own.csv"]\n[prepare]\nfrom = 1\nto = 3\nresample = 100\n'
     with open("own.toml", "w") as file:
         file.write(text)
@@ -101,7 +101,7 @@ def test_the_mapping_file_cuts_and_shapes(own, capsys):
 
 
 @pytest.mark.parametrize("line", ["until = 3", "from = 'now'", "drop_blank = 1"])
-def test_preparations_that_are_not_understood(own, capsys, line):
+def test_preparations_that_are_not_understood(folder, capsys, line):
     with open("own.toml", "w") as file:
         file.write(f'files = ["own.csv"]\n[prepare]\n{line}\n')
     assert run(["inspect", "--mapping", "own.toml"]) == 3

@@ -30,14 +30,14 @@ def bits(array):
     return None if array is None else (array.dtype, array.shape, array.tobytes())
 
 
-def assert_same(one: Record, two: Record) -> None:
+def assert_same(first: Record, second: Record) -> None:
     for key in (*MATRICES, *BASES):
-        assert bits(getattr(one, key)) == bits(getattr(two, key)), key
+        assert bits(getattr(first, key)) == bits(getattr(second, key)), key
     for key in ATTRIBUTES:
-        assert getattr(one, key) == getattr(two, key), key
-    assert list(one.covariates) == list(two.covariates)
-    for name, line in one.covariates.items():
-        assert bits(line) == bits(two.covariates[name]), name
+        assert getattr(first, key) == getattr(second, key), key
+    assert list(first.covariates) == list(second.covariates)
+    for name, line in first.covariates.items():
+        assert bits(line) == bits(second.covariates[name]), name
 
 
 N = 7
@@ -139,7 +139,7 @@ def test_a_written_record_opens_with_pyuff(tmp_path):
     pyuff = pytest.importorskip("pyuff")
     record = datasets.load_demo()
     sets = pyuff.UFF(str(write_record(record, tmp_path / "r.uff"))).read_sets()
-    by_name = {one["id1"]: one for one in sets if one["type"] == 58}
+    by_name = {dataset["id1"]: dataset for dataset in sets if dataset["type"] == 58}
     a3 = by_name["a3"]
     np.testing.assert_array_equal(a3["data"], record.acceleration[:, 2])
     assert a3["func_type"] == 1
@@ -245,7 +245,7 @@ def test_reconstructed_forces_as_uff(tmp_path):
     record = datasets.load_demo()
     path = write_forces(datasets.demo_truth(), record, tmp_path / "forces.uff")
     sets = pyuff.UFF(str(path)).read_sets()
-    nodes = [(int(one["rsp_node"]), int(one["ref_node"])) for one in sets]
+    nodes = [(int(dataset["rsp_node"]), int(dataset["ref_node"])) for dataset in sets]
     assert nodes == [(1, 0), (2, 1), (3, 2)]
 
     second = sets[1]

@@ -48,8 +48,8 @@ def test_the_ends_of_a_record_are_not_worse_than_twice_its_middle(kind):
         (fused.displacement, clean.x),
     )
     edge = len(clean.t) // 20
-    for found, truth in pairs:
-        error = found - truth
+    for motion, truth in pairs:
+        error = motion - truth
         middle = rms(error[edge:-edge])
         assert (rms(error[:edge]) <= 2 * middle).all()
         assert (rms(error[-edge:]) <= 2 * middle).all()
@@ -66,8 +66,8 @@ def test_noise_levels_are_found_from_one_two_or_three_channels(kinds, share):
             table[f"{kind}{j}"] = with_noise(y, share, rng)
             levels[f"{kind}{j}"] = share * y.std()
     smoother = KinematicSmoother(fs=FS, band=(2.0, 100.0)).fit(pd.DataFrame(table))
-    found = smoother.noise_[list(levels)]
-    np.testing.assert_allclose(found, list(levels.values()), rtol=0.2)
+    noise = smoother.noise_[list(levels)]
+    np.testing.assert_allclose(noise, list(levels.values()), rtol=0.2)
 
 
 @pytest.mark.parametrize("kinds", ["avx", "ax", "vx", "x"])
@@ -76,12 +76,12 @@ def test_noise_free_motion_comes_back_unchanged(kinds):
     fused = KinematicSmoother().transform_record(motion.record(kinds))
     # at the very ends a derivative is extrapolation
     inside = slice(None) if "a" in kinds else slice(40, -40)
-    for truth, found in (
+    for truth, fused_channel in (
         (motion.a, fused.acceleration),
         (motion.v, fused.velocity),
         (motion.x, fused.displacement),
     ):
-        assert np.abs(found - truth)[inside].max() < 1e-6 * rms(truth).min()
+        assert np.abs(fused_channel - truth)[inside].max() < 1e-6 * rms(truth).min()
 
 
 def test_noise_free_hammer_keeps_its_kinks_and_the_masses_are_exact():
@@ -177,8 +177,8 @@ def test_a_moving_base_gives_the_same_features(shaken, kinds, measured, coordina
         channels["displacement"] = motion.x + ground.x
         channels["velocity"] = motion.v + ground.v if "v" in kinds else None
     channels |= {key: base[key] for key in measured}
-    found, _ = to_features(Record(**channels, fs=FS, coordinates=coordinates))
-    error = np.abs(found - wanted).iloc[40:-40].max() / wanted.std()
+    features, _ = to_features(Record(**channels, fs=FS, coordinates=coordinates))
+    error = np.abs(features - wanted).iloc[40:-40].max() / wanted.std()
     assert error.max() < 1e-5
 
 

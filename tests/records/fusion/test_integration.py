@@ -36,11 +36,11 @@ def test_the_trapezoid_rule_loses_what_theory_says():
 
 def test_detrended_integral_drops_offset_and_initial_velocity():
     motion = two_floors(8000, top=20.0)
-    found = integrate(motion.a + 0.3, 1 / FS, order=2, detrend=True)
+    displacement = integrate(motion.a + 0.3, 1 / FS, order=2, detrend=True)
     parabolas = np.polynomial.legendre.legvander(np.linspace(-1, 1, 8000), 2)
     fit = np.linalg.lstsq(parabolas, motion.x, rcond=None)[0]
     wanted = motion.x - parabolas @ fit
-    assert np.abs(found - wanted).max() < 1e-5 * rms(wanted).min()
+    assert np.abs(displacement - wanted).max() < 1e-5 * rms(wanted).min()
 
 
 @pytest.mark.parametrize(

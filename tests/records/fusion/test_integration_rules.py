@@ -86,8 +86,8 @@ def computed_kinds(record):
     return [note.kind for note in fuse_record(record).notes if not note.is_fault]
 
 
-def largest_error(found, true):
-    return np.abs(np.asarray(found) / true - 1).max()
+def largest_error(values, true):
+    return np.abs(np.asarray(values) / true - 1).max()
 
 
 @pytest.mark.parametrize("fs", [100.0, 200.0, 500.0])

@@ -56,16 +56,16 @@ def test_rows_that_are_left_out_add_no_noise():
 @pytest.mark.parametrize("order", [4, 10])
 def test_white_noise_explains_differences_of_any_order(order):
     slow = np.sin(np.arange(20000) / 500)
-    found = white_level(slow + 0.2 * noise(20000), order)
-    assert found == pytest.approx(0.2, rel=0.03)
+    level = white_level(slow + 0.2 * noise(20000), order)
+    assert level == pytest.approx(0.2, rel=0.03)
 
 
 def test_wieners_filter_takes_twice_the_noise_off():
     n, fs, level = 2**14, 100.0, 0.2
     pure = 3 * np.cos(2 * np.pi * 1638 * np.arange(n) / n)
-    found = denoised(pure + level * noise(n), level, fs)
-    assert np.std(found - pure) < 0.4 * level
-    assert np.std(found) == pytest.approx(3 / np.sqrt(2), rel=0.01)
+    clean = denoised(pure + level * noise(n), level, fs)
+    assert np.std(clean - pure) < 0.4 * level
+    assert np.std(clean) == pytest.approx(3 / np.sqrt(2), rel=0.01)
 
     # noise of four times the variance: the gain is 1 - 2/4 on average
     loud = 2 * level * noise(n, 1)

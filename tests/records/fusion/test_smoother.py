@@ -28,8 +28,8 @@ def demo():
 def test_given_noise_levels_are_used_by_kind_and_by_channel(motion):
     levels = {"a": 0.3, "a2": 0.7, "x": 2e-6}
     smoother = KinematicSmoother(noise=levels).fit(motion.record("ax"))
-    found = {"a1": 0.3, "a2": 0.7, "x1": 2e-6, "x2": 2e-6}
-    assert smoother.noise_.to_dict() == found
+    estimated = {"a1": 0.3, "a2": 0.7, "x1": 2e-6, "x2": 2e-6}
+    assert smoother.noise_.to_dict() == estimated
 
 
 @pytest.mark.parametrize("noise", [{"q": 1.0}, {"a": -1.0}, "guess", 3.0])
@@ -41,9 +41,9 @@ def test_impossible_noise_levels_are_refused(motion, noise):
 def test_knots_of_a_like_record_are_taken_over():
     first = chain_test("random", 4).noisy(0.02, 0).record("ax")
     second = chain_test("random", 5).noisy(0.02, 1).record("ax")
-    found = KinematicSmoother().fit(first)
-    coarser = 2.0 * found.spacing_
-    like = KinematicSmoother(noise=found.noise_.to_dict(), spacing=coarser)
+    smoother = KinematicSmoother().fit(first)
+    coarser = 2.0 * smoother.spacing_
+    like = KinematicSmoother(noise=smoother.noise_.to_dict(), spacing=coarser)
     np.testing.assert_allclose(like.fit(second).spacing_, coarser, rtol=1e-3)
 
 
@@ -96,10 +96,10 @@ def test_pieces_of_a_table_are_fused_one_by_one(demo):
     first, second = demo.iloc[:900], demo.iloc[900:]
     smoother = KinematicSmoother(joint=False)
     stacked = smoother.fit_transform(demo, record=np.repeat([1, 2], [900, 1100]))
-    for part in (first, second):
+    for record in (first, second):
         alone = KinematicSmoother(joint=False, noise=smoother.noise_.to_dict())
-        fused = alone.fit_transform(part)
-        pd.testing.assert_frame_equal(stacked.loc[part.index], fused, rtol=1e-6)
+        fused = alone.fit_transform(record)
+        pd.testing.assert_frame_equal(stacked.loc[record.index], fused, rtol=1e-6)
 
 
 def test_an_array_with_named_channels_is_fused_like_a_table(demo):

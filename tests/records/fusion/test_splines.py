@@ -22,9 +22,9 @@ def test_a_spline_is_the_weighted_least_squares_of_what_is_measured():
     exact = values @ np.linalg.lstsq(matrix, np.r_[x, 3 * a], rcond=None)[0]
 
     coefficients = basis.solve(np.array([1.0, 0.0, 9.0]), [x, None, a])
-    found = basis.evaluate(coefficients)
+    samples = basis.evaluate(coefficients)
     # a little roughness settles the ends
-    assert np.abs(found - exact)[:, 100:-100].max() < 1e-6
+    assert np.abs(samples - exact)[:, 100:-100].max() < 1e-6
 
 
 def test_the_prior_changes_a_motion_as_dense_least_squares_do():
@@ -53,7 +53,7 @@ def test_the_prior_changes_a_motion_as_dense_least_squares_do():
     noise = float((filters**2).sum() / 2)
     variance = np.repeat(error_variance(errors, noise), 2)
     prior = (predict.T / variance) @ predict
-    splines = np.stack([basis.evaluate(one) for one in np.eye(size)])
+    splines = np.stack([basis.evaluate(unit) for unit in np.eye(size)])
     data = sum(
         np.kron(
             np.einsum("kot,o,lot->kl", splines, weight, splines, optimize=True),
@@ -64,7 +64,7 @@ def test_the_prior_changes_a_motion_as_dense_least_squares_do():
     exact = np.linalg.solve(prior + data, -prior @ motion)
 
     predictor = Predictor(filters, noise)
-    found = prior_correction(motion.reshape(-1, 2), weights, basis, predictor)
+    correction = prior_correction(motion.reshape(-1, 2), weights, basis, predictor)
     largest = np.abs(exact).max()
     assert largest > 0.3
-    assert np.abs(found.ravel() - exact).max() < 2e-3 * largest
+    assert np.abs(correction.ravel() - exact).max() < 2e-3 * largest

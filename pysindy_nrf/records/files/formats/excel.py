@@ -1,9 +1,10 @@
 """Excel files (.xlsx)."""
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from ....common.lazy import require
@@ -17,7 +18,7 @@ from ..table import (
     two_columns_of_one_name,
     without_empty_rows,
 )
-from .dialect import header_of
+from .dialect import Header, header_of
 
 MAX_NAMES_SHOWN = 6
 Row = Sequence[object]  # cells, None where nothing is written
@@ -46,8 +47,19 @@ def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     frame = pd.DataFrame([_cells(row, width) for row in rows[start:]])
     frame, notes_on_rows = without_empty_rows(frame, has_time)
 
-    variables, units = {}, {}
-    for k in range(width):
+    variables, units = _variables(path, header, frame)
+    notes = [f"sheet {title!r}", *header.notes, *notes_on_rows]
+    notes += _notes_on_others(sheets, title)
+    return Table(path, "Excel", variables, units, tuple(notes))
+
+
+def _variables(
+    path: Path, header: Header, frame: pd.DataFrame
+) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Values and units of the columns by name; empty ones without a name are none."""
+    variables: dict[str, np.ndarray] = {}
+    units = {}
+    for k in range(frame.shape[1]):
         if not header.names[k] and frame[k].isna().all():
             continue
         name = header.names[k] or f"c{k + 1}"
@@ -57,10 +69,7 @@ def read_excel(path: Path, max_bytes: int = MAX_BYTES) -> Table:
         variables[name] = frame[k].to_numpy(dtype=float if is_numeric else None)
         if header.units[k]:
             units[name] = header.units[k]
-
-    others = [_note_on(other, sheets[other]) for other in sheets if other != title]
-    notes = [f"sheet {title!r}", *header.notes, *notes_on_rows, *filter(None, others)]
-    return Table(path, "Excel", variables, units, tuple(notes))
+    return variables, units
 
 
 def _sheets(path: Path, max_bytes: int) -> dict[str, list[Row]]:
@@ -81,6 +90,12 @@ def _sheets(path: Path, max_bytes: int) -> dict[str, list[Row]]:
             f"{path} has no sheet of cells", "Save the channels on a sheet of cells."
         )
     return sheets
+
+
+def _notes_on_others(sheets: Mapping[str, Sequence[Row]], title: str) -> list[str]:
+    """What the sheets beside the one that is read hold."""
+    notes = [_note_on(other, sheets[other]) for other in sheets if other != title]
+    return [note for note in notes if note]
 
 
 def _note_on(title: str, rows: Sequence[Row]) -> str:

@@ -14,6 +14,7 @@ from ....exceptions import FileFormatError
 from ...clock import rate_of
 from ..table import MAX_BYTES, Clock, Table, unreadable
 
+FORMAT = "LabVIEW measurement"
 END_OF_HEADER = "***End_of_Header***"
 _SEPARATORS = {"tab": "\t", "comma": ","}
 
@@ -23,7 +24,7 @@ def read_lvm(path: Path, max_bytes: int = MAX_BYTES) -> Table:
     lines = path.read_text(encoding="latin-1").splitlines()
     ends = [row for row, line in enumerate(lines) if line.startswith(END_OF_HEADER)]
     if not ends:
-        raise unreadable(path, "LabVIEW measurement", "its header does not end")
+        raise unreadable(path, FORMAT, "its header does not end")
     if len(ends) > 2:
         raise FileFormatError(
             f"{path} holds {len(ends) - 1} measurements one after the other",
@@ -93,7 +94,7 @@ def _numbers(
             skipinitialspace=True,
         )
     except ValueError as error:
-        raise unreadable(path, "LabVIEW measurement", error) from error
+        raise unreadable(path, FORMAT, error) from error
     has_comment = names[-1].lower() == "comment"
     return frame.iloc[:, : len(names) - has_comment]
 
@@ -112,7 +113,7 @@ def _table(
     number = 0
     for k in frame.columns:
         line = frame[k].to_numpy(dtype=float)
-        if names[k].lower().startswith("x_value") or not names[k]:
+        if _is_clock(names[k]):
             if x_columns == "one" and np.isfinite(line).all():
                 variables["t"], units["t"] = line, "s"
             continue
@@ -125,11 +126,15 @@ def _table(
             clocks[name] = clock
         number += 1
 
-    rates = {clock.fs for clock in clocks.values()}
-    fs = rates.pop() if len(rates) == 1 and "t" not in variables else None
     if "t" in variables:
-        clocks = {}
-    return Table(path, "LabVIEW measurement", variables, units, fs=fs, clocks=clocks)
+        return Table(path, FORMAT, variables, units)
+    rates = {clock.fs for clock in clocks.values()}
+    fs = rates.pop() if len(rates) == 1 else None
+    return Table(path, FORMAT, variables, units, fs=fs, clocks=clocks)
+
+
+def _is_clock(name: str) -> bool:
+    return name.lower().startswith("x_value") or not name
 
 
 def _last_filled(line: np.ndarray) -> int:

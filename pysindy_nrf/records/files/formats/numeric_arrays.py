@@ -79,7 +79,7 @@ def stated_units(content: Mapping[str, object], prefix: str = "") -> dict[str, s
     units: dict[str, str] = {}
     for name, value in _structures(content).items():
         units |= stated_units(value, f"{prefix}{name}.")
-        unit = _text(value, _UNIT) or _text(_part(value, "quantity"), _UNIT)
+        unit = _text(value, _UNIT) or _text(_structure_in(value, "quantity"), _UNIT)
         if unit:
             for samples in _SAMPLES:
                 if samples in value and not isinstance(value[samples], Mapping):
@@ -94,7 +94,7 @@ def stated_clocks(
     clocks: dict[str, tuple[float, float]] = {}
     for name, value in _structures(content).items():
         clocks |= stated_clocks(value, f"{prefix}{name}.")
-        axis = _part(value, "x_values") or value
+        axis = _structure_in(value, "x_values") or value
         rate, step = _number(axis, _RATE), _number(axis, _STEP)
         if step and not rate:
             rate = 1.0 / step
@@ -108,8 +108,10 @@ def stated_names(content: Mapping[str, object], prefix: str = "") -> dict[str, s
     names: dict[str, str] = {}
     for name, value in _structures(content).items():
         names |= stated_names(value, f"{prefix}{name}.")
-        title = _text(value, _NAME) or _text(_part(value, "function_record"), _NAME)
-        holder = _part(value, "y_values")
+        title = _text(value, _NAME) or _text(
+            _structure_in(value, "function_record"), _NAME
+        )
+        holder = _structure_in(value, "y_values")
         for samples in _SAMPLES:
             if title and samples in holder:
                 names[f"{prefix}{name}.y_values.{samples}"] = title
@@ -120,17 +122,17 @@ def stated_names(content: Mapping[str, object], prefix: str = "") -> dict[str, s
 
 def _structures(content: Mapping[str, object]) -> dict[str, Mapping[str, object]]:
     """Structures among some fields, those of cells by their numbers."""
-    found: dict[str, Mapping[str, object]] = {}
+    structures: dict[str, Mapping[str, object]] = {}
     for name, value in content.items():
         fields = _cells(value) or value
         if isinstance(fields, Mapping):
-            found[name] = fields
-    return found
+            structures[name] = fields
+    return structures
 
 
-def _part(fields: Mapping[str, object], name: str) -> Mapping[str, object]:
-    part = fields.get(name)
-    return part if isinstance(part, Mapping) else {}
+def _structure_in(fields: Mapping[str, object], name: str) -> Mapping[str, object]:
+    value = fields.get(name)
+    return value if isinstance(value, Mapping) else {}
 
 
 def _text(fields: Mapping[str, object], names: Sequence[str]) -> str:

@@ -6,6 +6,7 @@ from .mapping_file import MappingFile, read_mapping
 from .proposal import (
     Proposal,
     is_element_alone,
+    is_over_frequency,
     lacks_clock,
     lacks_motion,
     mapping_text,
@@ -20,6 +21,7 @@ __all__ = [
     "Proposal",
     "column_facts",
     "is_element_alone",
+    "is_over_frequency",
     "lacks_clock",
     "lacks_motion",
     "line_of",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..table import Table
+from ..units import kind_of_unit, si_factor
 from .expression import as_name
 
 MAX_COLUMNS = 64  # that are looked at
@@ -99,21 +100,29 @@ class ColumnFacts:
 def column_facts(table: Table) -> list[ColumnFacts]:
     """Facts on the columns of the longest variables of a file."""
     columns = list(_columns(table))[:MAX_COLUMNS]
-    step = 1.0 / table.fs if table.fs is not None else 1.0
-    for column in columns:
-        if column.values is not None and column.is_time:
-            ticks = _step(column.values) or step
-            is_in_seconds = ticks < SLOWEST_STEP
-            step = ticks if is_in_seconds else ticks / TICKS[unit_of_ticks(ticks)]
-            break
-
+    step = _sampling_step(columns, table)
     moving = {
         column: column.values[:MAX_ROWS]
         for column in columns
         if column.values is not None and _has_spectrum(column, column.values)
     }
-    found = {column.text: column for column in _with_spectra(moving, step)}
-    return [found.get(column.text, column) for column in columns]
+    with_spectra = {column.text: column for column in _with_spectra(moving, step)}
+    return [with_spectra.get(column.text, column) for column in columns]
+
+
+def _sampling_step(columns: Sequence[ColumnFacts], table: Table) -> float:
+    """Step of the first column that is a time, s; in its unit, or that of its ticks."""
+    otherwise = 1.0 / table.fs if table.fs is not None else 1.0
+    for column in columns:
+        if column.values is None or not column.is_time:
+            continue
+        ticks = _step(column.values) or otherwise
+        unit = table.units.get(column.variable) or ""
+        if kind_of_unit(unit) == "t":
+            return ticks * si_factor(unit, "t")
+        is_in_seconds = ticks < SLOWEST_STEP
+        return ticks if is_in_seconds else ticks / TICKS[unit_of_ticks(ticks)]
+    return otherwise
 
 
 def _has_spectrum(column: ColumnFacts, values: np.ndarray) -> bool:
@@ -128,19 +137,22 @@ def _columns(table: Table) -> Iterator[ColumnFacts]:
     # channels of one test in several files may differ in length
     shortest = longest * SHORTEST_OF_FILES if table.files else longest
     for name, values in table.variables.items():
-        if values.ndim not in (1, 2) or max(values.shape) < shortest:
-            continue
-        if values.ndim == 2 and values.shape[0] < values.shape[1]:
-            for k, row in enumerate(values):
-                yield _column(f"{as_name(name)}[{k}, :]", name, row)
-            continue
-        if values.dtype.kind not in "biuf":
-            yield ColumnFacts(as_name(name), name, None)
-        elif values.ndim == 1:
-            yield _column(as_name(name), name, values)
-        else:
-            for k in range(values.shape[1]):
-                yield _column(f"{as_name(name)}[:, {k}]", name, values[:, k])
+        if values.ndim in (1, 2) and max(values.shape) >= shortest:
+            yield from _columns_of_variable(name, values)
+
+
+def _columns_of_variable(name: str, values: np.ndarray) -> Iterator[ColumnFacts]:
+    """The longer lines of a matrix, or a variable of one dimension."""
+    if values.ndim == 2 and values.shape[0] < values.shape[1]:
+        for k, row in enumerate(values):
+            yield _column(f"{as_name(name)}[{k}, :]", name, row)
+    elif values.dtype.kind not in "biuf":
+        yield ColumnFacts(as_name(name), name, None)
+    elif values.ndim == 1:
+        yield _column(as_name(name), name, values)
+    else:
+        for k, column in enumerate(values.T):
+            yield _column(f"{as_name(name)}[:, {k}]", name, column)
 
 
 def _column(text: str, variable: str, values: np.ndarray) -> ColumnFacts:
@@ -211,8 +223,8 @@ def _relations(
             correlation = correlations[order][i].copy()
             correlation[i] = 0.0
             j = int(correlation.argmax())
-            left = 1 - correlation[j]
-            is_clear = left < CLEARER_THAN_ITSELF * left_by_itself[i, j]
+            unexplained = 1 - correlation[j]
+            is_clear = unexplained < CLEARER_THAN_ITSELF * left_by_itself[i, j]
             is_better = best is None or correlation[j] > best[0]
             if correlation[j] > DERIVATIVE_CORRELATION and is_clear and is_better:
                 factor = float(factors[order][i, j])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -14,11 +14,12 @@ import numpy as np
 
 from ...channels import channel_of
 from ..table import Table
-from ..units import kind_of_unit, si_unit, split_suffix
+from ..units import is_unit, kind_of_unit, si_unit, split_suffix, split_unit
 from .column_facts import ColumnFacts, column_facts, unit_of_ticks
 from .column_words import words_of_columns
 from .expression import as_name
 from .words import (
+    MOTION_LETTERS,
     VERTICAL,
     WORDS_OF_BASE,
     WORDS_OF_TOP,
@@ -58,6 +59,7 @@ class _Column:
     text: str  # its mapping
     doubts: tuple[str, ...]
     floor: int = 0  # 0 for the base
+    unit: str = ""  # in brackets behind its name, where the reader leaves it there
 
     @property
     def channel(self) -> str:
@@ -108,7 +110,8 @@ def propose(table: Table, facts: Sequence[ColumnFacts] | None = None) -> list[Pr
 
     proposals: dict[str, Proposal] = {}
     for column in placed:
-        proposal = Proposal(column.channel, column.text, column.doubts)
+        text = f"{column.text} @ {column.unit}" if column.unit else column.text
+        proposal = Proposal(column.channel, text, column.doubts)
         proposals.setdefault(column.channel, proposal)
     return list(proposals.values())
 
@@ -136,8 +139,11 @@ def _channel_columns(table: Table, facts: Sequence[ColumnFacts]) -> list[_Column
 
 def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
     """A column whose name or unit says which kind of channel it is."""
-    bare, suffix = split_suffix(_without_prefix(fact.variable, table))
-    unit = table.units.get(fact.variable) or suffix
+    name, in_brackets = split_unit(fact.variable)
+    if in_brackets is None or not is_unit(in_brackets):
+        name, in_brackets = fact.variable, None
+    bare, suffix = split_suffix(_without_prefix(name, table))
+    unit = table.units.get(fact.variable) or in_brackets or suffix
     notation = notation_of(bare)
     letter = _letter_of(bare, unit)
     if bare in AXES_OF_A_GRAPH <= table.variables.keys() and not unit:
@@ -151,7 +157,7 @@ def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
         bare = f"{notation.letter} {notation.place}"
     if fact.text != as_name(fact.variable):  # a column of a matrix
         bare = f"{bare} {_number_of_column(fact)}"
-    return _Column(letter, bare, fact.text, doubts)
+    return _Column(letter, bare, fact.text, doubts, unit=in_brackets or "")
 
 
 def _number_of_column(fact: ColumnFacts) -> int:
@@ -195,32 +201,45 @@ def _columns_by_shape(
     """
     letters = {column.text: column.letter for column in named}
     unnamed = [fact for fact in facts if fact.text not in letters]
-    out = []
-    if "t" not in letters.values():
-        rising = [fact for fact in facts[:1] if fact.is_time and fact in unnamed]
-        for fact in rising:
-            doubt = "rises in even steps; s taken"
-            out.append(_Column("t", fact.text, fact.text, (doubt,)))
 
-    by_derivative = {0: "x", 1: "v", 2: "a"}
+    columns = []
+    if "t" not in letters.values():
+        columns += _rising_time(facts, letters)
     for fact in unnamed:
-        relation = fact.relation
-        if relation is None:
-            continue
-        lower = letters.get(relation.of, "x")
-        if lower not in "xv":
-            continue
-        order = relation.order + "xv".index(lower)
-        words = "second derivative" if relation.order == 2 else "derivative"
-        doubt = f"no name and no unit; looks like the {words} of {relation.of}"
-        for text, letter in (
-            (relation.of, lower),
-            (fact.text, by_derivative[min(order, 2)]),
-        ):
-            if text not in letters:
-                letters[text] = letter
-                out.append(_Column(letter, "", text, (doubt,)))
-    return out
+        for column in _pair_of_motions(fact, letters):
+            if column.text not in letters:
+                letters[column.text] = column.letter
+                columns.append(column)
+    return columns
+
+
+def _rising_time(
+    facts: Sequence[ColumnFacts], letters: Mapping[str, str]
+) -> list[_Column]:
+    """The first column, if it rises like a time and has no other meaning."""
+    for first in facts[:1]:
+        if first.is_time and first.text not in letters:
+            doubt = "rises in even steps; s taken"
+            return [_Column("t", first.text, first.text, (doubt,))]
+    return []
+
+
+def _pair_of_motions(fact: ColumnFacts, letters: Mapping[str, str]) -> list[_Column]:
+    """A column that is the derivative of another, and that one; else none."""
+    relation = fact.relation
+    if relation is None:
+        return []
+    lower = letters.get(relation.of, "x")
+    if lower not in "xv":
+        return []
+
+    order = relation.order + "xv".index(lower)
+    words = "second derivative" if relation.order == 2 else "derivative"
+    doubt = f"no name and no unit; looks like the {words} of {relation.of}"
+    return [
+        _Column(lower, "", relation.of, (doubt,)),
+        _Column("xva"[min(order, 2)], "", fact.text, (doubt,)),
+    ]
 
 
 def _in_one_direction(
@@ -230,34 +249,49 @@ def _in_one_direction(
 
     The direction that moves most is taken, of those that are not vertical.
     """
-    directions: dict[tuple[str, str], dict[str, _Column]] = defaultdict(dict)
-    for column in columns:
-        stem, axis = axis_of(column.name)
-        if axis is not None and column.letter in "avx":
-            directions[column.letter, stem][axis] = column
-    of_several = [axes for axes in directions.values() if len(axes) > 1]
-    if not of_several:
+    sensors = _directions_of_sensors(columns)
+    if not sensors:
         return list(columns)
 
-    variance = {fact.text: _variance(fact) for fact in facts}
-    total: dict[str, float] = defaultdict(float)
-    for axes in of_several:
-        for axis, column in axes.items():
-            total[axis] += variance[column.text]
-    level = [axis for axis in total if axis not in VERTICAL] or list(total)
-    taken = max(level, key=lambda axis: total[axis])
+    activity = _activity_of_directions(sensors, facts)
+    level = [axis for axis in activity if axis not in VERTICAL] or list(activity)
+    taken = max(level, key=lambda axis: activity[axis])
+    others: set[_Column] = set()
+    for by_axis in sensors:
+        others.update(column for axis, column in by_axis.items() if axis != taken)
 
-    doubt = f"{taken} of {', '.join(total)}: is it the direction of the chain?"
-    others = {c for axes in of_several for axis, c in axes.items() if axis != taken}
-    kept = []
+    doubt = f"{taken} of {', '.join(activity)}: is it the direction of the chain?"
+    remaining = []
     for column in columns:
         stem, axis = axis_of(column.name)
         if column in others:
             continue
-        if axis == taken and column.letter in "avx":
+        if axis == taken and column.letter in MOTION_LETTERS:
             column = replace(column, name=stem, doubts=(*column.doubts, doubt))
-        kept.append(column)
-    return kept
+        remaining.append(column)
+    return remaining
+
+
+def _directions_of_sensors(columns: Sequence[_Column]) -> list[dict[str, _Column]]:
+    """Columns by direction, of each sensor that measures several."""
+    sensors: dict[tuple[str, str], dict[str, _Column]] = defaultdict(dict)
+    for column in columns:
+        stem, axis = axis_of(column.name)
+        if axis is not None and column.letter in MOTION_LETTERS:
+            sensors[column.letter, stem][axis] = column
+    return [by_axis for by_axis in sensors.values() if len(by_axis) > 1]
+
+
+def _activity_of_directions(
+    sensors: Sequence[Mapping[str, _Column]], facts: Sequence[ColumnFacts]
+) -> dict[str, float]:
+    """Sum of the variances of all sensors by direction."""
+    variance = {fact.text: _variance(fact) for fact in facts}
+    activity: dict[str, float] = defaultdict(float)
+    for by_axis in sensors:
+        for axis, column in by_axis.items():
+            activity[axis] += variance[column.text]
+    return activity
 
 
 def _variance(fact: ColumnFacts) -> float:
@@ -393,6 +427,15 @@ def is_element_alone(proposals: Sequence[Proposal]) -> bool:
     motions = {proposal.channel for proposal in proposals} - {"t", "F1"}
     has_force = any(proposal.channel == "F1" for proposal in proposals)
     return has_force and bool(motions) and motions <= {"x1", "v1"}
+
+
+def is_over_frequency(facts: Sequence[ColumnFacts]) -> bool:
+    """Whether the first column is a frequency: responses or spectra, no record."""
+    for first in facts[:1]:
+        if first.values is None or not re.search(r"freq|\bhz\b", first.variable, re.I):
+            return False
+        return bool((np.diff(first.values) > 0).all())
+    return False
 
 
 def lacks_clock(proposals: Sequence[Proposal], table: Table) -> bool:

@@ -32,6 +32,7 @@ WORDS_OF_CHANNELS = {
     ),
     "v": "vel geschw vitess speed ldv omega drehzahl скорост 速度",
 }
+MOTION_LETTERS = ("a", "v", "x")
 WORDS_OF_BASE = (
     "ag xg vg base basis ground boden table tisch sol suelo terreno fundament"
     " foundation fondation mesa tavola 台 地"

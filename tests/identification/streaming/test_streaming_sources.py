@@ -116,9 +116,9 @@ def test_items_of_no_use_are_named(items, error, words):
     ],
 )
 def test_columns_that_are_missing_are_named(exact, lost, error, words):
-    whole = table(exact.X, exact.F)
+    frame = table(exact.X, exact.F)
     with pytest.raises(error, match=words):
-        NRFRegressor().fit(iter([whole.drop(columns=lost)]))
+        NRFRegressor().fit(iter([frame.drop(columns=lost)]))
 
 
 def test_too_few_samples_are_refused(exact):

@@ -9,6 +9,7 @@ import pytest
 from pysindy_nrf import datasets
 from pysindy_nrf.cli import run
 from pysindy_nrf.records import Table, propose
+from pysindy_nrf.records.files.mapping import column_facts
 
 T = np.arange(2000) / 200
 NOISE = np.random.default_rng(0).standard_normal((9, 2000))
@@ -41,6 +42,37 @@ NAMES = {
 def test_names_of_equations_and_prefixes(names, channels):
     wanted = dict(pair.split("=") for pair in channels.split()) | {"t": "t"}
     assert proposed(of_names(names)) == wanted
+
+
+def test_units_in_brackets_that_a_reader_leaves_in_the_names():
+    columns = of_names("") | {"F1 [kN]": NOISE[0], "Weg 1 (mm)": NOISE[1]}
+    assert proposed(columns) == {
+        "t": "t",
+        "F1": '"F1 [kN]" @ kN',
+        "x1": '"Weg 1 (mm)" @ mm',
+    }
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us"])
+def test_spectra_are_in_hertz_whatever_the_unit_of_the_time(unit):
+    time = T * {"s": 1.0, "ms": 1e3, "us": 1e6}[unit]
+    motion = np.sin(2 * np.pi * 12.0 * T)
+    table = Table(Path("x.csv"), "text", {"t": time, "a1": motion}, {"t": unit})
+    _, fact = column_facts(table)
+    assert fact.frequency == pytest.approx(12.0, rel=0.02)
+
+
+def test_columns_over_frequency_are_no_record(tmp_path, capsys):
+    """A phase in degrees is no angle of a shaft, and hertz are no seconds."""
+    file = tmp_path / "frf.csv"
+    lines = [f"{k},{0.1 * k},{-5 * k}" for k in range(1, 60)]
+    file.write_text("\n".join(["Frequency (Hz),H1 mag (m/N),H1 phase (deg)", *lines]))
+    mapping = tmp_path / "frf.toml"
+
+    assert run(["inspect", str(file), "--write-mapping", str(mapping)]) != 0
+
+    assert "--frf" in capsys.readouterr().err
+    assert not mapping.exists()
 
 
 def test_three_directions_of_one_sensor_are_not_three_floors():

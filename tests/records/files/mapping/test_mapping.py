@@ -14,7 +14,7 @@ from pysindy_nrf.exceptions import ChannelError, FileFormatError
 from pysindy_nrf.records import read_mapping
 from pysindy_nrf.records.files import read_record
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[4] / "docs"
 T = np.arange(50) / 100
 ACC = np.column_stack([np.sin(20 * T), np.cos(20 * T), T])
 

@@ -231,17 +231,17 @@ def size(*lengths):
 
 
 NAME = element(INT8, b"x1")
-ONE = element(DOUBLE, struct.pack("<d", 1.0))
+UNIT = element(DOUBLE, struct.pack("<d", 1.0))
 OF_DOUBLES, OF_STRUCTURES = flags(6), flags(1)
-NESTED = element(MATRIX, OF_DOUBLES + size(1, 1) + NAME + ONE)
+NESTED = element(MATRIX, OF_DOUBLES + size(1, 1) + NAME + UNIT)
 for _ in range(5000):
     NESTED = element(MATRIX, OF_STRUCTURES + size(1, 1) + NAME + NESTED)
 DAMAGED = {
     "no array": element(DOUBLE, bytes(16)),
     "5000 structures": NESTED,
     "tag too long": element(MATRIX, struct.pack("<II", UINT32, 800)),
-    "no flags": element(MATRIX, size(1, 1) + NAME + ONE),
-    "negative size": element(MATRIX, OF_DOUBLES + size(-1, 1) + NAME + ONE),
+    "no flags": element(MATRIX, size(1, 1) + NAME + UNIT),
+    "negative size": element(MATRIX, OF_DOUBLES + size(-1, 1) + NAME + UNIT),
     "no such type": element(
         MATRIX, OF_DOUBLES + size(1, 1) + NAME + element(250, bytes(8))
     ),
@@ -362,7 +362,7 @@ def test_pickles_are_never_loaded(tmp_path, read):
     assert not (tmp_path / "it_ran").exists()
 
 
-SCRIPT = (Path(__file__).parents[3] / "examples" / "write_test.m").read_text("utf-8")
+SCRIPT = (Path(__file__).parents[4] / "examples" / "write_test.m").read_text("utf-8")
 SAVED = re.compile(r"^save\('shaker_test\.mat'(.*), '-v7'\)", re.MULTILINE)
 HEADER = re.compile(r"fprintf\(file, '(t \[s\].*)\\n'\)")
 

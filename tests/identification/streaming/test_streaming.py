@@ -23,8 +23,8 @@ pytestmark = [
 def in_pieces(rows, size=613):
     """Consecutive rows of a table or an array."""
     for start in range(0, len(rows), size):
-        part = slice(start, start + size)
-        yield rows.iloc[part] if hasattr(rows, "iloc") else rows[part]
+        rows_of_piece = slice(start, start + size)
+        yield rows.iloc[rows_of_piece] if hasattr(rows, "iloc") else rows[rows_of_piece]
 
 
 # -- every way in --------------------------------------------------------------------
@@ -113,8 +113,8 @@ def test_every_way_in_gives_the_answer_of_the_arrays(
     assert model.predict(data[0][:50]).shape == (50, 3)
     assert not list(tmp_path.glob(".*")), "a fit that is done leaves no state behind"
 
-    found = model.confidence_intervals()
-    width = (found["upper"] - found["lower"])[:3]
+    table_of_intervals = model.confidence_intervals()
+    width = (table_of_intervals["upper"] - table_of_intervals["lower"])[:3]
     expected = (intervals["upper"] - intervals["lower"])[:3]
     assert np.allclose(width, expected, rtol=0.5)
 
@@ -170,8 +170,8 @@ def test_constraints_hold_in_a_fit_by_pieces(exact, tmp_path):
     estimator = NRFRegressor(constraints={"m1 + m2": Parameter(total)})
     pieces = estimator.fit(*as_npy(tmp_path, exact.X, exact.F)).masses_
     assert pieces.sum() == pytest.approx(total, rel=1e-9)
-    whole = estimator.fit(exact.X, exact.F).masses_
-    np.testing.assert_allclose(pieces, whole, rtol=1e-5)
+    masses = estimator.fit(exact.X, exact.F).masses_
+    np.testing.assert_allclose(pieces, masses, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -194,8 +194,11 @@ def test_settings_that_need_whole_records_are_refused(exact, settings, words):
 def roving_hammer():
     """Three records, each of which forces one DOF of the same chain."""
     first = chains.each_single(3, seed=3)[0]
-    given = (first.m, first.c, first.k, first.k3)
-    return [chains.duffing(3, [j], seed=j, given=given) for j in (1, 2, 3)]
+    parameters = (first.m, first.c, first.k, first.k3)
+    return [
+        chains.duffing(3, [j], seed=j, parameters_of_chain=parameters)
+        for j in (1, 2, 3)
+    ]
 
 
 def test_records_that_are_added_reach_every_mass(roving_hammer):
@@ -225,10 +228,10 @@ def test_other_settings_between_two_calls_are_refused(roving_hammer):
 
 
 def test_partial_fit_takes_records_and_refuses_another_chain(chain2, chain4):
-    whole = chain2.record()
+    record = chain2.record()
     records = [
-        whole.rows(slice(0, 1000)).replace(name="one"),
-        whole.rows(slice(1000, 2000)).replace(name="two"),
+        record.rows(slice(0, 1000)).replace(name="one"),
+        record.rows(slice(1000, 2000)).replace(name="two"),
     ]
     model = NRFRegressor().partial_fit(records[0]).partial_fit([records[1]])
     same(model, NRFRegressor().fit(records), 1e-8)

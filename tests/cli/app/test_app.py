@@ -174,7 +174,7 @@ def address(tmp_path_factory):
     pytest.importorskip("nicegui")
     folder = tmp_path_factory.mktemp("app")
     program = "from pysindy_nrf.cli import main; main()"
-    root = str(Path(__file__).parents[2])
+    root = str(Path(__file__).parents[3])
     path = os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])
     environment = {"PYTHONPATH": path, "PYTHONUNBUFFERED": "1"}
     for name, value in os.environ.items():

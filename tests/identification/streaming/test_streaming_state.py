@@ -163,8 +163,8 @@ def test_only_a_state_is_removed(files, tmp_path):
     with pytest.raises(FileFormatError, match="run.npz is not the state"):
         NRFRegressor().fit(*files, state=tmp_path / "run.npz")
 
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"X.npy", "F.npy", "run-2", "run.npz", "folder"}
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"X.npy", "F.npy", "run-2", "run.npz", "folder"}
     assert not list((tmp_path / "folder").iterdir())
     assert (tmp_path / "run-2").read_text() == "mine"
 

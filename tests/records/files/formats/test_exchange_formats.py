@@ -187,13 +187,13 @@ def test_units_and_names_of_dictionaries():
 
 
 def test_times_of_dictionaries():
-    one = without(channel("x1", S, "m", time=3 + S), "fs")
-    record = from_sep005(one)  # a single channel need not be in a list
+    without_rate = without(channel("x1", S, "m", time=3 + S), "fs")
+    record = from_sep005(without_rate)  # a single channel need not be in a list
     assert record.fs == 50
     assert record.t0 == 3
     other = without(channel(time=3.001 + S), "fs")
     with pytest.raises(ChannelError, match="times .* differ"):
-        from_sep005([one, other])
+        from_sep005([without_rate, other])
 
 
 def test_a_rate_serves_channels_without_times():
@@ -203,7 +203,7 @@ def test_a_rate_serves_channels_without_times():
 
 def test_a_record_without_one_of_its_channels(small):
     record = small()
-    channels = [one for one in to_sep005(record) if one["name"] != "F1"]
+    channels = [channel for channel in to_sep005(record) if channel["name"] != "F1"]
     fewer = from_sep005(channels)
     np.testing.assert_array_equal(fewer.displacement, record.displacement)
     assert not fewer.forced

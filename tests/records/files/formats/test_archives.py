@@ -18,7 +18,11 @@ def rows(values, form, per_line):
 
 
 def lines(*parts):
-    flat = [line for part in parts for line in ([part] if part is str(part) else part)]
+    flat = [
+        line
+        for element in parts
+        for line in ([element] if element is str(element) else element)
+    ]
     return "\n".join(flat) + "\n"
 
 

@@ -243,8 +243,8 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
     Parameters
     ----------
     method : {"iv", "simulation", "auto"}
-        By ``"auto"`` the free run is fitted where shape parameters are free, and it
-        misses more than noise explains.
+        By ``"auto"`` the free run is fitted where forces jump, or shape parameters are
+        free, and it misses more than noise explains.
     asked : Problem
         As the user declared it, with the shape parameters that are free.
     start : Estimate

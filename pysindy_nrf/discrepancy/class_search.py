@@ -529,7 +529,8 @@ def _without_noise(
         fewer = simpler.n_parameters < name.n_parameters
         if fewer and law.contains(simpler.candidate.law):
             by_noise = _lost_by_noise(simpler, name, rng)
-            if _carries(simpler, name, by_noise):
+            noise_matters = by_noise > CLASSES.loss_of_name
+            if noise_matters and _carries(simpler, name, by_noise):
                 return simpler
     return name
 

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ...exceptions import ChannelError, FileFormatError, FileVersionError
+from ..hold import HOLDS
 from ..record import COORDINATES, Record
 
 SCHEMA, VERSION = "pysindy_nrf.Record", 1
@@ -43,6 +44,8 @@ class Attributes:
         Columns that are covariates, whatever their names are.
     float32 : tuple of str
         Columns in single precision.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of the forces between the samples, where the record says it.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Attributes:
     columns: tuple[str, ...]
     covariates: tuple[str, ...] = ()
     float32: tuple[str, ...] = ()
+    hold: str | None = None
 
     @classmethod
     def of_record(cls, record: Record) -> Attributes:
@@ -68,6 +72,7 @@ class Attributes:
             columns=tuple(columns),
             covariates=tuple(record.covariates),
             float32=tuple(single),
+            hold=record.hold,
         )
 
     def to_json(self) -> str:
@@ -98,6 +103,7 @@ class Attributes:
                 columns=tuple(data["columns"]),
                 covariates=tuple(data["covariates"]),
                 float32=tuple(data["float32"]),
+                hold=data.get("hold"),
             )
             _require_consistent(attributes)
         except FileFormatError:
@@ -135,6 +141,8 @@ def _require_consistent(attributes: Attributes) -> None:
         raise ValueError("a name is not a text")
     if attributes.coordinates not in COORDINATES:
         raise ValueError(f"its coordinates are {attributes.coordinates!r}")
+    if attributes.hold is not None and attributes.hold not in HOLDS:
+        raise ValueError(f"its forces have the course {attributes.hold!r}")
     if not np.isfinite([attributes.fs, attributes.t0]).all() or attributes.fs <= 0:
         raise ValueError("its sampling rate or first time is not valid")
     if not set(marked) <= set(columns):
@@ -171,6 +179,7 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         name=attributes.name,
         coordinates=attributes.coordinates,
         covariates=covariates,
+        hold=attributes.hold,
     )
     return record.starting_at(attributes.t0)
 

@@ -150,13 +150,13 @@ def residuals_above_noise(facts: Facts) -> list[Reason]:
     remedy = "a law is missing there, or a force: search for it by close_loop."
     if facts.searched:
         remedy = "no effect of the catalogue explains them."
-    reasons = []
+    reasons, unit = [], facts.units.force
     for j, left_over in facts.left_over.items():
         if _is_missing(left_over):
             band = _in_band(left_over)
             message = (
-                f"{left_over.rms:.3g} N rms are missing at DOF {j}{band}, where"
-                f" noise leaves {left_over.noise:.2g} N; {remedy}"
+                f"{left_over.rms:.3g} {unit} rms are missing at DOF {j}{band}, where"
+                f" noise leaves {left_over.noise:.2g} {unit}; {remedy}"
             )
             reasons.append(
                 Reason("residual", "amber", message, f"dof {j}", left_over.rms)
@@ -186,7 +186,9 @@ def impossible_masses(facts: Facts) -> list[Reason]:
     """Masses that no structure has."""
     if not facts.impossible_masses:
         return []
-    masses = [f"m{j} = {mass:.4g} kg" for j, mass in facts.impossible_masses.items()]
+    masses = []
+    for j, mass in facts.impossible_masses.items():
+        masses.append(f"m{j} = {mass:.4g} {facts.units.mass}")
     places = [f"m{j}" for j in facts.impossible_masses]
     message = f"{', '.join(masses)}: no structure has a mass that is not positive."
     smallest = min(facts.impossible_masses.values())

@@ -19,7 +19,7 @@ from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
 from .hold import require_hold
-from .quality import QualityNote
+from .quality import QualityNote, are_rotations, rotation_note
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -463,7 +463,13 @@ class Record:
     @property
     def rotates(self) -> bool:
         """True if its channels are angles and torques: N m, rad, rad/s, rad/s^2."""
-        return any(note.kind == "rotation" for note in self.quality)
+        return are_rotations(self.quality)
+
+    def of_rotations(self) -> Record:
+        """The same numbers as angles (rad), their rates, and torques (N m)."""
+        if self.rotates:
+            return self
+        return self.with_quality((*self.quality, rotation_note(self.name)))
 
     def with_quality(self, notes: Sequence[QualityNote]) -> Record:
         """The same channels with notes on their quality.

@@ -220,7 +220,7 @@ def summary_of(
     rows = []
     for j in range(1, model.n_dof + 1):
         term = f"m{j} (given)" if j in known_masses else f"m{j}"
-        rows.append((f"m{j}", "", term, "kg", np.nan))
+        rows.append((f"m{j}", "", term, model.units.mass, np.nan))
     for site, force in model.restoring_forces.items():
         share = shares.get(str(site), pd.Series(dtype=float))
         for term, unit in zip(force.coefficients.index, force.units):
@@ -243,6 +243,7 @@ def _shapes(model: ChainModel) -> pd.DataFrame:
     rows = {}
     for site, force in model.restoring_forces.items():
         for law in force.laws:
+            units = force.shape_units(law)
             for name, value in law.shape.items():
                 if value is None:
                     continue
@@ -251,7 +252,7 @@ def _shapes(model: ChainModel) -> pd.DataFrame:
                     "site": str(site),
                     "term": label,
                     "estimate": float(value),
-                    "unit": law.units[name],
+                    "unit": units[name],
                 }
     return pd.DataFrame.from_dict(rows, orient="index")
 

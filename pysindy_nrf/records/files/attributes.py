@@ -43,6 +43,8 @@ class Attributes:
         Columns that are covariates, whatever their names are.
     float32 : tuple of str
         Columns in single precision.
+    rotates : bool
+        Whether its channels are angles and torques.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Attributes:
     columns: tuple[str, ...]
     covariates: tuple[str, ...] = ()
     float32: tuple[str, ...] = ()
+    rotates: bool = False
 
     @classmethod
     def of_record(cls, record: Record) -> Attributes:
@@ -68,11 +71,14 @@ class Attributes:
             columns=tuple(columns),
             covariates=tuple(record.covariates),
             float32=tuple(single),
+            rotates=record.rotates,
         )
 
     def to_json(self) -> str:
         """Attributes as one line of ASCII."""
         content = {"schema": SCHEMA, "version": VERSION, **asdict(self)}
+        if not self.rotates:
+            del content["rotates"]
         return json.dumps(content, allow_nan=False)
 
     @classmethod
@@ -98,6 +104,7 @@ class Attributes:
                 columns=tuple(data["columns"]),
                 covariates=tuple(data["covariates"]),
                 float32=tuple(data["float32"]),
+                rotates=data.get("rotates", False) is True,
             )
             _require_consistent(attributes)
         except FileFormatError:
@@ -172,7 +179,8 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         coordinates=attributes.coordinates,
         covariates=covariates,
     )
-    return record.starting_at(attributes.t0)
+    record = record.starting_at(attributes.t0)
+    return record.of_rotations() if attributes.rotates else record
 
 
 def _restored_column(

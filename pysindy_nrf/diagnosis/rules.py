@@ -247,7 +247,7 @@ def shapes_at_ends(facts: Facts) -> list[Reason]:
     """Shape parameters that ended where their search ends."""
     reasons = []
     for end in facts.shapes_at_ends:
-        unit = f" {end.unit}" if end.unit != "1" else ""
+        unit = f" {facts.units.of(end.unit)}" if end.unit != "1" else ""
         value = f"{end.value:.3g}{unit}"
         message = (
             f"{end.shape} of {plain_name(end.law)} in {end.site} is {value}, the"

@@ -186,7 +186,7 @@ def _quality(outcome: BalanceOutcome, final: FittedModel) -> tuple[QualityNote, 
     """What is known of the quality of the records."""
     data = outcome.measured.data
     notes = list(data.quality)
-    for of_record in final.offsets.notes([segment.name for segment in data.segments]):
+    for of_record in final.offsets.notes(data):
         notes += of_record
     for contradiction in outcome.contradictions:
         kind: Kind = "delay"

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ..common import MAX_DOFS
+from ..common.unit_system import UnitSystem, unit_system
 from ..exceptions import ChannelError
 from .channels import as_matrix, channel_of, finite_span
 from .clock import clock_of, time_in_index
@@ -464,6 +465,11 @@ class Record:
     def rotates(self) -> bool:
         """True if its channels are angles and torques: N m, rad, rad/s, rad/s^2."""
         return are_rotations(self.quality)
+
+    @property
+    def units(self) -> UnitSystem:
+        """Units of its channels."""
+        return unit_system(self.rotates)
 
     def of_rotations(self) -> Record:
         """The same numbers as angles (rad), their rates, and torques (N m)."""

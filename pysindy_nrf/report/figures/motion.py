@@ -59,7 +59,7 @@ def free_run_figure(runs: FreeRuns, dof: int) -> Figure:
     bound = CUT_OFF * np.abs(measured[:, j]).max()
     free = np.clip(np.asarray(run.displacement)[rows, j], -bound, bound)
     time, motion = run.time[rows], measured[rows, j]
-    unit = segment.units.length
+    unit = runs.units.length
 
     alone = f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)"
     by_dof = [f"{name} {error:.3g} %" for name, error in errors.items()]

@@ -57,7 +57,7 @@ CLASS = {
     "link": "tie",
 }
 # The group "ordinary" has Rayleigh damping: these ties to the ground are there.
-DASHPOTS = ("link_spring_dashpot", "power_law_damping", "ground_dashpots")
+DASHPOTS = ("link_spring_dashpot", "power_law_damping", "ground_dashpot")
 # A steep hysteresis is a friction and the reverse: they leave the catalogue together.
 ONE_CLASS = {"friction", "hysteresis"}
 # A second test would not show these from the same start: the loop holds out the end of

@@ -125,7 +125,7 @@ class Move:
     change : float
         SI units.
     half_width : float
-        Of the 95 % interval beside it, SI units.
+        Of the 95 % interval beside it, SI units; 0 if that is not much wider.
     """
 
     change: float
@@ -148,6 +148,8 @@ class Alternative:
         By how much it moves that parameter, as a share of it.
     half_width : float
         Half-width of the 95 % interval of that parameter beside it, as a share.
+    wider : float
+        The same if it is much wider than without the alternative; 0 otherwise.
     residual_share : float
         Residual of all equations of motion beside it, as a share of that of the model.
     residual_share_by_equation : float
@@ -163,11 +165,17 @@ class Alternative:
     parameter: str
     change: float
     half_width: float
+    wider: float
     residual_share: float
     residual_share_by_equation: float
     moves: Mapping[str, Move] = field(default_factory=dict)
     model: ChainModel | None = None
     compared: ChainModel | None = None
+
+    @property
+    def reach(self) -> float:
+        """How far from the model the parameter may be, as a share of it."""
+        return max(abs(self.change), self.wider)
 
 
 @dataclass(frozen=True)
@@ -537,6 +545,7 @@ def facts_of_loop(report: Loop) -> Facts:
     of_model = _facts_of_estimate(report)
     of_search = dict(enumerate(report.beyond_noise.tolist(), start=1))
     confirmed = [step for step in report.steps if step.confirmed]
+    has_floor = all(evidence.floor is not None for evidence in report.evidence)
     return replace(
         of_model,
         beyond_noise=dict(of_model.beyond_noise) or of_search,
@@ -550,9 +559,15 @@ def facts_of_loop(report: Loop) -> Facts:
         quality=tuple(dict.fromkeys([*report.quality, *of_model.quality])),
         effects=tuple(report.steps),
         unanswered=_unanswered(report.evidence),
-        noise_is_known=all(evidence.floor is not None for evidence in report.evidence),
+        noise_is_known=has_floor
+        or set(of_model.left_over) >= set(of_model.unexplained),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
+
+
+def _knows_noise(facts: Facts) -> bool:
+    """Whether it is known of each equation of motion what noise leaves."""
+    return bool(facts.left_over) and set(facts.left_over) >= set(facts.unexplained)
 
 
 def _facts_of_estimate(report: Loop) -> Facts:

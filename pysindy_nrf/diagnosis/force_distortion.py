@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gram_least_squares import held_out_residual, solved, unit_columns
-from .missing_terms import GAIN
 from .sample_windows import FOLDS, LASTING
 
 # Share of the rms of the force, or of its gain, below which a fault does not matter.
@@ -21,8 +20,11 @@ LARGEST_SIZE = 1.0
 # Share of the square of a function that must be no gain of the force, for data to tell
 # them apart: blows that only push have no gain of their own for the pull.
 DISTINCT = 0.01
-# Percent of the held-out residual that a function must remove: twice that of a law.
-LEAST_GAIN = 2 * GAIN
+# Percent of the held-out residual that a function must remove: most of it, because
+# laws that the model lacks look like a distortion too, in a smaller part. Distorted
+# forces of tests/diagnosis/test_force_channels.py: 68 to 95 %; beside a friction damper
+# that the model lacks 11 %.
+LEAST_GAIN = 50.0
 
 PUSH_AND_PULL, SATURATION, DEAD_BAND, DRIFT = range(4)
 

@@ -51,7 +51,7 @@ def matters(alternative: Alternative) -> bool:
         is_sure = change - alternative.half_width > MATERIAL
         return is_sure and alternative.residual_share_by_equation < PARTLY_BETTER_FIT
     fits_as_well = alternative.residual_share_by_equation < EQUAL_FIT
-    return fits_as_well and max(change, alternative.half_width) > MATERIAL
+    return fits_as_well and alternative.reach > MATERIAL
 
 
 @dataclass(frozen=True)

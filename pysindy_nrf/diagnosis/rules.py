@@ -43,6 +43,8 @@ GOOD_RUN = 5.0
 DIVERGED = 70.0
 # Percent from which on a size says nothing more.
 BEYOND_NUMBERS = 1e3
+# Percent of a force from which on all of it is unexplained.
+ALL = 100.0
 # Times what noise leaves from which on a residual is none, and the percent of the force
 # from which on it is worth a word. Four draws of noise scatter by a third at most.
 ABOVE_NOISE = 3.0
@@ -179,7 +181,8 @@ def _in_band(left_over: LeftOver) -> str:
 
 def open_balance(dof: int, percent: float) -> str:
     """A sentence on an equation of motion that does not close."""
-    return f"The balance of DOF {dof} leaves {percent:.3g} % of its force unexplained."
+    share = f"{percent:.3g} %" if percent < ALL else "all"
+    return f"The balance of DOF {dof} leaves {share} of its force unexplained."
 
 
 def impossible_masses(facts: Facts) -> list[Reason]:
@@ -327,8 +330,8 @@ def _of_intervals(alternative: Alternative, facts: Facts) -> str:
 def _change_of_parameter(alternative: Alternative) -> str:
     """What an alternative does to the parameter that it moves most."""
     change = abs(alternative.change)
-    if change < alternative.half_width:
-        width = f"{100 * alternative.half_width:.2g} %"
+    if change < alternative.wider:
+        width = f"{100 * alternative.wider:.2g} %"
         return f"{alternative.parameter} is then known to {width} only"
     side = "larger" if alternative.change > 0 else "smaller"
     if change > BEYOND_MEANING:
@@ -430,8 +433,11 @@ def judged_error(run: FreeRunFacts) -> float:
 
 
 def nothing_claimed(facts: Facts) -> list[Reason]:
-    """A search that claims nothing."""
-    if not facts.nothing_claimed:
+    """A search that claims nothing, of a model that does not follow the motion.
+
+    Where it follows, the search had too little to judge by, such as one blow a floor.
+    """
+    if not facts.nothing_claimed or _follows(facts.free_run):
         return []
     return [Reason("no claim", "red", as_sentence(facts.nothing_claimed))]
 

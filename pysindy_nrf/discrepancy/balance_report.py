@@ -18,6 +18,7 @@ from ..diagnosis.open_alternatives import (
     with_ambiguity,
 )
 from ..diagnosis.residual import residual_of
+from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import DOUBTFUL, FreeRuns, free_runs, suspect_channels
@@ -34,8 +35,8 @@ from .excerpts import EXCERPTS
 from .final_estimate import final_estimate, with_final_estimate
 from .fitted_model import FittedModel
 from .free_run import FREE_RUN
-from .judgement import measured_records, report_of
-from .prepare import PreparedRecords
+from .judgement import Judgement, measured_records, report_of
+from .prepare import Band, PreparedRecords
 from .report import LoopReport
 from .request import LoopRequest
 from .residual import Evidence, NoiseFloor, evidence_of
@@ -54,7 +55,7 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         request,
         _records_of_estimate(request, outcome),
         report.model.laws,
-        judgement.band,
+        _band_of_estimate(request, judgement),
     )
     report = with_final_estimate(report, identified)
     report = replace(
@@ -98,6 +99,16 @@ def _lack_of_fit(general: Sequence[Finding]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns).set_index(columns[:2])
 
 
+def _band_of_estimate(request: LoopRequest, judgement: Judgement) -> Band:
+    """The band of the search; that of the user if the search claims nothing.
+
+    It then does not know where the balances hold information.
+    """
+    if judgement.nothing_claimed:
+        return request.band or (None, None)
+    return judgement.band
+
+
 def _records_of_estimate(
     request: LoopRequest, outcome: BalanceOutcome
 ) -> Sequence[Record]:
@@ -129,11 +140,16 @@ def _with_wiring(report: LoopReport, request: LoopRequest) -> LoopReport:
 def _alternatives(
     request: LoopRequest, outcome: BalanceOutcome, report: LoopReport
 ) -> tuple[Alternative, ...]:
-    """What the data allow beside the final model, if it claims anything."""
-    if report.nothing_claimed or unseen_drifts(outcome.measured.data):
+    """What the data allow beside the final model, if it may be used."""
+    identified = report.identified
+    if unseen_drifts(outcome.measured.data):
         return ()
-    if report.identified is not None:
-        return report.identified.alternatives
+    if identified is not None and identified.free_runs.error < GOOD_RUN:
+        return identified.alternatives
+    if report.nothing_claimed:
+        return ()
+    if identified is not None:
+        return identified.alternatives
     problem = request.problem.with_laws(report.model.laws)
     try:
         return alternatives_of(problem, outcome.records.data)
@@ -188,11 +204,17 @@ def _quality(outcome: BalanceOutcome, final: FittedModel) -> tuple[QualityNote, 
     notes = list(data.quality)
     for of_record in final.offsets.notes(data):
         notes += of_record
+    noted = {(note.kind, note.channel) for note in notes}
     for contradiction in outcome.contradictions:
         kind: Kind = "delay"
         size = -contradiction.share
         if contradiction.order == 0:
             kind, size = "gain", 1.0 + contradiction.share
+        # one contradiction is of either channel
+        pair = (contradiction.site.channel, contradiction.reference)
+        if any((kind, channel) in noted for channel in pair):
+            continue
+        noted.add((kind, pair[0]))
         notes.append(
             QualityNote(
                 kind,

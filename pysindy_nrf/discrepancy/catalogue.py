@@ -90,6 +90,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.AddedMass(),
         laws.HiddenOscillator(covariate="ag" if "ag" in covariates else None),
         laws.LinkSpringDashpot(),
+        laws.GroundDashpot(),
         laws.BendingCoupling(),
         laws.ChannelDelay(),
         laws.GainError(),
@@ -295,19 +296,26 @@ def _may_tie(law: ForceLaw, experiment: Experiment) -> bool:
 def with_all_storeys(
     candidates: Iterable[Candidate], storeys: Sequence[Site]
 ) -> list[Candidate]:
-    """Candidates, and every law of the storeys at all of them at once."""
-    alone = list(candidates)
-    if len(storeys) < 2:
-        return alone
+    """Candidates, and every law of the storeys at all of them at once.
 
-    sites: dict[ForceLaw, set[Site]] = {}
+    A law of the ground alone is tried at all floors at once.
+    """
+    alone = list(candidates)
+    sites: dict[ForceLaw, list[Site]] = {}
     for candidate in alone:
-        sites.setdefault(candidate.law, set()).update(candidate.sites)
+        sites.setdefault(candidate.law, []).extend(candidate.sites)
+
     together = []
     for law, tried in sites.items():
-        acts_on_storeys = "link" in law.acts_at and tried >= set(storeys)
-        if acts_on_storeys and law.variable != "1":
-            together.append(Candidate(law, tuple(storeys)))
+        everywhere: Sequence[Site] = ()
+        if law.acts_at == ("ground",):
+            everywhere = tried
+        elif (
+            "link" in law.acts_at and law.variable != "1" and set(tried) >= set(storeys)
+        ):
+            everywhere = storeys
+        if len(everywhere) > 1:
+            together.append(Candidate(law, tuple(everywhere)))
     return alone + together
 
 

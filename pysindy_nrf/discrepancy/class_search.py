@@ -250,8 +250,8 @@ class ClassSearch:
                 proposals.append(proposal)
 
         if proposals and room > 1:
-            best = max(proposals, key=lambda proposal: proposal.value)
-            proposals += _at_all_storeys(best, self.places, state, room)
+            for best in _best_and_best_tie(proposals):
+                proposals += _at_all_storeys(best, self.places, state, room)
         proposals += _faults(self.tools.faults.findings(state), state)
         general = [p.general for p in promising if p.general is not None]
         return sorted(proposals, key=lambda proposal: -proposal.value), general
@@ -555,6 +555,13 @@ def _simplest_of_tied(
     return ranked[place].finding, judge.rivals(ranked, place)
 
 
+def _best_and_best_tie(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """The best proposal, and the best tie: some are there at all floors at once."""
+    ranked = sorted(proposals, key=lambda proposal: -proposal.value)
+    ties = [p for p in ranked if p.naming.effect_class == "tie"]
+    return list(dict.fromkeys([ranked[0], *ties[:1]]))
+
+
 def _at_all_storeys(
     best: Proposal, places: Sequence[Place], state: SearchState, room: int
 ) -> list[Proposal]:
@@ -644,7 +651,8 @@ def _is_there(proposal: Proposal, state: SearchState) -> bool:
     if not all(judge.differs_from_zero(finding.after.model, each) for each in new):
         return False
     shares = judge.shares_of_force(finding, state)
-    matters = max(shares.values()) >= CLASSES.least_share
+    # a dashpot matters beside other dampers, whatever the springs hold
+    matters = law.variable == "v" or max(shares.values()) >= CLASSES.least_share
     return matters and not judge.takes_over(finding, shares)
 
 

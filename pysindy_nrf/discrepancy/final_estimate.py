@@ -13,18 +13,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from sklearn.base import clone
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..diagnosis.effects import Bounds
 from ..diagnosis.motions import covariates_with_base
 from ..exceptions import NRFError, NRFWarning
+from ..identification.door import COMPLETE_RECORDS, choose_method
 from ..identification.problem import DEFAULT_DEGREE
 from ..identification.result import IdentificationResult
 from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
-from ..laws.shape import Motion
+from ..laws.shape import Motion, Shape
 from ..records.record import Record
 from .prepare import Band
 from .report import LoopReport, Step
@@ -68,7 +71,60 @@ def final_estimate(
             fitted = estimator.fit([_with_base(record) for record in records])
     except NRFError:
         return None
-    return fitted.result_
+    return _with_free_shapes(fitted.result_, request)
+
+
+def _with_free_shapes(
+    result: IdentificationResult, request: LoopRequest
+) -> IdentificationResult:
+    """The estimate whose shape parameters start from those of the search.
+
+    Intervals of coefficients would hold for the values of the search only. These stay
+    where instruments settle on no others, and intervals are withheld for it.
+    """
+    problem, data = result.problem, result.data
+    declared = request.problem.laws
+    free = {}
+    for site, group in problem.laws.items():
+        free[site] = _to_be_estimated(group, declared.get(site, ()))
+    freed = replace(problem, laws=free, start=problem.laws)
+    if data is None or not freed.has_free_shapes:
+        return result
+    method = choose_method(request.baseline.estimation, COMPLETE_RECORDS)
+    try:
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            estimate = method.identify(freed, data)
+    except NRFError:
+        return result
+    if estimate.intervals_withheld:
+        doubts = (*result.doubts, estimate.intervals_withheld)
+        return replace(result, doubts=doubts)
+    return estimate
+
+
+def _to_be_estimated(
+    group: Sequence[ForceLaw], declared: Sequence[ForceLaw]
+) -> tuple[ForceLaw, ...]:
+    """Laws without the values that the search gave to their shape parameters.
+
+    What the user declared stays, and so do times and frequencies.
+    """
+    laws = []
+    for law in group:
+        is_given = any(
+            type(each) is type(law) and each.shape == law.shape for each in declared
+        )
+        free: dict[str, None] = {}
+        if not is_given and not isinstance(law, SumOfAtoms):
+            names = [shape.name for shape in law.shapes if not _is_of_clock(shape)]
+            free = dict.fromkeys(names)
+        laws.append(law.with_values(shape=free))
+    return tuple(laws)
+
+
+def _is_of_clock(shape: Shape) -> bool:
+    """Whether a shape parameter is a time or a frequency."""
+    return shape.instant or shape.is_frequency
 
 
 def _with_base(record: Record) -> Record:
@@ -94,7 +150,8 @@ def with_final_estimate(
     )
     models = [model if each is searched else each for each in report.models]
     bounds, _ = identified.bounds
-    steps = [_with_values(step, model, bounds) for step in report.steps]
+    bounds_of_shapes = _bounds_of_shapes(identified)
+    steps = [_with_values(s, model, bounds, bounds_of_shapes) for s in report.steps]
     return replace(
         report,
         model=model,
@@ -105,10 +162,35 @@ def with_final_estimate(
     )
 
 
+def _bounds_of_shapes(identified: IdentificationResult) -> Bounds:
+    """95 % intervals of the shape parameters that were free, where there are any.
+
+    By site and name, such as ``"storey 2: uy"``.
+    """
+    if identified.declared is None or identified.intervals_withheld:
+        return {}
+    free = []
+    for site, group in identified.declared.laws.items():
+        for number, law in enumerate(group):
+            free += [(site, number, name) for name in law.free_shape]
+
+    def shapes_of(model: ChainModel) -> pd.Series:
+        values = {}
+        for site, number, name in free:
+            values[f"{site}: {name}"] = model.laws[site][number].shape[name]
+        return pd.Series(values, dtype=float)
+
+    try:
+        table = identified.intervals.parameters(shapes_of, 0.95, identified.data)
+    except NRFError:
+        return {}
+    return dict(zip(table["parameter"], zip(table["lower"], table["upper"])))
+
+
 def _with_values(
-    step: Step, model: ChainModel, bounds: Mapping[str, tuple[float, float]]
+    step: Step, model: ChainModel, bounds: Bounds, bounds_of_shapes: Bounds
 ) -> Step:
-    """A confirmed step with its coefficients in the final estimate."""
+    """A confirmed step with its parameters in the final estimate."""
     if not step.confirmed or step.is_fault:
         return step
     site = Site(step.site)
@@ -119,7 +201,10 @@ def _with_values(
         return replace(step, parameters=sizes, units=units, intervals={})
     intervals = {}
     for shape in law.shapes:
-        if shape.name in step.intervals:
+        name = f"{step.site}: {shape.name}"
+        if name in bounds_of_shapes:
+            intervals[shape.name] = bounds_of_shapes[name]
+        elif shape.name in step.intervals and _is_of_clock(shape):
             intervals[shape.name] = step.intervals[shape.name]
     for term in law.terms():
         name = f"{step.site}: {term.label}"
@@ -130,9 +215,20 @@ def _with_values(
 
 def _law_of(step: Step, laws: Sequence[ForceLaw]) -> ForceLaw:
     """The law of a step among those at its site, of which some may have one name."""
-    named = [law for law in laws if law.name == step.law]
-    alike = [law for law in named if dict(law.shape) == step.shape]
-    return (alike or named)[-1]
+    named = [law for law in reversed(laws) if law.name == step.law]
+    return min(named, key=lambda law: _distance(law.shape, step.shape))
+
+
+def _distance(
+    shape: Mapping[str, float | None], other: Mapping[str, float | None]
+) -> float:
+    """Sum of the relative differences of two sets of shape parameters."""
+    distance = 0.0
+    for name, value in shape.items():
+        before = other.get(name)
+        if value is not None and before is not None:
+            distance += abs(value - before) / (abs(before) or 1.0)
+    return distance
 
 
 def _size_of(law: SumOfAtoms, region: VisitedRegion | None) -> dict[str, float | None]:

@@ -13,7 +13,6 @@ from ..identification.displacement_drifts import without_drifts
 from ..identification.force_corners import without_force_corners
 from ..identification.force_courses import with_force_courses
 from ..identification.problem import Problem, flexible_laws
-from ..laws.elastic import MaxwellBranch
 from ..records.checks.corners import without_corners
 from ..records.dataset import Dataset
 from ..records.fusion.kinematic_smoother import KinematicSmoother
@@ -143,18 +142,11 @@ def with_corrected_channels(
 
     Asked beside general laws, so that a law that is missing is neither.
     """
-    drifts, rates = {}, {}
+    drifts = {}
     for site in problem.chain.sites:
-        motions = [seg.motion(site, seg.valid) for seg in prepared.data.segments]
-        drifts[site] = float(max(motion.s.std() for motion in motions))
-        rates[site] = float(max(motion.v.std() for motion in motions))
-    laws = flexible_laws(problem, drifts)
-    if problem.needs_clock:
-        # a force that relaxes looks late
-        for site, rate in rates.items():
-            if rate > 0:
-                laws[site].append(MaxwellBranch(tau=drifts[site] / rate))
-    general = problem.with_laws(laws)
+        sizes = [seg.motion(site, seg.valid).s.std() for seg in prepared.data.segments]
+        drifts[site] = float(max(sizes))
+    general = problem.with_laws(flexible_laws(problem, drifts))
 
     data = replace(prepared.data, records=tuple(prepared.records))
     corrected = without_drifts(general, without_force_corners(general, data))

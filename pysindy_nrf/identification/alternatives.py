@@ -22,6 +22,7 @@ from scipy.stats import norm
 from ..chain.model import ChainModel
 from ..diagnosis.facts import Alternative, Move
 from ..diagnosis.force_delays import delays_of
+from ..diagnosis.open_alternatives import MUCH_WIDER
 from ..diagnosis.residual import residual_of
 from ..exceptions import NRFError, NRFWarning
 from ..laws.base import ForceLaw
@@ -35,7 +36,7 @@ from .intervals import (
     newey_west,
     parameters_of,
 )
-from .problem import Problem, least_squares
+from .problem import Estimate, Problem, least_squares
 
 # Step of a change of the data for derivatives, as a share of the channel that changes;
 # estimates are linear in it.
@@ -51,9 +52,6 @@ _TENTH = 5
 # Samples of all records together. Ten storeys are compared in seconds, and an
 # alternative that so many samples do not exclude is not excluded by the modes either.
 MAX_SAMPLES = 10_000
-# Relative difference of masses and stiffnesses from which on least squares says nothing
-# of a model that was identified otherwise.
-_NEAR = 0.1
 _QUANTILE = float(norm.ppf(0.975))
 
 Laws = Mapping[str, tuple[ForceLaw, ...]]
@@ -70,8 +68,8 @@ def alternatives_of(
         All shape parameters have values.
     data : Dataset
     trusted : ChainModel, optional
-        The model that was identified, if its free run follows the motion. Where noise
-        keeps least squares from it, least squares says nothing of it.
+        The model that was identified, if its free run follows the motion. Noise keeps
+        least squares at a distance from it; alternatives that change less say nothing.
 
     Returns
     -------
@@ -83,17 +81,15 @@ def alternatives_of(
         return ()
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         comparison = _Comparison(problem, _strongest_stretches(data))
-        if trusted is not None and comparison.distance_to(trusted) > _NEAR:
-            return ()
+        distance = 0.0 if trusted is None else comparison.distance_to(trusted)
         alternatives = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
             *_other_channels(comparison),
             *_late_forces(comparison),
         ]
-    return tuple(
-        sorted(alternatives, key=lambda alternative: alternative.residual_share)
-    )
+    resolved = [each for each in alternatives if each.reach > distance]
+    return tuple(sorted(resolved, key=lambda alternative: alternative.residual_share))
 
 
 def _strongest_stretches(data: Dataset) -> Dataset:
@@ -117,9 +113,14 @@ class _Comparison:
     data: Dataset
 
     @cached_property
+    def estimate(self) -> Estimate:
+        """The estimate without an alternative."""
+        return least_squares(self.problem, self.data)
+
+    @property
     def model(self) -> ChainModel:
         """The model without an alternative."""
-        return least_squares(self.problem, self.data).model
+        return self.estimate.model
 
     @cached_property
     def squares(self) -> np.ndarray:
@@ -157,6 +158,13 @@ class _Comparison:
         return parameters_of(model, known_masses)[names]
 
     @cached_property
+    def resolver(self) -> Resolver:
+        """Solves the model again on pieces of the data."""
+        return _of_few_pieces(
+            least_squares_resolver(self.problem, self.estimate.order, self.data)
+        )
+
+    @cached_property
     def masses_and_stiffnesses(self) -> pd.Index:
         """Names of those that are identified."""
         names = parameters_of(self.model, self.problem.known_masses).index
@@ -176,13 +184,18 @@ class _Comparison:
         resolver = _of_few_pieces(
             least_squares_resolver(problem, estimate.order, self.data)
         )
-        spread = np.sqrt(np.diag(resolver.covariance(numbers)))
         here, there = numbers(self.model), numbers(estimate.model)
+        numbers_beside = _Numbers(
+            here,
+            there,
+            pd.Series(_half_widths(resolver, numbers), here.index),
+            pd.Series(_half_widths(self.resolver, numbers), here.index),
+        )
         squares = self.squares_of(estimate.model, problem, self.data)
         return self.alternative(
             description,
             ", ".join(more),
-            _Numbers(here, there, pd.Series(_QUANTILE * spread, here.index)),
+            numbers_beside,
             watched,
             squares,
             estimate.model,
@@ -204,8 +217,8 @@ class _Comparison:
         size = numbers.here[watched].abs()
         relative_change = (numbers.there - numbers.here)[watched] / size
         relative_width = numbers.half_width[watched] / size
-        reach = np.maximum(relative_change.abs(), relative_width)
-        parameter = str(reach.idxmax())
+        wider = numbers.wider_half_width[watched] / size
+        parameter = str(np.maximum(relative_change.abs(), wider).idxmax())
         after, before = squares.sum(axis=0), self.squares.sum(axis=0)
         unsolved = before > 0
         ratios = after[unsolved] / before[unsolved]
@@ -215,6 +228,7 @@ class _Comparison:
             parameter,
             float(relative_change[parameter]),
             float(relative_width[parameter]),
+            float(wider[parameter]),
             float(np.sqrt(after.sum() / before.sum())) if unsolved.any() else 1.0,
             float(np.sqrt(ratios.mean())) if unsolved.any() else 1.0,
             numbers.moves,
@@ -225,20 +239,43 @@ class _Comparison:
 
 @dataclass(frozen=True)
 class _Numbers:
-    """Numbers of a model, the same beside an alternative, and their half-widths."""
+    """Numbers of a model and the same beside an alternative, with half-widths.
+
+    Attributes
+    ----------
+    here, there : Series
+    half_width, half_width_here : Series
+        Beside the alternative, and of the model itself from the same pieces.
+    """
 
     here: pd.Series
     there: pd.Series
     half_width: pd.Series
+    half_width_here: pd.Series
+
+    @property
+    def wider_half_width(self) -> pd.Series:
+        """Half-widths beside the alternative; zero where it makes them no wider.
+
+        A blow in a single piece makes every half-width wide.
+        """
+        is_wider = self.half_width > MUCH_WIDER * self.half_width_here
+        return self.half_width.where(is_wider, 0.0)
 
     @property
     def moves(self) -> dict[str, Move]:
         """What the alternative does to each number."""
         change = self.there - self.here
+        wider = self.wider_half_width
         moves = {}
         for name, size in change.items():
-            moves[str(name)] = Move(float(size), float(self.half_width[name]))
+            moves[str(name)] = Move(float(size), float(wider[name]))
         return moves
+
+
+def _half_widths(resolver: Resolver, numbers: Statistic) -> np.ndarray:
+    """Half-widths of the 95 % intervals of numbers."""
+    return _QUANTILE * np.sqrt(np.diag(resolver.covariance(numbers)))
 
 
 def _of_few_pieces(resolver: Resolver) -> Resolver:
@@ -368,7 +405,7 @@ def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None
     return comparison.alternative(
         change.description.format(change.neutral + best),
         change.place,
-        _Numbers(here, at_best.values, _QUANTILE * rate.abs() * spread),
+        _Numbers(here, at_best.values, _QUANTILE * rate.abs() * spread, 0.0 * here),
         comparison.masses_and_stiffnesses,
         at_best.squares,
         at_best.model,
@@ -463,7 +500,7 @@ def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
         yield comparison.alternative(
             f"{channel} logged {abs(samples):.3g} samples {side}",
             f"sensor {channel}",
-            _Numbers(here, comparison.parameters(model), 0.0 * here),
+            _Numbers(here, comparison.parameters(model), 0.0 * here, 0.0 * here),
             comparison.masses_and_stiffnesses,
             squares,
             model,

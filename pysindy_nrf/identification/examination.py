@@ -171,7 +171,8 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     probes = [ForceProbes(missing.layout, judged)] if data.records else []
     collect(missing.layout, judged, problem.band, [missing, *jumps.active, *probes])
 
-    forces = bias.contradictions_of(solution)
+    # noise biases each equation by itself, and instruments do not mind it
+    forces = bias.contradictions_of(finding.estimate.solution)
     for probe in probes:
         forces += probe.sentences()
     masses = doubtful_masses(solution, model.units)

@@ -74,6 +74,9 @@ class Problem:
         if None.
     known_masses, band, strategy, optimizer, constraints
         See :class:`NRFRegressor`.
+    start : mapping of str to sequence of ForceLaw, optional
+        The same laws with values of all shape parameters, from which an estimate of
+        those that are free starts; they are searched for if None.
 
     Raises
     ------
@@ -100,6 +103,7 @@ class Problem:
     excited: int | tuple[int, ...] | None = None
     optimizer: Optimizer | None = None
     constraints: Mapping[str, Parameter] = field(default_factory=dict)
+    start: Mapping[Site, tuple[ForceLaw, ...]] | None = None
 
     def __post_init__(self) -> None:
         chain = chain_of(self.chain, 0).with_links(self.laws)
@@ -302,6 +306,8 @@ def _with_shapes(
     """The problem with values for the shape parameters that are free."""
     if not problem.has_free_shapes:
         return problem
+    if problem.start is not None:
+        return replace(problem, laws=problem.start, start=None)
 
     def solved(layout: LawLayout) -> tuple[chain_solve.Solution, NormalEquations]:
         return _solution(problem, layout, order, data, filters)

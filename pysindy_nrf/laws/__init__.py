@@ -40,6 +40,7 @@ from .forcing import AddedMass as AddedMass
 from .forcing import BaseMotion as BaseMotion
 from .forcing import BendingCoupling as BendingCoupling
 from .forcing import ConstantForce
+from .forcing import GroundDashpot as GroundDashpot
 from .forcing import HarmonicForce as HarmonicForce
 from .forcing import HiddenOscillator as HiddenOscillator
 from .forcing import Inerter as Inerter

@@ -157,6 +157,28 @@ class LinkSpringDashpot(ForceLaw):
         out[1] = v
 
 
+class GroundDashpot(ForceLaw):
+    """Linear dashpot from a floor to the ground, ``R = c v``.
+
+    Damping that is not of the storeys: that part of Rayleigh's damping which is
+    proportional to the masses, air, or water. A search tries it at all floors at once,
+    too.
+    """
+
+    name = "ground_dashpot"
+    family = "link"
+    stands_for = "tie"
+    columns = (Term("c", "v", "N s/m"),)
+    variable = "v"
+    passive = True
+    acts_at = ("ground",)
+    nonnegative = ("c",)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = v
+
+
 class BendingCoupling(ForceLaw):
     """Coupling of two neighbouring storeys by bending, ``R = -kb s``.
 

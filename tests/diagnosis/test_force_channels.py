@@ -85,6 +85,12 @@ def test_a_distorted_force_is_named_with_its_size(sound, distorted, words):
     assert re.search(words, of_second[0])
 
 
+def test_a_distortion_that_explains_little_is_no_accusation(sound):
+    """Peaks that are 5 % too small are a tenth of what noise leaves."""
+    record = with_second_force(sound, lambda force: 1200 * np.tanh(force / 1200))
+    assert doubts(record)["forces"] == []
+
+
 def interpolated(force):
     samples = np.arange(len(force))
     return np.interp(samples, samples[::4], force[::4])

@@ -22,7 +22,7 @@ def brace(change, half_width, share=0.99):
     """A brace that moves the mass, as a share of it."""
     moves = {"m1": Move(10.0 * change, 10.0 * half_width)}
     return Alternative(
-        "a brace", "ground 2", "m1", change, half_width, share, 1.0, moves
+        "a brace", "ground 2", "m1", change, half_width, half_width, share, 1.0, moves
     )
 
 
@@ -47,7 +47,7 @@ def test_an_interval_that_another_value_matters_for_is_widened():
     """The brace moves a stiffness by 20 %, and the mass by 3 % only."""
     moves = {"m1": Move(0.3, 0.1), "storey 1: s": Move(-8e3, 1e3)}
     alternative = Alternative(
-        "a brace", "ground 2", "storey 1: s", -0.2, 0.02, 0.99, 1.0, moves
+        "a brace", "ground 2", "storey 1: s", -0.2, 0.02, 0.02, 0.99, 1.0, moves
     )
     beside = intervals_beside(alternative)
     assert beside["m1"] == pytest.approx((9.9, 10.4))
@@ -134,3 +134,18 @@ def test_units_that_a_file_does_not_state_are_assumed(tmp_path):
     verdict = verdict_from(Facts(unexplained={1: 1.0}, quality=notes))
     assert verdict.state == "green"
     assert list(verdict.assumptions) == texts
+
+
+def test_units_at_the_ends_of_names_are_assumed(tmp_path):
+    rows = np.arange(64)
+    motion = np.sin(0.3 * rows)
+    columns = {"t [s]": rows / 50, "a1_g": motion, "x1 [mm]": motion, "F1 lbf": motion}
+    path = tmp_path / "ends.csv"
+    pd.DataFrame(columns).to_csv(path, index=False)
+    (note,) = [note for note in read_record(path).quality if note.kind == "assumed"]
+    assert "a1 in g" in note.message
+    assert "F1 in lbf" in note.message
+    assert "x1" not in note.message
+
+    given = read_record(path, units={"a": "g", "F": "lbf"}).quality
+    assert not any(note.kind == "assumed" for note in given)

@@ -60,6 +60,12 @@ def test_errors_without_a_value_are_never_green():
     assert verdict_from(Facts(unexplained={1: np.nan, 2: np.nan})).state == "red"
 
 
+def test_no_more_than_a_force_is_unexplained():
+    verdict = verdict_from(Facts(unexplained={1: 5.07e16}))
+    assert verdict.state == "red"
+    assert "e+" not in str(verdict)
+
+
 def test_an_exponential_window_is_red():
     """Windowed responses make the free run miss the motion by most of it."""
     model = ChainModel([9.0, 7.0, 6.0], {i: spring_and_dashpot(4e4) for i in (1, 2, 3)})

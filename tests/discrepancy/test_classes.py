@@ -157,6 +157,22 @@ def test_two_harmonic_forces_on_one_floor_are_two_effects():
     assert sizes == pytest.approx(amplitudes, rel=0.05)
 
 
+def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground():
+    """Rayleigh damping of 0.8 / s on floors of 10 kg."""
+    linear = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]
+    to_ground = [laws.GroundDashpot([8.0])]
+    truth = ChainModel(
+        [10.0] * 3,
+        {1: linear, 2: linear, 3: linear, "ground 2": to_ground, "ground 3": to_ground},
+    )
+    F = excitation.band_limited_random(
+        3, 20.0, 500.0, excited=1, rms=60.0, band=(0.5, 40.0), random_state=3
+    )
+    report = close_loop(simulate(truth, F, 1 / 500))
+    found = {step.site: step.parameters.get("c") for step in report.steps}
+    assert found == pytest.approx({"ground 2": 8.0, "ground 3": 8.0}, rel=1e-3)
+
+
 def test_a_rest_before_the_motion_hides_nothing():
     """The motion lasts a twentieth of the record."""
     clock = np.arange(440) / 20.0

@@ -288,6 +288,39 @@ def test_a_force_that_is_straight_between_samples_hides_no_oscillator():
     assert loop(record, tried, 0.003).steps == []
 
 
+# -- intervals and verdicts ----------------------------------------------------
+
+
+def test_intervals_of_a_law_hold_what_its_shape_allows():
+    """Another power n goes with another coefficient and another dashpot."""
+    k, c, n, cn = 9e5, 500.0, 0.5, 900.0
+    linear = [laws.LinearElastic(k), laws.LinearViscous(c)]
+    damped = [*linear, laws.PowerLawDamping(n=n, cn=cn)]
+    F = random_forces(2, 25.0, [2], 700.0, band=(0.8, 22), fs=400.0, seed=1)
+    model = ChainModel([420.0, 380.0], {1: linear, 2: damped})
+    record = simulate(model, F, 1 / 400, hold="cubic").replace(velocity=None)
+    report = loop(record, [laws.PowerLawDamping(), laws.CubicStiffness()], 0.004)
+
+    (step,) = report.steps
+    intervals = {**step.intervals, "c": report.bounds["storey 2: v"]}
+    for name, truth in {"n": n, "cn": cn, "c": c}.items():
+        low, high = intervals[name]
+        # a twentieth of them may leave the truth, but none by far
+        assert abs(low + high - 2 * truth) < 3 * (high - low)
+
+
+def test_where_a_search_has_too_little_the_verdict_is_that_of_the_fit():
+    """One blow a floor: no part of the record tells what another does."""
+    linear = [laws.LinearElastic(5e4), laws.LinearViscous(30.0)]
+    F = np.zeros((5000, 2))
+    F[300:306, 0], F[2500:2506, 1] = 400.0, -300.0
+    record = simulate(ChainModel([14.0, 11.0], {1: linear, 2: linear}), F, 1e-3)
+    noisy = add_noise(record.replace(velocity=None), 0.002, random_state=3)
+    fit, report = NRFRegressor(degree=1).fit(noisy), close_loop(noisy)
+    assert report.verdict.state == fit.verdict().state == "green"
+    assert report.model.masses == pytest.approx(fit.masses_, rel=1e-6)
+
+
 # -- accelerations alone -------------------------------------------------------
 
 

@@ -44,12 +44,15 @@ class Source:
         The variables of the file.
     declared : bool
         Whether the unit was given, by the user or the file.
+    from_name : bool
+        Whether the unit is only the end of the name of the column, as in ``a1_g``.
     """
 
     text: str
     unit: str
     columns: tuple[str, ...] = ()
     declared: bool = False
+    from_name: bool = False
 
 
 @dataclass(frozen=True)
@@ -397,6 +400,14 @@ def written_unit(channel: str, name: str, table: Table) -> str | None:
     if suffix is None or dimension_of(channel) is None:
         return None
     return suffix if kind_of_unit(suffix) == channel[0] else None
+
+
+def is_end_of_names(unit: str | None, expression: Expression, table: Table) -> bool:
+    """Whether a unit is only the end of the names of columns, as in ``a1_g``."""
+    for name in expression.columns:
+        if name in table.units or split_suffix(name)[1] != unit:
+            return False
+    return unit is not None
 
 
 def in_si(line: np.ndarray, unit: str | None, channel: str) -> np.ndarray:

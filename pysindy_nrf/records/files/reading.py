@@ -14,7 +14,14 @@ from ..channels import channel_of
 from ..quality import QualityNote
 from ..record import BASES, Record, require_coordinates
 from .attributes import Attributes, restored
-from .file_clock import FileClock, Source, clock_of_file, in_si, written_unit
+from .file_clock import (
+    FileClock,
+    Source,
+    clock_of_file,
+    in_si,
+    is_end_of_names,
+    written_unit,
+)
 from .mapping.assignment import assign_channels
 from .mapping.expression import Expression, line_of
 from .mapping.words import MOTION_LETTERS, WORDS_OF_BASE, letter_named, names_one_of
@@ -355,6 +362,7 @@ def _assumed(
         sentences.append(
             f"{', '.join(bare)} are taken in {units}: no unit is given for them."
         )
+    sentences += _units_from_names(sources)
     if not clock.rate_is_stated:
         sentences.append(
             f"The rate of {record.fs:g} Hz is {clock.origin}: no time is read."
@@ -364,6 +372,20 @@ def _assumed(
     return tuple(
         QualityNote("assumed", sentence, record=record.name) for sentence in sentences
     )
+
+
+def _units_from_names(sources: Mapping[str, Source]) -> list[str]:
+    """A sentence on channels whose unit is only the end of a name."""
+    channels_by_unit: dict[str, list[str]] = {}
+    for channel, source in sources.items():
+        if source.from_name:
+            channels_by_unit.setdefault(source.unit, []).append(channel)
+    if not channels_by_unit:
+        return []
+    groups = [
+        f"{', '.join(group)} in {unit}" for unit, group in channels_by_unit.items()
+    ]
+    return [f"Units are read from the ends of names: {'; '.join(groups)}."]
 
 
 def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
@@ -434,11 +456,13 @@ def _measured_in_si(
         line = line_of(expression, table, channel)
         unit = _unit_of(channel, expression, table, declared)
         lines[channel] = in_si(line, unit, channel)
+        is_given = _is_given_by_user(channel, mapping, declared)
         sources[channel] = Source(
             expression.text,
             unit or si_unit(channel),
             expression.columns,
             declared=unit is not None,
+            from_name=not is_given and is_end_of_names(unit, expression, table),
         )
     _require_channels_of_units(declared, lines)
     _require_one_kind_of_motion(sources)
@@ -494,6 +518,15 @@ def _declared_units(units: Mapping[str, str]) -> dict[str, str]:
         channel = channel_of(name) or ("F" if name == "f" else name)
         declared[channel] = unit.strip()
     return declared
+
+
+def _is_given_by_user(
+    channel: str, mapping: Mapping[str, str], declared: Mapping[str, str]
+) -> bool:
+    """Whether the user gave the unit of a channel."""
+    return (
+        channel in declared or channel[0] in declared or "@" in mapping.get(channel, "")
+    )
 
 
 def _unit_of(

@@ -190,9 +190,12 @@ def test_hidden_friction_is_a_torque(path_with_friction):
     assert_no_translation(json.dumps(html_page.figures(page), ensure_ascii=False))
 
 
-def test_a_record_that_was_written_is_read_as_rotations(path, tmp_path):
+def test_a_record_that_was_written_is_read_as_rotations(path, tmp_path, capsys):
     record = io.read_record(path)
-    again = io.read_record(write_record(record, tmp_path / "again.csv"))
+    written = write_record(record, tmp_path / "again.csv")
+    run(["inspect", str(written)])
+    assert " in m" not in capsys.readouterr().out
+    again = io.read_record(written)
     assert again.rotates
     np.testing.assert_array_equal(again.displacement, record.displacement)
 

@@ -164,7 +164,16 @@ class Problem:
         return replace(self, laws=dict(self.laws) | _by_site(self.chain, laws))
 
     def along(self, data: Record | Dataset) -> Problem:
-        """The same problem of a chain that rotates, where the data are rotations."""
+        """The same problem of a chain that rotates, where the data are rotations.
+
+        Parameters
+        ----------
+        data : Record or Dataset
+
+        Returns
+        -------
+        Problem
+        """
         if self.chain.rotates or not data.rotates:
             return self
         return replace(self, chain=self.chain.of_rotations())

@@ -242,7 +242,7 @@ def _origin(record: Record, name: str, source: Source) -> str:
     parts = []
     if source.text != name:
         parts.append(source.text)
-    if source.unit not in ("", unit_of(record, name)):
+    if source.unit not in ("", si_unit(name), unit_of(record, name)):
         parts.append(f"in {source.unit}")
     return f"   <- {' '.join(parts)}" if parts else ""
 

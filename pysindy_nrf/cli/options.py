@@ -45,6 +45,7 @@ class ExcitationOptions(ReadingOptions):
     """How forces are read: from the file of a test, or by a mapping file."""
 
     mapping_file: Path | None
+    hold: str | None
 
 
 PreparationOptions = TypedDict(
@@ -198,6 +199,12 @@ coordinates_option = choice(
     ["relative", "absolute"],
     "Whether velocities and displacements are relative to the base (the default).",
 )
+hold_option = choice(
+    "--hold",
+    ["cubic", "linear", "zero"],
+    "Course of the forces between the samples: band-limited (cubic), straight, or"
+    " constant as a D/A converter holds its command (zero).",
+)
 mapping_option = click.option(
     "--mapping",
     "mapping_file",
@@ -244,6 +251,7 @@ record_options = together(
     unit_option,
     rate_option,
     coordinates_option,
+    hold_option,
     preparation_options,
     mapping_option,
     laws_option,
@@ -375,6 +383,7 @@ def readings_of(
         mapping,
         files=tuple(files),
         coordinates=coordinates,
+        hold=options["hold"] or mapping.hold,
         prepare=settings_of_preparation(options, mapping),
     )
     with working("reading"):
@@ -406,6 +415,7 @@ def read_tests(
             test,
             name=name,
             coordinates=mapping.coordinates,
+            hold=mapping.hold,
             preparation=preparation_of(mapping),
             **how,
         )

@@ -281,6 +281,7 @@ def _data_of_law(law: type[ForceLaw]) -> dict[str, str]:
 @opt.map_option
 @opt.unit_option
 @opt.rate_option
+@opt.hold_option
 @opt.mapping_option
 @opt.laws_option
 @opt.choice(
@@ -323,6 +324,7 @@ def simulate(
     from ..records.files import describe, write_record
     from ..records.files.reading import read_excitation
     from ..records.files.summary import summary
+    from ..records.hold import BAND_LIMITED
 
     session = Session(as_json)
     structure = ChainModel.from_json(model)
@@ -342,6 +344,7 @@ def simulate(
             method=options["method"],
             x0=options["x0"],
             v0=options["v0"],
+            hold=options["hold"] or mapping.hold or BAND_LIMITED,
         )
     run = run.starting_at(load.t0)
 

@@ -71,6 +71,7 @@ def default_catalogue(covariates: Sequence[str] = ()) -> list[ForceLaw]:
         laws.PreloadedContact(side=-1),
         laws.TwoSidedGap(),
         laws.DeadZone(),
+        laws.SofteningKnee(),
         laws.Bilinear(),
         laws.Jenkins(),
         laws.BacklashFriction(),

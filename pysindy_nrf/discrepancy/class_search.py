@@ -458,6 +458,7 @@ def _named(
     carrying = _carrying(names, general, rng)
     if carrying:
         name, rivals = _simplest_of_tied(carrying, state)
+        name = _without_noise(name, names, rng)
         assert name.reduction is not None
         naming = Naming(place.effect_class, name.candidate.law.name, rivals=rivals)
         return Proposal(name, name.reduction, naming)
@@ -517,6 +518,21 @@ def _carries(name: Finding, general: Finding | None, allowance: float = 0.0) -> 
     lost = general.value - name.value - allowance
     nearly = max(JUDGE.loss_of_simplest * general.value, error)
     return lost <= max(CLASSES.loss_of_name, min(nearly, CLASSES.most_lost))
+
+
+def _without_noise(
+    name: Finding, names: Sequence[Finding], rng: np.random.Generator
+) -> Finding:
+    """A special case of a name that only noise makes lose against it; else the name."""
+    law = name.candidate.law
+    for simpler in names:
+        fewer = simpler.n_parameters < name.n_parameters
+        if fewer and law.contains(simpler.candidate.law):
+            by_noise = _lost_by_noise(simpler, name, rng)
+            noise_matters = by_noise > CLASSES.loss_of_name
+            if noise_matters and _carries(simpler, name, by_noise):
+                return simpler
+    return name
 
 
 def _lost_by_noise(

@@ -32,21 +32,19 @@ def close_loop(
     """Find the effects a model lacks, add them, and report the error before and after.
 
     The records are fused (:class:`KinematicSmoother`) and cut into folds. A quarter of
-    each record, or the records in ``heldout``, are put aside until the end. Columns and
-    forces are cut into half-overlapping windows and transformed. The frequency bands in
-    which the chain explains the balances are found once, before the search.
+    each record, or the records in ``heldout``, are put aside. Columns and forces are
+    cut into half-overlapping windows and transformed. The frequency bands in which the
+    chain explains the equations of motion are found once, before the search.
 
-    Every law of the catalogue is tried at every site where it makes sense, and laws of
-    the storeys at all of them at once. The error reduction of a candidate is the fall
-    of the cross-validated residual in dB, averaged over informative bands. An effect is
-    accepted under three conditions. Its reduction stands whichever fold is left out. It
-    changes the force at its site enough to matter. Errors of the channels within their
-    tolerances do not explain it as well. After each effect all shape parameters are
-    refined, and effects that became needless are removed.
+    At every site the general law of each class, or its names, are fitted. The names of
+    the best places are tried. The error reduction of a candidate is the fall of the
+    cross-validated residual in dB, averaged over informative bands. An effect must
+    stand whichever fold is left out, and change the force at its site enough to matter.
+    Errors of the channels within their tolerances must not explain it. It must hold at
+    another condition: on another record, at another amplitude, or at another time.
 
-    Held-out data decide last. An effect is confirmed only if it lowers their error, and
-    takes a tenth of that error or of what the search leaves. Other effects are not in
-    the model.
+    Held-out records judge one effect after another, so that their errors are not those
+    of untouched data. Keep a third record for them.
 
     Where a floor has no sensor, candidates are ranked by the effect of their force on
     the measured channels along the free run of the model.
@@ -60,7 +58,7 @@ def close_loop(
     catalogue : iterable of ForceLaw, optional
         Laws to try; all of :mod:`pysindy_nrf.laws` that can be an effect if None.
     heldout : Record or sequence of Record, optional
-        Records that are read once, to confirm the effects.
+        Records that judge the effects; a quarter of each record if None.
     band : (float, float), optional
         Frequency band, Hz, outside of which no band is informative; the baseline's if
         None.

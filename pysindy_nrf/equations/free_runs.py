@@ -6,6 +6,7 @@ from typing import NamedTuple, Unpack
 import numpy as np
 
 from ..chain.model import ChainModel
+from ..chain.sites import Site
 from ..exceptions import DivergenceError, NRFError
 from ..records.dataset import BlockRows, Dataset, Segment
 from ..records.record import Record
@@ -36,11 +37,13 @@ def free_run_of(
     """The model alone under the forces and base motion of some rows of a record.
 
     It starts from the measured state of the first row, or from ``start``:
-    displacements (m) and velocities (m/s) relative to the base. Between the samples
-    the forces take the course of the record, unless ``hold`` says another.
+    displacements (m) and velocities (m/s) relative to the base. Laws start from the
+    states that the measured motion before gives them. Between the samples the forces
+    take the course of the record, unless ``hold`` says another.
     """
     options.setdefault("hold", segment.course)
     chosen = segment.valid if rows is None else rows
+    options.setdefault("states", states_in(model, segment, chosen.start))
     if start is None:
         x0 = np.cumsum(segment.s[chosen.start].astype(float))
         v0 = np.cumsum(segment.v[chosen.start].astype(float))
@@ -60,6 +63,24 @@ def free_run_of(
         covariates=covariates or None,
         **options,
     )
+
+
+def states_in(
+    model: ChainModel, segment: Segment, row: int
+) -> dict[tuple[Site, int], np.ndarray]:
+    """States of laws with memory in a row, after the measured motion before it.
+
+    They are zero in the first row of the record.
+    """
+    states = {}
+    rows = slice(segment.first_row, row + 1)
+    for site, group in model.laws.items():
+        for number, law in enumerate(group):
+            if law.has_memory:
+                state = np.zeros(law.n_states)
+                law.features(segment.motion(site, rows), state)
+                states[site, number] = state
+    return states
 
 
 class EitherRun(NamedTuple):

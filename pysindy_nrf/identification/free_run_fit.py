@@ -385,7 +385,7 @@ def _trial(
     starts = point.moved_starts(step) if move else point.starts
     try:
         runs = problem.runs(u, starts)
-        if not problem.cost(u, runs) < point.cost:
+        if not problem.cost(u, runs, point.states) < point.cost:
             return None
         return problem.point(u, starts, runs)
     except NRFError:  # the run diverges, or a shape has no such value

@@ -196,7 +196,7 @@ class _Rounds:
                 self._solve(runs)
             except (SimulationError, IdentifiabilityError) as failure:
                 return failure
-            if self._is_settled(runs):
+            if self._is_settled():
                 break
         return self._doubt_of_last(runs)
 
@@ -288,11 +288,13 @@ class _Rounds:
             " instruments.",
         )
 
-    def _is_settled(self, runs: InstrumentRuns) -> bool:
-        """Whether the masses change no more, in a round weighted like the last."""
-        if self.change >= SETTLED or self.number <= PLAIN_ROUNDS:
-            return False
-        return self.number > PLAIN_ROUNDS + 1 or runs.whiteners is None
+    def _is_settled(self) -> bool:
+        """Whether the masses change no more, in a weighted round if there is one.
+
+        Where the weights alone change them so little, a better instrument changes them
+        less.
+        """
+        return self.change < SETTLED and self.number > PLAIN_ROUNDS
 
     def _doubt_of_last(self, runs: InstrumentRuns) -> NRFError | None:
         """Why the last round is not to be believed, if an earlier one may be."""

@@ -2,7 +2,9 @@
 
 With all floors measured the free-run fit (``estimation="simulation"``) starts from
 instrumental variables, and is kept only if it predicts unseen parts of the records,
-both halves of them, better. With fewer sensors: :mod:`.fewer_sensors`.
+both halves of them, better. Initial states of all shots are free; laws with memory
+begin in the states that the measured motion before a shot gives them. With fewer
+sensors: :mod:`.fewer_sensors`.
 """
 
 import warnings
@@ -24,6 +26,7 @@ from ..exceptions import (
 from ..laws.shape import Shape
 from ..records.dataset import Dataset
 from ..records.zero_phase_filter import Band
+from ..simulation.system import flatten, jumping_sites
 from .free_run_fit import FreeRunError, FreeRunFit, Solution
 from .instrumental_variables import IVResult, instrumental_variables
 from .intervals import InfluenceResolver, Resolver
@@ -45,11 +48,23 @@ __all__ = [
     "refine",
 ]
 
-# Iterations of a fit to one half of the data, which starts near its end.
-STEPS_OF_HALF = 4
+# Iterations without weights, after which the gaps show noise and not the error of the
+# first estimate. Weights of the first gaps leave the dashpot of the Bouc-Wen benchmark
+# 1.2 % off, those of the second 0.1 %.
+PLAIN_STEPS = 2
+# Iterations of a fit to one half of the data, which starts at the fit to all: one step
+# of Gauss and Newton goes nearly all of the way.
+STEPS_OF_HALF = 1
 # Free-run error on unseen parts after and before the refinement; a smaller reduction is
 # not worth another estimate.
 LARGEST_RATIO = 0.97
+# What a free run misses of a channel over the noise of the channel, both rms, that
+# errors of the first state explain. Chosen on chains with friction of
+# benchmarks/free_runs.py: with 3, one of eight keeps an error of 3.3 % (0.2 with 1.5).
+MOST_BY_NOISE = 1.5
+# Samples up to which the free run is fitted unasked: 8,192 of a loop take 30 s of one
+# core, 153,000 several minutes.
+MOST_SAMPLES_UNASKED = 30_000
 # Change of a mass in the last round of the instruments, in standard errors, that
 # matters no more.
 NEGLIGIBLE_CHANGE = 0.2
@@ -137,7 +152,7 @@ def output_error(
     shapes : sequence of (Site, int, Shape)
         Shape parameters that are free, by site and number of the law there.
     """
-    shots = shots_of(data, layout.has_memory)
+    shots = shots_of(data, start)
     if not shots:
         return _start_kept("the force on some DOF is unknown in every record")
     if max(shot.n_samples for shot in shots) < 2 * MIN_ROWS:
@@ -146,11 +161,12 @@ def output_error(
     rebuild = free_parameters(start, known_masses, shapes=shapes)
     fit = FreeRunFit(rebuild, shots, layout, _resolved_band(shots, band))
     try:
-        noisy_fit = fit.with_noise(start)
+        plain = fit.solve(rebuild.start, steps=PLAIN_STEPS, move=True)
+        noisy_fit = fit.begun_from(plain).with_noise(plain.model)
         if noisy_fit is None:
             exact = "the free run is exact to round-off"
             return OutputErrorResult(error_before=0.0, error_after=0.0, reason=exact)
-        return _fit_if_better(noisy_fit, start, halves)
+        return _fit_if_better(noisy_fit, plain.u, halves or (start, start))
     except SimulationError as error:
         return _start_kept(error.what)
 
@@ -166,11 +182,21 @@ def _resolved_band(shots: Sequence[Shot], band: Band) -> tuple[float, float]:
 
 
 def _fit_if_better(
-    fit: FreeRunFit, start: ChainModel, halves: Sequence[ChainModel] | None
+    fit: FreeRunFit, first: np.ndarray, rivals: Sequence[ChainModel]
 ) -> OutputErrorResult:
-    """Fit to all data, if fits to each half predict the other half better."""
+    """Fit to all data, if fits to each half predict the other half better.
+
+    Parameters
+    ----------
+    fit : FreeRunFit
+    first : ndarray of shape (n_parameters,)
+        First estimate.
+    rivals : sequence of two ChainModel
+        By instruments from the first and from the second half.
+    """
+    solution = fit.solve(first, move=True)
+    fit = fit.begun_from(solution)
     rows_of_halves = halves_of(fit.shots)
-    rivals = halves or (start, start)
 
     before = []
     after = []
@@ -178,7 +204,7 @@ def _fit_if_better(
         rivals, rows_of_halves, reversed(rows_of_halves)
     ):
         before.append(fit.error(rival, judged_rows))
-        refined = fit.solve(fit.rebuild.start, fitted_rows, STEPS_OF_HALF)
+        refined = fit.solve(solution.u, fitted_rows, STEPS_OF_HALF, move=True)
         after.append(fit.error(refined.model, judged_rows))
 
     error_before = (before[0] + before[1]).percent
@@ -189,7 +215,6 @@ def _fit_if_better(
         )
         return OutputErrorResult(None, None, error_before, error_after, reason)
 
-    solution = fit.solve(fit.rebuild.start)
     return OutputErrorResult(solution, fit.rebuild, error_before, error_after)
 
 
@@ -218,8 +243,9 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
 
     Parameters
     ----------
-    method : str
-        ``"iv"`` or ``"simulation"``.
+    method : {"iv", "simulation", "auto"}
+        By ``"auto"`` the free run is fitted where forces jump, or shape parameters are
+        free, and it misses more than noise explains.
     asked : Problem
         As the user declared it, with the shape parameters that are free.
     start : Estimate
@@ -255,9 +281,53 @@ def refine(method: str, asked: Problem, start: Estimate, data: Dataset) -> Refin
         notes=(*iv.notes, *doubts),
         facts={"rounds": iv.rounds, "correlation": iv.correlation},
     )
-    if method != "simulation":
-        return by_instruments
-    return _with_free_run(by_instruments, resolver, data, asked)
+    if method == "simulation":
+        return _with_free_run(by_instruments, resolver, data, asked)
+    if method == "auto" and _free_run_improves(iv.model, data, asked):
+        return _with_free_run(by_instruments, resolver, data, asked)
+    return by_instruments
+
+
+def _free_run_improves(model: ChainModel, data: Dataset, asked: Problem) -> bool:
+    """Whether a fit of the free run is worth its time.
+
+    Instruments need columns whose errors have no mean. Noise in the rate makes the
+    mean of a force that jumps smaller, and columns of searched shape parameters follow
+    a motion with errors.
+    """
+    if not _shapes_of_motion(asked) and not _jumps(model):
+        return False
+    if data.n_samples > MOST_SAMPLES_UNASKED:
+        return False
+    try:
+        return any(_misses_more_than_noise(s, model) for s in shots_of(data, model))
+    except SimulationError:
+        return False
+
+
+def _jumps(model: ChainModel) -> bool:
+    """Whether a force jumps where the rate at its site changes sign."""
+    _, layout = flatten(model)
+    covariates = np.ones(len(layout.covariates))
+    return bool(jumping_sites(model.laws, layout, covariates).any())
+
+
+def _misses_more_than_noise(shot: Shot, model: ChainModel) -> bool:
+    """Whether a free run misses a measured channel by more than its noise."""
+    rows = shot.segment.valid
+    measured = {
+        "a": shot.segment.a[rows],
+        "v": np.cumsum(shot.segment.v[rows], axis=1),
+        "x": np.cumsum(shot.segment.s[rows], axis=1),
+    }
+    run = shot.motion(model)
+    for channel, noise in shot.segment.noise.items():
+        kind, dof = channel[0], channel[1:]
+        if kind in measured and dof.isdigit():
+            gap = (measured[kind] - run[kind])[:, int(dof) - 1]
+            if np.sqrt(np.mean(gap**2)) > MOST_BY_NOISE * noise:
+                return True
+    return False
 
 
 def _with_free_run(

@@ -86,9 +86,11 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         the model, without the bias by noise in the motion, also for searched shape
         parameters; give records, or motions of ``KinematicSmoother(joint=False)``.
         ``"auto"``: ``"ls"`` for arrays, and where a test (Durbin, Wu, Hausman) does not
-        distinguish it from ``"iv"``; else ``"iv"``. ``"simulation"``: the free
-        run fitted to the motion, started from ``"iv"`` and kept where it predicts
-        better. See :mod:`pysindy_nrf.identification`.
+        distinguish it from ``"iv"``; else ``"iv"``, and ``"simulation"`` where forces
+        jump, or shape parameters are free, and the free run of ``"iv"`` misses more
+        than noise (up to 30,000 samples).
+        ``"simulation"``: the free run fitted to the motion, started from ``"iv"`` and
+        kept where it predicts better. See :mod:`pysindy_nrf.identification`.
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof
         j"`` sites join the chain. Shape parameters without a value are estimated; those

@@ -11,10 +11,11 @@ import numpy as np
 from ..chain.model import ChainModel
 from ..records.dataset import Dataset, Segment
 from .free_runs import Motion, first_state, motion_of, with_motion
+from .run_in import run_in_of
 from .spectra import relative_velocities
 
-# Largest number of samples of a shot, unless a law remembers the path: an error of the
-# initial state fades within it, and its spectra fit into memory.
+# Largest number of samples of a shot: an error of the initial state fades within it,
+# and its spectra fit into memory.
 MAX_SAMPLES_PER_SHOT = 32768
 # Relative tolerance of the integration; sensitivities are differences of runs.
 RTOL = 1e-9
@@ -105,17 +106,26 @@ class Shot:
         return with_motion(self.segment, self.motion(model))
 
 
-def shots_of(data: Dataset, has_memory: bool) -> list[Shot]:
-    """Records whose forces are all known; long ones are cut unless a law has memory."""
+def shots_of(data: Dataset, model: ChainModel) -> list[Shot]:
+    """Records whose forces are all known; long ones are cut.
+
+    Parameters
+    ----------
+    data : Dataset
+    model : ChainModel
+        Its laws with memory pass through the measured motion before each shot. Where
+        they begin in motion, the first shot begins when they have forgotten that.
+    """
     shots = []
     for number, segment in enumerate(data.segments):
         if np.isnan(segment.F[segment.valid.start]).any():
             continue
 
         channels = tuple(f"v{j}" for j in range(1, segment.n_dof + 1))
-        longest = segment.n_valid if has_memory else MAX_SAMPLES_PER_SHOT
-        for rows in _parts(segment.valid, longest):
-            stretch = replace(segment, valid=rows)
+        record = segment.beginning_later(run_in_of(model, segment))
+        for rows in _parts(record.valid, MAX_SAMPLES_PER_SHOT):
+            passed = rows.start - segment.first_row
+            stretch = replace(record, valid=rows, before=passed)
             shot = Shot(
                 segment=stretch,
                 number=number,

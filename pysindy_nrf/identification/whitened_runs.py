@@ -180,6 +180,7 @@ class StateChange:
 
     best: np.ndarray  # (2 n_dof,)
     by_parameter: np.ndarray  # (2 n_dof, n_parameters)
+    basis: np.ndarray  # (n_lines * 2 n_channels, rank), of what it does to the lines
 
 
 @dataclass(frozen=True)
@@ -237,14 +238,21 @@ class WhitenedRuns:
             runs.append(_Run(number, start, state_sizes(motion), simulated))
         return runs
 
-    def cost(self, u: np.ndarray, runs: Sequence[_Run]) -> float:
-        """Squared whitened residuals of free runs, initial states as they are."""
+    def cost(
+        self, u: np.ndarray, runs: Sequence[_Run], states: Mapping[int, StateChange]
+    ) -> float:
+        """Squared whitened residuals of free runs, less what initial states explain.
+
+        What these do to the lines is taken from a point nearby.
+        """
         cost = 0.0
         for run in runs:
             shot = self.shots[run.number]
             gap = (shot.measured - run.simulated) * shot.weights
             gap = gap[self.rows[run.number], :, None]
-            cost += (self.weighting.whitened(gap, shot.segment.step) ** 2).sum()
+            lines = self.weighting.whitened(gap, shot.segment.step).ravel()
+            explained = states[run.number].basis.T @ lines
+            cost += (lines**2).sum() - (explained**2).sum()
         return float(cost + (self.prior_rows(u)[:, -1] ** 2).sum())
 
     def prior_rows(self, u: np.ndarray) -> np.ndarray:
@@ -335,12 +343,15 @@ class WhitenedRuns:
         of_states = flat[:, : len(decays)]
         rest = flat[:, len(decays) :]
         length = column_lengths(of_states)
-        unit = of_states / length
-        taken = np.linalg.lstsq(unit, rest, rcond=RANK_OF_STATES)[0]
-        lines = (rest - unit @ taken).reshape(*whitened.shape[:2], -1)
+        basis, singular, right = np.linalg.svd(of_states / length, full_matrices=False)
+        moving = singular > RANK_OF_STATES * singular[0]
+        basis = basis[:, moving]
+        explained = basis.T @ rest
+        lines = (rest - basis @ explained).reshape(*whitened.shape[:2], -1)
 
+        taken = right[moving].T @ (explained / singular[moving, None])
         change = taken / length[:, None] * sizes[:, None]
-        return lines, StateChange(best=change[:, -1], by_parameter=-change[:, :-1])
+        return lines, StateChange(change[:, -1], -change[:, :-1], basis)
 
 
 def state_sizes(motion: Motion) -> np.ndarray:

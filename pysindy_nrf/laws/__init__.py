@@ -15,6 +15,7 @@ from .contact import Bilinear as Bilinear
 from .contact import DeadZone as DeadZone
 from .contact import OneSidedGap
 from .contact import PreloadedContact as PreloadedContact
+from .contact import SofteningKnee as SofteningKnee
 from .contact import TwoSidedGap as TwoSidedGap
 from .contract import check_law
 from .contract import random_values as random_values

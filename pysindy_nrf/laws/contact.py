@@ -124,6 +124,25 @@ class TwoSidedGap(_Contact):
         out[0] = np.maximum(s - theta[0], 0.0) + np.minimum(s + theta[0], 0.0)
 
 
+class SofteningKnee(_Contact):
+    r"""Spring that softens beyond a drift: a rocking wall, a joint that opens.
+
+    .. math:: R = -\Delta k \, (s - \min(\max(s, -u), u))
+
+    Beside a linear spring k the stiffness is k up to the drift u, then k less dk.
+    """
+
+    name = "softening_knee"
+    symmetry = "odd"
+    shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
+    columns = (Term("dk", "-beyond(s, u)", "N/m"),)
+    nonnegative = ("dk",)
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.minimum(theta[0] - s, 0.0) + np.maximum(-theta[0] - s, 0.0)
+
+
 class DeadZone(_Contact):
     r"""Backlash of a loose joint: no force while the drift is inside the play.
 

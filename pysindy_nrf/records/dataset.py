@@ -75,6 +75,9 @@ class Segment:
         if it was computed by it.
     hold : {"cubic", "linear", "zero"}, optional
         Course of the forces between the samples; None if it is not known.
+    before : int
+        Rows before the valid ones in which the motion was measured, too: laws with
+        memory pass through them.
     known_extent : Extent, optional
         Range of the channels inside the NaN edges, where it was computed before.
     """
@@ -97,6 +100,7 @@ class Segment:
     quality: tuple[QualityNote, ...] = ()
     simulation_method: str = "default"
     hold: str | None = None
+    before: int = 0
     known_extent: InitVar[Extent | None] = None
 
     def __post_init__(self, known_extent: Extent | None) -> None:
@@ -118,6 +122,11 @@ class Segment:
     def n_valid(self) -> int:
         """Number of rows inside the NaN edges."""
         return self.valid.stop - self.valid.start
+
+    @property
+    def first_row(self) -> int:
+        """First row in which the motion was measured."""
+        return self.valid.start - self.before
 
     @property
     def n_dof(self) -> int:
@@ -212,7 +221,13 @@ class Segment:
             covariates=_rows_of_each(self.covariates, rows),
             rows=slice(first_row, first_row + n_rows),
             valid=slice(0, n_rows),
+            before=0,
         )
+
+    def beginning_later(self, n_rows: int) -> Segment:
+        """The record without so many of its first valid rows."""
+        valid = slice(self.valid.start + n_rows, self.valid.stop)
+        return replace(self, valid=valid, before=self.before + n_rows)
 
     def every(self, step: int) -> Segment:
         """One valid row in so many."""

@@ -104,6 +104,11 @@ def lead(report: Loop) -> str:
     unsure = [plain_name(step.law) for step in confirmed(report) if not step.sure]
     if unsure:
         parts.append(f"Not sure by name: {listed(unsure)}.")
+    if any(step.judged_by == "another record" for step in report.steps):
+        parts.append(
+            "The held-out records judged one effect after another, so their errors are"
+            " not those of untouched data: a third record shows them."
+        )
     return " ".join(parts)
 
 

@@ -29,6 +29,10 @@ class Step(effects.Effect, Protocol):
         """Why it was accepted."""
 
     @property
+    def judged_by(self) -> str:
+        """What judged it, such as ``"another record"``."""
+
+    @property
     def reduction_least(self) -> float:
         """Error reduction without the fold that contributes most, dB."""
 

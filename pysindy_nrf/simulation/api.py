@@ -16,7 +16,14 @@ from ..records.hold import BAND_LIMITED
 from ..records.record import Record
 from . import newmark, runge_kutta
 from .balance import Drive, Output
-from .inputs import courses_between, force_matrix, initial_motion, input_matrix
+from .inputs import (
+    LawStates,
+    courses_between,
+    force_matrix,
+    initial_motion,
+    initial_states,
+    input_matrix,
+)
 from .linear import linear_run as linear_run
 from .outcome import Outcome, StepCounts
 from .sensors import as_read
@@ -63,6 +70,7 @@ class RunOptions(TypedDict, total=False):
 
     x0: npt.ArrayLike | None
     v0: npt.ArrayLike | None
+    states: LawStates | None
     base_acceleration: npt.ArrayLike | None
     covariates: Mapping[str, npt.ArrayLike] | None
     hold: str
@@ -77,6 +85,7 @@ class _Options:
 
     x0: npt.ArrayLike | None = None
     v0: npt.ArrayLike | None = None
+    states: LawStates | None = None
     base_acceleration: npt.ArrayLike | None = None
     covariates: Mapping[str, npt.ArrayLike] | None = None
     hold: str = BAND_LIMITED
@@ -154,6 +163,7 @@ def simulate(
     method: str = "default",
     x0: npt.ArrayLike | None = None,
     v0: npt.ArrayLike | None = None,
+    states: LawStates | None = None,
     base_acceleration: npt.ArrayLike | None = None,
     covariates: Mapping[str, npt.ArrayLike] | None = None,
     hold: str = BAND_LIMITED,
@@ -180,6 +190,9 @@ def simulate(
         for each sample; second order.
     x0, v0 : array-like of shape (n_dof,), optional
         Initial displacement (m) and velocity (m/s) relative to the base; zero if None.
+    states : mapping of (Site, int) to array-like, optional
+        Initial internal states of laws with memory, by the site and the number of the
+        law there; zero, the state of a law at rest, if not given.
     base_acceleration : array-like of shape (n_samples,), optional
         m/s^2.
     covariates : mapping of str to array-like of shape (n_samples,), optional
@@ -238,6 +251,7 @@ def simulate(
     options = _Options(
         x0=x0,
         v0=v0,
+        states=states,
         base_acceleration=base_acceleration,
         covariates=covariates,
         hold=hold,
@@ -303,12 +317,11 @@ def _integrate(
     t0 = options.checked_t0()
     n = len(model.masses)
     force = force_matrix(F, options.base_acceleration, n)
-    start = (
-        initial_motion(options.x0, "x", n, "displacement"),
-        initial_motion(options.v0, "v", n, "velocity"),
-    )
+    x0 = initial_motion(options.x0, "x", n, "displacement")
+    v0 = initial_motion(options.v0, "v", n, "velocity")
 
     system, layout = flatten(model, t0)
+    start = x0, v0, initial_states(options.states, layout.states, system.n_states)
     samples = input_matrix(
         force, options.base_acceleration, options.covariates, layout.covariates
     )

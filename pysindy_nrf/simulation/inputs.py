@@ -6,9 +6,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
+from ..chain.sites import Site
 from ..exceptions import ChannelError
 from ..records.channels import as_matrix, rows_text
 from ..records.hold import require_hold
+
+# Internal states of laws, by the site and the number of the law there.
+LawStates = Mapping[tuple[Site, int], npt.ArrayLike]
 
 
 def force_matrix(
@@ -45,6 +49,26 @@ def initial_motion(
         )
     names = [f"{letter}{j}" for j in range(1, n_dof + 1)]
     return finite(array[None, :], names, f"initial {what}")[0]
+
+
+def initial_states(
+    states: LawStates | None, places: Mapping[tuple[Site, int], slice], n_states: int
+) -> np.ndarray:
+    """Initial internal states of all laws, one behind the other."""
+    out = np.zeros(n_states)
+    for law, values in (states or {}).items():
+        site, number = law
+        if law not in places:
+            raise ChannelError(
+                f"Law {number} at {site} has no internal state",
+                "Give states of laws with memory.",
+            )
+        place = places[law]
+        size = place.stop - place.start
+        names = [f"z{k}" for k in range(1, size + 1)]
+        row = np.reshape(np.asarray(values, dtype=float), (1, -1))
+        out[place] = finite(row, names, f"initial state at {site}")[0]
+    return out
 
 
 def input_matrix(

@@ -44,9 +44,10 @@ Trial = namedtuple("Trial", "balanced tangent correction middle energy")
 
 
 def integrate(
-    system: System, drive: Drive, start: tuple[np.ndarray, np.ndarray]
+    system: System, drive: Drive, start: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[Output, Outcome]:
-    """Motion from the displacements and velocities of the start."""
+    """Motion from displacements, velocities and states of the laws."""
+    x, v, z = start
     trial = Trial(
         balanced=np.zeros(system.n_dof),
         tangent=np.zeros(system.n_sites),
@@ -58,7 +59,7 @@ def integrate(
     why, interval, dof, iterations, forced = newmark(
         system,
         drive,
-        new_instant(system)._replace(x=start[0], v=start[1]),
+        new_instant(system)._replace(x=x, v=v, z=z),
         new_instant(system),
         trial,
         new_work(system),

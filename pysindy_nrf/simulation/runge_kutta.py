@@ -73,13 +73,14 @@ CRAWLING = 4
 def integrate(
     system: System,
     drive: Drive,
-    start: tuple[np.ndarray, np.ndarray],
+    start: tuple[np.ndarray, np.ndarray, np.ndarray],
     jumps: np.ndarray,
     rule: Rule,
     adaptive: bool,
 ) -> tuple[Output, Outcome]:
-    """Motion from the displacements and velocities of the start, by a rule."""
-    first = new_instant(system)._replace(x=start[0], v=start[1])
+    """Motion from displacements, velocities and states of the laws, by a rule."""
+    x, v, z = start
+    first = new_instant(system)._replace(x=x, v=v, z=z)
     path = Path(first, new_instant(system), new_instant(system))
     progress = _new_progress(system, jumps)
     has_inertia = system.laws[:, INERTIA].any()

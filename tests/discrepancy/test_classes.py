@@ -157,6 +157,13 @@ def test_two_harmonic_forces_on_one_floor_are_two_effects():
     assert sizes == pytest.approx(amplitudes, rel=0.05)
 
 
+def test_a_spring_that_softens_beyond_a_drift_is_named():
+    record = forced_chain(laws.SofteningKnee(8e-4, [5e4]))
+    (step,) = close_loop(record).steps
+    assert (step.law, step.site) == ("softening_knee", "storey 1")
+    assert step.parameters == pytest.approx({"u": 8e-4, "dk": 5e4}, rel=0.01)
+
+
 def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground():
     """Rayleigh damping of 0.8 / s on floors of 10 kg."""
     linear = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]

@@ -478,7 +478,7 @@ def test_a_band_that_is_given_only_narrows_it(driven_to_25_hz):
     low, high = report.band
     assert 3.0 <= low <= 4.0
     assert 10.0 < high <= 12.01
-    assert report.settings["loop"]["band"] == "(3.0, 12.0) Hz"
+    assert report.settings["loop"]["band"] == "3 to 12 Hz"
     assert report.steps[0].site == "storey 2"
 
 

@@ -52,6 +52,21 @@ def test_a_stage_in_a_closed_loop_whose_position_alone_is_measured():
     assert fits["ls"].masses_[0] < 0.95 * 95.1089
 
 
+@pytest.mark.parametrize("quarter", [0, 1, 3])
+def test_a_short_test_of_the_stage(quarter):
+    """Least squares is 19 to 26 % off, with intervals as wide.
+
+    In the third quarter it stays: the first free run never turns.
+    """
+    measured.folder("emps")
+    friction = [laws.LinearViscous(), laws.CoulombFriction(), laws.ConstantForce()]
+    record = load_emps()
+    rows = record.n_samples // 4
+    part = record.rows(slice(quarter * rows, (quarter + 1) * rows))
+    model = NRFRegressor(degree=1, laws={1: friction}).fit(part)
+    assert model.masses_[0] == pytest.approx(95.1089, rel=0.04)
+
+
 def test_a_circuit_whose_output_alone_is_measured():
     measured.folder("silverbox_multisine")
     record = load_silverbox_multisine().rows(slice(0, 20_000))

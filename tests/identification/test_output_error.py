@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from chains import driven
 
-from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, Site, excitation, laws, simulate
 from pysindy_nrf.equations import nrmse
 from pysindy_nrf.exceptions import BiasWarning
 from pysindy_nrf.simulation import add_noise
@@ -123,6 +123,30 @@ def test_it_is_never_worse_on_a_record_it_did_not_see(name, truth):
         errors[method] = nrmse(exact, run.acceleration)
 
     assert errors["simulation"] <= errors["iv"] * (1 + 1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+@pytest.mark.parametrize("estimation", ["auto", "simulation"])
+def test_a_law_with_memory_that_begins_in_motion(estimation):
+    """A loop in steady state; begun fresh, it leaves the dashpot 5 % off."""
+    shapes = {"beta": 800.0, "rho": -1.375, "n": 1.0}
+    loop = laws.BoucWen(**shapes, alpha=5e4)
+    truth = ChainModel([2.0], {1: [laws.PowerSeries(1, [10.0, 5e4]), loop]})
+    period = excitation.band_limited_random(
+        1, 4.0, 750.0, excited=[1], rms=50.0, band=(5.0, 100.0), random_state=3
+    )
+    run = simulate(truth, np.tile(period, (2, 1)), 1 / 750, rtol=1e-8)
+    steady = run.rows(slice(len(period), 2 * len(period)))
+    record = steady.replace(acceleration=None, velocity=None)
+
+    declared = {1: [laws.PowerSeries(1), laws.BoucWen()]}
+    model = NRFRegressor(laws=declared, estimation=estimation).fit(record)
+
+    assert model.masses_[0] == pytest.approx(2.0, rel=0.005)
+    force = model.restoring_forces_[1]
+    np.testing.assert_allclose(force.coefficients, [10.0, 5e4, 5e4], rtol=0.03)
+    found = model.model_.laws[Site("storey 1")][1].shape
+    assert found == pytest.approx(shapes, rel=0.03)
 
 
 def test_a_missing_law_is_warned_of():

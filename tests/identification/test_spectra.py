@@ -38,7 +38,7 @@ TRUTH = chain(25.0)
 
 def free_run_fit(record, smooth):
     """The free run of the true model beside a record."""
-    shots = shots_of(from_arrays(record, smooth=smooth), has_memory=False)
+    shots = shots_of(from_arrays(record, smooth=smooth), TRUTH)
     return FreeRunFit(free_parameters(TRUTH, {}), shots)
 
 

@@ -176,6 +176,12 @@ def test_nothing_overflows(browser, size, scheme):
 
 
 @SIGHTS
+def test_the_links_of_the_page_stand_in_one_line(browser, size, scheme):
+    browser.open(size, scheme)
+    assert browser.find("nav").size["height"] < 60
+
+
+@SIGHTS
 def test_the_background_follows_the_scheme(browser, size, scheme):
     browser.open(size, scheme)
     assert (sum(browser.run(BACKGROUND)) > 600) == (scheme == "light")

@@ -114,6 +114,31 @@ def test_memory_that_knows_the_time_agrees_with_scipy():
     assert_close(record.displacement[:, 0], truth[:, 0], 1e-6)
 
 
+@METHODS
+def test_a_law_begins_from_a_given_state(method):
+    def rate(y, f):
+        x, v, z = y
+        return np.array([v, (f[0] - 100 * v - 1e5 * x - 5e4 * z) / 10, v - z / 0.02])
+
+    F = top_force(100.0, 200, n_dof=1)
+    model = one_floor(LINEAR, laws.MaxwellBranch(tau=0.02, k=5e4))
+    states = {(Site("storey 1"), 1): [3e-3]}
+    record = simulate(model, F, DT, x0=[1e-3], v0=[0.0], states=states, method=method)
+    truth = by_scipy(rate, F, [1e-3, 0.0, 3e-3])
+    tolerance = 1e-6 if method == "default" else 0.05
+    assert_close(record.displacement[:, 0], truth[:, 0], tolerance)
+
+
+@pytest.mark.parametrize(
+    ("place", "values"), [(("storey 1", 0), [0.0]), (("storey 1", 1), [np.nan])]
+)
+def test_a_state_that_no_law_has_is_refused(place, values):
+    model = one_floor(LINEAR, laws.MaxwellBranch(tau=0.02, k=5e4))
+    states = {(Site(place[0]), place[1]): values}
+    with pytest.raises(ChannelError, match="storey 1"):
+        simulate(model, top_force(100.0, 20, n_dof=1), DT, states=states)
+
+
 # -- conservation --------------------------------------------------------------
 
 

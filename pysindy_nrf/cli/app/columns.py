@@ -45,15 +45,15 @@ class Column:
     line: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
-def columns_of(path: Path) -> list[Column]:
-    """Columns of a file, those that are channels first.
+def columns_of(files: Sequence[Path]) -> list[Column]:
+    """Columns of a file, or of the files of one test; those that are channels first.
 
     Raises
     ------
     NRFError
-        If the file cannot be read; the error says why.
+        If a file cannot be read; the error says why.
     """
-    table = read_table(path)
+    table = read_table([*files] if len(files) > 1 else files[0])
     proposals = propose(table)
     columns = []
     for proposal in proposals:

@@ -139,25 +139,34 @@ class _Page:
         path = self._window.place_for(event.file.name)
         await event.file.save(path)
         self._files.append(path)
-        if len(self._files) == 1:
-            await self._propose(path)
+        if len(self._files) == 1 or self._value("together"):
+            await self._propose()
         else:
             self._draw_mapping()
             await self._look()
 
-    async def _propose(self, path: Path) -> None:
-        """Channels for the columns of the first file."""
+    async def _propose(self) -> None:
+        """Channels for the columns of the first file, or of all files of one test."""
+        files = self._files if self._value("together") else self._files[:1]
         try:
-            self._columns = await self._run.io_bound(columns_of, path)
+            self._columns = await self._run.io_bound(columns_of, files)
         except (NRFError, ImportError, OSError) as error:
-            self._files.remove(path)
-            self._mapping.clear()
-            with self._mapping:
-                self._ui.label(str(error)).classes("doubt")
+            self._draw_error(str(error))
             return
         self._draw_mapping()
         self._draw_known()
         await self._look()
+
+    def _draw_error(self, words: str) -> None:
+        """Why files cannot be read: one file goes, several stay to be read apart."""
+        place = self._mapping
+        if len(self._files) > 1:
+            place = self._notes
+        else:
+            self._files.clear()
+        place.clear()
+        with place:
+            self._ui.label(words).classes("doubt")
 
     # -- the mapping -------------------------------------------------------------------
 
@@ -170,11 +179,12 @@ class _Page:
             ui.html("<h2>Which column is which channel?</h2>", sanitize=False)
             ui.label(f"{names}. {_CHANNELS}")
             if len(self._files) > 1:
-                self._fields["together"] = ui.select(
+                together = ui.select(
                     {False: "each file is a test", True: "channels of one test"},
-                    value=False,
-                    on_change=self._look,
+                    value=bool(self._value("together")),
+                    on_change=self._propose,
                 )
+                self._fields["together"] = together.props("data-what=together")
             choices = channels_to_choose(self._columns)
             with ui.element("div").classes("columns"):
                 for number, column in enumerate(self._columns):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,9 @@ FALSE_ALARM_RATE = 0.01
 # the seed 7000, which it does not report.
 LEAST_CHANGE = 0.02
 LEAST_OF_LARGEST = 0.1
+# Coefficients with most evidence that are fitted beside each other: the storey that
+# changes, and the two that share an equation with it.
+MAX_RIVALS = 3
 
 
 def evidence_of(shaped: ShapedFit, unknown: int, noise: Noise) -> float:
@@ -61,7 +64,10 @@ def search_for_changes(
     sizes: np.ndarray,
     n_tests: int,
 ) -> Search:
-    """Take in the coefficient with most evidence, until none is significant.
+    """Take in the coefficient that explains most, until none is significant.
+
+    Neighbouring storeys move alike, so that a change of one is evidence for the other,
+    too; the fits with a course of each decide.
 
     Parameters
     ----------
@@ -81,14 +87,21 @@ def search_for_changes(
         noise = fitter.noise_beside(shaped, tested)
         now = {unknown: evidence_of(shaped, unknown, noise) for unknown in pending}
         evidence |= now
-        first = min(now, key=now.__getitem__)
-        if now[first] >= level:
+        significant = [u for u in sorted(now, key=now.__getitem__) if now[u] < level]
+        if not significant:
             break
-        pending.remove(first)
-        with_course = fitter.shaped(shaped, first)
-        if _range_of(with_course, first, sizes) >= LEAST_CHANGE:
-            shaped = with_course
+        rivals = {u: fitter.shaped(shaped, u) for u in significant[:MAX_RIVALS]}
+        best = _best_of(rivals)
+        pending.remove(best)
+        if _range_of(rivals[best], best, sizes) >= LEAST_CHANGE:
+            shaped = rivals[best]
     return Search(_without_small(fitter, start, shaped, sizes), evidence)
+
+
+def _best_of(rivals: Mapping[int, ShapedFit]) -> int:
+    """The coefficient whose course leaves least, for the least dispersion of all."""
+    dispersion = min(fit.dispersion for fit in rivals.values())
+    return min(rivals, key=lambda unknown: rivals[unknown].criterion(dispersion))
 
 
 def _range_of(shaped: ShapedFit, unknown: int, sizes: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from ...exceptions import ChannelError, FileFormatError, FileVersionError
+from ..hold import HOLDS
 from ..record import COORDINATES, Record
 
 SCHEMA, VERSION = "pysindy_nrf.Record", 1
@@ -45,6 +46,8 @@ class Attributes:
         Columns in single precision.
     rotates : bool
         Whether its channels are angles and torques.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of the forces between the samples, where the record says it.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Attributes:
     covariates: tuple[str, ...] = ()
     float32: tuple[str, ...] = ()
     rotates: bool = False
+    hold: str | None = None
 
     @classmethod
     def of_record(cls, record: Record) -> Attributes:
@@ -72,13 +76,12 @@ class Attributes:
             covariates=tuple(record.covariates),
             float32=tuple(single),
             rotates=record.rotates,
+            hold=record.hold,
         )
 
     def to_json(self) -> str:
         """Attributes as one line of ASCII."""
         content = {"schema": SCHEMA, "version": VERSION, **asdict(self)}
-        if not self.rotates:
-            del content["rotates"]
         return json.dumps(content, allow_nan=False)
 
     @classmethod
@@ -105,6 +108,7 @@ class Attributes:
                 covariates=tuple(data["covariates"]),
                 float32=tuple(data["float32"]),
                 rotates=data.get("rotates", False) is True,
+                hold=data.get("hold"),
             )
             _require_consistent(attributes)
         except FileFormatError:
@@ -142,6 +146,8 @@ def _require_consistent(attributes: Attributes) -> None:
         raise ValueError("a name is not a text")
     if attributes.coordinates not in COORDINATES:
         raise ValueError(f"its coordinates are {attributes.coordinates!r}")
+    if attributes.hold is not None and attributes.hold not in HOLDS:
+        raise ValueError(f"its forces have the course {attributes.hold!r}")
     if not np.isfinite([attributes.fs, attributes.t0]).all() or attributes.fs <= 0:
         raise ValueError("its sampling rate or first time is not valid")
     if not set(marked) <= set(columns):
@@ -178,6 +184,7 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         name=attributes.name,
         coordinates=attributes.coordinates,
         covariates=covariates,
+        hold=attributes.hold,
     )
     record = record.starting_at(attributes.t0)
     return record.of_rotations() if attributes.rotates else record

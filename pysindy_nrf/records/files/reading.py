@@ -66,6 +66,7 @@ class ReadingOptions(TypedDict, total=False):
     units: Mapping[str, str] | None
     name: str | None
     coordinates: str | None
+    hold: str | None
     preparation: Preparation | None
 
 
@@ -77,6 +78,7 @@ def read_record(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
     coordinates: str | None = None,
+    hold: str | None = None,
     preparation: Preparation | None = None,
     max_bytes: int = MAX_BYTES,
 ) -> Record:
@@ -105,6 +107,10 @@ def read_record(
     coordinates : {"relative", "absolute"}, optional
         Reference of velocities and displacements; if None, as the file says, else
         relative to the base.
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of the forces between the samples: band-limited as measured ones are,
+        straight, or constant from each sample to the next, as the command of a D/A
+        converter is. If None, as the file says, else unknown.
     preparation : Preparation, optional
         A part of the test, a lower rate, rows left out, accelerations relative to the
         base.
@@ -151,6 +157,7 @@ def read_record(
         units=units,
         name=name,
         coordinates=coordinates,
+        hold=hold,
         preparation=preparation,
     )
     return reading.record
@@ -230,7 +237,7 @@ def read_excitation(
     n_samples = len(next(iter(lines.values())))
     for j in range(1, n_dof + 1):
         lines[f"x{j}"] = np.zeros(n_samples)  # a record needs motions
-    record = _record_of(lines, clock, name or table.path.stem, "relative")
+    record = _record_of(lines, clock, name or table.path.stem)
     if record.unknown:
         raise ChannelError(
             f"F{record.unknown[0]} is unknown", "A simulation needs the force itself."
@@ -279,6 +286,7 @@ def understand(
     units: Mapping[str, str] | None = None,
     name: str | None = None,
     coordinates: str | None = None,
+    hold: str | None = None,
     preparation: Preparation | None = None,
 ) -> Reading:
     """Record and its origin from the variables of a file; see :func:`read_record`."""
@@ -287,14 +295,15 @@ def understand(
         require_coordinates(coordinates)
     as_written = not mapping and not units and fs is None
     if table.attributes is not None and as_written and preparation == Preparation():
-        return _own_reading(table, table.attributes, name, coordinates)
+        return _own_reading(table, table.attributes, name, coordinates, hold)
 
     measured, sources = _measured_in_si(table, mapping or {}, units or {})
     measured = preparation.of_lines(measured)
     _require_motion(measured, table)
     clock, lines = clock_of_file(table, measured, sources, fs)
     lines = _with_unknown_forces(lines, sources, table, clock)
-    record = _record_of(lines, clock, *_labels(table, name, coordinates))
+    labels = _labels(table, name, coordinates, hold)
+    record = _record_of(lines, clock, *labels)
     record = _noted_if_rotating(preparation.of_record(record), sources)
     assumed = _assumed(sources, clock, record)
     record = record.with_quality(record.quality + assumed)
@@ -396,13 +405,18 @@ def _has_bare_unit(channel: str, sources: Mapping[str, Source]) -> bool:
     return dimension_of(channel) is not None
 
 
-def _labels(table: Table, name: str | None, coordinates: str | None) -> tuple[str, str]:
-    """Name and coordinates of a record: as asked for, or as its file states."""
-    stated_name, stated_coordinates = table.path.stem, "relative"
-    if table.attributes is not None:
-        stated_name = table.attributes.name
-        stated_coordinates = table.attributes.coordinates
-    return name or stated_name, coordinates or stated_coordinates
+def _labels(
+    table: Table, name: str | None, coordinates: str | None, hold: str | None
+) -> tuple[str, str, str | None]:
+    """Name, coordinates and course of the forces: as asked for, or as the file says."""
+    stated = table.attributes
+    if stated is None:
+        return name or table.path.stem, coordinates or "relative", hold
+    return (
+        name or stated.name,
+        coordinates or stated.coordinates,
+        hold or stated.hold,
+    )
 
 
 def _unused_variables(
@@ -427,13 +441,19 @@ def _require_motion(lines: Mapping[str, np.ndarray], table: Table) -> None:
 
 
 def _own_reading(
-    table: Table, attributes: Attributes, name: str | None, coordinates: str | None
+    table: Table,
+    attributes: Attributes,
+    name: str | None,
+    coordinates: str | None,
+    hold: str | None,
 ) -> Reading:
     """A record that this package wrote, under another name if one is given."""
     record = restored(attributes, table.variables)
-    if name or coordinates:
+    if name or coordinates or hold:
         record = record.replace(
-            name=name or record.name, coordinates=coordinates or record.coordinates
+            name=name or record.name,
+            coordinates=coordinates or record.coordinates,
+            hold=hold or record.hold,
         )
     sources = {column: Source(column, si_unit(column)) for column in attributes.columns}
     clock = f"{record.fs:g} Hz, as written by this package"
@@ -626,7 +646,11 @@ def _lengths_in_words(lengths: Mapping[str, int]) -> str:
 
 
 def _record_of(
-    lines: Mapping[str, np.ndarray], clock: FileClock, name: str, coordinates: str
+    lines: Mapping[str, np.ndarray],
+    clock: FileClock,
+    name: str,
+    coordinates: str = "relative",
+    hold: str | None = None,
 ) -> Record:
     """Record of lines in SI units."""
     channels = {c: line for c, line in lines.items() if dimension_of(c)}
@@ -638,6 +662,7 @@ def _record_of(
         covariates=covariates,
         name=name,
         coordinates=coordinates,
+        hold=hold,
     )
     if clock.start is not None:
         record = record.starting_at(clock.start)

@@ -86,7 +86,7 @@ def from_sep005(
         ``data`` (n_samples,), ``name``, ``unit_str``, ``fs`` (Hz) or ``time`` (s),
         perhaps ``start_timestamp``.
     **options
-        ``mapping``, ``units``, ``fs``, ``name``, ``coordinates`` as for
+        ``mapping``, ``units``, ``fs``, ``name``, ``coordinates``, ``hold`` as for
         :func:`read_record`. Units are those of ``unit_str`` unless others are given.
 
     Raises

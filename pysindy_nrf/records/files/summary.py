@@ -173,6 +173,7 @@ def summary(record: Record) -> dict[str, object]:
         "fs": record.fs,
         "duration": record.n_samples / record.fs,
         "coordinates": record.coordinates,
+        "hold": record.hold,
         "forced": list(record.forced),
         "force_unknown": list(record.unknown),
         "base_moves": record.base_moves,

@@ -14,6 +14,7 @@ import urllib.request
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from newcomer import test_first_hour as newcomer
 
@@ -64,7 +65,7 @@ def in_folder(tmp_path, monkeypatch):
 def test_the_table_of_columns_writes_the_mapping_of_inspect():
     pytest.importorskip("pint")
     file = Path(newcomer.german())
-    columns = columns_of(file)
+    columns = columns_of([file])
     assert sorted(column.channel for column in columns) == sorted(
         ["t", "a1", "a2", "x1", "x2", "F2", NOT_USED]
     )
@@ -78,7 +79,7 @@ def test_the_table_of_columns_writes_the_mapping_of_inspect():
 def test_what_cannot_be_read_is_an_error_in_words():
     Path("no.csv").write_text("nothing at all")
     with pytest.raises(NRFError):
-        columns_of(Path("no.csv"))
+        columns_of([Path("no.csv")])
 
 
 @pytest.mark.usefixtures("in_folder")
@@ -87,7 +88,7 @@ def test_a_window_looks_at_its_files_and_takes_its_folder_along():
     window = Window()
     place = window.place_for(HOSTILE)
     shutil.move(newcomer.japanese_upside_down(), place)
-    columns = columns_of(place)
+    columns = columns_of([place])
     window.write_mapping(mapping_file_text([place], columns, {}))
     look = window.look()
     assert look.error == ""
@@ -296,6 +297,33 @@ def test_a_hostile_name_is_text(address, driver):
     person = Person(driver, address)
     person.drop(hostile.resolve())
     assert person.find("img[src=x]") == []
+    assert person.errors == []
+
+
+@pytest.mark.browser
+@pytest.mark.usefixtures("in_folder")
+def test_files_of_one_test_are_joined(address, driver):
+    """Forces in one file, accelerations in another."""
+    pytest.importorskip("pint")
+    test = newcomer.shaken()
+    forces = pd.DataFrame({"t": test.time, "F2": test.force[:, 1]})
+    forces.to_csv("forces.csv", index=False)
+    motions = pd.DataFrame(test.acceleration, columns=["a1", "a2"])
+    motions.insert(0, "t", test.time)
+    motions.to_csv("motions.csv", index=False)
+    person = Person(driver, address)
+
+    person.drop(Path("forces.csv").resolve(), Path("motions.csv").resolve())
+    person.wait("[data-what=together]")
+    person.click("together")
+    driver.find_element("xpath", "//*[text()='channels of one test']").click()
+
+    end = time.monotonic() + 60
+    while "Nothing looks wrong" not in person.text and time.monotonic() < end:
+        time.sleep(0.3)
+    assert "motions.a1" in person.text
+    person.click("run")
+    person.wait("iframe.report")
     assert person.errors == []
 
 

@@ -23,7 +23,7 @@ from pysindy_nrf.records.files import (
 SUFFIXES = [".parquet", ".uff", ".csv"]
 MATRICES = ("force", "acceleration", "velocity", "displacement")
 BASES = ("base_acceleration", "base_velocity", "base_displacement")
-ATTRIBUTES = ("fs", "t0", "name", "coordinates", "forced", "unknown")
+ATTRIBUTES = ("fs", "t0", "name", "coordinates", "hold", "forced", "unknown")
 
 
 def bits(array):
@@ -78,6 +78,7 @@ def records(draw):
         covariates={name: draw(LINES) for name in names},
         name=draw(st.text(max_size=9)),
         coordinates=draw(st.sampled_from(["relative", "absolute"])),
+        hold=draw(st.sampled_from([None, "cubic", "linear", "zero"])),
         **lines,
     )
     return record.starting_at(draw(st.floats(-1e6, 1e6)))
@@ -118,6 +119,7 @@ def test_every_part_of_a_record_survives(tmp_path, suffix):
         fs=1 / 0.00977,
         name='NONE "é',
         coordinates="absolute",
+        hold="zero",
     ).starting_at(-12.3)
     reading = inspect_record(write_record(record, tmp_path / f"r{suffix}"))
     assert_same(reading.record, record)
@@ -155,10 +157,13 @@ def test_options_go_before_what_the_file_says(tmp_path):
     assert read_record(path).coordinates == "absolute"
     assert read_record(path, coordinates="relative").coordinates == "relative"
     assert read_record(path, name="is").name == "is"
+    assert read_record(path).hold is None
+    assert read_record(path, hold="zero").hold == "zero"
 
     halved = read_record(path, mapping={"x1": "x1 * 0.5"})
     np.testing.assert_array_equal(halved.displacement, x / 2)
     assert halved.coordinates == "absolute"
+    assert read_record(path, mapping={"x1": "x1"}, hold="linear").hold == "linear"
     assert halved.fs == pytest.approx(50.0)
 
 

@@ -8,6 +8,7 @@ from os import PathLike
 from pathlib import Path
 
 from ....exceptions import FileFormatError
+from ...hold import HOLDS
 from ...record import COORDINATES
 from ..table import check_file, unreadable
 
@@ -31,6 +32,8 @@ class MappingFile:
     fs : float, optional
         Sampling rate, Hz.
     coordinates : {"relative", "absolute"}, optional
+    hold : {"cubic", "linear", "zero"}, optional
+        Course of the forces between the samples.
     name : str, optional
         Name of the test.
     prepare : dict
@@ -45,6 +48,7 @@ class MappingFile:
     units: dict[str, str] = field(default_factory=dict)
     fs: float | None = None
     coordinates: str | None = None
+    hold: str | None = None
     name: str | None = None
     prepare: dict[str, float | bool] = field(default_factory=dict)
 
@@ -82,6 +86,7 @@ _KEYS = {
     "name": "a text",
     "fs": "a positive number (Hz)",
     "coordinates": "'relative' or 'absolute'",
+    "hold": "'cubic', 'linear' or 'zero'",
     "channels": "a table CHANNEL = 'column'",
     "units": "a table CHANNEL = 'unit'",
     "prepare": "a table of from, to, resample, drop_blank, relative_acceleration",
@@ -157,6 +162,8 @@ def _fits(key: str, value: object) -> bool:
         return 0 < value <= sys.float_info.max
     if key == "coordinates":
         return value in COORDINATES
+    if key == "hold":
+        return value in HOLDS
     return isinstance(value, _TYPES[key])
 
 

@@ -167,10 +167,21 @@ def _number_of_column(fact: ColumnFacts) -> int:
 
 
 def _without_prefix(name: str, table: Table) -> str:
-    """Name without the structure, group or file that it stands in: ``data.F2``."""
-    last = name.rpartition(".")[2].strip()
+    """Name without the structure, group or file that it stands in: ``data.F2``.
+
+    Of joined files only channels that one of them has: two loggers may both call
+    theirs ``a1``.
+    """
+    last = _last_part(name)
+    if table.files:
+        n_alike = sum(_last_part(other) == last for other in table.variables)
+        return last if channel_of(last) and n_alike == 1 else name
     is_telling = channel_of(last) or notation_of(last) or letter_named(last) is not None
-    return last if is_telling and not table.files else name
+    return last if is_telling else name
+
+
+def _last_part(name: str) -> str:
+    return name.rpartition(".")[2].strip()
 
 
 SINGLE_LETTERS = {"x": "x", "v": "v", "a": "a", "f": "F", "F": "F"}

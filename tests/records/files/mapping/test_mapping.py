@@ -123,6 +123,19 @@ def test_options_go_before_the_mapping_file(here, spoken):
     assert record["sources"]["x1"]["from"] == "q"
 
 
+def test_the_course_of_the_forces_is_said_in_a_mapping_file_or_an_option(here, spoken):
+    t = np.arange(100) / 50
+    pd.DataFrame({"t": t, "x1": t**2, "F1": t}).to_csv("a.csv", index=False)
+    Path("m.toml").write_text('hold = "zero"\n')
+    for options, course in [
+        ([], None),
+        (["--mapping", "m.toml"], "zero"),
+        (["--mapping", "m.toml", "--hold", "linear"], "linear"),
+    ]:
+        assert run(["inspect", "a.csv", *options, "--json"]) == 0
+        assert spoken()["records"][0]["hold"] == course
+
+
 @pytest.fixture
 def campaign(tmp_path):
     """A folder with a mapping file, beside a file that does not belong to it."""
@@ -158,6 +171,7 @@ BAD_ENTRIES = f"""
     fs = {"5" * 5000}  mapping file
     fs = 0x{"f" * 5000}  too long to print
     coordinates = "polar"   'relative' or 'absolute'
+    hold = "quintic"        'cubic', 'linear' or 'zero'
     files = "a.csv"         a list of file names
     files = []              a list of file names
     together = 1            true or false

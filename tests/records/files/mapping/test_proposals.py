@@ -9,6 +9,7 @@ import pytest
 from pysindy_nrf import datasets
 from pysindy_nrf.cli import run
 from pysindy_nrf.records import Table, propose
+from pysindy_nrf.records.files import read_table
 from pysindy_nrf.records.files.mapping import column_facts
 
 T = np.arange(2000) / 200
@@ -73,6 +74,21 @@ def test_columns_over_frequency_are_no_record(tmp_path, capsys):
 
     assert "--frf" in capsys.readouterr().err
     assert not mapping.exists()
+
+
+def test_channels_of_joined_files(tmp_path):
+    for name, columns in {"forces": "t F2", "motions": "t a1 a2"}.items():
+        time, *channels = columns.split()
+        frame = pd.DataFrame({time: T} | dict(zip(channels, NOISE)))
+        frame.to_csv(tmp_path / f"{name}.csv", index=False)
+    table = read_table([tmp_path / "forces.csv", tmp_path / "motions.csv"])
+    channels = {proposal.channel: proposal.text for proposal in propose(table)}
+    assert channels == {
+        "t": "forces.t",
+        "F2": "forces.F2",
+        "a1": "motions.a1",
+        "a2": "motions.a2",
+    }
 
 
 def test_three_directions_of_one_sensor_are_not_three_floors():

@@ -135,11 +135,16 @@ def ambiguous_intervals(
 def _spanned(
     interval: AmbiguousInterval, value: float, moves: Mapping[str, Move]
 ) -> AmbiguousInterval:
-    """An interval with all that alternatives make of its value."""
+    """An interval with all that alternatives make of its value.
+
+    Beside an alternative a value is known as well as without it, at best.
+    """
     span = interval
+    known_to = (interval.high - interval.low) / 2
     for description, move in moves.items():
-        low = value + move.change - move.half_width
-        high = value + move.change + move.half_width
+        half_width = max(move.half_width, known_to)
+        low = value + move.change - half_width
+        high = value + move.change + half_width
         if low < interval.low or high > interval.high:
             low, high = min(low, span.low), max(high, span.high)
             span = replace(span, low=low, high=high, by=(*span.by, description))

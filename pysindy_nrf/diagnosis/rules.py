@@ -141,10 +141,17 @@ def _follows(run: FreeRunFacts) -> bool:
 
 def noisy_equations(facts: Facts) -> list[Reason]:
     """Masses and equations in which a law is missing, if it is not noise."""
-    if _follows(facts.free_run):
+    if _follows(facts.free_run) or _leaves_mostly_noise(facts):
         return []
     texts = [text for text in facts.noise_or_law if not _repeats_a_fault(text, facts)]
     return [Reason("other", "amber", text) for text in texts]
+
+
+def _leaves_mostly_noise(facts: Facts) -> bool:
+    """Whether noise explains most of the power that is left in every equation."""
+    if not facts.left_over or set(facts.left_over) < set(facts.unexplained):
+        return False
+    return all(each.rms**2 < 2 * each.noise**2 for each in facts.left_over.values())
 
 
 def residuals_above_noise(facts: Facts) -> list[Reason]:

@@ -32,7 +32,7 @@ from pysindy_nrf.diagnosis import (
     verdict_from,
     wiring_errors,
 )
-from pysindy_nrf.diagnosis.facts import ShapeAtEnd
+from pysindy_nrf.diagnosis.facts import LeftOver, ShapeAtEnd
 from pysindy_nrf.records import QualityNote
 from pysindy_nrf.simulation import add_noise
 
@@ -112,6 +112,22 @@ def test_what_equations_leave_is_noise_where_the_free_run_follows():
     assert verdict_from(facts).state == "red"
     follows = replace(facts, free_run=FreeRunFacts(1.0))
     assert verdict_from(follows).state == "green"
+
+
+def test_a_law_is_no_rival_of_noise_that_explains_most():
+    """27.8 N are left where noise leaves 21; where it leaves 10, most is something."""
+    doubt = "Balance of DOF 2: a law is missing, or the motion is noisy."
+    for noise, state in ((21.2, "green"), (10.0, "amber")):
+        left = {1: LeftOver(2.6, 2.5, 2.6), 2: LeftOver(27.8, noise, 27.8)}
+        facts = replace(
+            GOOD,
+            unexplained={1: 2.6, 2: 27.8},
+            beyond_noise={1: 0.0, 2: 5.0},
+            left_over=left,
+            free_run=FreeRunFacts(7.3),
+            noise_or_law=(doubt,),
+        )
+        assert verdict_from(facts).state == state
 
 
 def test_a_free_run_that_drifts_later_is_judged_over_some_periods():

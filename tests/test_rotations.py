@@ -190,6 +190,18 @@ def test_hidden_friction_is_a_torque(path_with_friction):
     assert_no_translation(json.dumps(html_page.figures(page), ensure_ascii=False))
 
 
+def test_a_floor_without_a_sensor_is_of_rotations_as_well(path):
+    record = io.read_record(path)
+    upper_alone = record.displacement * [np.nan, 1.0]
+    measured = record.replace(
+        acceleration=None, velocity=None, displacement=upper_alone
+    )
+    fitted = NRFRegressor(degree=1).fit(measured)
+    np.testing.assert_allclose(fitted.masses_, INERTIAS, rtol=0.02)
+    assert set(fitted.summary().to_frame()["unit"][:2]) == {"kg m^2"}
+    assert_no_translation(str(fitted.model_))
+
+
 def test_a_record_that_was_written_is_read_as_rotations(path, tmp_path, capsys):
     record = io.read_record(path)
     written = write_record(record, tmp_path / "again.csv")

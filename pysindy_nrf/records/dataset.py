@@ -331,7 +331,9 @@ class Dataset:
     @property
     def rotates(self) -> bool:
         """Whether its channels are angles and torques."""
-        return are_rotations(self.quality)
+        # records in which a floor has no sensor are not fused
+        of_records = any(record.rotates for record in self.records)
+        return of_records or are_rotations(self.quality)
 
     @property
     def forced(self) -> tuple[int, ...]:

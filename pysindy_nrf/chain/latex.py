@@ -132,12 +132,13 @@ def shape_values(force: RestoringForce) -> list[str]:
     """Shape parameters of a site's laws with their units, e.g. sigma = 2e4 1/m."""
     texts = []
     for law in force.laws:
+        units = force.shape_units(law)
         for name, value in law.shape.items():
             if value is None:
                 continue
             text = f"{symbol(name)} = {number(value)}"
-            if law.units[name]:
-                text += rf"\,\text{{{pretty(law.units[name])}}}"
+            if units[name]:
+                text += rf"\,\text{{{pretty(units[name])}}}"
             texts.append(text)
     return texts
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from ..common.files import PathLike, atomic_write
+from ..common.unit_system import UnitSystem
 from ..exceptions import ChainError, ChannelError, LawError
 from ..laws.base import ForceLaw, from_dict
 from ..laws.forcing import lost_masses, total_masses
@@ -134,6 +135,11 @@ class ChainModel:
     def n_dof(self) -> int:
         """Number of masses."""
         return len(self.masses)
+
+    @property
+    def units(self) -> UnitSystem:
+        """Units of its forces, displacements and masses."""
+        return self.chain.units
 
     @property
     def total_masses(self) -> np.ndarray:
@@ -402,14 +408,17 @@ class ChainModel:
         return latex.latex(self)
 
     def __str__(self) -> str:
-        masses = [f"m{j} = {m:.5g} kg" for j, m in enumerate(self.masses, 1)]
-        head = f"{', '.join(masses)}  (R in N, s in m, v in m/s)"
+        units = self.units
+        masses = [f"m{j} = {m:.5g} {units.mass}" for j, m in enumerate(self.masses, 1)]
+        motion = f"R in {units.force}, s in {units.length}, v in {units.of('m/s')}"
+        head = f"{', '.join(masses)}  ({motion})"
         return "\n".join([head, *self.equations()])
 
     def _repr_html_(self) -> str:
         masses = []
         for j, mass in enumerate(self.masses[:SHOWN_IN_NOTEBOOK], 1):
-            masses.append(f"m{j} = {latex.as_text(mass)} kg")
+            unit = latex.pretty(self.units.mass)
+            masses.append(f"m{j} = {latex.as_text(mass)} {unit}")
         lines = [escape(", ".join(masses))]
 
         for force in list(self.restoring_forces.values())[:SHOWN_IN_NOTEBOOK]:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from ..common.unit_system import TRANSLATION, UnitSystem
 from ..exceptions import ChainError, ChannelError, LawError, UnknownSiteError
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion
@@ -17,9 +18,15 @@ from .structure import Chain
 class RestoringForce:
     """The force at a site, as a sum of laws with coefficients."""
 
-    def __init__(self, site: Site, laws: Sequence[ForceLaw]) -> None:
+    def __init__(
+        self,
+        site: Site,
+        laws: Sequence[ForceLaw],
+        unit_system: UnitSystem = TRANSLATION,
+    ) -> None:
         self.site = site
         self.laws = tuple(laws)
+        self.unit_system = unit_system
 
     @property
     def has_memory(self) -> bool:
@@ -38,8 +45,20 @@ class RestoringForce:
     @property
     def units(self) -> pd.Series:
         """Units of the coefficients by term."""
-        units = [term.unit for law in self.laws for term in law.terms()]
+        units: list[str] = []
+        for law in self.laws:
+            units.extend(self.unit_system.of(term.unit) for term in law.terms())
         return pd.Series(units, self.coefficients.index, dtype=object)
+
+    def shape_units(self, law: ForceLaw) -> dict[str, str]:
+        """Units of the coefficients and shape parameters of a law at this site.
+
+        Parameters
+        ----------
+        law : ForceLaw
+        """
+        units = law.units
+        return {name: self.unit_system.of(unit) for name, unit in units.items()}
 
     def __call__(
         self,
@@ -134,7 +153,8 @@ class RestoringForce:
         elif not self.site.is_storey:
             index = f"_{self.site.p}{self.site.q}"
 
-        pieces = [law.equation(index, digits) for law in self.laws] or ["0"]
+        of = self.unit_system.of
+        pieces = [law.equation(index, digits, of) for law in self.laws] or ["0"]
         return f"R{index} = " + " + ".join(pieces).replace("+ -", "- ")
 
     def __str__(self) -> str:
@@ -160,7 +180,7 @@ class RestoringForces(Mapping[Site, RestoringForce]):
         self._chain = chain
         self._forces: dict[Site, RestoringForce] = {}
         for site, group in laws.items():
-            self._forces[site] = RestoringForce(site, group)
+            self._forces[site] = RestoringForce(site, group, chain.units)
 
     def __getitem__(self, site: SiteName) -> RestoringForce:
         try:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NotRequired, TypedDict, Unpack
 import numpy as np
 
 from ..common import MAX_DOFS, is_whole, number_of
+from ..common.unit_system import UnitSystem, unit_system
 from ..exceptions import ChainError
 from .identifiability import Dofs, SolveOrder, plan_solve_order
 from .planning import Plan, PlanOptions, plan
@@ -24,6 +25,7 @@ class ChainData(TypedDict):
     n_dof: int
     links: NotRequired[list[str]]
     ground: NotRequired[str]
+    rotates: NotRequired[bool]
 
 
 _GROUNDS = ("base", "both", "free")
@@ -48,6 +50,9 @@ class Chain:
         ``"base"``: storey 1 stands on the ground. ``"both"``: DOF n is tied to the
         ground too, by storey n+1 (= ``"ground n"``). ``"free"``: no storey 1; the chain
         floats.
+    rotates : bool
+        Whether its DOFs turn: forces are then torques (N m), displacements angles
+        (rad), masses inertias (kg m^2). A fit takes it from records of rotations.
 
     Raises
     ------
@@ -71,7 +76,11 @@ class Chain:
     """
 
     def __init__(
-        self, n_dof: int, links: Iterable[str] = (), ground: str = "base"
+        self,
+        n_dof: int,
+        links: Iterable[str] = (),
+        ground: str = "base",
+        rotates: bool = False,
     ) -> None:
         if ground not in _GROUNDS:
             cure = "Choose 'base', 'both' or 'free'."
@@ -79,9 +88,15 @@ class Chain:
 
         self.n_dof = _number_of_masses(n_dof)
         self.ground = ground
+        self.rotates = bool(rotates)
         storeys = _storeys(self.n_dof, ground)
         self.links = _further_links(links, storeys, self.n_dof)
         self.sites: tuple[Site, ...] = storeys + self.links
+
+    @property
+    def units(self) -> UnitSystem:
+        """Units of its motion: of translations, or of rotations."""
+        return unit_system(self.rotates)
 
     def site(self, text: SiteName) -> Site:
         """The site of this chain for a text or storey number.
@@ -143,7 +158,11 @@ class Chain:
                 new.append(site)
         if not new:
             return self
-        return Chain(self.n_dof, [*self.links, *new], self.ground)
+        return Chain(self.n_dof, [*self.links, *new], self.ground, self.rotates)
+
+    def of_rotations(self) -> Chain:
+        """The same chain with DOFs that turn."""
+        return Chain(self.n_dof, self.links, self.ground, rotates=True)
 
     def identifiability(
         self,
@@ -239,11 +258,14 @@ class Chain:
 
     def to_dict(self) -> ChainData:
         """Plain data for JSON."""
-        return {
+        data: ChainData = {
             "n_dof": self.n_dof,
             "links": [str(s) for s in self.links],
             "ground": self.ground,
         }
+        if self.rotates:
+            data["rotates"] = True
+        return data
 
     @classmethod
     def from_dict(cls, data: ChainData) -> Chain:
@@ -252,7 +274,7 @@ class Chain:
         Parameters
         ----------
         data : dict
-            ``n_dof`` and, if there are any, ``links`` and ``ground``.
+            ``n_dof`` and, if there are any, ``links``, ``ground`` and ``rotates``.
 
         Returns
         -------
@@ -264,13 +286,18 @@ class Chain:
         >>> Chain.from_dict({"n_dof": 3, "links": ["link 3-1"]})
         Chain(3, links=['link 3-1'])
         """
-        return cls(data["n_dof"], data.get("links", ()), data.get("ground", "base"))
+        return cls(
+            data["n_dof"],
+            data.get("links", ()),
+            data.get("ground", "base"),
+            data.get("rotates", False),
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Chain) and self.to_dict() == other.to_dict()
 
     def __hash__(self) -> int:
-        return hash((self.n_dof, self.links, self.ground))
+        return hash((self.n_dof, self.links, self.ground, self.rotates))
 
     def __repr__(self) -> str:
         arguments = [str(self.n_dof)]
@@ -278,6 +305,8 @@ class Chain:
             arguments.append(f"links={list(map(str, self.links))}")
         if self.ground != "base":
             arguments.append(f"ground={self.ground!r}")
+        if self.rotates:
+            arguments.append("rotates=True")
         return f"Chain({', '.join(arguments)})"
 
 

@@ -87,7 +87,7 @@ def forces(
         forces = _forces_along(options, records)
         verdict = forces.estimator.verdict()
 
-    table = _table_of_storeys(forces.storeys, forces.energy, forces.device)
+    table = _table_of_storeys(forces)
     session.conclude_headed("Verdict", verdict_text(verdict))
     session.conclude_headed("Forces of the storeys", table_text(table))
     session.drop_warnings(verdict.reasons)
@@ -152,15 +152,15 @@ def _write_forces(forces: _Forces, table: pd.DataFrame, folder: Path) -> list[Pa
     ]
 
 
-def _table_of_storeys(
-    storeys: pd.DataFrame, energy: pd.DataFrame, device: pd.DataFrame | None
-) -> pd.DataFrame:
+def _table_of_storeys(forces: _Forces) -> pd.DataFrame:
     """Size of the forces, and the energy that is dissipated, by storey."""
+    storeys, energy, device = forces.storeys, forces.energy, forces.device
+    unit = forces.estimator.model_.units.force
     rms, peak = np.sqrt((storeys**2).mean()), storeys.abs().max()
-    table = pd.DataFrame({"rms (N)": rms, "peak (N)": peak})
+    table = pd.DataFrame({f"rms ({unit})": rms, f"peak ({unit})": peak})
     of_what = "dissipated (J)"
     if device is not None:
-        table["damper, rms (N)"] = np.sqrt((device**2).mean()).to_numpy()
+        table[f"damper, rms ({unit})"] = np.sqrt((device**2).mean()).to_numpy()
         of_what = "dissipated by the damper (J)"
     dissipated = energy.iloc[-1]
     table[of_what] = dissipated
@@ -293,7 +293,8 @@ def _maps_of_changes(report: ChangeReport) -> list[Figure]:
 
     maps = {site: report.map(site) for site in report.storeys}
     largest = max(changes["change"].abs().max() for changes in maps.values())
-    return [change_figure(maps[site], site, largest) for site in maps]
+    units = report.before.units
+    return [change_figure(maps[site], site, largest, units=units) for site in maps]
 
 
 def _page_of_changes(

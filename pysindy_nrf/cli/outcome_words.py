@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from ..chain.model import ChainModel
+from ..common.unit_system import UnitSystem
 from ..drawing.figure import dof_words
 from ..records.files.summary import summary
 from ..records.record import Record
@@ -32,10 +33,12 @@ def outcome_text(outcome: Outcome, truth: ChainModel | None = None) -> str:
     estimator = outcome.estimator
     lines = [heading("Verdict"), verdict_text(outcome.verdict)]
     lines += [heading("Masses"), *_masses(outcome, truth)]
-    lines += [heading("Restoring forces (N; v in m/s, s in m)")]
+    units = estimator.model_.units
+    motion = f"v in {units.of('m/s')}, s in {units.length}"
+    lines += [heading(f"Restoring forces ({units.force}; {motion})")]
     lines += _forces(outcome, truth)
     lines += [heading(f"Errors, percent NRMSE, {band_text(estimator.band)}")]
-    errors = _balance_errors(estimator.errors_)
+    errors = _balance_errors(estimator.errors_, units)
     errors += _third_law(estimator.third_law_gap_)
     errors += _free_run_errors(outcome)
     if estimator.result_.smaller_order is not None:
@@ -57,7 +60,8 @@ def _masses(outcome: Outcome, truth: ChainModel | None) -> list[str]:
             note = "  (given)"
         elif truth is not None:
             note = f"  (truth {truth.masses[j - 1]:g})"
-        lines.append(f"  m{j} = {mass:.5g} kg{note}")
+        unit = outcome.estimator.model_.units.mass
+        lines.append(f"  m{j} = {mass:.5g} {unit}{note}")
     return lines
 
 
@@ -84,7 +88,7 @@ def _carriers(shares: pd.Series) -> str:
     return text
 
 
-def _balance_errors(errors: pd.DataFrame) -> list[str]:
+def _balance_errors(errors: pd.DataFrame, units: UnitSystem) -> list[str]:
     """Balance errors, one a line."""
     lines = []
     for name, row in errors.iterrows():
@@ -93,7 +97,8 @@ def _balance_errors(errors: pd.DataFrame) -> list[str]:
             lines.append(f"balance error, pooled: {percent}")
         elif row["of"] in _REFERENCES:
             reference = _REFERENCES[row["of"]]
-            size = f"{row['residual']:.4g} of {row['reference']:.4g} N rms"
+            sizes = f"{row['residual']:.4g} of {row['reference']:.4g}"
+            size = f"{sizes} {units.force} rms"
             of = f"of the {reference} ({size})"
             lines.append(f"balance error of {dof_words(name)}: {percent} {of}")
         else:

@@ -384,8 +384,9 @@ def _beyond_the_data(model: ChainModel, run: Record) -> list[str]:
         drift = float(drifts[site.p - 1])
         reached = max(abs(region.low[1]), abs(region.high[1]))
         if drift > BEYOND_THE_DATA * reached:
+            unit = model.units.of("mm")
             warnings.append(
-                f"{site} drifts {1e3 * drift:.3g} mm; the data of the model reached"
-                f" {1e3 * reached:.3g} mm: its force beyond is a guess."
+                f"{site} drifts {1e3 * drift:.3g} {unit}; the data of the model reached"
+                f" {1e3 * reached:.3g} {unit}: its force beyond is a guess."
             )
     return warnings

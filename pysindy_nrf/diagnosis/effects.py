@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
+from ..chain.restoring_force import RestoringForce
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset
 
@@ -308,15 +309,15 @@ def nonlinear_parts(
         has none, the sizes of single terms decide.
     """
     parts: dict[str, str] = {}
-    for site, laws in model.laws.items():
+    for site, force in model.restoring_forces.items():
         carried = shares.get(str(site), pd.Series(dtype=float))
         texts = []
-        for law in laws:
+        for law in force.laws:
             if law.name == "power_series":
                 kind = (kinds or {}).get(str(site))
                 text = _of_power_series(str(site), law, carried, kind)
             else:
-                text = _nonlinear_part(str(site), law, carried, bounds or {})
+                text = _nonlinear_part(force, law, carried, bounds or {})
             if text:
                 texts.append(text)
         if texts:
@@ -325,9 +326,10 @@ def nonlinear_parts(
 
 
 def _nonlinear_part(
-    site: str, law: ForceLaw, carried: pd.Series, bounds: Bounds
+    force: RestoringForce, law: ForceLaw, carried: pd.Series, bounds: Bounds
 ) -> str:
     """What one law adds to a linear storey; empty if that is nothing."""
+    site = str(force.site)
     values: dict[str, float | None] = {}
     units, intervals = {}, {}
     noticed = []
@@ -335,7 +337,7 @@ def _nonlinear_part(
         if term.label in ("v", "s"):  # what is linear is no effect
             continue
         values[term.symbol] = float(value)
-        units[term.symbol] = term.unit
+        units[term.symbol] = force.unit_system.of(term.unit)
         intervals[term.symbol] = bounds.get(f"{site}: {term.label}", (np.nan, np.nan))
         if carried.get(term.label, 0.0) > 100 * NAMED_SHARE:
             noticed.append(term.label)

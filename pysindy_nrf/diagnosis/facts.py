@@ -15,6 +15,7 @@ import pandas as pd
 from ..chain.model import ChainModel
 from ..chain.restoring_force import RestoringForce
 from ..chain.visited_region import VisitedRegion
+from ..common.unit_system import TRANSLATION, UnitSystem
 from ..records.quality import QualityNote
 from .assumptions import Assumption
 from .effects import Bounds, Effect, described
@@ -263,6 +264,8 @@ class Facts:
         What a missing law or noise in the motion may explain, in sentences.
     doubts : tuple of str
         What else is doubtful, in sentences.
+    units : UnitSystem
+        Of the model.
     """
 
     unexplained: Mapping[int, float] = field(default_factory=dict)
@@ -290,6 +293,7 @@ class Facts:
     wiring: str = ""
     noise_or_law: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    units: UnitSystem = TRANSLATION
 
 
 # -- a model -------------------------------------------------------------------
@@ -322,6 +326,7 @@ def facts_of_model(
         intervals=bounds,
         growing_mode=_growing_mode(modes),
         free_run=_free_run_facts(runs, modes, over_periods),
+        units=model.units,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
+from ..common.unit_system import TRANSLATION, UnitSystem
 from ..equations.errors import squares_of
 from ..equations.free_runs import EitherRun, free_run_by_either
 from ..exceptions import NRFError
@@ -35,6 +36,8 @@ class FreeRuns:
         Whether the default method failed and Newmark's computed a run.
     diverges_by_default : bool
         Whether it failed because the motion grew beyond all measure.
+    units : UnitSystem
+        Of the model.
     """
 
     table: pd.DataFrame
@@ -43,6 +46,7 @@ class FreeRuns:
     failed: bool = False
     by_newmark: bool = False
     diverges_by_default: bool = False
+    units: UnitSystem = TRANSLATION
 
     @property
     def error(self) -> float:
@@ -102,7 +106,7 @@ def free_runs(
     table = pd.DataFrame.from_dict(errors, orient="index", columns=columns)
     by_newmark = any(either.by_newmark for either in tried)
     diverges = any(either.diverges for either in tried)
-    return FreeRuns(table, runs, why_not, failed, by_newmark, diverges)
+    return FreeRuns(table, runs, why_not, failed, by_newmark, diverges, model.units)
 
 
 def _squares(

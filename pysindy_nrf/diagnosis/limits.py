@@ -186,11 +186,12 @@ def _excitation(model: FittedModel) -> list[Finding]:
     largest = max(peak_drifts.values(), default=0.0)
 
     findings = []
+    unit = model.model_.units.length
     for site, drift in peak_drifts.items():
         if drift < LEAST_DRIFT * largest:
             share = drift / largest
             message = (
-                f"{site} moves {drift:.2g} m at most, {100 * share:.1f} % of the"
+                f"{site} moves {drift:.2g} {unit} at most, {100 * share:.1f} % of the"
                 f" largest drift: its law is poorly determined. Hit floor {site.p}, or"
                 " excite a mode that bends it."
             )

@@ -54,27 +54,27 @@ class Offsets:
     def __bool__(self) -> bool:
         return bool(self.forces.any())
 
-    def notes(self, records: Sequence[str]) -> list[tuple[QualityNote, ...]]:
+    def notes(self, data: Dataset) -> list[tuple[QualityNote, ...]]:
         """Notes on each record.
 
         Parameters
         ----------
-        records : sequence of str
-            Names.
+        data : Dataset
         """
         every = []
-        for name, forces, shares in zip(records, self.forces, self.shares):
+        for segment, forces, shares in zip(data.segments, self.forces, self.shares):
             notes = []
             for j in np.flatnonzero(forces).tolist():
                 dof = j + 1
+                size = f"{forces[j]:.3g} {segment.units.force}"
                 message = (
                     f"the equation of motion of DOF {dof} holds a constant of"
-                    f" {forces[j]:.3g} N ({100 * shares[j]:.2g} % of its inertia):"
+                    f" {size} ({100 * shares[j]:.2g} % of its inertia):"
                     " a wrong zero of a displacement or force there, or a dead load."
                     " It is taken out"
                 )
-                note = QualityNote("offset", message, f"dof {dof}", name, forces[j])
-                notes.append(note)
+                where = (f"dof {dof}", segment.name)
+                notes.append(QualityNote("offset", message, *where, forces[j]))
             every.append(tuple(notes))
         return every
 

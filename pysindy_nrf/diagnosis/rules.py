@@ -159,13 +159,13 @@ def residuals_above_noise(facts: Facts) -> list[Reason]:
     remedy = "a law is missing there, or a force: search for it by close_loop."
     if facts.searched:
         remedy = "no effect of the catalogue explains them."
-    reasons = []
+    reasons, unit = [], facts.units.force
     for j, left_over in facts.left_over.items():
         if _is_missing(left_over):
             band = _in_band(left_over)
             message = (
-                f"{left_over.rms:.3g} N rms are missing at DOF {j}{band}, where"
-                f" noise leaves {left_over.noise:.2g} N; {remedy}"
+                f"{left_over.rms:.3g} {unit} rms are missing at DOF {j}{band}, where"
+                f" noise leaves {left_over.noise:.2g} {unit}; {remedy}"
             )
             reasons.append(
                 Reason("residual", "amber", message, f"dof {j}", left_over.rms)
@@ -196,7 +196,9 @@ def impossible_masses(facts: Facts) -> list[Reason]:
     """Masses that no structure has."""
     if not facts.impossible_masses:
         return []
-    masses = [f"m{j} = {mass:.4g} kg" for j, mass in facts.impossible_masses.items()]
+    masses = []
+    for j, mass in facts.impossible_masses.items():
+        masses.append(f"m{j} = {mass:.4g} {facts.units.mass}")
     places = [f"m{j}" for j in facts.impossible_masses]
     message = f"{', '.join(masses)}: no structure has a mass that is not positive."
     smallest = min(facts.impossible_masses.values())
@@ -255,7 +257,7 @@ def shapes_at_ends(facts: Facts) -> list[Reason]:
     """Shape parameters that ended where their search ends."""
     reasons = []
     for end in facts.shapes_at_ends:
-        unit = f" {end.unit}" if end.unit != "1" else ""
+        unit = f" {facts.units.of(end.unit)}" if end.unit != "1" else ""
         value = f"{end.value:.3g}{unit}"
         message = (
             f"{end.shape} of {plain_name(end.law)} in {end.site} is {value}, the"

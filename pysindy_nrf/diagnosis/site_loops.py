@@ -10,6 +10,7 @@ import numpy as np
 from ..chain.model import ChainModel
 from ..chain.restoring_force import RestoringForce
 from ..chain.sites import Site
+from ..common.unit_system import TRANSLATION, UnitSystem
 from ..exceptions import NRFError
 from ..laws.shape import Motion
 from ..records.dataset import Dataset
@@ -36,6 +37,8 @@ class SiteLoop:
         Force of the model, N.
     measured : ndarray of shape (n_points,), optional
         Force that the measured motion and forces ask for, N, where they determine it.
+    units : UnitSystem
+        In which it is shown.
     """
 
     site: str
@@ -45,6 +48,7 @@ class SiteLoop:
     v: np.ndarray
     identified: np.ndarray
     measured: np.ndarray | None = None
+    units: UnitSystem = TRANSLATION
 
 
 def loops_of(
@@ -106,6 +110,7 @@ def _loop(
         _drawn(motion.v, band, rows),
         _drawn(identified, band, rows),
         measured,
+        force.unit_system,
     )
 
 

@@ -202,7 +202,7 @@ def _quality(outcome: BalanceOutcome, final: FittedModel) -> tuple[QualityNote, 
     """What is known of the quality of the records."""
     data = outcome.measured.data
     notes = list(data.quality)
-    for of_record in final.offsets.notes([segment.name for segment in data.segments]):
+    for of_record in final.offsets.notes(data):
         notes += of_record
     noted = {(note.kind, note.channel) for note in notes}
     for contradiction in outcome.contradictions:

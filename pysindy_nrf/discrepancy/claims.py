@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..chain.model import ChainModel
 from .fitted_model import FittedModel
 
 
@@ -36,7 +37,7 @@ def why_no_claim(model: FittedModel) -> str:
     chain_model = model.chain_model()
     masses = enumerate(chain_model.masses, 1)
     if any(mass <= 0 and j not in known for j, mass in masses):
-        return f"masses came out not positive ({_in_words(chain_model.masses)})"
+        return f"masses came out not positive ({_in_words(chain_model)})"
 
     total = chain_model.total_masses
     cancelled = []
@@ -48,7 +49,10 @@ def why_no_claim(model: FittedModel) -> str:
     return ""
 
 
-def _in_words(masses: np.ndarray) -> str:
+def _in_words(model: ChainModel) -> str:
     """Masses that no structure has."""
-    wrong = [f"m{j} = {m:.3g} kg" for j, m in enumerate(masses, 1) if m <= 0]
+    wrong = []
+    for j, mass in enumerate(model.masses, 1):
+        if mass <= 0:
+            wrong.append(f"m{j} = {mass:.3g} {model.units.mass}")
     return ", ".join(wrong)

@@ -197,7 +197,7 @@ def _with_values(
     law = _law_of(step, model.laws[site])
     if isinstance(law, SumOfAtoms):
         sizes = _size_of(law, model.visited.get(site))
-        units = dict.fromkeys(sizes, "N")
+        units = dict.fromkeys(sizes, model.units.force)
         return replace(step, parameters=sizes, units=units, intervals={})
     intervals = {}
     for shape in law.shapes:

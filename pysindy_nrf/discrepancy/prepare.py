@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..records.checks.corners import without_corners
 from ..records.dataset import Dataset
 from ..records.fusion.kinematic_smoother import KinematicSmoother
 from ..records.fusion.kinematics import FusedRecord, fuse_record
-from ..records.input_arrays import segment_of
+from ..records.input_arrays import require_one_chain, segment_of
 from ..records.record import Record
 
 Band = tuple[float | None, float | None]
@@ -105,7 +105,7 @@ def prepare(
     searched = as_records(records, "records")
     not_searched = as_records(heldout, "heldout")
     every = [_without_offset(rec) for rec in (*searched, *not_searched)]
-    _require_one_chain(every)
+    require_one_chain(every, every[0].n_dof)
 
     segments = []
     fusion = []
@@ -179,18 +179,6 @@ def as_records(records: object, name: str) -> list[Record]:
             "There is no record to search", "Pass a Record or a list of them."
         )
     return list(records)
-
-
-def _require_one_chain(records: Iterable[Record]) -> None:
-    """Refuse records that do not have the same number of DOFs."""
-    records = list(records)
-    n_dof = records[0].n_dof
-    for record in records:
-        if record.n_dof != n_dof:
-            raise ChannelError(
-                f"Record {record.name!r} has {record.n_dof} DOFs, {n_dof} are needed",
-                "Give records of one chain.",
-            )
 
 
 def _fused(

@@ -136,7 +136,7 @@ def read_request(
     not_searched = as_records(heldout, "heldout")
     has_clock = all(rec.has_clock for rec in (*searched, *not_searched))
     model = _baseline(baseline, has_clock)
-    problem = model.problem(searched[0].n_dof)
+    problem = model.problem(searched[0].n_dof).along(searched[0])
     if not problem.needs_clock:
         searched = [rec.by_sample() for rec in searched]
         not_searched = [rec.by_sample() for rec in not_searched]

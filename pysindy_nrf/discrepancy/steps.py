@@ -76,6 +76,7 @@ def draft_step(
     effect, model = searched.effect, searched.after
     reduction = model.reduction_from(searched.before)
     fitted, share = effect.law, float("nan")
+    units = model.chain.units
     intervals: dict[str, Interval] = {}
     if not effect.is_fault:
         fitted = _fitted_law(model, effect)
@@ -89,7 +90,7 @@ def draft_step(
         str(effect.site),
         shape=dict(effect.law.shape),
         parameters=dict(fitted.parameters),
-        units=fitted.units,
+        units={name: units.of(unit) for name, unit in fitted.units.items()},
         intervals=intervals,
         alternatives=_other_families(effect, model, rivals),
         error_before=decision.before.error,

@@ -12,6 +12,7 @@ from ..chain.identifiability import SolveOrder, Step
 from ..chain.layout import LawLayout, with_coefficients
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..common.unit_system import TRANSLATION, UnitSystem
 from ..common.warn import warn_user
 from .inner_optimizer import Optimizer
 from .normal_equations import NormalEquations, PerBlock
@@ -179,7 +180,7 @@ def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
     return ChainModel(masses, valued, layout.chain)
 
 
-def doubtful_masses(solution: Solution) -> list[str]:
+def doubtful_masses(solution: Solution, units: UnitSystem = TRANSLATION) -> list[str]:
     """Sentences on masses that are not positive, or that noise decides."""
     sentences = []
     for fit in solution.fits:
@@ -198,7 +199,7 @@ def doubtful_masses(solution: Solution) -> list[str]:
                     "is not positive: does the force or the acceleration have the wrong"
                     " sign, or a channel stand in the wrong column?"
                 )
-            sentences.append(f"m{dof} = {mass:.4g} kg {why}")
+            sentences.append(f"m{dof} = {mass:.4g} {units.mass} {why}")
     return sentences
 
 

@@ -273,7 +273,7 @@ def _rivals(models: Sequence[ChainModel]) -> list[str]:
             masses = ", ".join(f"{mass:.3g}" for mass in model.masses)
             return [
                 "Another linear chain fits the channels as well, with masses of"
-                f" {masses} kg: add a sensor."
+                f" {masses} {model.units.mass}: add a sensor."
             ]
     return []
 

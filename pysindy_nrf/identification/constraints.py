@@ -142,7 +142,8 @@ def _without_known_masses(
     gap = np.abs(equations.values[empty]).max(initial=0.0)
     if gap > 1e-6 * np.abs(model.masses).sum():
         raise ChainError(
-            f"The known masses differ from a constraint by {gap:.4g} kg",
+            f"The known masses differ from a constraint by {gap:.4g}"
+            f" {model.units.mass}",
             "Correct known_masses, or leave the constraint out.",
         )
     return equations.only(~empty)

@@ -185,7 +185,7 @@ def with_displacements_above(data: Dataset, drifts: dict[int, Drift]) -> Dataset
     segments, records = list(high_passed.segments), list(data.records)
     for number, drift in drifts.items():
         record = records[number]
-        notes = tuple(_note(drift, j, record.name) for j in drift.sizes)
+        notes = tuple(_note(drift, j, record) for j in drift.sizes)
         segment = segments[number]
         segments[number] = replace(segment, quality=segment.quality + notes)
         records[number] = _record_above(record, drift)
@@ -197,14 +197,14 @@ def with_displacements_above(data: Dataset, drifts: dict[int, Drift]) -> Dataset
     return replace(changed, fuse_apart=lambda: _high_passed(again(), drifts))
 
 
-def _note(drift: Drift, dof: int, record: str) -> QualityNote:
+def _note(drift: Drift, dof: int, record: Record) -> QualityNote:
     size = drift.sizes[dof]
     message = (
-        f"x{dof} wanders by {size:.2g} m below {drift.edge:.2g} Hz, where no force and"
-        " no acceleration moves it. The displacement above is used"
+        f"x{dof} wanders by {size:.2g} {record.units.length} below {drift.edge:.2g} Hz,"
+        " where no force and no acceleration moves it. The displacement above is used"
     )
     witness = "equations of motion"
-    return QualityNote("drift", message, f"x{dof}", record, size, witness)
+    return QualityNote("drift", message, f"x{dof}", record.name, size, witness)
 
 
 def _record_above(record: Record, drift: Drift) -> Record:

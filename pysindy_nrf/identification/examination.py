@@ -175,7 +175,7 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     forces = bias.contradictions_of(finding.estimate.solution)
     for probe in probes:
         forces += probe.sentences()
-    masses = doubtful_masses(solution)
+    masses = doubtful_masses(solution, model.units)
     for sentence in lost_masses(model.masses, model.laws):
         masses.append(f"{sentence}: {_CURE_OF_LOST_MASS}")
     if data.records:
@@ -206,7 +206,8 @@ def _wrong_masses(problem: Problem, data: Dataset, error: float) -> list[str]:
     for remaining, mass, j in freed:
         if remaining < _AS_GOOD * least:
             known = problem.known_masses[j]
-            named.append(f"m{j} is {mass:.4g} kg, not {known:.4g}")
+            unit = problem.chain.units.mass
+            named.append(f"m{j} is {mass:.4g} {unit}, not {known:.4g}")
     return [
         f"The known masses contradict each other: left free, {'; or '.join(named)}; and"
         f" {least:.2g} % of the balances is unexplained instead of {error:.2g} %. Weigh"

@@ -23,6 +23,9 @@ MAX_RECORDS = 4
 # at 1 % of noise; measured records 0.99 and more. A law that relaxes and is missing
 # makes half a sample of delay leave 0.65.
 CLEARLY_LESS = {"linear": 0.3, "zero": 0.5}
+# Percent of the forces that another course may leave: a law that is missing leaves 7 to
+# 10 in chains of the battery, where half a sample of delay stands in for it.
+MOST_LEFT = 5.0
 
 
 def with_force_courses(problem: Problem, data: Dataset) -> Dataset:
@@ -66,7 +69,8 @@ def _course_that_closes(problem: Problem, data: Dataset, unknown: list[Segment])
 
     best = min(remaining, key=remaining.__getitem__)
     limit = CLEARLY_LESS.get(best, 0.0) * remaining[BAND_LIMITED]
-    return best if remaining[best] < limit else BAND_LIMITED
+    closes = remaining[best] < min(limit, MOST_LEFT**2)
+    return best if closes else BAND_LIMITED
 
 
 def _residual(problem: Problem, data: Dataset) -> float:

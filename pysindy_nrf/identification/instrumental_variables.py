@@ -276,7 +276,8 @@ class _Rounds:
         """End the rounds at a mass that is not positive, unless one was so at first."""
         if (masses <= 0).any() and not (self.start.masses <= 0).any():
             dof = int(np.argmin(masses)) + 1
-            raise IdentifiabilityError(f"m{dof} became {masses.min():.3g} kg", CURE)
+            size = f"{masses.min():.3g} {self.start.units.mass}"
+            raise IdentifiabilityError(f"m{dof} became {size}", CURE)
 
     def _notes(self) -> tuple[str, ...]:
         n_left_out = len(self.instruments.data.segments) - len(self.instruments.usable)

@@ -19,6 +19,7 @@ from ..chain.model import ChainModel
 from ..chain.model import parameters_of as parameters_of
 from ..chain.sites import Site
 from ..common import number_of
+from ..common.unit_system import UnitSystem
 from ..common.warn import warn_user
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import Solution, groups_of, model_of, solve
@@ -120,16 +121,20 @@ def forces_at(points: Points, model: ChainModel) -> pd.Series:
         place = model.chain.site(site)
         v, s = np.broadcast_arrays(*(np.asarray(x, float) for x in pair))
         force = model.restoring_forces[place](v.ravel(), s.ravel())
-        names = names_of_points(place, v.ravel(), s.ravel())
+        names = names_of_points(place, v.ravel(), s.ravel(), model.units)
         forces |= dict(zip(names, force.tolist(), strict=True))
     return pd.Series(forces)
 
 
-def names_of_points(site: Site, v: np.ndarray, s: np.ndarray) -> list[str]:
+def names_of_points(
+    site: Site, v: np.ndarray, s: np.ndarray, units: UnitSystem
+) -> list[str]:
     """Names of the forces of a site at points (v, s)."""
-    return [
-        f"{site} at v = {rate:.4g} m/s, s = {drift:.4g} m" for rate, drift in zip(v, s)
-    ]
+    names = []
+    for rate, drift in zip(v, s):
+        point = f"v = {rate:.4g} {units.of('m/s')}, s = {drift:.4g} {units.length}"
+        names.append(f"{site} at {point}")
+    return names
 
 
 def statistic_of(
@@ -404,8 +409,9 @@ class IntervalMaker:
             place = self.model.chain.site(site)
             table = forces[["force", "lower", "upper"]]
             table = table.rename(columns={"force": "estimate"})
+            units = self.model.units
             rates, drifts = forces["v"].to_numpy(), forces["s"].to_numpy()
-            table.insert(0, "parameter", names_of_points(place, rates, drifts))
+            table.insert(0, "parameter", names_of_points(place, rates, drifts, units))
             tables.append(table)
         return pd.concat(tables, ignore_index=True)
 
@@ -459,12 +465,13 @@ class IntervalMaker:
         nearest = region.nearest(rate[~visited], drift[~visited])
         at_the_edge = self.model.restoring_forces[site](*nearest)
         reach[~visited] = np.abs(force[~visited] - at_the_edge)
+        units = self.model.units
         warn_user(
             f"{site}: {int((~visited).sum())} of {len(visited)} points (v, s) lie"
             f" outside the region the data visited (v {region.low[0]:.3g} to"
-            f" {region.high[0]:.3g} m/s, s {region.low[1]:.3g} to {region.high[1]:.3g}"
-            " m); the force there is an extrapolation of the law, and its interval is"
-            " widened.",
+            f" {region.high[0]:.3g} {units.of('m/s')}, s {region.low[1]:.3g} to"
+            f" {region.high[1]:.3g} {units.length}); the force there is an"
+            " extrapolation of the law, and its interval is widened.",
             ExtrapolationWarning,
         )
         return visited, reach

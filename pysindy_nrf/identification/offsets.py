@@ -86,7 +86,7 @@ def _pooled_error(estimate: Estimate) -> float:
 
 
 def _with_notes(data: Dataset, offsets: Offsets) -> Dataset:
-    notes = offsets.notes([segment.name for segment in data.segments])
+    notes = offsets.notes(data)
     segments = []
     for segment, of_record in zip(data.segments, notes):
         segments.append(replace(segment, quality=segment.quality + of_record))

@@ -163,6 +163,21 @@ class Problem:
         """
         return replace(self, laws=dict(self.laws) | _by_site(self.chain, laws))
 
+    def along(self, data: Record | Dataset) -> Problem:
+        """The same problem of a chain that rotates, where the data are rotations.
+
+        Parameters
+        ----------
+        data : Record or Dataset
+
+        Returns
+        -------
+        Problem
+        """
+        if self.chain.rotates or not data.rotates:
+            return self
+        return replace(self, chain=self.chain.of_rotations())
+
     def with_known_masses(self, known_masses: Mapping[int, float]) -> Problem:
         """The same problem with these masses known, and no other.
 
@@ -237,7 +252,7 @@ class Problem:
         fused = from_arrays(
             data, n_dof=self.chain.n_dof, has_memory=self.layout.has_memory
         )
-        estimate = least_squares(self, fused)
+        estimate = least_squares(self.along(fused), fused)
         if not self.constraints:
             return estimate
         resolver = least_squares_resolver(estimate.problem, estimate.order, fused)

@@ -316,7 +316,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
                 fit_pieces(StreamSettings.of_estimator(self), passed, state)
             )
         data = method.read(passed, self._input_settings(X))
-        result = method.identify(self.problem(data.n_dof), data)
+        result = method.identify(self.problem(data.n_dof).along(data), data)
         if self.varying is not None:
             result = with_time_variation(result, self.varying)
         one_force = form is ARRAYS and y is not None and np.ndim(passed.F) == 1

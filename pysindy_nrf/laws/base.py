@@ -658,7 +658,12 @@ class ForceLaw:
 
     # -- text and plain data -------------------------------------------------------
 
-    def equation(self, index: int | str = "", digits: int = 4) -> str:
+    def equation(
+        self,
+        index: int | str = "",
+        digits: int = 4,
+        unit_of: Callable[[str], str] = str,
+    ) -> str:
         """The law as text, in the manner of the paper's eq. (11a).
 
         Parameters
@@ -667,10 +672,12 @@ class ForceLaw:
             Storey number appended to s and v.
         digits : int
             Significant digits.
+        unit_of : callable
+            Gives the unit that is printed for one of N, m and kg.
         """
         sum_of_terms = " + ".join(self._term_texts(index, digits)) or "0"
         text = sum_of_terms.replace("+ -", "- ")
-        shape = self._shape_texts(digits)
+        shape = self._shape_texts(digits, unit_of)
         return f"{text}  ({', '.join(shape)})" if shape else text
 
     def _term_texts(self, index: int | str, digits: int) -> list[str]:
@@ -686,9 +693,9 @@ class ForceLaw:
             if value != 0 or not omits_zeros
         ]
 
-    def _shape_texts(self, digits: int) -> list[str]:
+    def _shape_texts(self, digits: int, unit_of: Callable[[str], str]) -> list[str]:
         return [
-            f"{name} = {value:.{digits}g} {self.units[name]}".rstrip()
+            f"{name} = {value:.{digits}g} {unit_of(self.units[name])}".rstrip()
             for name, value in self.shape.items()
             if value is not None
         ]

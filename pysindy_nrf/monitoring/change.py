@@ -320,7 +320,8 @@ def compare_tests(
     cuts = _cuts(fits, masses.mean(axis=0), n_blocks)
     differences = Differences(cuts, masses, _free_masses(fits[0].problem))
     explanations = ExplanationSearch(differences, level, least).sufficient()
-    comparisons = [Comparison(differences, e) for e in explanations or [()]]
+    units = fits[0].model.units
+    comparisons = [Comparison(differences, e, units) for e in explanations or [()]]
     comparison = comparisons[0]
 
     gain = comparison.gain_of_forces

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from ..common.unit_system import TRANSLATION, UnitSystem
 from .differences import Difference, Differences, without_repetition
 from .explanations import Explanation, ExplanationSearch, unknowns_of
 from .force_change import surfaces
@@ -44,10 +45,13 @@ class Comparison:
     ----------
     differences : Differences
     changes : tuple of Change
+    units : UnitSystem
+        Of the models.
     """
 
     differences: Differences
     changes: Explanation
+    units: UnitSystem = TRANSLATION
 
     @property
     def used(self) -> list[int]:
@@ -170,7 +174,7 @@ class Comparison:
             "change": np.sign(first) * size[0],
             "error": float(np.sqrt(differences.variance(size))),
             "amount": size[0] * of_one_percent,
-            "unit": unit,
+            "unit": self.units.of(unit),
             "p": self._probability(here),
         }
 

@@ -9,11 +9,12 @@ from typing import Protocol
 
 import numpy as np
 
+from ..common.unit_system import UnitSystem, unit_system
 from ..exceptions import ChannelError
 from ..laws.shape import Motion
 from .extent import Extent
 from .hold import BAND_LIMITED, band_limited
-from .quality import QualityNote
+from .quality import QualityNote, are_rotations
 from .record import Record
 
 # Stands for the variance of a channel that does not move.
@@ -106,6 +107,11 @@ class Segment:
         if known_extent is not None:
             # fills the cached property; a copy with other arrays computes its own
             vars(self)["extent"] = known_extent
+
+    @property
+    def units(self) -> UnitSystem:
+        """Units of its channels."""
+        return unit_system(are_rotations(self.quality))
 
     @property
     def n_samples(self) -> int:
@@ -321,6 +327,13 @@ class Dataset:
     def quality(self) -> tuple[QualityNote, ...]:
         """What is known of the channels, the clocks and the units of all records."""
         return tuple(note for segment in self.segments for note in segment.quality)
+
+    @property
+    def rotates(self) -> bool:
+        """Whether its channels are angles and torques."""
+        # records in which a floor has no sensor are not fused
+        of_records = any(record.rotates for record in self.records)
+        return of_records or are_rotations(self.quality)
 
     @property
     def forced(self) -> tuple[int, ...]:

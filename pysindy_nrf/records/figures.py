@@ -9,7 +9,7 @@ import numpy as np
 from ..drawing.figure import CYCLE, DASHES, Axis, Figure, Line, Mark, Table
 from ..drawing.thinning import DRAWN_POINTS, thinned
 from .channels import finite_span
-from .files.units import si_unit
+from .files.summary import unit_of
 from .record import Record
 from .spectra import density, spectra_of
 
@@ -76,7 +76,7 @@ def _panel(
 ) -> Figure:
     """One channel over time."""
     color = "red" if is_doubtful else "blue"
-    unit = "" if name in record.covariates else _unit_of(name)
+    unit = "" if name in record.covariates else _unit_of(record, name)
     label = f"{name}, in doubt" if is_doubtful else name
     mark = Line(*thinned(record.time, line, n_points), color=color, width=0.8)
     return Figure(
@@ -89,9 +89,9 @@ def _panel(
     )
 
 
-def _unit_of(channel: str) -> str:
+def _unit_of(record: Record, channel: str) -> str:
     """SI unit of a channel as it is printed."""
-    return si_unit(channel).replace("^2", "²")
+    return unit_of(record, channel).replace("^2", "²")
 
 
 def _with_clock(panel: Figure, clock: Axis) -> Figure:
@@ -179,7 +179,7 @@ def _spectrum_figure(
         marks += _ends_of_band(band, limits)
 
     kind = _KINDS[letter]
-    unit = f"{_unit_of(next(iter(lines)))}/√Hz"
+    unit = f"{_unit_of(record, next(iter(lines)))}/√Hz"
     return Figure(
         f"Spectra: {kind.lower()} of {record.name}",
         marks,

@@ -221,15 +221,10 @@ def _from_records(
             )
 
     fusions, fuse_apart = _fusions_of(records, settings)
-    n_dof = settings.n_dof or records[0].n_dof
+    require_one_chain(records, settings.n_dof or records[0].n_dof)
     segments, as_used = [], []
     first_row = 0
     for record, fusion in zip(records, fusions, strict=True):
-        if record.n_dof != n_dof:
-            raise ChannelError(
-                f"Record {record.name!r} has {record.n_dof} DOFs, {n_dof} are needed",
-                "Give records of one chain.",
-            )
         timed = record if settings.needs_clock else record.by_sample()
         if settings.fuse:
             fused = fuse_record(timed, fusion, settings.check)
@@ -241,6 +236,31 @@ def _from_records(
         as_used.append(record)
 
     return Dataset(tuple(segments), first_row, tuple(as_used), fuse_apart)
+
+
+def require_one_chain(records: Sequence[Record], n_dof: int) -> None:
+    """Refuse records of another number of DOFs, and rotations beside translations.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    n_dof : int
+        DOFs that are needed.
+    """
+    for record in records:
+        if record.n_dof != n_dof:
+            raise ChannelError(
+                f"Record {record.name!r} has {record.n_dof} DOFs, {n_dof} are needed",
+                "Give records of one chain.",
+            )
+        if record.rotates != records[0].rotates:
+            kinds = {True: "rotations", False: "translations"}
+            raise ChannelError(
+                f"Record {record.name!r} is of {kinds[record.rotates]},"
+                f" {records[0].name!r} of {kinds[records[0].rotates]}",
+                "Give records of one chain; record.of_rotations() says that the"
+                " channels are angles and torques.",
+            )
 
 
 def _unfused(record: Record, first_row: int) -> Segment:

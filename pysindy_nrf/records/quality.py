@@ -85,6 +85,17 @@ class QualityNote:
         return self.kind not in _ONLY_KNOWN
 
 
+def rotation_note(record: str) -> QualityNote:
+    """The note that the channels of a record are rotations."""
+    message = "its motion is a rotation: N m, rad, kg m^2"
+    return QualityNote("rotation", message, "", record)
+
+
+def are_rotations(notes: tuple[QualityNote, ...]) -> bool:
+    """Whether notes say that the channels are rotations."""
+    return any(note.kind == "rotation" for note in notes)
+
+
 def messages(notes: tuple[QualityNote, ...]) -> list[str]:
     """The sentences of some notes, each once."""
     return list(dict.fromkeys(note.message for note in notes))

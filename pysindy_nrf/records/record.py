@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ..common import MAX_DOFS
+from ..common.unit_system import UnitSystem, unit_system
 from ..exceptions import ChannelError
 from .channels import as_matrix, channel_of, finite_span
 from .clock import clock_of, time_in_index
@@ -19,7 +20,7 @@ from .clock import plain_times as plain_times
 from .clock import row_times as row_times
 from .clock import seconds_of as seconds_of
 from .hold import require_hold
-from .quality import QualityNote
+from .quality import QualityNote, are_rotations, rotation_note
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -463,7 +464,18 @@ class Record:
     @property
     def rotates(self) -> bool:
         """True if its channels are angles and torques: N m, rad, rad/s, rad/s^2."""
-        return any(note.kind == "rotation" for note in self.quality)
+        return are_rotations(self.quality)
+
+    @property
+    def units(self) -> UnitSystem:
+        """Units of its channels."""
+        return unit_system(self.rotates)
+
+    def of_rotations(self) -> Record:
+        """The same numbers as angles (rad), their rates, and torques (N m)."""
+        if self.rotates:
+            return self
+        return self.with_quality((*self.quality, rotation_note(self.name)))
 
     def with_quality(self, notes: Sequence[QualityNote]) -> Record:
         """The same channels with notes on their quality.

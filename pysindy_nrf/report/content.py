@@ -21,6 +21,7 @@ from ..chain.latex import (
 )
 from ..chain.model import ChainModel
 from ..common.audit import versions
+from ..common.unit_system import TRANSLATION, UnitSystem
 from ..diagnosis.effects import Bounds, Interval, plain_name
 from ..diagnosis.modes import equivalent_modes
 from ..diagnosis.site_loops import SiteLoop
@@ -149,6 +150,7 @@ class Content:
     effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
     results: list[Figure | Table] = field(default_factory=list)
+    units: UnitSystem = TRANSLATION
 
 
 # -- the model -----------------------------------------------------------------
@@ -241,7 +243,8 @@ def _masses(model: ChainModel, bounds: Bounds) -> Table:
     rows: list[list[str | float]] = []
     for j, mass in enumerate(model.masses, 1):
         rows.append([f"m{j}", *_with_ends(mass, bounds.get(f"m{j}"))])
-    head = ["mass", "estimate (kg)", "lower (kg)", "upper (kg)"]
+    unit = pretty(model.units.mass)
+    head = ["mass", f"estimate ({unit})", f"lower ({unit})", f"upper ({unit})"]
     return _with_intervals("Masses", head, rows)
 
 
@@ -253,10 +256,11 @@ def _coefficients(model: ChainModel, bounds: Bounds) -> Table:
             ends = _with_ends(value, bounds.get(f"{site}: {term}"))
             rows.append([str(site), pretty(str(term)), pretty(unit), *ends])
         for law in force.laws:
+            units = force.shape_units(law)
             for name, value in law.shape.items():
                 if value is not None:
                     label = f"{name} ({plain_name(law.name)})"
-                    unit = pretty(law.units[name])
+                    unit = pretty(units[name])
                     rows.append([str(site), label, unit, *_with_ends(value)])
     head = ["site", "term or shape parameter", "unit", "estimate", "lower", "upper"]
     return _with_intervals("Coefficients", head, rows)
@@ -307,7 +311,7 @@ def frame_of(
     floors, storeys = [], []
     for j, mass in enumerate(model.masses, 1):
         estimate = Estimate(mass, *bounds.get(f"m{j}", _UNKNOWN))
-        words = f"m{j} = {as_text(estimate)} kg"
+        words = f"m{j} = {as_text(estimate)} {pretty(model.units.mass)}"
         floors.append(Floor(words, j in forced, j in open_balances))
         storeys.append(_storey(model, j, bounds, effects))
     base_moves = any(record.base_moves for record in records)
@@ -329,7 +333,7 @@ def _storey(
     if stiffness:
         low, high = bounds.get(f"{name}: s", _UNKNOWN)
         estimate = Estimate(stiffness, low / 1e3, high / 1e3)
-        words = f"k{number} = {as_text(estimate)} kN/m"
+        words = f"k{number} = {as_text(estimate)} {model.units.of('kN/m')}"
     return Storey(words, "guilty" if name in effects else "linear")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..common.unit_system import unit_system
 from ..records.checks.channel_checks import channel_notes, measured
 from ..records.quality import QualityNote, messages
 from ..records.record import Record
@@ -38,4 +39,5 @@ def data_content(
         audit=audit_part({}, {}),
         care=list(dict.fromkeys(care)),
         measured=measured_part(summaries, notes=doubts),
+        units=unit_system(all(record.rotates for record in records)),
     )

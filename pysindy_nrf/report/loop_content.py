@@ -82,6 +82,7 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
         chapters=chapters(report),
         effects=effects(report),
         errors=[errors(report), *_figures_of_errors(report)],
+        units=report.model.units,
     )
 
 
@@ -171,7 +172,8 @@ def _missing_force(report: Loop) -> list[Figure]:
     if drawn or first is None or first.characterisation is None:
         return drawn
     # what it depends on stands in the chapter
-    return dependence_figures(first.characterisation, f" at {first.site}")[1:]
+    where, units = f" at {first.site}", report.model.units
+    return dependence_figures(first.characterisation, where, units)[1:]
 
 
 def _law_over_missing_force(report: Loop) -> list[Figure]:
@@ -266,13 +268,16 @@ def chapters(report: Loop) -> list[Chapter]:
 
     made = []
     for number, (step, before) in enumerate(zip(report.steps, evidence), 1):
-        made.append(_chapter_of_step(number, step, before, before is first))
-    made.append(_last_chapter(report, evidence[n_steps], evidence[n_steps] is first))
+        figures = _evidence_figures(report, before, before is first)
+        made.append(_chapter_of_step(number, step, before, figures))
+    after = evidence[n_steps]
+    figures = _evidence_figures(report, after, after is first)
+    made.append(_last_chapter(report, after, figures))
     return made
 
 
 def _chapter_of_step(
-    number: int, step: Step, evidence: Evidence | None, drawn_first: bool
+    number: int, step: Step, evidence: Evidence | None, figures: list[Figure]
 ) -> Chapter:
     """What one effect was inferred from, and by how much it lowers the error."""
     facts = [*_answers(evidence), ("Decision", as_sentence(step.evidence))]
@@ -303,7 +308,7 @@ def _chapter_of_step(
         "" if law is None else summary_of(law),
         step.family,
         standing(step),
-        _evidence_figures(evidence, drawn_first),
+        figures,
     )
 
 
@@ -319,7 +324,7 @@ def _on_heldout(step: Step) -> str:
 
 
 def _last_chapter(
-    report: Loop, evidence: Evidence | None, drawn_first: bool
+    report: Loop, evidence: Evidence | None, figures: list[Figure]
 ) -> Chapter:
     """What is left, and the candidates that were refused."""
     tables = []
@@ -338,7 +343,6 @@ def _last_chapter(
         )
 
     why = ("Why it stopped", as_sentence(report.stopped_because))
-    figures = _evidence_figures(evidence, drawn_first)
     facts = [*_answers(evidence), why]
     return Chapter("What is left", facts, tables, figures=figures)
 
@@ -353,8 +357,10 @@ def _answers(evidence: Evidence | None) -> list[tuple[str, str]]:
     return answers
 
 
-def _evidence_figures(evidence: Evidence | None, drawn_first: bool) -> list[Figure]:
+def _evidence_figures(
+    report: Loop, evidence: Evidence | None, drawn_first: bool
+) -> list[Figure]:
     """Figures of one step; what the page draws first is not drawn again."""
     if evidence is None:
         return []
-    return evidence_figures(evidence, means=not drawn_first)
+    return evidence_figures(evidence, report.model.units, means=not drawn_first)

@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 import pandas as pd
 
+from ..chain.latex import pretty
 from ..chain.model import ChainModel, parameters_of
 from ..common.audit import settings_of
 from ..diagnosis.effects import Bounds, nonlinear_parts, shares_of
@@ -44,12 +45,6 @@ from .words import Band, band_text
 
 # DOFs whose free run is drawn.
 DRAWN_FREE_RUNS = 3
-_HEAD_OF_ERRORS = {
-    "error": "error (%)",
-    "residual": "residual rms (N)",
-    "reference": "reference rms (N)",
-    "of": "of",
-}
 _HEAD_OF_MISSING_TERMS = {
     "residual": "residual (% of its force)",
     "gain": "held-out part of it that further terms remove (%)",
@@ -223,6 +218,7 @@ def model_content(
         tiles=_tiles(identified),
         measured=measured_part(records, model, _quality(identified), identified.band),
         errors=[*_errors(identified), *_figures_of_errors(identified)],
+        units=model.units,
     )
 
 
@@ -234,7 +230,7 @@ def _picture(identified: Identification) -> tuple[list[Figure], list[str]]:
     filters = filters_of(identified.band, identified.data)
     try:
         sizes = residual_of(identified.model, identified.data, filters).sizes
-        residual = residual_figure(sizes)
+        residual = residual_figure(sizes, units=identified.model.units)
         if residual is not None:
             figures.append(residual)
     except NRFError as error:
@@ -280,7 +276,8 @@ def _tiles(identified: Identification) -> list[Tile]:
         pooled = f"{identified.errors.loc['pooled', 'error']:.3g} %"
         tiles.append(Tile("Balance error, pooled", pooled, "on the fitted data"))
     total = float(identified.model.masses.sum())
-    tiles.append(Tile("Total mass", f"{total:.4g} kg"))
+    unit = pretty(identified.model.units.mass)
+    tiles.append(Tile("Total mass", f"{total:.4g} {unit}"))
     tiles.append(Tile("Band", band_text(identified.band)))
     return tiles
 
@@ -319,7 +316,14 @@ def _errors(identified: Identification) -> list[Figure | Table]:
             [dof_words(name) for name in identified.errors.index]
         )
         caption = "Balance errors on the fitted data, percent NRMSE"
-        shown.append(table(caption, errors, _HEAD_OF_ERRORS, "balance"))
+        unit = identified.model.units.force
+        columns = {
+            "error": "error (%)",
+            "residual": f"residual rms ({unit})",
+            "reference": f"reference rms ({unit})",
+            "of": "of",
+        }
+        shown.append(table(caption, errors, columns, "balance"))
     if len(identified.third_law_gap):
         gaps = [[str(site), gap] for site, gap in identified.third_law_gap.items()]
         head = ["storey", "difference (% of its rms)"]

@@ -14,7 +14,7 @@ from typing import TypeGuard
 
 import numpy as np
 
-from ..chain.latex import mathml
+from ..chain.latex import mathml, pretty
 from ..chain.model import ChainModel
 from ..common.files import atomic_write
 from ..common.lazy import require
@@ -167,6 +167,7 @@ def _rendered(content: Content) -> str:
         lstrip_blocks=True,
     )
     environment.filters["cells"] = cells
+    environment.filters["unit"] = lambda unit: pretty(content.units.of(unit))
     markup = jinja2.utils.markupsafe.Markup
     drawn: dict[str, dict[str, object]] = {}
 

@@ -30,6 +30,8 @@ _COLUMNS = [
 ]
 _HEAD = ("", "estimate", "std err", "[0.025", "0.975]", "unit", "share %")
 _WIDTHS = (24, 14, 11, 13, 13, 9, 8)
+# The column of the unit: a longer unit takes its room from the name of the term.
+_UNIT = 5
 _NO_LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -102,10 +104,12 @@ class Summary:
 
     def __str__(self) -> str:
         lines = [self.title.center(WIDTH).rstrip(), "=" * WIDTH, *self._head_lines()]
-        lines += ["=" * WIDTH, _line(_HEAD), "-" * WIDTH]
-        for site, rows in _by_site(self.table):
+        blocks = _by_site(self.table)
+        widths = _widths(blocks)
+        lines += ["=" * WIDTH, _line(_HEAD, widths), "-" * WIDTH]
+        for site, rows in blocks:
             lines.append(site)
-            lines += [_line([f"  {row[0]}", *row[1:]]) for row in rows]
+            lines += [_line([f"  {row[0]}", *row[1:]], widths) for row in rows]
         lines.append("=" * WIDTH)
         if self.verdict is not None:
             words = f"{self.verdict.state.upper()}: {self.verdict.sentence}"
@@ -220,7 +224,7 @@ def summary_of(
     rows = []
     for j in range(1, model.n_dof + 1):
         term = f"m{j} (given)" if j in known_masses else f"m{j}"
-        rows.append((f"m{j}", "", term, "kg", np.nan))
+        rows.append((f"m{j}", "", term, model.units.mass, np.nan))
     for site, force in model.restoring_forces.items():
         share = shares.get(str(site), pd.Series(dtype=float))
         for term, unit in zip(force.coefficients.index, force.units):
@@ -243,6 +247,7 @@ def _shapes(model: ChainModel) -> pd.DataFrame:
     rows = {}
     for site, force in model.restoring_forces.items():
         for law in force.laws:
+            units = force.shape_units(law)
             for name, value in law.shape.items():
                 if value is None:
                     continue
@@ -251,7 +256,7 @@ def _shapes(model: ChainModel) -> pd.DataFrame:
                     "site": str(site),
                     "term": label,
                     "estimate": float(value),
-                    "unit": law.units[name],
+                    "unit": units[name],
                 }
     return pd.DataFrame.from_dict(rows, orient="index")
 
@@ -279,13 +284,22 @@ def _in_words(row: pd.Series) -> list[str]:
     return [pretty(str(row["term"])), estimate, error, lower, upper, unit, carried]
 
 
-def _line(cells: Sequence[str]) -> str:
+def _widths(blocks: Sequence[tuple[str, list[list[str]]]]) -> list[int]:
+    """Widths of the columns of a text."""
+    widths = list(_WIDTHS)
+    longest = max((len(row[_UNIT]) for _, rows in blocks for row in rows), default=0)
+    further = max(0, longest + 1 - widths[_UNIT])
+    widths[_UNIT] += further
+    widths[0] -= further
+    return widths
+
+
+def _line(cells: Sequence[str], widths: Sequence[int]) -> str:
     """One line of text."""
-    first = f"{cells[0]:{_WIDTHS[0]}s}"
+    first = f"{cells[0]:{widths[0]}s}"
     others = []
-    for k, (cell, width) in enumerate(zip(cells[1:], _WIDTHS[1:]), 1):
-        is_unit = k == len(_WIDTHS) - 2
-        others.append(f" {cell:{width - 1}s}" if is_unit else f"{cell:>{width}s}")
+    for k, (cell, width) in enumerate(zip(cells[1:], widths[1:]), 1):
+        others.append(f" {cell:{width - 1}s}" if k == _UNIT else f"{cell:>{width}s}")
     return (first + "".join(others)).rstrip()
 
 

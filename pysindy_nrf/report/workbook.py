@@ -110,14 +110,16 @@ def _first_sheet(summary: Summary) -> pd.DataFrame:
 
 def _forces(loop: SiteLoop) -> pd.DataFrame:
     """Force of one site in the stretch of its largest motion."""
+    units = loop.units
+    measured = float("nan") if loop.measured is None else loop.measured
     lines: Mapping[str, object] = {
         "site": loop.site,
         "record": loop.record,
         "t (s)": loop.t,
-        "drift (m)": loop.s,
-        "rate (m/s)": loop.v,
-        "identified (N)": loop.identified,
-        "measured (N)": float("nan") if loop.measured is None else loop.measured,
+        f"drift ({units.length})": loop.s,
+        f"rate ({units.of('m/s')})": loop.v,
+        f"identified ({units.force})": loop.identified,
+        f"measured ({units.force})": measured,
     }
     return pd.DataFrame(lines)
 

@@ -124,6 +124,7 @@ class _FinishedRun:
     outcome: Outcome
     options: _Options
     hold: str | None
+    rotates: bool
 
     def record(self, name: str) -> Record:
         """The motion as a Record."""
@@ -140,7 +141,8 @@ class _FinishedRun:
             name=name,
             hold=self.hold,
         )
-        return record.starting_at(self.t0)
+        record = record.starting_at(self.t0)
+        return record.of_rotations() if self.rotates else record
 
     def energy(self) -> pd.DataFrame:
         """Energies by time, J."""
@@ -340,4 +342,15 @@ def _integrate(
             system, drive, start, jumps, rule(rtol, limit), adaptive
         )
     outcome.require_done(dt)
-    return _FinishedRun(samples, dt, t0, system, layout, out, outcome, options, hold)
+    return _FinishedRun(
+        samples,
+        dt,
+        t0,
+        system,
+        layout,
+        out,
+        outcome,
+        options,
+        hold,
+        model.chain.rotates,
+    )

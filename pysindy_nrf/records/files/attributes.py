@@ -44,6 +44,8 @@ class Attributes:
         Columns that are covariates, whatever their names are.
     float32 : tuple of str
         Columns in single precision.
+    rotates : bool
+        Whether its channels are angles and torques.
     hold : {"cubic", "linear", "zero"}, optional
         Course of the forces between the samples, where the record says it.
     """
@@ -56,6 +58,7 @@ class Attributes:
     columns: tuple[str, ...]
     covariates: tuple[str, ...] = ()
     float32: tuple[str, ...] = ()
+    rotates: bool = False
     hold: str | None = None
 
     @classmethod
@@ -72,6 +75,7 @@ class Attributes:
             columns=tuple(columns),
             covariates=tuple(record.covariates),
             float32=tuple(single),
+            rotates=record.rotates,
             hold=record.hold,
         )
 
@@ -103,6 +107,7 @@ class Attributes:
                 columns=tuple(data["columns"]),
                 covariates=tuple(data["covariates"]),
                 float32=tuple(data["float32"]),
+                rotates=data.get("rotates", False) is True,
                 hold=data.get("hold"),
             )
             _require_consistent(attributes)
@@ -181,7 +186,8 @@ def restored(attributes: Attributes, columns: Mapping[str, np.ndarray]) -> Recor
         covariates=covariates,
         hold=attributes.hold,
     )
-    return record.starting_at(attributes.t0)
+    record = record.starting_at(attributes.t0)
+    return record.of_rotations() if attributes.rotates else record
 
 
 def _restored_column(

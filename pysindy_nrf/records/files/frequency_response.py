@@ -91,6 +91,11 @@ class FrequencyResponse:
         return cls(frequencies, accelerance, int(excited), name)
 
     @property
+    def rotates(self) -> bool:
+        """False: of rotations only a ``Chain(n, rotates=True)`` knows."""
+        return False
+
+    @property
     def n_dof(self) -> int:
         """Number of degrees of freedom."""
         return self.H.shape[1]

@@ -354,14 +354,10 @@ def _as_long_as_used(
 
 
 def _noted_if_rotating(record: Record, sources: Mapping[str, Source]) -> Record:
-    """A record of rotations, with a note on the units that it then has."""
+    """The record; of rotations if a source is one."""
     if not any(is_rotation(c, source) for c, source in sources.items() if c != "t"):
         return record
-    message = (
-        "its motion is a rotation: read N as N m, m as rad, kg as kg m^2 in all results"
-    )
-    note = QualityNote("rotation", message, "", record.name)
-    return record.with_quality((*record.quality, note))
+    return record.of_rotations()
 
 
 def _assumed(

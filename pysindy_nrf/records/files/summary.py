@@ -105,7 +105,7 @@ def _channel_lines(
     width = max(map(len, channels))
     lines = []
     for name, line in channels.items():
-        origin = _origin(name, sources[name]) if name in sources else ""
+        origin = _origin(record, name, sources[name]) if name in sources else ""
         quantity = kind_of(record, name)
         size = _size(record, name, line)
         lines.append(f"  {name:{width}s}  {quantity:33s} {size}{origin}")
@@ -238,12 +238,12 @@ def _size(record: Record, name: str, line: np.ndarray) -> str:
     return f"rms {_rms(line):.4g}{unit}, peak {peak:.4g}{unit}"
 
 
-def _origin(name: str, source: Source) -> str:
+def _origin(record: Record, name: str, source: Source) -> str:
     """Column and unit that a channel came from, where they are not its own."""
     parts = []
     if source.text != name:
         parts.append(source.text)
-    if source.unit not in ("", si_unit(name)):
+    if source.unit not in ("", si_unit(name), unit_of(record, name)):
         parts.append(f"in {source.unit}")
     return f"   <- {' '.join(parts)}" if parts else ""
 

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ...chain.restoring_force import RestoringForce
+from ...common.unit_system import TRANSLATION, UnitSystem
 from ...diagnosis.effects import plain_name
 from ...diagnosis.site_loops import SiteLoop
 from ...drawing.figure import (
@@ -40,13 +41,15 @@ DRAWN_SITES, LISTED_SITES = 8, 20
 SHARE_LIMIT, ERROR_HEADROOM = 105.0, 1.15
 
 
-def evidence_figures(evidence: Evidence, means: bool = True) -> list[Figure]:
+def evidence_figures(
+    evidence: Evidence, units: UnitSystem, means: bool = True
+) -> list[Figure]:
     """What can be drawn of one step of the loop.
 
     Residual, detection, localisation, dependence and, with ``means``, the mean of the
     missing force over drift and rate.
     """
-    figures = [residual_figure(evidence.sizes, evidence.floor)]
+    figures = [residual_figure(evidence.sizes, evidence.floor, units)]
     if evidence.detection is not None:
         figures.append(_detection_figure(evidence.detection))
     if evidence.localisation is not None and evidence.site:
@@ -55,8 +58,14 @@ def evidence_figures(evidence: Evidence, means: bool = True) -> list[Figure]:
     drawn = [figure for figure in figures if figure is not None]
     if evidence.characterisation is not None:
         where = f" at {evidence.site}"
-        drawn += dependence_figures(evidence.characterisation, where, means)
+        drawn += dependence_figures(evidence.characterisation, where, units, means)
     return drawn
+
+
+def _variable(name: str, units: UnitSystem) -> tuple[str, str]:
+    """Word and unit of a variable."""
+    word, unit = _VARIABLES[name]
+    return word, units.of(unit)
 
 
 def _height_of_lying_bars(n_bars: int) -> float:
@@ -68,7 +77,9 @@ def _height_of_lying_bars(n_bars: int) -> float:
 
 
 def residual_figure(
-    sizes: pd.DataFrame, floor: NoiseFloor | None = None
+    sizes: pd.DataFrame,
+    floor: NoiseFloor | None = None,
+    units: UnitSystem = TRANSLATION,
 ) -> Figure | None:
     """Residual of each balance and storey beside what noise alone leaves.
 
@@ -78,6 +89,8 @@ def residual_figure(
         ``rms`` (N), ``percent``, ``reference`` (N) and ``of`` by ``"dof j"`` and
         ``"storey i"``.
     floor : NoiseFloor, optional
+    units : UnitSystem
+        Of the model.
 
     Returns
     -------
@@ -107,7 +120,7 @@ def residual_figure(
     largest = float(np.nanmax([*sizes["percent"], *noise]))
     shown = sizes[["rms", "percent", "of"]].assign(noise=noise).set_axis(names, axis=0)
     head = {
-        "rms": "residual rms (N)",
+        "rms": f"residual rms ({units.force})",
         "percent": "residual (%)",
         "of": "percent of",
         "noise": "noise alone (%)",
@@ -286,7 +299,10 @@ def _drawn_patterns(patterns: Sequence[_Pattern], chosen: str) -> list[_Pattern]
 
 
 def dependence_figures(
-    characterisation: Characterisation, where: str = "", means: bool = True
+    characterisation: Characterisation,
+    where: str = "",
+    units: UnitSystem = TRANSLATION,
+    means: bool = True,
 ) -> list[Figure]:
     """What a force depends on, without any formula.
 
@@ -330,18 +346,20 @@ def dependence_figures(
     for variable in _VARIABLES:
         if means and variable in characterisation.curves:
             figures.append(
-                _mean_figure(characterisation.curves[variable], variable, where)
+                _mean_figure(characterisation.curves[variable], variable, where, units)
             )
     return figures
 
 
-def _mean_figure(curve: pd.DataFrame, variable: str, where: str) -> Figure:
+def _mean_figure(
+    curve: pd.DataFrame, variable: str, where: str, units: UnitSystem
+) -> Figure:
     """Mean force in bins of one variable, with twice its error."""
-    word, unit = _VARIABLES[variable]
+    word, unit = _variable(variable, units)
     head = {
         "centre": f"{word} ({unit})",
-        "mean": "mean force (N)",
-        "error": "its error (N)",
+        "mean": f"mean force ({units.force})",
+        "error": f"its error ({units.force})",
         "count": "samples",
     }
     mean, error = curve["mean"], 2 * curve["error"]
@@ -350,10 +368,10 @@ def _mean_figure(curve: pd.DataFrame, variable: str, where: str) -> Figure:
         f"The missing force{where} against its {word.split()[0]}",
         [Line(curve["centre"], mean, width=1.6, marker="o", error=error)],
         Axis(word, unit),
-        Axis("mean missing force", "N", zero=True),
+        Axis("mean missing force", units.force, zero=True),
         alt=(
-            f"Mean missing force from {mean.iloc[0]:.3g} N at the lowest {word} to"
-            f" {mean.iloc[-1]:.3g} N at the highest."
+            f"Mean missing force from {mean.iloc[0]:.3g} {units.force} at the lowest"
+            f" {word} to {mean.iloc[-1]:.3g} {units.force} at the highest."
         ),
         caption="Mean in bins of equal count, with twice its error.",
         table=table(f"Mean missing force{where}", shown, head),
@@ -449,7 +467,8 @@ def _law_over_missing(
     law: np.ndarray,
 ) -> Figure:
     """The missing force over one variable."""
-    word, unit = _VARIABLES[variable]
+    word, unit = _variable(variable, loop.units)
+    force_unit = loop.units.force
     size = rms(missing)
     share = 100.0 * rms(missing - law) / size if size > 0 else 0.0
     return Figure(
@@ -459,10 +478,10 @@ def _law_over_missing(
             Line(values, law, "the law found", "blue", 1.2),
         ],
         Axis(word, unit),
-        Axis("force", "N", zero=True),
+        Axis("force", force_unit, zero=True),
         alt=(
-            f"Force missing at {loop.site}, {size:.3g} N rms, over the {word[:-2]}; the"
-            f" law found leaves {share:.2g} percent of it."
+            f"Force missing at {loop.site}, {size:.3g} {force_unit} rms, over the"
+            f" {word[:-2]}; the law found leaves {share:.2g} percent of it."
         ),
         caption=(
             "Orange: the measured force less the declared laws. Blue: the law that was"
@@ -471,14 +490,16 @@ def _law_over_missing(
         legend="above",
         size=(4.2, 3.2),
         height=300,
-        table=_table_of_missing(loop.site, missing, law),
+        table=_table_of_missing(loop, missing, law),
     )
 
 
-def _table_of_missing(site: str, missing: np.ndarray, law: np.ndarray) -> Table:
+def _table_of_missing(loop: SiteLoop, missing: np.ndarray, law: np.ndarray) -> Table:
     """Sizes of a missing force, of the law found, and of what it leaves."""
     rows: list[list[object]] = []
     forces = {"missing": missing, "the law found": law, "left": missing - law}
     for name, force in forces.items():
         rows.append([name, rms(force), float(np.abs(force).max())])
-    return Table(f"The missing force at {site}", ["force", "rms (N)", "peak (N)"], rows)
+    unit = loop.units.force
+    head = ["force", f"rms ({unit})", f"peak ({unit})"]
+    return Table(f"The missing force at {loop.site}", head, rows)

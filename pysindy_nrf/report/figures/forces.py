@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
+from ...common.unit_system import TRANSLATION, UnitSystem
 from ...diagnosis.site_loops import SiteLoop
 from ...drawing.figure import (
     CYCLE,
@@ -47,15 +48,17 @@ class _Grid:
     s: np.ndarray
     force: np.ndarray
     visited: np.ndarray
+    units: UnitSystem = TRANSLATION
 
     @classmethod
-    def of_table(cls, surface: pd.DataFrame) -> _Grid:
+    def of_table(cls, surface: pd.DataFrame, units: UnitSystem) -> _Grid:
         """The grid of a table with columns v, s, R and visited."""
         size = int(round(len(surface) ** 0.5))
-        columns = []
-        for name in ("v", "s", "R", "visited"):
-            columns.append(surface[name].to_numpy().reshape(size, size))
-        return cls(*columns)
+        v, s, force, visited = (
+            surface[name].to_numpy().reshape(size, size)
+            for name in ("v", "s", "R", "visited")
+        )
+        return cls(v, s, force, visited, units)
 
     @property
     def where_visited(self) -> np.ndarray:
@@ -81,6 +84,7 @@ def surface_figure(
     reference: ArrayLike | None = None,
     name: str = "paper",
     loop: SiteLoop | None = None,
+    units: UnitSystem = TRANSLATION,
 ) -> Figure:
     """Restoring force over drift and rate.
 
@@ -95,8 +99,10 @@ def surface_figure(
         Name of the reference.
     loop : SiteLoop, optional
         The path of the data.
+    units : UnitSystem
+        Of the model.
     """
-    shown = _Grid.of_table(grid)
+    shown = _Grid.of_table(grid, units)
     where_visited = np.where(shown.visited, shown.force, np.nan)
     beyond = shown.cut(shown.force)
     marks: list[Mark] = [
@@ -110,7 +116,7 @@ def surface_figure(
     if loop is not None:
         marks.append(_path(loop, "ink", 1.5))
 
-    x, y, z = _axes_in_space(site, shown.limits)
+    x, y, z = _axes_in_space(site, units, shown.limits)
     return Figure(
         f"Restoring-force surface of {site}",
         marks,
@@ -132,20 +138,22 @@ def surface_figure(
 def _alt_of_surface(site: Site | str, grid: _Grid) -> str:
     """The ranges of force, drift and rate."""
     force = grid.where_visited
-    s, v = grid.s, grid.v
+    s, v, units = grid.s, grid.v, grid.units
     return (
         f"Restoring force of {site} over drift and rate. It reaches from"
-        f" {force.min():.3g} to {force.max():.3g} N for drifts of {s.min():.3g} to"
-        f" {s.max():.3g} m and rates of {v.min():.3g} to {v.max():.3g} m/s."
+        f" {_span(force, units)} for drifts of {s.min():.3g} to {s.max():.3g}"
+        f" {units.length} and rates of {v.min():.3g} to {v.max():.3g}"
+        f" {units.of('m/s')}."
     )
 
 
 def _table_of_surface(site: Site | str, grid: _Grid) -> Table:
     """The force at some rates and drifts; empty where the data never were."""
     picked = np.linspace(0, len(grid.force) - 1, N_TABLE).astype(int)
-    head = ["v (m/s)"]
+    units = grid.units
+    head = [f"v ({units.of('m/s')})"]
     for j in picked:
-        head.append(f"s = {grid.s[0, j]:.3g} m")
+        head.append(f"s = {grid.s[0, j]:.3g} {units.length}")
 
     rows = []
     for i in picked:
@@ -153,7 +161,10 @@ def _table_of_surface(site: Site | str, grid: _Grid) -> Table:
         for j in picked:
             row.append(float(grid.force[i, j]) if grid.visited[i, j] else "")
         rows.append(row)
-    caption = f"Force of {site} (N) by rate and drift; empty where the data never were"
+    caption = (
+        f"Force of {site} ({units.force}) by rate and drift; empty where the data never"
+        " were"
+    )
     return Table(caption, head, rows)
 
 
@@ -169,7 +180,7 @@ def force_figure(
     if is_surface and site in model.visited:
         try:
             grid = model.surface(site, GRID_SIZE, margin=GRID_MARGIN)
-            return surface_figure(grid, site, loop=loop)
+            return surface_figure(grid, site, loop=loop, units=model.units)
         except NRFError:  # a law that needs time or a covariate is no surface
             is_surface = False
     if loop is None:
@@ -177,7 +188,7 @@ def force_figure(
 
     if is_surface:
         why = "The visited region is not known"
-    x, y, z = _axes_in_space(site)
+    x, y, z = _axes_in_space(site, model.units)
     return Figure(
         f"Force of {site} along its path",
         [_path(loop, "blue", 3)],
@@ -186,7 +197,7 @@ def force_figure(
         z,
         alt=(
             f"Path of the identified force of {site} over drift and rate, from"
-            f" {_span(loop.identified)}."
+            f" {_span(loop.identified, loop.units)}."
         ),
         caption=f"{why}: the identified force along the data. {_TURN}",
         table=_table_of_loop(loop),
@@ -199,14 +210,16 @@ def _path(loop: SiteLoop, color: str, width: float) -> Line:
 
 
 def _axes_in_space(
-    site: Site | str, limits: tuple[float, float] | None = None
+    site: Site | str,
+    units: UnitSystem,
+    limits: tuple[float, float] | None = None,
 ) -> tuple[Axis, Axis, Axis]:
     """Axes of drift, rate and force."""
     index = index_of(site)
     return (
-        Axis(f"drift s_{{{index}}}", "m"),
-        Axis(f"rate v_{{{index}}}", "m/s"),
-        Axis(f"force R_{{{index}}}", "N", limits),
+        Axis(f"drift s_{{{index}}}", units.length),
+        Axis(f"rate v_{{{index}}}", units.of("m/s")),
+        Axis(f"force R_{{{index}}}", units.force, limits),
     )
 
 
@@ -243,7 +256,8 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
     if loop.measured is not None:
         measured = loop.measured - spring
         marks.insert(0, Line(loop.s, measured, "measured", "orange", 3.4))
-        difference = f", rms difference {rms(measured - identified):.3g} N"
+        size = f"{rms(measured - identified):.3g} {loop.units.force}"
+        difference = f", rms difference {size}"
 
     index = index_of(loop.site)
     title = f"Hysteresis loops of {loop.site}"
@@ -255,11 +269,11 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
     return Figure(
         title,
         marks,
-        Axis(f"drift s_{{{index}}}", "m"),
-        Axis(force, "N"),
+        Axis(f"drift s_{{{index}}}", loop.units.length),
+        Axis(force, loop.units.force),
         alt=(
             f"Force of {name} over its drift, identified over measured:"
-            f" {_span(identified)}{difference}."
+            f" {_span(identified, loop.units)}{difference}."
         ),
         caption=_caption_of_loop(loop, stiffness),
         heading=name,
@@ -271,9 +285,10 @@ def loop_figure(loop: SiteLoop, stiffness: float = 0.0) -> Figure:
 def _caption_of_loop(loop: SiteLoop, stiffness: float) -> str:
     """What the two lines of a loop are."""
     if stiffness:
+        k = f"{stiffness / 1e3:.4g} {loop.units.of('kN/m')}"
         return (
-            f"The same without its linear spring, k = {stiffness / 1e3:.4g} kN/m: what"
-            " is left is damping, friction, memory and curvature."
+            f"The same without its linear spring, k = {k}: what is left is damping,"
+            " friction, memory and curvature."
         )
     caption = "Nothing else measures it."
     if loop.measured is not None:
@@ -294,12 +309,13 @@ def _table_of_loop(loop: SiteLoop, spring: np.ndarray | float = 0.0) -> Table:
     for name, force in forces.items():
         work = float(np.trapezoid(force * loop.v, loop.t))
         rows.append([name, rms(force), float(np.abs(force).max()), work])
-    head = ["force", "rms (N)", "peak (N)", "energy taken out (J)"]
+    unit = loop.units.force
+    head = ["force", f"rms ({unit})", f"peak ({unit})", "energy taken out (J)"]
     return Table(f"Forces of {loop.site} in the stretch drawn", head, rows)
 
 
-def _span(force: np.ndarray) -> str:
-    return f"{force.min():.3g} to {force.max():.3g} N"
+def _span(force: np.ndarray, units: UnitSystem) -> str:
+    return f"{force.min():.3g} to {force.max():.3g} {units.force}"
 
 
 def energy_figure(energy: pd.DataFrame) -> Figure:

@@ -11,6 +11,7 @@ import pandas as pd
 from ...chain.frequency_response import transfer
 from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
+from ...common.unit_system import TRANSLATION, UnitSystem
 from ...diagnosis.free_run import FreeRuns
 from ...drawing.figure import CYCLE, DASHES, Axis, Figure, Line, Map, Mark, Table
 from ...records.channels import finite_span
@@ -58,6 +59,7 @@ def free_run_figure(runs: FreeRuns, dof: int) -> Figure:
     bound = CUT_OFF * np.abs(measured[:, j]).max()
     free = np.clip(np.asarray(run.displacement)[rows, j], -bound, bound)
     time, motion = run.time[rows], measured[rows, j]
+    unit = runs.units.length
 
     alone = f"the model alone ({errors.iloc[j]:.3g} % NRMSE over the record)"
     by_dof = [f"{name} {error:.3g} %" for name, error in errors.items()]
@@ -65,7 +67,7 @@ def free_run_figure(runs: FreeRuns, dof: int) -> Figure:
         f"Error of the free run, DOF {j + 1}",
         [Line(time, free - motion, "model less measured", "red", 0.9)],
         Axis("time", "s"),
-        Axis(f"error of x_{{{j + 1}}}", "m", zero=True),
+        Axis(f"error of x_{{{j + 1}}}", unit, zero=True),
         size=(8.0, 1.8),
         height=150,
     )
@@ -76,7 +78,7 @@ def free_run_figure(runs: FreeRuns, dof: int) -> Figure:
             Line(time, free, alone, "blue", 1.1),
         ],
         Axis(),
-        Axis(f"x_{{{j + 1}}}", "m"),
+        Axis(f"x_{{{j + 1}}}", unit),
         alt=f"Free-run error over the record, percent NRMSE: {', '.join(by_dof)}.",
         wide=True,
         caption=(
@@ -324,6 +326,7 @@ def change_figure(
     site: Site | str,
     largest: float | None = None,
     colorbar: bool = True,
+    units: UnitSystem = TRANSLATION,
 ) -> Figure:
     """Where in the (v, s) plane the force of a site changed.
 
@@ -335,6 +338,8 @@ def change_figure(
     largest : float, optional
         Change at the ends of the colours, N; the largest of the table if None.
     colorbar : bool
+    units : UnitSystem
+        Of the models.
     """
     size = int(round(len(table) ** 0.5))
     grid = {}
@@ -348,14 +353,15 @@ def change_figure(
         grid["s"],
         grid["v"],
         change,
-        "change of force (N)",
+        f"change of force ({units.force})",
         limit,
         doubtful,
         "not significant",
         colorbar,
     )
     index = index_of(site)
-    x, y = Axis(f"drift s_{{{index}}}", "m"), Axis(f"rate v_{{{index}}}", "m/s")
+    x = Axis(f"drift s_{{{index}}}", units.length)
+    y = Axis(f"rate v_{{{index}}}", units.of("m/s"))
     largest_change = float(np.nan_to_num(np.abs(change)).max())
     return Figure(
         f"Change of the force of {site}",
@@ -364,7 +370,7 @@ def change_figure(
         y,
         alt=(
             f"Change of the force of {site} over drift and rate; the largest is"
-            f" {largest_change:.3g} N."
+            f" {largest_change:.3g} {units.force}."
         ),
         caption="On the page only what is significant is coloured.",
         heading=str(site),

@@ -28,7 +28,8 @@ _PREFIXES: dict[str, tuple[tuple[float, str, float], ...]] = {
     "N": ((1e-6, "M", 1.0), (1e-3, "k", 1.0)),
     "m": ((1.0, "", 0.5), (1e3, "m", 0.5), (1e6, "µ", 0.5)),
 }
-_PREFIXES |= {"m/s": _PREFIXES["m"], "s": _PREFIXES["m"]}
+_PREFIXES |= dict.fromkeys(("m/s", "s", "rad", "rad/s"), _PREFIXES["m"])
+_PREFIXES["N m"] = _PREFIXES["N"]
 # Digits of numbers along lines and bars, and on surfaces.
 DIGITS, DIGITS_OF_SURFACES = 4, 3
 # Pixels of a lying bar, and of what stands around the bars, with and without a legend.

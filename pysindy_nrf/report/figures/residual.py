@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...chain.model import ChainModel
+from ...common.unit_system import TRANSLATION, UnitSystem
 from ...diagnosis.motions import motions_of
 from ...diagnosis.residual import Filters, residual_of
 from ...drawing.figure import Axis, Figure, Line, Mark, Table
@@ -57,6 +58,7 @@ class EquationResidual:
     drive: np.ndarray
     drive_name: str
     noise: np.ndarray | None = None
+    units: UnitSystem = TRANSLATION
 
 
 def equation_residuals(
@@ -98,6 +100,7 @@ def equation_residuals(
                 drive,
                 drive_name,
                 None if noise is None else noise[:, j],
+                model.units,
             )
         )
     return residuals
@@ -180,16 +183,17 @@ def residual_spectrum_figure(shown: EquationResidual) -> Figure:
         marks.append(Line(f, np.sqrt(noise[1:]), name, "red", 1.0, "dash"))
         caption += " Dashed: what the noise of all channels would leave."
 
+    unit = f"{shown.units.force}/√Hz"
     largest = float(max(reference.max(), density_of_residual.max()))
     limits = (FLOOR_OF_SPECTRA * largest, 2.0 * largest) if largest > 0 else None
     return Figure(
         f"Spectrum of the residual of DOF {shown.dof}",
         marks,
         Axis("frequency", "Hz", (0, float(f[-1]))),
-        Axis("amplitude density", "N/√Hz", limits, log=limits is not None),
+        Axis("amplitude density", unit, limits, log=limits is not None),
         alt=(
-            f"Residual of DOF {shown.dof}, {np.std(shown.residual):.3g} N rms, by"
-            " frequency."
+            f"Residual of DOF {shown.dof}, {np.std(shown.residual):.3g}"
+            f" {shown.units.force} rms, by frequency."
         ),
         caption=caption,
         legend="above",
@@ -204,7 +208,8 @@ def _sizes(shown: EquationResidual) -> Table:
     if shown.noise is not None:
         lines["noise of the channels"] = shown.noise
     rows = [[name, float(np.std(line))] for name, line in lines.items()]
-    return Table(f"Equation of motion of DOF {shown.dof}", ["what", "rms (N)"], rows)
+    head = ["what", f"rms ({shown.units.force})"]
+    return Table(f"Equation of motion of DOF {shown.dof}", head, rows)
 
 
 def autocorrelation_figure(shown: EquationResidual) -> Figure:

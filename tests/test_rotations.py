@@ -81,8 +81,8 @@ def fitted(path):
 
 
 def assert_no_translation(text):
-    found = OF_TRANSLATIONS.search(text)
-    assert found is None, text[max(0, found.start() - 60) : found.end() + 20]
+    match = OF_TRANSLATIONS.search(text)
+    assert match is None, text[max(0, match.start() - 60) : match.end() + 20]
 
 
 @pytest.mark.parametrize(

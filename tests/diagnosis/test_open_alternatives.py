@@ -147,5 +147,5 @@ def test_units_at_the_ends_of_names_are_assumed(tmp_path):
     assert "F1 in lbf" in note.message
     assert "x1" not in note.message
 
-    given = read_record(path, units={"a": "g", "F": "lbf"}).quality
-    assert not any(note.kind == "assumed" for note in given)
+    declared = read_record(path, units={"a": "g", "F": "lbf"}).quality
+    assert not any(note.kind == "assumed" for note in declared)

@@ -118,12 +118,12 @@ def test_a_law_is_no_rival_of_noise_that_explains_most():
     """27.8 N are left where noise leaves 21; where it leaves 10, most is something."""
     doubt = "Balance of DOF 2: a law is missing, or the motion is noisy."
     for noise, state in ((21.2, "green"), (10.0, "amber")):
-        left = {1: LeftOver(2.6, 2.5, 2.6), 2: LeftOver(27.8, noise, 27.8)}
+        residuals = {1: LeftOver(2.6, 2.5, 2.6), 2: LeftOver(27.8, noise, 27.8)}
         facts = replace(
             GOOD,
             unexplained={1: 2.6, 2: 27.8},
             beyond_noise={1: 0.0, 2: 5.0},
-            left_over=left,
+            left_over=residuals,
             free_run=FreeRunFacts(7.3),
             noise_or_law=(doubt,),
         )

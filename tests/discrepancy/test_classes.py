@@ -176,8 +176,8 @@ def test_damping_by_mass_is_a_dashpot_from_every_floor_to_the_ground():
         3, 20.0, 500.0, excited=1, rms=60.0, band=(0.5, 40.0), random_state=3
     )
     report = close_loop(simulate(truth, F, 1 / 500))
-    found = {step.site: step.parameters.get("c") for step in report.steps}
-    assert found == pytest.approx({"ground 2": 8.0, "ground 3": 8.0}, rel=1e-3)
+    dashpots = {step.site: step.parameters.get("c") for step in report.steps}
+    assert dashpots == pytest.approx({"ground 2": 8.0, "ground 3": 8.0}, rel=1e-3)
 
 
 def test_a_rest_before_the_motion_hides_nothing():

@@ -62,8 +62,8 @@ def test_a_short_test_of_the_stage(quarter):
     friction = [laws.LinearViscous(), laws.CoulombFriction(), laws.ConstantForce()]
     record = load_emps()
     rows = record.n_samples // 4
-    part = record.rows(slice(quarter * rows, (quarter + 1) * rows))
-    model = NRFRegressor(degree=1, laws={1: friction}).fit(part)
+    of_quarter = record.rows(slice(quarter * rows, (quarter + 1) * rows))
+    model = NRFRegressor(degree=1, laws={1: friction}).fit(of_quarter)
     assert model.masses_[0] == pytest.approx(95.1089, rel=0.04)
 
 

@@ -145,8 +145,8 @@ def test_a_law_with_memory_that_begins_in_motion(estimation):
     assert model.masses_[0] == pytest.approx(2.0, rel=0.005)
     force = model.restoring_forces_[1]
     np.testing.assert_allclose(force.coefficients, [10.0, 5e4, 5e4], rtol=0.03)
-    found = model.model_.laws[Site("storey 1")][1].shape
-    assert found == pytest.approx(shapes, rel=0.03)
+    shape = model.model_.laws[Site("storey 1")][1].shape
+    assert shape == pytest.approx(shapes, rel=0.03)
 
 
 def test_a_missing_law_is_warned_of():

@@ -139,9 +139,7 @@ def _channel_columns(table: Table, facts: Sequence[ColumnFacts]) -> list[_Column
 
 def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
     """A column whose name or unit says which kind of channel it is."""
-    name, in_brackets = split_unit(fact.variable)
-    if in_brackets is None or not is_unit(in_brackets):
-        name, in_brackets = fact.variable, None
+    name, in_brackets = _unit_in_brackets(fact.variable)
     bare, suffix = split_suffix(_without_prefix(name, table))
     unit = table.units.get(fact.variable) or in_brackets or suffix
     notation = notation_of(bare)
@@ -157,7 +155,13 @@ def _named_column(fact: ColumnFacts, table: Table) -> _Column | None:
         bare = f"{notation.letter} {notation.place}"
     if fact.text != as_name(fact.variable):  # a column of a matrix
         bare = f"{bare} {_number_of_column(fact)}"
-    return _Column(letter, bare, fact.text, doubts, unit=in_brackets or "")
+    return _Column(letter, bare, fact.text, doubts, unit=in_brackets)
+
+
+def _unit_in_brackets(name: str) -> tuple[str, str]:
+    """Name and unit of ``F2 [kN]``; no unit where the brackets hold another thing."""
+    bare, unit = split_unit(name)
+    return (bare, unit) if unit and is_unit(unit) else (name, "")
 
 
 def _number_of_column(fact: ColumnFacts) -> int:

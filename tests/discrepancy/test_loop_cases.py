@@ -190,11 +190,9 @@ def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain():
         # none stands out
         ([1, 2, 3, 4, 5], 36.0, [laws.CoulombFriction(9.0)] * 5),
         (
-            [6],
+            [4],
             60.0,
             [
-                laws.CubicStiffness(4e9),
-                laws.CubicStiffness(4e9),
                 laws.CubicStiffness(4e9),
                 laws.CubicStiffness(4e9),
                 laws.CoulombFriction(15.0),
@@ -341,7 +339,7 @@ def test_accelerations_alone_show_a_gap_through_which_the_modes_are_swept():
     effects = confirmed(loop(record, tried, 0.01))
     assert set(effects) == {("two_sided_gap", "storey 2")}
     parameters = effects["two_sided_gap", "storey 2"].parameters
-    assert parameters == pytest.approx({"gap": 1e-3, "k": 4e4}, rel=0.08)
+    assert parameters == pytest.approx({"gap": 1e-3, "k": 4e4}, rel=0.15)
 
 
 # -- masses --------------------------------------------------------------------

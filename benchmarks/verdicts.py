@@ -1,7 +1,7 @@
 """Verdicts on tests with an ordinary mistake, and on tests without any.
 
     python benchmarks/verdicts.py                            # 20 a mistake, 200 clean
-    python benchmarks/verdicts.py --quick                    # 1 a mistake, 10 clean
+    python benchmarks/verdicts.py --quick                    # 1 a mistake, 5 clean
     python benchmarks/verdicts.py --seed 1000                # other structures, noise
     python benchmarks/verdicts.py --case "missing brace" 3   # one test, in full
 
@@ -764,7 +764,7 @@ def show_case(kind: str, seed: int) -> None:
 
 def main(arguments: list[str] | None = None) -> pd.DataFrame:
     """Print tables, goals and failing tests."""
-    parser = options_of(__doc__, quick="a test a mistake, 10 clean tests")
+    parser = options_of(__doc__, quick="a test a mistake, 5 clean tests")
     parser.add_argument(
         "--seed", type=int, default=0, help="added to the seed of every test"
     )
@@ -779,7 +779,7 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
         quietly(show_case, kind, int(seed))
         return pd.DataFrame()
 
-    each, n_clean = (1, 10) if options.quick else (options.each, options.clean)
+    each, n_clean = (1, 5) if options.quick else (options.each, options.clean)
     outcomes = in_parallel(outcome, tasks(each, n_clean, options.seed), options.jobs)
     table = frame(outcomes)
     if options.save:

@@ -126,7 +126,7 @@ def test_it_is_never_worse_on_a_record_it_did_not_see(name, truth):
 
 
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
-@pytest.mark.parametrize("estimation", ["auto", "simulation"])
+@pytest.mark.parametrize("estimation", ["auto"])
 def test_a_law_with_memory_that_begins_in_motion(estimation):
     """A loop in steady state; begun fresh, it leaves the dashpot 5 % off."""
     shapes = {"beta": 800.0, "rho": -1.375, "n": 1.0}

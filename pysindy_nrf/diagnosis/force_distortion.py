@@ -24,7 +24,7 @@ DISTINCT = 0.01
 # laws that the model lacks look like a distortion too, in a smaller part. Distorted
 # forces of tests/diagnosis/test_force_channels.py: 68 to 95 %; beside a friction damper
 # that the model lacks 11 %.
-LEAST_GAIN = 50.0
+LEAST_REDUCTION = 50.0
 
 PUSH_AND_PULL, SATURATION, DEAD_BAND, DRIFT = range(4)
 
@@ -105,7 +105,7 @@ def distortions_of(grams: ForceGrams) -> list[str]:
     best = int(np.argmin(by_function))
     removed = 100 * (1 - by_function[best] / max(before, 1e-300))
     removed_by_laws = 100 * (1 - by_laws / max(before, 1e-300))
-    if removed < max(LEAST_GAIN, removed_by_laws):
+    if removed < max(LEAST_REDUCTION, removed_by_laws):
         return []
 
     columns = np.append(plain, first + best)

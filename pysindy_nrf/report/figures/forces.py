@@ -137,8 +137,8 @@ def surface_figure(
 
 def _alt_of_surface(site: Site | str, grid: _Grid) -> str:
     """The ranges of force, drift and rate."""
-    force = grid.where_visited
-    s, v, units = grid.s, grid.v, grid.units
+    force, units = grid.where_visited, grid.units
+    s, v = grid.s, grid.v
     return (
         f"Restoring force of {site} over drift and rate. It reaches from"
         f" {_span(force, units)} for drifts of {s.min():.3g} to {s.max():.3g}"

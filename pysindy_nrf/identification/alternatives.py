@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from operator import attrgetter
 
 import numpy as np
 import pandas as pd
@@ -37,6 +38,7 @@ from .intervals import (
     parameters_of,
 )
 from .problem import Estimate, Problem, least_squares
+from .residual_along_runs import free_of_noise
 
 # Step of a change of the data for derivatives, as a share of the channel that changes;
 # estimates are linear in it.
@@ -58,18 +60,19 @@ Laws = Mapping[str, tuple[ForceLaw, ...]]
 
 
 def alternatives_of(
-    problem: Problem, data: Dataset, trusted: ChainModel | None = None
+    problem: Problem, data: Dataset, identified: ChainModel | None = None
 ) -> tuple[Alternative, ...]:
-    """What else the data allow beside a model, by least squares.
+    """What else the data allow beside a model.
 
     Parameters
     ----------
     problem : Problem
         All shape parameters have values.
     data : Dataset
-    trusted : ChainModel, optional
-        The model that was identified, if its free run follows the motion. Noise keeps
-        least squares at a distance from it; alternatives that change less say nothing.
+    identified : ChainModel, optional
+        The model that instruments identified. The alternatives then are, too: by least
+        squares of its free run, with the residuals of the measured motion. Without it
+        they are estimated by least squares of the measured motion.
 
     Returns
     -------
@@ -80,16 +83,17 @@ def alternatives_of(
     if problem.chain.n_dof == 1:
         return ()
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
-        comparison = _Comparison(problem, _strongest_stretches(data))
-        distance = 0.0 if trusted is None else comparison.distance_to(trusted)
+        stretches = _strongest_stretches(data)
+        if identified is not None:
+            stretches = free_of_noise(identified, stretches)
+        comparison = _Comparison(problem, stretches)
         alternatives = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
             *_other_channels(comparison),
             *_late_forces(comparison),
         ]
-    resolved = [each for each in alternatives if each.reach > distance]
-    return tuple(sorted(resolved, key=lambda alternative: alternative.residual_share))
+    return tuple(sorted(alternatives, key=attrgetter("residual_share")))
 
 
 def _strongest_stretches(data: Dataset) -> Dataset:
@@ -144,12 +148,6 @@ class _Comparison:
             pieces = np.array_split(lines, n_pieces)
             squares += [np.nansum(piece**2, axis=0) for piece in pieces]
         return np.array(squares)
-
-    def distance_to(self, model: ChainModel) -> float:
-        """Largest relative difference of masses and stiffnesses to those of a model."""
-        there = self.parameters(model)[self.masses_and_stiffnesses]
-        here = self.parameters(self.model)[self.masses_and_stiffnesses]
-        return float(((here - there).abs() / there.abs()).max())
 
     def parameters(self, model: ChainModel) -> pd.Series:
         """Masses and coefficients of a model that has those of the problem at least."""

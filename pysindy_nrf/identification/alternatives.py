@@ -43,6 +43,8 @@ from .residual_along_runs import free_of_noise
 # Step of a change of the data for derivatives, as a share of the channel that changes;
 # estimates are linear in it.
 _STEP = 0.02
+# Share of that step where the estimate bends within it.
+_FINER = 0.1
 # Pieces of the data whose scatter gives standard errors here, a quarter of those of an
 # interval: the standard error then has a scatter of 18 %, which decides nothing.
 _N_PIECES = 16
@@ -384,30 +386,65 @@ def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None
 
     It has none where the data hardly feel it, and where no sensor could have it.
     """
-    weights, step = comparison.weights, change.step
+    best = _best_change(comparison, change, change.step)
+    if best is None or change.neutral + best.amount < 0:
+        return None
+    at_best = _changed(comparison, change, best.amount)
+    if _size(comparison, at_best.squares) > _size(comparison, comparison.squares):
+        # the estimate bends within the step
+        best = _best_change(comparison, change, _FINER * change.step)
+        if best is None:
+            return None
+        at_best = _changed(comparison, change, best.amount)
+
+    here = comparison.parameters(comparison.model)
+    return comparison.alternative(
+        change.description.format(change.neutral + best.amount),
+        change.place,
+        _Numbers(here, at_best.values, best.half_widths, 0.0 * here),
+        comparison.masses_and_stiffnesses,
+        at_best.squares,
+        at_best.model,
+    )
+
+
+@dataclass(frozen=True)
+class _BestChange:
+    """The change of channels that leaves least.
+
+    Attributes
+    ----------
+    amount : float
+        Less the neutral one.
+    half_widths : Series
+        What its 95 % interval makes of masses and coefficients.
+    """
+
+    amount: float
+    half_widths: pd.Series
+
+
+def _best_change(
+    comparison: _Comparison, change: _Change, step: float
+) -> _BestChange | None:
+    """The minimum of a parabola; None if the data hardly feel the change."""
+    weights = comparison.weights
     low = _changed(comparison, change, -step)
     high = _changed(comparison, change, step)
     slope = (high.squares - low.squares) @ weights / (2 * step)
     twice = 2 * comparison.squares
     bend = (high.squares + low.squares - twice) @ weights / step**2
-    squares = comparison.squares.sum(axis=0) @ weights
-    if 0.5 * bend.sum() * (_TENTH * step) ** 2 < _FELT * squares:
+    squares = _size(comparison, comparison.squares)
+    if 0.5 * bend.sum() * (_TENTH * change.step) ** 2 < _FELT * squares:
         return None
-    best, spread = _minimum(slope, bend)
-    if change.neutral + best < 0:
-        return None
-
+    amount, spread = _minimum(slope, bend)
     rate = (high.values - low.values) / (2 * step)
-    at_best = _changed(comparison, change, best)
-    here = comparison.parameters(comparison.model)
-    return comparison.alternative(
-        change.description.format(change.neutral + best),
-        change.place,
-        _Numbers(here, at_best.values, _QUANTILE * rate.abs() * spread, 0.0 * here),
-        comparison.masses_and_stiffnesses,
-        at_best.squares,
-        at_best.model,
-    )
+    return _BestChange(amount, _QUANTILE * rate.abs() * spread)
+
+
+def _size(comparison: _Comparison, squares: np.ndarray) -> float:
+    """Weighted sum of squared residuals."""
+    return float(squares.sum(axis=0) @ comparison.weights)
 
 
 def _changes(data: Dataset) -> Iterator[_Change]:

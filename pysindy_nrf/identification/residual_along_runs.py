@@ -7,7 +7,8 @@ motion, least squares is a step of instrumental variables:
 
     theta = theta_model + (Z^T Z)^-1 Z^T e
 
-with Z the columns of the equations along the run.
+with Z the columns of the equations along the run. That holds as far as the run follows
+the motion.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from ..diagnosis.facts import (
 )
 from ..diagnosis.free_run import FreeRuns, free_runs
 from ..diagnosis.open_alternatives import OpenAlternatives
-from ..diagnosis.rules import ASTRAY
+from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.unseen_drifts import unseen_drifts
 from ..diagnosis.verdict import Verdict, verdict_after_search
 from ..diagnosis.wiring import suspect_channels
@@ -460,7 +460,7 @@ class IdentificationResult(PlainState):
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
         data, identified = self.data, None
-        if not self.biased_by_noise and self.free_runs.error < ASTRAY:
+        if not self.biased_by_noise and self.free_runs.error < GOOD_RUN:
             data, identified = _fused_apart(data), self.model
         try:
             return alternatives_of(self.problem, data, identified)

@@ -11,6 +11,7 @@ __all__ = [
     "BiasWarning",
     "DataQualityWarning",
     "ExtrapolationWarning",
+    "SensitivityWarning",
 ]
 
 
@@ -230,4 +231,17 @@ class ExtrapolationWarning(NRFWarning):
     ...     )  # a drift of 1 m was never seen
     >>> caught[0].category.__name__
     'ExtrapolationWarning'
+    """
+
+
+class SensitivityWarning(NRFWarning):
+    """Errors of the parameters move a free run so far that it predicts little.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.exceptions import SensitivityWarning
+    >>> print(
+    ...     SensitivityWarning("The free run is sensitive", "Compare spectra.")
+    ... )
+    The free run is sensitive. Compare spectra.
     """

@@ -52,6 +52,9 @@ class FreeRunFacts:
         computed the run.
     diverges_by_default : bool
         Whether it failed because the motion grew beyond all measure.
+    spread : float
+        Percent of the motion by which errors of the parameters move the run; NaN where
+        that was not tried.
     """
 
     error: float = float("nan")
@@ -61,6 +64,7 @@ class FreeRunFacts:
     floats: bool = True
     by_newmark: bool = False
     diverges_by_default: bool = False
+    spread: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -371,6 +375,7 @@ def _free_run_facts(
         floats=_floats(runs, modes),
         by_newmark=runs.by_newmark,
         diverges_by_default=runs.diverges_by_default,
+        spread=runs.spread,
     )
 
 

@@ -68,6 +68,7 @@ Kind = Literal[
     "alternative",  # another structure or another channel explains the data better
     "undefined",  # an error has no value
     "free run",  # the model alone leaves the measured motion
+    "sensitivity",  # errors of the parameters lead the free run astray
     "damping",  # a mode grows by itself
     "no claim",  # the search claims nothing
     "channel",  # reversed, in another unit or in the wrong column
@@ -376,9 +377,35 @@ def diverging_free_run(facts: Facts) -> list[Reason]:
 
 
 def _leaves_the_motion(run: FreeRunFacts) -> bool:
-    """Whether a run is lost, though a spring holds the chain, from its start on."""
+    """Whether a run is lost, though a spring holds the chain, from its start on.
+
+    Where errors of the parameters lead as far away, no model of the structure follows.
+    """
     follows_at_first = run.over_periods < ASTRAY
-    return run.error > DIVERGED and not run.floats and not follows_at_first
+    if is_sensitive(run) or run.floats or follows_at_first:
+        return False
+    return run.error > DIVERGED
+
+
+def is_sensitive(run: FreeRunFacts) -> bool:
+    """Whether errors of the parameters alone move a free run beyond use."""
+    return run.spread > ASTRAY
+
+
+def sensitive_free_run(facts: Facts) -> list[Reason]:
+    """A free run that cannot be predicted sample by sample with these parameters."""
+    run = facts.free_run
+    if not is_sensitive(run):
+        return []
+    size = f"by {run.spread:.3g} %"
+    if run.spread >= BEYOND_NUMBERS:
+        size = "beyond numbers"
+    message = (
+        "The free run is sensitive: one standard error of the parameters moves it"
+        f" {size}. Its course cannot be predicted sample by sample, though the"
+        " parameters may be right."
+    )
+    return [Reason("sensitivity", "amber", message, size=run.spread)]
 
 
 def diverging_by_default(facts: Facts) -> list[Reason]:
@@ -421,7 +448,7 @@ def creates_energy(mode: object, damping: float) -> str:
 def straying_free_run(facts: Facts) -> list[Reason]:
     """A free run that misses the measured motion."""
     error = judged_error(facts.free_run)
-    if not np.isfinite(error) or error <= ASTRAY:
+    if not np.isfinite(error) or error <= ASTRAY or is_sensitive(facts.free_run):
         return []
     message = (
         f"The free run misses the measured motion by {error:.3g} %. A model can be"
@@ -585,6 +612,7 @@ RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     diverging_free_run,
     diverging_by_default,
     growing_mode,
+    sensitive_free_run,
     straying_free_run,
     nothing_claimed,
     wiring,

@@ -25,7 +25,7 @@ from ..diagnosis.facts import (
     ShapeAtEnd,
     facts_of_model,
 )
-from ..diagnosis.free_run import FreeRuns, free_runs
+from ..diagnosis.free_run import FreeRuns, free_runs, spread_of
 from ..diagnosis.open_alternatives import OpenAlternatives
 from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.unseen_drifts import unseen_drifts
@@ -39,11 +39,13 @@ from ..exceptions import (
     NRFWarning,
 )
 from ..records.dataset import Dataset
+from ..records.record import Record
 from ..report.summary import Summary, summary_of
 from ..report.words import band_text
 from .alternatives import alternatives_of
 from .ambiguity import ambiguous_in, table_with_ambiguity
 from .examination import Examination
+from .half_samples import half_sample_models, may_be_sensitive
 from .intervals import (
     AskedFor,
     IntervalMaker,
@@ -446,7 +448,41 @@ class IdentificationResult(PlainState):
         if self.channel_runs is not None:
             return self.channel_runs
         data = self.require_data("Fit again to run the model over its data.")
-        return free_runs(self.model, data, self.problem.filters(data))
+        filters = self.problem.filters(data)
+        return free_runs(self.model, data, filters, beside=self.half_sample_models)
+
+    @cached_property
+    def half_sample_models(self) -> tuple[ChainModel, ...]:
+        """Models that differ from the estimate by about one standard error.
+
+        Empty for chains of springs and dashpots, and where there are none.
+        """
+        if not may_be_sensitive(self.model):
+            return ()
+        try:
+            return half_sample_models(self.intervals.resolver)
+        except NRFError:
+            # the data are gone
+            return ()
+
+    def spread_of_run(
+        self, run: Record, run_beside: Callable[[ChainModel], Record]
+    ) -> float:
+        """Percent of a free run by which errors of the parameters move it.
+
+        Parameters
+        ----------
+        run : Record
+            Of the model.
+        run_beside : callable
+            Makes the run of another model under the same forces.
+
+        Returns
+        -------
+        float
+            By one standard error of the parameters; NaN where that is not known.
+        """
+        return spread_of(run, self.half_sample_models, run_beside)
 
     @property
     def unexplained(self) -> dict[int, float]:

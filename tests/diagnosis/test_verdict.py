@@ -85,6 +85,11 @@ def test_what_makes_a_verdict_red(facts, kind, place):
         ({"unexplained": {1: 2.0, 2: 16.0}}, "unexplained", "dof 2"),
         ({"free_run": FreeRunFacts(25.0)}, "free run", ""),
         ({"free_run": FreeRunFacts(130.0, floats=True)}, "free run", ""),
+        (
+            {"free_run": FreeRunFacts(130.0, floats=False, spread=60.0)},
+            "sensitivity",
+            "",
+        ),
         ({"channel_faults": {"a1 is another motion.": False}}, "channel", ""),
         ({"quality": (LATE,)}, "quality", "v1"),
         ({"doubts": ("The intervals are withheld.",)}, "other", ""),

@@ -41,7 +41,7 @@ MotionData = npt.ArrayLike | Record | Sequence[Record] | Dataset
 
 
 class DataOptions(TypedDict, total=False):
-    """What is given beside the motion, see :meth:`ChainModel.predict`."""
+    """What is given besides the motion, see :meth:`ChainModel.predict`."""
 
     record: npt.ArrayLike | None
     time: npt.ArrayLike | None

@@ -52,7 +52,7 @@ class ForceGrams:
     ----------
     dof : int
     n_own : int
-        Columns of its own laws and inertia, which stand first.
+        Columns of the laws and the inertia of the DOF, which stand first.
     n_further : int
         Probe regressors behind them, the last of which are a constant and a ramp;
         behind these stand the functions of the force, and the force over its rms.

@@ -91,7 +91,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Bars at 0, 1, 2, ...; several in one figure stand beside each other.
+    """Bars at 0, 1, 2, ...; several in one figure stand side by side.
 
     Parameters
     ----------
@@ -181,9 +181,9 @@ class Figure:
     table : Table, optional
         The numbers.
     lying, wide : bool
-        Whether bars lie, and whether the page gives it a row of its own.
+        Whether bars lie, and whether the page gives it its own row.
     legend : {"inside", "above", "sheet"}
-        Where it stands; once for a whole sheet.
+        Where it stands; ``"sheet"``: once for all axes.
     size : (float, float)
         On the sheet, inches.
     height : int
@@ -225,7 +225,7 @@ class Figure:
 
     @property
     def n_bars(self) -> int:
-        """How many sets of bars stand beside each other."""
+        """How many sets of bars stand side by side."""
         return sum(isinstance(mark, Bars) for mark in self.marks)
 
 

@@ -72,7 +72,7 @@ LYING_BARS_WIDTH, UPRIGHT_BARS_WIDTH = 0.6, 0.8
 
 
 class Drawing:
-    """Figures that stand beside each other.
+    """Figures that stand side by side.
 
     Attributes
     ----------

@@ -493,7 +493,7 @@ class IdentificationResult(PlainState):
 
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """What the data allow beside the model, where every floor has a sensor."""
+        """What the data allow besides the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
         data, identified = self.data, None
@@ -507,7 +507,7 @@ class IdentificationResult(PlainState):
 
     @cached_property
     def beside_noise(self) -> BesideNoise:
-        """What the model leaves of each equation, beside what noise would leave."""
+        """What the model leaves of each equation, and what noise would leave."""
         if self.data is None or self.motions:
             return BesideNoise()
         try:

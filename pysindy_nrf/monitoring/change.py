@@ -654,7 +654,7 @@ def moving_windows(
         Length of a window and how far it moves, s.
     masses : "fitted", None or mapping of int to float
         Masses in every window, kg: those of the estimator, none (they are
-        identified in each window anew), or given ones.
+        identified in each window separately), or given ones.
 
     Returns
     -------

@@ -300,7 +300,7 @@ def frame_of(
     model : ChainModel
     bounds : mapping of str to (float, float)
     effects : mapping of str to str
-        What the model has beside linear storeys, in words by site.
+        What the model has besides linear storeys, in words by site.
     open_dofs : iterable of int
         DOFs whose balance does not close.
     records : sequence of Measured
@@ -359,7 +359,7 @@ def measured_part(
     ----------
     records : iterable of Measured
     model : ChainModel, optional
-        Whose frequency responses are drawn beside the measured ones.
+        Whose frequency responses are drawn next to the measured ones.
     notes : sequence of QualityNote
         What is known of channels, clocks and units of all records.
     band : (float or None, float or None), optional
@@ -385,7 +385,7 @@ def data_figures(
     model: ChainModel | None = None,
     band: Band = None,
 ) -> list[Figure]:
-    """A record over time and by frequency; its responses beside those of a model."""
+    """A record over time and by frequency; its responses with those of a model."""
     doubts = doubts_by_channel(record, notes)
     figures = time_figures(record, doubts)
     coherence = coherence_figure(record)

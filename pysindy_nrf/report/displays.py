@@ -1,6 +1,6 @@
 """Displays of a fitted model as scikit-learn has them.
 
-Each is made by ``from_estimator`` (or ``from_report``), which draws it, and drawn anew
+Each is made by ``from_estimator`` (or ``from_report``), which draws it, and drawn again
 by ``plot``; ``ax_`` and ``figure_`` are matplotlib's. Without matplotlib an error names
 the extra ``plot``.
 """
@@ -283,7 +283,7 @@ def _runs_of(shown: Identification, over_records: bool) -> FreeRuns:
 class ResidualDisplay(_OfOneDof):
     """What the model leaves of one equation of motion.
 
-    Its spectrum beside the force and the noise of the channels, its correlation with
+    Its spectrum with the force and the noise of the channels; its correlation with
     itself, and with what drives the structure.
 
     Parameters

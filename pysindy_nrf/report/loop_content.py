@@ -94,7 +94,7 @@ def _figures_of_errors(report: Loop) -> list[Figure]:
 
 
 def lead(report: Loop) -> str:
-    """The whole story in a few sentences."""
+    """The complete story in a few sentences."""
     parts = [_what_was_found(report)]
     refused = [law_at_site(step) for step in report.steps if not step.confirmed]
     if refused:

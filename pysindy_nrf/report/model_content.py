@@ -188,7 +188,7 @@ def model_content(
     title : str, optional
         Names of the records if None.
     notes : sequence of str
-        What is to be taken care of, beside the reasons of the verdict.
+        What is to be taken care of, besides the reasons of the verdict.
     """
     model, data = identified.model, identified.data
     picture, obstacles = _picture(identified)

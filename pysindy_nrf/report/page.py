@@ -72,7 +72,7 @@ def write_html(
     Parameters
     ----------
     path : path-like
-        An older file is replaced whole.
+        An older file is replaced completely.
     subject : LoopReport, fitted NRFRegressor, ChainModel, Identification or Record
         A record, or several, are drawn as they were measured.
     record : Record or sequence of Record, optional

@@ -80,10 +80,10 @@ def compare_with_sindy(
     degree : int
         Of the power series everywhere.
     optimizers : mapping of str to PySINDy optimizer, or "select", optional
-        Rows of this package beside least squares; ``"select"`` has one with the terms
-        that :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within the
-        first part of the record. STLSQ at PySINDy's default threshold (a tenth of each
-        balance's force) and at a hundredth if None.
+        Rows of this package in addition to least squares; ``"select"`` has one with the
+        terms that :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within
+        the first part of the record. STLSQ at PySINDy's default threshold (a tenth of
+        each balance's force) and at a hundredth if None.
     heldout : float
         Share of the record at its end on which all errors are measured.
     free_run : int
@@ -110,18 +110,27 @@ def compare_with_sindy(
         * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers
           given.
 
-        Columns: ``terms`` found (each counted once, in however many accelerations it
-        stands; rows that say that the rate of a position is a velocity do not count),
-        ``precision`` and ``recall`` (shares) of the true terms in each model's own
-        library; ``mass_error`` (largest, percent); ``restoring_force_error``, where
-        SINDy is given the masses, and ``force_error_own_masses``, where it finds them
-        as 1/m (NaN where a DOF is not forced); ``balance_error`` (pooled percent NRMSE,
-        one step, as the two before); ``free_run_error`` (percent NRMSE of the
-        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of
-        the two estimates of a storey, percent) and ``storeys_found`` (``"once"`` or
-        ``"twice"``); ``seconds`` of the fit, choosing included; ``note``. NaN = cannot
-        be known. ``attrs["storey_forces"]`` holds the storey forces (N) that each model
-        finds on the rest of the record, by its name, and the true ones.
+        Columns; NaN where a number cannot be known:
+
+        * ``terms``: how many were found. Each counts once, in however many
+          accelerations it stands; rows that say that the rate of a position is a
+          velocity do not count.
+        * ``precision``, ``recall``: shares of the true terms in the library of the
+          model.
+        * ``mass_error``: the largest, percent.
+        * ``restoring_force_error``: pooled percent NRMSE of one step, where SINDy is
+          given the masses.
+        * ``force_error_own_masses``: the same where SINDy finds them as 1/m; NaN where
+          a DOF is not forced.
+        * ``balance_error``: pooled percent NRMSE of one step.
+        * ``free_run_error``: percent NRMSE of the displacements, inf if it diverges.
+        * ``third_law_gap``: largest disagreement of the two estimates of a storey,
+          percent; ``storeys_found`` says whether there are two: ``"once"`` or
+          ``"twice"``.
+        * ``seconds`` of the fit, choosing included, and a ``note``.
+
+        ``attrs["storey_forces"]`` has the storey forces (N) that each model finds on
+        the rest of the record, by its name, and the true ones.
 
     Raises
     ------
@@ -196,7 +205,7 @@ def compare_with_sindy(
 
 
 def other_models(table: pd.DataFrame, name: str) -> tuple[OtherModel, ...]:
-    """The rows of plain SINDy beside one of this package, as facts for a verdict.
+    """Plain SINDy compared with a row of this package, as facts for a verdict.
 
     Parameters
     ----------

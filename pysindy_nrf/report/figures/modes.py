@@ -106,7 +106,7 @@ def modes_of(modes: pd.DataFrame) -> list[Mode]:
     Parameters
     ----------
     modes : DataFrame
-        As of :meth:`ChainModel.modes`.
+        As returned by :meth:`ChainModel.modes`.
     """
     drawn = modes.head(DRAWN_MODES)
     fastest = float(drawn["frequency"].max())
@@ -125,7 +125,7 @@ def modes_of_two_tests(before: pd.DataFrame, after: pd.DataFrame) -> list[Mode]:
     Parameters
     ----------
     before, after : DataFrame
-        As of :meth:`ChainModel.modes`.
+        As returned by :meth:`ChainModel.modes`.
     """
     likeness = np.diag(modal_assurance(before, after))
     pairs = []
@@ -143,7 +143,7 @@ def modes_figure(modes: pd.DataFrame) -> Figure:
     Parameters
     ----------
     modes : DataFrame
-        As of :meth:`ChainModel.modes`.
+        As returned by :meth:`ChainModel.modes`.
     """
     drawn = modes_of(modes)
     marks = []

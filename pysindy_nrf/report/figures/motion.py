@@ -301,7 +301,7 @@ def change_figure(
     Parameters
     ----------
     table : DataFrame
-        As of ``ChangeReport.map``.
+        As returned by ``ChangeReport.map``.
     site : str or Site
     largest : float, optional
         Change at the ends of the colours, N; the largest of the table if None.

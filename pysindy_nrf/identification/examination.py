@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from operator import attrgetter
 
 import pandas as pd
@@ -35,11 +36,13 @@ _CURE_OF_LOST_MASS = (
 )
 
 
+@cache
 def _no_missing_terms() -> pd.DataFrame:
     columns = ["residual", "gain", "missing", "shift", "lasting"]
     return pd.DataFrame(columns=columns, dtype=float).assign(biased=False)
 
 
+@cache
 def _no_jumps() -> pd.DataFrame:
     return pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
 

@@ -183,6 +183,23 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class OtherModel:
+    """Another model of the same record, judged with this one on data left out.
+
+    Parameters
+    ----------
+    name : str
+    free_run, free_run_of_this : float
+        Errors of both free runs, percent NRMSE; NaN where there is none, inf where it
+        diverges.
+    """
+
+    name: str
+    free_run: float
+    free_run_of_this: float
+
+
+@dataclass(frozen=True)
 class AmbiguousInterval:
     """An interval that an alternative to the model moves or widens.
 
@@ -254,6 +271,8 @@ class Facts:
         What the data allow beside the model, the one that leaves least first.
     ambiguous_intervals : tuple of AmbiguousInterval
         Intervals that alternatives widen, or that are withheld for them.
+    other_models : tuple of OtherModel
+        Models with which this one was compared.
     assumptions : tuple of Assumption
         What the model takes for granted; no reason against it.
     noise_is_known : bool
@@ -290,6 +309,7 @@ class Facts:
     shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
+    other_models: tuple[OtherModel, ...] = ()
     assumptions: tuple[Assumption, ...] = ()
     noise_is_known: bool = True
     searched: bool = False

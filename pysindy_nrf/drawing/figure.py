@@ -72,6 +72,8 @@ class Line:
     dash : str
         One of ``DASHES``; only markers are drawn if it is empty.
     marker : {"", "o", "s", "|", "ring"}
+    cycle : float
+        Seconds in which it swings about x = 0 where drawings move; 0 if it stands.
     """
 
     x: ArrayLike
@@ -84,6 +86,7 @@ class Line:
     error: ArrayLike | None = None
     opacity: float = 1.0
     z: ArrayLike | None = None
+    cycle: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -22,6 +22,7 @@ from ..diagnosis.facts import (
     Alternative,
     AmbiguousInterval,
     Facts,
+    OtherModel,
     ShapeAtEnd,
     facts_of_model,
 )
@@ -284,9 +285,7 @@ class IdentificationResult(PlainState):
             return self.resolver
         data = self.require_data(_NO_DATA)
         if not self.intervals_withheld:
-            # the first fusion has warned
-            with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
-                data = data.apart
+            data = _fused_apart(data)
         resolver = self._joint_resolver(data)
         if resolver is None:
             resolver = least_squares_resolver(self.problem, self.order, data)
@@ -497,11 +496,11 @@ class IdentificationResult(PlainState):
         """What the data allow beside the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
-        follows = self.free_runs.error < GOOD_RUN
+        data, identified = self.data, None
+        if not self.biased_by_noise and self.free_runs.error < GOOD_RUN:
+            data, identified = _fused_apart(data), self.model
         try:
-            return alternatives_of(
-                self.problem, self.data, self.model if follows else None
-            )
+            return alternatives_of(self.problem, data, identified)
         except NRFError:
             # excerpts of these data cannot be solved
             return ()
@@ -589,8 +588,19 @@ class IdentificationResult(PlainState):
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the model may be used, what it holds, and why not."""
+        return self.verdict_beside(())
+
+    def verdict_beside(self, others: Sequence[OtherModel]) -> Verdict:
+        """The verdict on the model where it was compared with others."""
+        facts = replace(self.facts, other_models=tuple(others))
         if self.data is None:
-            return verdict_after_search(self.facts, None)
+            return verdict_after_search(facts, None)
         records = records_of(self.data)
         search = partial(wiring_error, self.problem, self.model, records)
-        return verdict_after_search(self.facts, search)
+        return verdict_after_search(facts, search)
+
+
+def _fused_apart(data: Dataset) -> Dataset:
+    """Each DOF fused by itself; the first fusion has warned."""
+    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+        return data.apart

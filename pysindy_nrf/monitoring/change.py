@@ -218,7 +218,7 @@ def _sentence(row: Any) -> str:
     """What changed at one place."""
     of = " of its spring force" if row.place.startswith("storey") else ""
     return (
-        f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} +-"
+        f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} ±"
         f" {OF_95_PERCENT * row.error:.2f} %{of} ({row.amount:.3g} {row.unit}, p ="
         f" {row.p:.1g})."
     )

@@ -68,7 +68,7 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
         lead=lead(report),
         model=model_part(report.model, report.loops, report.bounds),
         audit=audit_part(report.model.info, settings),
-        verdict=report.verdict,
+        verdicts={"": report.verdict},
         care=list(report.verdict.reasons),
         frame=frame_of(
             report.model, report.bounds, by_site, open_dofs, report.measured

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
 from ..chain.model import ChainModel
+from ..diagnosis.facts import OtherModel
 from ..equations.errors import Sizes, nrmse, pooled_percent
 from ..exceptions import ChannelError, NRFError, SimulationError
 from ..identification.regressor import NRFRegressor
@@ -44,6 +45,8 @@ COLUMNS = [
     "seconds",
     "note",
 ]
+# The row of this package whose fit has intervals, and so a verdict.
+JUDGED = "pysindy_nrf, instrumental variables"
 # Multiplications of a fit that is still run: some ten seconds.
 MAX_WORK = 2e11
 
@@ -192,6 +195,24 @@ def compare_with_sindy(
     return table
 
 
+def other_models(table: pd.DataFrame, name: str) -> tuple[OtherModel, ...]:
+    """The rows of plain SINDy beside one of this package, as facts for a verdict.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of :func:`compare_with_sindy`.
+    name : str
+        A row of this package.
+    """
+    of_this = float(table.loc[name, "free_run_error"])
+    others = []
+    for other, error in table["free_run_error"].items():
+        if str(other).startswith("SINDy"):
+            others.append(OtherModel(str(other), float(error), of_this))
+    return tuple(others)
+
+
 def _models(
     degree: int, optimizers: Mapping[str, BaseEstimator] | str | None
 ) -> dict[str, ComparedModel]:
@@ -202,9 +223,7 @@ def _models(
         "SINDy, hand-steered": ExpertSINDy(degree),
         "SINDy, storey shears": Shears(degree),
         "pysindy_nrf, least squares": Regressor(NRFRegressor(degree, estimation="ls")),
-        "pysindy_nrf, instrumental variables": Regressor(
-            NRFRegressor(degree, estimation="iv")
-        ),
+        JUDGED: Regressor(NRFRegressor(degree, estimation="iv")),
     }
     if isinstance(optimizers, str):
         if optimizers != "select":

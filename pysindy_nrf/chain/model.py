@@ -315,7 +315,7 @@ class ChainModel:
             lightest = int(np.argmin(self.masses)) + 1
             what = f"m{lightest} is not positive"
             raise ChainError(what, "Modes need positive masses.")
-        lost = lost_masses(self.masses, self.laws)
+        lost = lost_masses(self.masses, self.laws, self.units)
         if lost:
             raise ChainError(lost[0], "Modes need positive masses; weigh that floor.")
 

@@ -104,7 +104,10 @@ def _rows_about_the_largest(x: np.ndarray) -> slice:
 
 
 def response_figures(
-    f: np.ndarray, measured: np.ndarray, modelled: np.ndarray
+    f: np.ndarray,
+    measured: np.ndarray,
+    modelled: np.ndarray,
+    units: UnitSystem = TRANSLATION,
 ) -> list[Figure]:
     """Size of measured and modelled frequency responses, one figure a DOF.
 
@@ -114,6 +117,7 @@ def response_figures(
         Hz.
     measured, modelled : ndarray of shape (n_lines, n_dof)
         Accelerance, m/s^2 by N. The uppermost DOF comes first.
+    units : UnitSystem, optional
     """
     figures = []
     for j in range(measured.shape[1], 0, -1):
@@ -125,7 +129,7 @@ def response_figures(
             f"Accelerance of DOF {j}",
             marks,
             below(j, "frequency", "Hz"),
-            Axis(f"|H_{{{j}}}|", "m/s²/N", log=True),
+            Axis(f"|H_{{{j}}}|", units.of("m/s²/N"), log=True),
             legend="above",
             size=(8.0, 2.1),
         )

@@ -11,6 +11,7 @@ __all__ = [
     "BiasWarning",
     "DataQualityWarning",
     "ExtrapolationWarning",
+    "SensitivityWarning",
 ]
 
 
@@ -71,7 +72,7 @@ class ChannelError(NRFError):
 
 
 class ChannelTypeError(ChannelError, TypeError):
-    """A channel contains what is no number (also a ``TypeError``, as of ``float``)."""
+    """A channel contains what is no number (also a ``TypeError``)."""
 
 
 class ChainError(NRFError):
@@ -79,7 +80,7 @@ class ChainError(NRFError):
 
 
 class UnknownSiteError(ChainError, KeyError):
-    """A model has no such site (also a ``KeyError``, as of any mapping)."""
+    """A model has no such site (also a ``KeyError``, as for any mapping)."""
 
     __str__ = Exception.__str__
 
@@ -163,7 +164,7 @@ class NRFWarning(_WhatAndCure, UserWarning):
     Parameters
     ----------
     what, cure : str
-        As of :class:`NRFError`; ``what`` may be the whole message.
+        As for :class:`NRFError`; ``what`` may be the entire message.
 
     Examples
     --------
@@ -230,4 +231,17 @@ class ExtrapolationWarning(NRFWarning):
     ...     )  # a drift of 1 m was never seen
     >>> caught[0].category.__name__
     'ExtrapolationWarning'
+    """
+
+
+class SensitivityWarning(NRFWarning):
+    """Errors of the parameters move a free run so far that it predicts little.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.exceptions import SensitivityWarning
+    >>> print(
+    ...     SensitivityWarning("The free run is sensitive", "Compare spectra.")
+    ... )
+    The free run is sensitive. Compare spectra.
     """

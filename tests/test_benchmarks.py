@@ -54,6 +54,14 @@ def lines_with(text: str, words: str) -> list[str]:
     return [line for line in text.splitlines() if words in line]
 
 
+def test_free_runs_of_other_forces_are_close_or_said():
+    printed = run("free_runs", "--quick")
+    (linear,) = lines_with(printed, "| linear |")
+    assert float(linear.split("|")[3]) < 1.0
+    (far_off,) = lines_with(printed, "chain ")
+    assert far_off.startswith("chain 36, cubic") and far_off.endswith(", said")
+
+
 def test_no_row_of_the_foundation_fails():
     printed = run("foundation", "--quick")
     assert not lines_with(printed, "| FAIL |")

@@ -53,7 +53,7 @@ NOTICED = 5.0
 BEYOND_MEANING = 10.0
 # Alternatives that are named, those that leave least.
 MAX_ALTERNATIVES = 3
-# Factor by which a free run may get worse with an effect.
+# Factor from which on one free run is worse than another.
 WORSE_FREE_RUN = 1.1
 
 Kind = Literal[
@@ -68,7 +68,9 @@ Kind = Literal[
     "alternative",  # another structure or another channel explains the data better
     "undefined",  # an error has no value
     "free run",  # the model alone leaves the measured motion
+    "sensitivity",  # errors of the parameters lead the free run astray
     "damping",  # a mode grows by itself
+    "comparison",  # another model predicts the motion better
     "no claim",  # the search claims nothing
     "channel",  # reversed, in another unit or in the wrong column
     "wiring",  # with another mapping of the channels the balances close
@@ -376,9 +378,35 @@ def diverging_free_run(facts: Facts) -> list[Reason]:
 
 
 def _leaves_the_motion(run: FreeRunFacts) -> bool:
-    """Whether a run is lost, though a spring holds the chain, from its start on."""
+    """Whether a run is lost, though a spring holds the chain, from its start on.
+
+    Where errors of the parameters lead as far away, no model of the structure follows.
+    """
     follows_at_first = run.over_periods < ASTRAY
-    return run.error > DIVERGED and not run.floats and not follows_at_first
+    if is_sensitive(run) or run.floats or follows_at_first:
+        return False
+    return run.error > DIVERGED
+
+
+def is_sensitive(run: FreeRunFacts) -> bool:
+    """Whether errors of the parameters alone move a free run beyond use."""
+    return run.spread > ASTRAY
+
+
+def sensitive_free_run(facts: Facts) -> list[Reason]:
+    """A free run that cannot be predicted sample by sample with these parameters."""
+    run = facts.free_run
+    if not is_sensitive(run):
+        return []
+    size = f"by {run.spread:.3g} %"
+    if run.spread >= BEYOND_NUMBERS:
+        size = "beyond numbers"
+    message = (
+        "The free run is sensitive: one standard error of the parameters moves it"
+        f" {size}. Its course cannot be predicted sample by sample, though the"
+        " parameters may be right."
+    )
+    return [Reason("sensitivity", "amber", message, size=run.spread)]
 
 
 def diverging_by_default(facts: Facts) -> list[Reason]:
@@ -421,7 +449,7 @@ def creates_energy(mode: object, damping: float) -> str:
 def straying_free_run(facts: Facts) -> list[Reason]:
     """A free run that misses the measured motion."""
     error = judged_error(facts.free_run)
-    if not np.isfinite(error) or error <= ASTRAY:
+    if not np.isfinite(error) or error <= ASTRAY or is_sensitive(facts.free_run):
         return []
     message = (
         f"The free run misses the measured motion by {error:.3g} %. A model can be"
@@ -435,6 +463,28 @@ def judged_error(run: FreeRunFacts) -> float:
     """Error of the free run, percent: over some periods where nothing holds it."""
     drifts_later = run.floats and run.error > ASTRAY and run.over_periods < run.error
     return run.over_periods if drifts_later else run.error
+
+
+def better_models(facts: Facts) -> list[Reason]:
+    """Another model whose free run is better, where that of this model is not good.
+
+    Below the errors of sensors a smaller error says nothing.
+    """
+    reasons = []
+    for other in facts.other_models:
+        of_this = other.free_run_of_this
+        if of_this > GOOD_RUN and of_this > WORSE_FREE_RUN * other.free_run:
+            message = (
+                f"{other.name} predicts data left out better: its free run misses"
+                f" {other.free_run:.3g} % of the motion, that of this model"
+                f" {_percent(of_this)}."
+            )
+            reasons.append(Reason("comparison", "amber", message, size=other.free_run))
+    return reasons
+
+
+def _percent(error: float) -> str:
+    return f"{error:.3g} %" if np.isfinite(error) else "all of it"
 
 
 # -- channels, records and the search ------------------------------------------
@@ -585,7 +635,9 @@ RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     diverging_free_run,
     diverging_by_default,
     growing_mode,
+    sensitive_free_run,
     straying_free_run,
+    better_models,
     nothing_claimed,
     wiring,
     channel_faults,

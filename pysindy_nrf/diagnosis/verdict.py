@@ -30,9 +30,14 @@ _EXPLAINS = 0.2
 # What speaks against the channels and the search, not against the model itself.
 _NOT_OF_THE_MODEL: tuple[Kind, ...] = ("no claim", "wiring", "channel")
 # What is no news beside a model that is not to be used.
-_OF_A_USABLE_MODEL: tuple[Kind, ...] = ("unexplained", "damping", "free run")
+_OF_A_USABLE_MODEL: tuple[Kind, ...] = (
+    "unexplained",
+    "damping",
+    "free run",
+    "sensitivity",
+)
 # What leaves open whether anything else is missing in a linear model.
-_OF_THE_MOTION: tuple[Kind, ...] = ("damping", "free run")
+_OF_THE_MOTION: tuple[Kind, ...] = ("damping", "free run", "sensitivity")
 
 
 @dataclass(frozen=True)

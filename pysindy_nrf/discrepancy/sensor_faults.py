@@ -67,7 +67,7 @@ class Suspect:
 
 
 class FaultSearch:
-    """Finds faults of sensors beside a state.
+    """Finds faults of sensors in a state.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class FaultSearch:
         self._contradictions: list[Contradiction] = []
 
     def findings(self, state: SearchState) -> list[Finding]:
-        """Corrected sensors as findings beside a state."""
+        """Corrected sensors as findings added to a state."""
         if not self.laws or state.records is None:
             return []
 

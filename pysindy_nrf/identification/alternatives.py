@@ -1,11 +1,12 @@
-"""Alternatives that the data allow beside a model: could the test have failed?
+"""Alternatives that the data allow besides a model: could the test have failed?
 
 Where fewer modes are excited than there are unknown floors, the equations of motion
-close whatever the structure is. What a test engineer would think of is therefore fitted
-beside the model, one at a time: a spring and a dashpot from a floor to the ground or to
-the next floor but one, dashpots from all floors to the ground, and another gain of all
-sensors of a floor. An alternative that moves a mass or a stiffness by more than its
-interval says is a limit of the test, or an effect that the model lacks.
+close whatever the structure is. Alternatives that a test engineer would think of are
+therefore added to the model, one at a time. They are a spring and a dashpot from a
+floor to the ground or to the next floor but one, dashpots from all floors to the
+ground, and another gain of all sensors of a floor. An alternative that moves a mass or
+a stiffness by more than its interval says is a limit of the test, or an effect that the
+model lacks.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from operator import attrgetter
 
 import numpy as np
 import pandas as pd
@@ -37,10 +39,13 @@ from .intervals import (
     parameters_of,
 )
 from .problem import Estimate, Problem, least_squares
+from .residual_along_runs import free_of_noise
 
 # Step of a change of the data for derivatives, as a share of the channel that changes;
 # estimates are linear in it.
 _STEP = 0.02
+# Share of that step where the estimate bends within it.
+_FINER = 0.1
 # Pieces of the data whose scatter gives standard errors here, a quarter of those of an
 # interval: the standard error then has a scatter of 18 %, which decides nothing.
 _N_PIECES = 16
@@ -58,18 +63,19 @@ Laws = Mapping[str, tuple[ForceLaw, ...]]
 
 
 def alternatives_of(
-    problem: Problem, data: Dataset, trusted: ChainModel | None = None
+    problem: Problem, data: Dataset, identified: ChainModel | None = None
 ) -> tuple[Alternative, ...]:
-    """What else the data allow beside a model, by least squares.
+    """What else the data allow besides a model.
 
     Parameters
     ----------
     problem : Problem
         All shape parameters have values.
     data : Dataset
-    trusted : ChainModel, optional
-        The model that was identified, if its free run follows the motion. Noise keeps
-        least squares at a distance from it; alternatives that change less say nothing.
+    identified : ChainModel, optional
+        The model that instruments identified. The alternatives then are, too: by least
+        squares of its free run, with the residuals of the measured motion. Without it
+        they are estimated by least squares of the measured motion.
 
     Returns
     -------
@@ -80,16 +86,17 @@ def alternatives_of(
     if problem.chain.n_dof == 1:
         return ()
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
-        comparison = _Comparison(problem, _strongest_stretches(data))
-        distance = 0.0 if trusted is None else comparison.distance_to(trusted)
+        stretches = _strongest_stretches(data)
+        if identified is not None:
+            stretches = free_of_noise(identified, stretches)
+        comparison = _Comparison(problem, stretches)
         alternatives = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
             *_other_channels(comparison),
             *_late_forces(comparison),
         ]
-    resolved = [each for each in alternatives if each.reach > distance]
-    return tuple(sorted(resolved, key=lambda alternative: alternative.residual_share))
+    return tuple(sorted(alternatives, key=attrgetter("residual_share")))
 
 
 def _strongest_stretches(data: Dataset) -> Dataset:
@@ -144,12 +151,6 @@ class _Comparison:
             pieces = np.array_split(lines, n_pieces)
             squares += [np.nansum(piece**2, axis=0) for piece in pieces]
         return np.array(squares)
-
-    def distance_to(self, model: ChainModel) -> float:
-        """Largest relative difference of masses and stiffnesses to those of a model."""
-        there = self.parameters(model)[self.masses_and_stiffnesses]
-        here = self.parameters(self.model)[self.masses_and_stiffnesses]
-        return float(((here - there).abs() / there.abs()).max())
 
     def parameters(self, model: ChainModel) -> pd.Series:
         """Masses and coefficients of a model that has those of the problem at least."""
@@ -386,30 +387,65 @@ def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None
 
     It has none where the data hardly feel it, and where no sensor could have it.
     """
-    weights, step = comparison.weights, change.step
+    best = _best_change(comparison, change, change.step)
+    if best is None or change.neutral + best.amount < 0:
+        return None
+    at_best = _changed(comparison, change, best.amount)
+    if _size(comparison, at_best.squares) > _size(comparison, comparison.squares):
+        # the estimate bends within the step
+        best = _best_change(comparison, change, _FINER * change.step)
+        if best is None:
+            return None
+        at_best = _changed(comparison, change, best.amount)
+
+    here = comparison.parameters(comparison.model)
+    return comparison.alternative(
+        change.description.format(change.neutral + best.amount),
+        change.place,
+        _Numbers(here, at_best.values, best.half_widths, 0.0 * here),
+        comparison.masses_and_stiffnesses,
+        at_best.squares,
+        at_best.model,
+    )
+
+
+@dataclass(frozen=True)
+class _BestChange:
+    """The change of channels that leaves least.
+
+    Attributes
+    ----------
+    amount : float
+        Less the neutral one.
+    half_widths : Series
+        What its 95 % interval makes of masses and coefficients.
+    """
+
+    amount: float
+    half_widths: pd.Series
+
+
+def _best_change(
+    comparison: _Comparison, change: _Change, step: float
+) -> _BestChange | None:
+    """The minimum of a parabola; None if the data hardly feel the change."""
+    weights = comparison.weights
     low = _changed(comparison, change, -step)
     high = _changed(comparison, change, step)
     slope = (high.squares - low.squares) @ weights / (2 * step)
     twice = 2 * comparison.squares
     bend = (high.squares + low.squares - twice) @ weights / step**2
-    squares = comparison.squares.sum(axis=0) @ weights
-    if 0.5 * bend.sum() * (_TENTH * step) ** 2 < _FELT * squares:
+    squares = _size(comparison, comparison.squares)
+    if 0.5 * bend.sum() * (_TENTH * change.step) ** 2 < _FELT * squares:
         return None
-    best, spread = _minimum(slope, bend)
-    if change.neutral + best < 0:
-        return None
-
+    amount, spread = _minimum(slope, bend)
     rate = (high.values - low.values) / (2 * step)
-    at_best = _changed(comparison, change, best)
-    here = comparison.parameters(comparison.model)
-    return comparison.alternative(
-        change.description.format(change.neutral + best),
-        change.place,
-        _Numbers(here, at_best.values, _QUANTILE * rate.abs() * spread, 0.0 * here),
-        comparison.masses_and_stiffnesses,
-        at_best.squares,
-        at_best.model,
-    )
+    return _BestChange(amount, _QUANTILE * rate.abs() * spread)
+
+
+def _size(comparison: _Comparison, squares: np.ndarray) -> float:
+    """Weighted sum of squared residuals."""
+    return float(squares.sum(axis=0) @ comparison.weights)
 
 
 def _changes(data: Dataset) -> Iterator[_Change]:

@@ -38,7 +38,7 @@ class InputForm:
     ----------
     name : str
     reason : str
-        Why an argument beside it has no effect.
+        Why another argument has no effect.
     provides : frozenset of str
         What methods may require.
     uses : frozenset of str

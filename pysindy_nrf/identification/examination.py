@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from operator import attrgetter
 
 import pandas as pd
@@ -35,11 +36,13 @@ _CURE_OF_LOST_MASS = (
 )
 
 
+@cache
 def _no_missing_terms() -> pd.DataFrame:
     columns = ["residual", "gain", "missing", "shift", "lasting"]
     return pd.DataFrame(columns=columns, dtype=float).assign(biased=False)
 
 
+@cache
 def _no_jumps() -> pd.DataFrame:
     return pd.DataFrame(columns=["found", "away", "lost", "wrong", "unit"])
 
@@ -176,7 +179,7 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     for probe in probes:
         forces += probe.sentences()
     masses = doubtful_masses(solution, model.units)
-    for sentence in lost_masses(model.masses, model.laws):
+    for sentence in lost_masses(model.masses, model.laws, model.units):
         masses.append(f"{sentence}: {_CURE_OF_LOST_MASS}")
     if data.records:
         masses += _wrong_masses(problem, data, error)

@@ -12,13 +12,15 @@ from numpy.typing import ArrayLike
 from sklearn.utils.validation import check_is_fitted
 
 from ..chain.model import ChainModel
+from ..common.warn import warn_user
 from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.limits import Diagnosis, diagnose
+from ..diagnosis.rules import BEYOND_NUMBERS, GOOD_RUN
 from ..diagnosis.site_loops import loops_of
 from ..diagnosis.verdict import Verdict
 from ..drawing.matplotlib_renderer import Drawing
 from ..equations.errors import explained_accelerations, judge
-from ..exceptions import ChannelError
+from ..exceptions import ChannelError, SensitivityWarning
 from ..records.channels import require_two_dimensions, sample_weights
 from ..records.dataset import Dataset, feature_names
 from ..records.input_arrays import Input, InputSettings, as_dataset, records_in
@@ -257,13 +259,13 @@ class FittedChain:
     ) -> pd.DataFrame:
         """Intervals of masses and coefficients, or of what follows from the model.
 
-        The whole chain is solved again without each of some 64 consecutive pieces of
+        The entire chain is solved again without each of some 64 consecutive pieces of
         the data (jackknife, neighbours correlated: Newey and West), so an error in one
         storey reaches every mass below it. Shape parameters and the choice of terms are
         taken as known: the error of a wrong law is not in the interval (see
         ``missing_terms_``). For a least-squares fit to Records the motions are fused
         DOF by DOF, because the remaining noise of a joint fusion is correlated over the
-        whole record. Compute intervals before pickling, which leaves the data behind.
+        entire record. Compute intervals before pickling, which leaves the data behind.
 
         Parameters
         ----------
@@ -418,6 +420,10 @@ class FittedChain:
     ) -> Record:
         """Free run of the identified model; see :func:`pysindy_nrf.simulate`.
 
+        A nonlinear model runs two more times, with parameters that differ by about one
+        standard error. If that moves the run by more than sensors notice, a
+        SensitivityWarning says by how much.
+
         Parameters
         ----------
         F : array-like of shape (n_samples, n_dof) or DataFrame
@@ -440,4 +446,26 @@ class FittedChain:
             )
         if hasattr(F, "columns"):
             F = forces_by_name(F, self.model_.n_dof)
-        return simulate(self.model_, F, step, x0=x0, v0=v0, **options)
+
+        def run_of(model: ChainModel) -> Record:
+            return simulate(model, F, step, x0=x0, v0=v0, **options)
+
+        run = run_of(self.model_)
+        spread = self.result_.spread_of_run(run, run_of)
+        if spread > GOOD_RUN:
+            _warn_of_sensitivity(spread)
+        return run
+
+
+def _warn_of_sensitivity(spread: float) -> None:
+    """Say that errors of the parameters move a run by a percentage."""
+    size = "beyond numbers"
+    if spread < BEYOND_NUMBERS:
+        size = f"by {spread:.2g} % of its motion"
+    warning = SensitivityWarning(
+        "The free run is sensitive: one standard error of the parameters moves it"
+        f" {size}",
+        "Compare its spectrum or its amplitudes, not its samples; or measure longer,"
+        " under forces like these.",
+    )
+    warn_user(warning, SensitivityWarning)

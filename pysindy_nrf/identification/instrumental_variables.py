@@ -21,7 +21,6 @@ from ..equations.chain_solve import Solution, model_of, solve
 from ..equations.normal_equations import NormalEquations
 from ..exceptions import IdentifiabilityError, NRFError, SimulationError
 from ..records.dataset import Dataset, Segment
-from .free_runs import in_valid_rows
 from .instruments import (
     LEAST_CORRELATION,
     EquationWeights,
@@ -30,6 +29,7 @@ from .instruments import (
     Whiteners,
 )
 from .problem import Problem
+from .residual_along_runs import residual_along
 
 MAX_ROUNDS = 8
 # Rounds before the equations are weighted.
@@ -100,15 +100,7 @@ class IVResult:
             if run is not None:
                 measured.append(segment)
                 simulated.append(run)
-        of_measured = self.model.balance_forces(Dataset(measured, data.n_samples))
-        of_simulated = self.model.balance_forces(Dataset(simulated, data.n_samples))
-
-        judged = []
-        for segment, run, along, free in zip(
-            measured, simulated, of_measured, of_simulated
-        ):
-            residual = segment.F[segment.valid] - along
-            judged.append(replace(run, F=in_valid_rows(segment, residual + free)))
+        judged = residual_along(self.model, measured, simulated)
         return Dataset(judged, data.n_samples)
 
 

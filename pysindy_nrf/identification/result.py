@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -22,10 +22,11 @@ from ..diagnosis.facts import (
     Alternative,
     AmbiguousInterval,
     Facts,
+    OtherModel,
     ShapeAtEnd,
     facts_of_model,
 )
-from ..diagnosis.free_run import FreeRuns, free_runs
+from ..diagnosis.free_run import FreeRuns, free_runs, spread_of
 from ..diagnosis.open_alternatives import OpenAlternatives
 from ..diagnosis.rules import GOOD_RUN
 from ..diagnosis.unseen_drifts import unseen_drifts
@@ -39,11 +40,13 @@ from ..exceptions import (
     NRFWarning,
 )
 from ..records.dataset import Dataset
+from ..records.record import Record
 from ..report.summary import Summary, summary_of
 from ..report.words import band_text
 from .alternatives import alternatives_of
 from .ambiguity import ambiguous_in, table_with_ambiguity
 from .examination import Examination
+from .half_samples import half_sample_models, may_be_sensitive
 from .intervals import (
     AskedFor,
     IntervalMaker,
@@ -282,9 +285,7 @@ class IdentificationResult(PlainState):
             return self.resolver
         data = self.require_data(_NO_DATA)
         if not self.intervals_withheld:
-            # the first fusion has warned
-            with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
-                data = data.apart
+            data = _fused_apart(data)
         resolver = self._joint_resolver(data)
         if resolver is None:
             resolver = least_squares_resolver(self.problem, self.order, data)
@@ -448,7 +449,41 @@ class IdentificationResult(PlainState):
         if self.channel_runs is not None:
             return self.channel_runs
         data = self.require_data("Fit again to run the model over its data.")
-        return free_runs(self.model, data, self.problem.filters(data))
+        filters = self.problem.filters(data)
+        return free_runs(self.model, data, filters, beside=self.half_sample_models)
+
+    @cached_property
+    def half_sample_models(self) -> tuple[ChainModel, ...]:
+        """Models that differ from the estimate by about one standard error.
+
+        Empty for chains of springs and dashpots, and where there are none.
+        """
+        if not may_be_sensitive(self.model):
+            return ()
+        try:
+            return half_sample_models(self.intervals.resolver)
+        except NRFError:
+            # the data are gone
+            return ()
+
+    def spread_of_run(
+        self, run: Record, run_beside: Callable[[ChainModel], Record]
+    ) -> float:
+        """Percent of a free run by which errors of the parameters move it.
+
+        Parameters
+        ----------
+        run : Record
+            Of the model.
+        run_beside : callable
+            Makes the run of another model under the same forces.
+
+        Returns
+        -------
+        float
+            By one standard error of the parameters; NaN where that is not known.
+        """
+        return spread_of(run, self.half_sample_models, run_beside)
 
     @property
     def unexplained(self) -> dict[int, float]:
@@ -458,21 +493,21 @@ class IdentificationResult(PlainState):
 
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """What the data allow beside the model, where every floor has a sensor."""
+        """What the data allow besides the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
-        follows = self.free_runs.error < GOOD_RUN
+        data, identified = self.data, None
+        if not self.biased_by_noise and self.free_runs.error < GOOD_RUN:
+            data, identified = _fused_apart(data), self.model
         try:
-            return alternatives_of(
-                self.problem, self.data, self.model if follows else None
-            )
+            return alternatives_of(self.problem, data, identified)
         except NRFError:
             # excerpts of these data cannot be solved
             return ()
 
     @cached_property
     def beside_noise(self) -> BesideNoise:
-        """What the model leaves of each equation, beside what noise would leave."""
+        """What the model leaves of each equation, and what noise would leave."""
         if self.data is None or self.motions:
             return BesideNoise()
         try:
@@ -553,8 +588,19 @@ class IdentificationResult(PlainState):
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the model may be used, what it holds, and why not."""
+        return self.verdict_beside(())
+
+    def verdict_beside(self, others: Sequence[OtherModel]) -> Verdict:
+        """The verdict on the model where it was compared with others."""
+        facts = replace(self.facts, other_models=tuple(others))
         if self.data is None:
-            return verdict_after_search(self.facts, None)
+            return verdict_after_search(facts, None)
         records = records_of(self.data)
         search = partial(wiring_error, self.problem, self.model, records)
-        return verdict_after_search(self.facts, search)
+        return verdict_after_search(facts, search)
+
+
+def _fused_apart(data: Dataset) -> Dataset:
+    """Each DOF fused by itself; the first fusion has warned."""
+    with warnings.catch_warnings(action="ignore", category=DataQualityWarning):
+        return data.apart

@@ -245,10 +245,12 @@ class Segment:
         Every rate and every force counts by its variance.
         """
         channels = np.hstack([self.v[self.valid][rows], self.F[self.valid][rows]])
-        channels = np.nan_to_num(channels)
+        channels = np.where(np.isnan(channels), 0.0, channels)
         with np.errstate(over="ignore", invalid="ignore"):
-            variance = np.maximum(channels.var(axis=0), _NO_VARIANCE)
-            energy = np.append(0.0, np.cumsum((channels**2 / variance).sum(axis=1)))
+            squares = np.square(channels)
+            variance = squares.mean(axis=0) - channels.mean(axis=0) ** 2
+            power = squares @ (1.0 / np.maximum(variance, _NO_VARIANCE))
+            energy = np.append(0.0, np.cumsum(power))
         of_stretches = energy[size:] - energy[: len(energy) - size]
         return rows.start + int(np.argmax(of_stretches))
 

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from pysindy_nrf import ChainModel, NRFRegressor, excitation, laws, simulate
+from pysindy_nrf import ChainModel, NRFRegressor, Record, excitation, laws, simulate
 from pysindy_nrf.diagnosis import Facts, effect_words, verdict_from
+from pysindy_nrf.exceptions import SensitivityWarning
 from pysindy_nrf.simulation import add_noise
 
 
@@ -103,6 +105,31 @@ def test_blows_that_only_push_accuse_neither_force_nor_channels(milliseconds):
     verdict = NRFRegressor(degree=1).fit(add_noise(sampled, 0.003)).verdict()
     assert not kinds(verdict) & {"quality", "channel", "wiring", "alternative"}
     assert verdict.state != "red"
+
+
+def test_a_chaotic_motion_is_said_and_its_parameters_are_right():
+    """Ueda's oscillator: a cubic spring under a cosine (1979), by SciPy."""
+    t = np.arange(0.0, 100.0, 0.02)
+    F = 7.5 * np.cos(t)
+
+    def rates(time, state):
+        force = 7.5 * np.cos(time) - 0.05 * state[1] - state[0] ** 3
+        return [state[1], force]
+
+    run = solve_ivp(rates, t[[0, -1]], [0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-9)
+    x, v = run.y
+    a = F - 0.05 * v - x**3
+    columns = {"force": F, "acceleration": a, "displacement": x}
+    clean = Record(time=t, **{name: y[:, None] for name, y in columns.items()})
+    fitted = NRFRegressor(degree=3).fit(add_noise(clean, 0.01, random_state=0))
+
+    verdict = fitted.verdict()
+    assert kinds(verdict) == {"sensitivity"}
+    assert verdict.state == "amber"
+    assert fitted.masses_[0] == pytest.approx(1.0, rel=0.01)
+    with pytest.warns(SensitivityWarning, match="% of its motion"):
+        fitted.simulate(F[:, None], dt=0.02)
+    fitted.simulate(F[:200, None], dt=0.02)  # too short to part
 
 
 def test_a_harmonic_force_is_named_by_its_amplitude():

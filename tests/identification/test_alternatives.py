@@ -71,6 +71,30 @@ def test_noise_that_biases_least_squares_hides_no_ambiguity():
     assert named(fitted)
 
 
+def test_noise_opens_no_alternative_beside_a_shaken_base():
+    """Drifts of displacements bias least squares, by more with a brace beside it."""
+    masses = np.array([11.0, 6.5, 11.4])
+    storeys = {}
+    for i, k in enumerate((1.76e4, 3.26e4, 3.14e4), 1):
+        storeys[i] = spring_and_dashpot(k, 1.5e-3 * k)
+    base = excitation.band_limited_random(
+        1, 16.0, 256.0, excited=[1], rms=1.0, band=(1.35, 27.5), random_state=4
+    )
+    clean = simulate(
+        ChainModel(masses, storeys),
+        np.zeros((len(base), 3)),
+        1 / 256,
+        hold="cubic",
+        base_acceleration=base[:, 0],
+    )
+    measured = clean.replace(velocity=None, displacement=None)
+    record = add_noise(measured, 0.005, random_state=4)
+    fitted = NRFRegressor(degree=1, known_masses={1: 11.0}).fit(record)
+    assert fitted.result_.method == "iv"
+    assert fitted.masses_ == pytest.approx(masses, rel=0.01)
+    assert named(fitted) == []
+
+
 def hit_once_a_floor(model, noise=0.01):
     """A record of one blow on each floor, and of the decay after it."""
     fs = 500.0

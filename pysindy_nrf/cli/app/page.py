@@ -65,7 +65,7 @@ h2 { font-size: 1.25rem; line-height: 1.3; margin: 1rem 0 .3rem; font-weight: 60
 
 
 def build(nicegui: ModuleType) -> None:
-    """Define the page; each browser window gets a folder and a state of its own."""
+    """Define the page; each browser window gets a folder and its own state."""
     ui, app = nicegui.ui, nicegui.app
     windows: dict[str, Window] = {}
 

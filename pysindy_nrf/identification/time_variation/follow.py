@@ -34,7 +34,7 @@ def with_time_variation(
     ------
     ChainError
         If there are several records, a site or a term is not in the model, or an
-        optimizer or constraints stand beside.
+        optimizer or constraints are used.
     ChannelError
         If the record has no clock or is too short.
     """

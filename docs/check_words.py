@@ -2,17 +2,19 @@
 
     python docs/check_words.py              # every page; exit code 1 if one fails
     python docs/check_words.py FILE...      # some pages
-    python docs/check_words.py --package    # and docstrings, messages of the package
+    python docs/check_words.py --package    # and docstrings, help, messages
 
 The text of a page is its prose: without code, tables, formulas and directives. A list
 item is a paragraph of its own. A sentence ends with a full stop, a question mark or an
-exclamation mark before a blank and a capital letter, and with its paragraph.
+exclamation mark before a blank and a capital letter, and with its paragraph. The text
+of a docstring is its prose and that of its entries, without names, types and examples.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import inspect
 import re
 import sys
 from collections.abc import Iterator
@@ -42,7 +44,37 @@ DIARY = {
     r"nowadays|at the moment|so far|(this|our) machine": "what is so today",
     r"agents?|tonight|briefs?": "nothing",
 }
-UNWANTED_ON_PAGES = DIALECT | DIARY
+# Words of old or vague use.
+VAGUE = {
+    r"of (its|their) own": "'separate', 'its'",
+    r"beside": "with, next to, in addition to",
+    r"(?<!as a )whole(?! (number|sample)s?)": "entire, complete, all of",
+    r"but for": "except",
+    r"anew": "again",
+    r"as of": "'as returned by'",
+    r"rivals?(?! explanations?)|rivalled": "other explanations",
+}
+UNWANTED_ON_PAGES = DIALECT | DIARY | VAGUE
+# In the docstrings of public names and in the help of commands.
+UNWANTED_IN_DOCSTRINGS = DIALECT | VAGUE
+
+# Sections of numpydoc whose lines without an indent are names and types.
+ENTRIES = (
+    "Attributes",
+    "Other Parameters",
+    "Parameters",
+    "Raises",
+    "Returns",
+    "See Also",
+    "Warns",
+    "Yields",
+)
+HEADING = re.compile(r"^(\w[\w ]*)\n-{3,}$", re.MULTILINE)
+DOCTEST = re.compile(r"^ *>>> .*?(?=^\s*$|\Z)", re.DOTALL | re.MULTILINE)
+ROLE = re.compile(r":[\w:]+:`[^`]*`")
+# Blocks of help that the command line prints as they are.
+PREFORMATTED = re.compile(r"^ *\x08\n(.+\n?)*", re.MULTILINE)
+DIRECTIVE = re.compile(r"^\.\. \w+::.*(\n( .*)?$)*", re.MULTILINE)
 
 CODE_BLOCK = re.compile(r"^( *)(```|~~~).*?^\1\2[^\n]*$", re.DOTALL | re.MULTILINE)
 HTML_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
@@ -53,6 +85,7 @@ INLINE_CODE = re.compile(r"`+[^`]+`+")
 INLINE_FORMULA = re.compile(r"\$[^$\n]+\$")
 FRONT_MATTER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
 LIST_ITEM = re.compile(r"^\s*([-*]|\d+\.)\s+")
+BLOCK_AFTER_COLONS = re.compile(r"::\n\n( .*\n|\n)+")
 SENTENCE_END = re.compile(r"(?<=[.?!])[\"')*]*\s+(?=[\"'(*_]*[A-Z0-9])")
 ABBREVIATION_END = re.compile(r"(?:\b(?:eqs?|Figs?|e\.g|i\.e|vs|approx)|\.)\.$")
 WORD = re.compile(r"[A-Za-z0-9][\w'’.,/%+-]*")
@@ -230,7 +263,82 @@ def strings_of(path: Path) -> Iterator[Sentence]:
                 yield Sentence(node.lineno, INLINE_CODE.sub("", node.value))
 
 
-def faults_of_the_package() -> list[Fault]:
+def prose_of_docstring(doc: str) -> str:
+    """The prose of a docstring, with its number of lines.
+
+    Headings, names and types of entries, examples and formulas are left out.
+    """
+    text = inspect.cleandoc(doc)
+    for pattern in (DOCTEST, DIRECTIVE, PREFORMATTED):
+        text = pattern.sub(blank, text)
+    text = BLOCK_AFTER_COLONS.sub(lambda match: "." + blank(match), text)
+    for pattern in (ROLE, INLINE_CODE):
+        text = pattern.sub(lambda match: "code" + blank(match), text)
+    pieces = HEADING.split(text)
+    prose = [pieces[0]]
+    for heading, body in zip(pieces[1::2], pieces[2::2]):
+        prose.append("\n")
+        for line in body.splitlines(keepends=True):
+            is_entry = heading in ENTRIES and not line.startswith(" ")
+            prose.append("\n" if is_entry else line.lstrip(" "))
+    return "".join(prose)
+
+
+def public_docstrings(tree: ast.Module) -> Iterator[Sentence]:
+    """Docstrings of a module, of its public classes, functions and methods."""
+    pending: list[ast.AST] = [tree]
+    while pending:
+        node = pending.pop()
+        if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            continue
+        if getattr(node, "name", "").startswith("_"):
+            continue
+        doc = ast.get_docstring(node, clean=False)
+        if doc:
+            yield Sentence(node.body[0].lineno, doc)
+        if not isinstance(node, ast.FunctionDef):
+            pending += node.body
+
+
+def help_texts(tree: ast.Module) -> Iterator[Sentence]:
+    """Texts that the command line prints of its options."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.keyword) and node.arg in ("help", "short_help"):
+            if isinstance(node.value, ast.Constant):
+                yield Sentence(node.value.lineno, str(node.value.value))
+
+
+def read_module(path: Path) -> Page:
+    """Read and check the docstrings of a module, and its help texts."""
+    name = str(path.relative_to(ROOT))
+    tree = ast.parse(path.read_text("utf-8"))
+    sentences: list[Sentence] = []
+    faults: list[Fault] = []
+    for text in [*public_docstrings(tree), *help_texts(tree)]:
+        prose = prose_of_docstring(text.text)
+        for paragraph in paragraphs(prose):
+            sentences += sentences_of(Sentence(text.line, paragraph.text))
+        for fault in unwanted_words(name, prose, UNWANTED_IN_DOCSTRINGS):
+            faults.append(Fault(name, text.line + fault.line - 1, fault.text))
+    faults += long_sentences(name, tuple(sentences))
+    page = Page(name, tuple(sentences), tuple(faults))
+    if page.average > MOST_ON_AVERAGE:
+        faults.append(Fault(name, 1, f"{page.average:.1f} words a sentence on average"))
+    return Page(name, tuple(sentences), tuple(faults))
+
+
+def read_package() -> Page:
+    """All docstrings and help texts of the package as one page."""
+    sentences: list[Sentence] = []
+    faults: list[Fault] = []
+    for path in sorted((ROOT / "pysindy_nrf").rglob("*.py")):
+        module = read_module(path)
+        sentences += module.sentences
+        faults += module.faults
+    return Page("docstrings and help", tuple(sentences), tuple(faults))
+
+
+def faults_of_messages() -> list[Fault]:
     """Unwanted words in docstrings and messages; examples in docstrings are code."""
     faults = []
     for path in sorted((ROOT / "pysindy_nrf").rglob("*.py")):
@@ -278,7 +386,9 @@ def main() -> int:
     pages = [read_page(path) for path in options.files or all_pages()]
     faults = [fault for page in pages for fault in page.faults]
     if options.package:
-        faults += faults_of_the_package()
+        package = read_package()
+        pages.append(package)
+        faults += [*package.faults, *faults_of_messages()]
 
     print(table(pages))
     for fault in faults:

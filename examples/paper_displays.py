@@ -35,7 +35,8 @@ from pysindy_nrf.records.fusion.kinematics import base_acceleration_if_any, base
 from pysindy_nrf.records.input_arrays import from_arrays
 from pysindy_nrf.report.figures.evidence import before_after_figure
 from pysindy_nrf.report.figures.forces import energy_figure, loop_figure, surface_figure
-from pysindy_nrf.report.figures.motion import below, change_figure, modes_figure
+from pysindy_nrf.report.figures.modes import modes_figure
+from pysindy_nrf.report.figures.motion import below, change_figure
 
 _OVER = {
     "time": ("time", "s"),

@@ -72,7 +72,7 @@ class ChannelError(NRFError):
 
 
 class ChannelTypeError(ChannelError, TypeError):
-    """A channel contains what is no number (also a ``TypeError``, as of ``float``)."""
+    """A channel contains what is no number (also a ``TypeError``)."""
 
 
 class ChainError(NRFError):
@@ -80,7 +80,7 @@ class ChainError(NRFError):
 
 
 class UnknownSiteError(ChainError, KeyError):
-    """A model has no such site (also a ``KeyError``, as of any mapping)."""
+    """A model has no such site (also a ``KeyError``, as for any mapping)."""
 
     __str__ = Exception.__str__
 
@@ -164,7 +164,7 @@ class NRFWarning(_WhatAndCure, UserWarning):
     Parameters
     ----------
     what, cure : str
-        As of :class:`NRFError`; ``what`` may be the whole message.
+        As for :class:`NRFError`; ``what`` may be the entire message.
 
     Examples
     --------

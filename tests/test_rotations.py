@@ -25,7 +25,7 @@ from pysindy_nrf import (
 )
 from pysindy_nrf.cli import run
 from pysindy_nrf.common.unit_system import ROTATION, TRANSLATION
-from pysindy_nrf.exceptions import ChannelError
+from pysindy_nrf.exceptions import ChannelError, SimulationError
 from pysindy_nrf.records.files import write_record
 from pysindy_nrf.report import as_html, write_workbook
 
@@ -228,6 +228,16 @@ def test_a_chain_of_rotations_is_declared_for_arrays(fitted, path):
     model = NRFRegressor(degree=1, chain=chain, dt=2e-3).fit(X, F).model_
     assert "kg m^2" in str(model)
     assert eval(repr(chain)) == chain != Chain(2)
+
+
+def test_masses_that_cannot_move_are_inertias():
+    shaft_without_inertia = ChainModel(
+        [0.5, -0.2],
+        {1: laws.LinearElastic(800.0), 2: laws.LinearElastic(400.0)},
+        Chain(2, rotates=True),
+    )
+    with pytest.raises(SimulationError, match=r"-0\.2 kg m\^2"):
+        simulate(shaft_without_inertia, np.ones((10, 2)), 1e-3)
 
 
 def test_translations_print_as_before():

@@ -15,9 +15,46 @@ def test_a_page_has_short_sentences_plain_words_and_living_links(path):
     assert not page.faults, "\n".join(map(str, page.faults))
 
 
-def test_messages_and_docstrings_have_plain_words():
-    faults = words["faults_of_the_package"]()
+def test_messages_have_plain_words():
+    faults = words["faults_of_messages"]()
     assert not faults, "\n".join(map(str, faults))
+
+
+def test_docstrings_and_help_have_short_sentences_and_plain_words():
+    package = words["read_package"]()
+    assert len(package.sentences) > 5000
+    assert not package.faults, "\n".join(map(str, package.faults))
+
+
+def test_prose_of_a_docstring_is_its_sentences_and_those_of_its_entries():
+    doc = """Sum two numbers.
+
+    Both are :class:`floats`, or ``inf``. A formula is no prose::
+
+        c = a + b
+
+    Parameters
+    ----------
+    a, b : float
+        In metres. None is none.
+
+    Examples
+    --------
+    >>> print("A line. Another.")
+    A line. Another.
+    """
+    prose = words["prose_of_docstring"](doc)
+    found = []
+    for paragraph in words["paragraphs"](prose):
+        found += [s.text for s in words["sentences_of"](paragraph)]
+    assert found == [
+        "Sum two numbers.",
+        "Both are code, or code.",
+        "A formula is no prose.",
+        "In metres.",
+        "None is none.",
+    ]
+    assert len(prose.splitlines()) <= len(doc.splitlines())
 
 
 def page_of(tmp_path, text):

@@ -132,9 +132,9 @@ def plan_solve_order(
     """Order of the solve of a chain (paper eqs. 3-5).
 
     ``sites`` are those at which laws act, all sites of the chain if None. With
-    ``alone``, every equation is solved by itself, so "auto" is never joint: from the
-    upper end down where all DOFs are forced, because a law that is known no longer
-    stands among the columns, whose noise makes all masses and stiffnesses small.
+    ``alone``, every equation is solved by itself, so "auto" is never joint. Where all
+    DOFs are forced it solves from the upper end down: a law that is known is then no
+    column, and noise of columns makes masses and stiffnesses too small.
     """
     no_force = frozenset(dofs_of("unknown", unknown, chain.n_dof))
     forced = frozenset(dofs_of("excited", excited, chain.n_dof)) - no_force

@@ -41,7 +41,7 @@ MotionData = npt.ArrayLike | Record | Sequence[Record] | Dataset
 
 
 class DataOptions(TypedDict, total=False):
-    """What is given beside the motion, see :meth:`ChainModel.predict`."""
+    """What is given besides the motion, see :meth:`ChainModel.predict`."""
 
     record: npt.ArrayLike | None
     time: npt.ArrayLike | None
@@ -315,7 +315,7 @@ class ChainModel:
             lightest = int(np.argmin(self.masses)) + 1
             what = f"m{lightest} is not positive"
             raise ChainError(what, "Modes need positive masses.")
-        lost = lost_masses(self.masses, self.laws)
+        lost = lost_masses(self.masses, self.laws, self.units)
         if lost:
             raise ChainError(lost[0], "Modes need positive masses; weigh that floor.")
 

@@ -50,7 +50,7 @@ class Plan:
 
 
 class PlanOptions(TypedDict, total=False):
-    """Arguments of :func:`plan` beside the chain."""
+    """Arguments of :func:`plan` besides the chain."""
 
     can_hit: int | Iterable[int] | None
     sensors: int | Iterable[int] | None

@@ -25,7 +25,12 @@ if TYPE_CHECKING:
     from ..monitoring.change import ChangeReport
     from ..records.dataset import Dataset
     from ..records.record import Record
+    from ..report.figures.modes import MovingModes
     from ..report.results_page import ResultsPage
+
+
+# Headings of columns in percent.
+_HEAD_OF_CHANGES = {"change": "change (%)", "error": "standard error (%)"}
 
 
 class ForcesOptions(opt.FitOptions):
@@ -283,18 +288,29 @@ def _draw_changes(report: ChangeReport, path: Path) -> list[Path]:
     """Draw where the force of each storey changed, in the same colours."""
     from ..drawing.matplotlib_renderer import save
 
-    figures = _maps_of_changes(report)
+    figures = _maps_of_changes(report, report.storeys)
     return save(path, figures, columns=min(3, len(figures)))
 
 
-def _maps_of_changes(report: ChangeReport) -> list[Figure]:
-    """Where the force of each storey changed, in the same colours."""
+def _maps_of_changes(report: ChangeReport, storeys: Sequence[str]) -> list[Figure]:
+    """Where the force of storeys changed, in the same colours."""
     from ..report.figures.motion import change_figure
 
     maps = {site: report.map(site) for site in report.storeys}
     largest = max(changes["change"].abs().max() for changes in maps.values())
     units = report.before.units
-    return [change_figure(maps[site], site, largest, units=units) for site in maps]
+    return [change_figure(maps[site], site, largest, units=units) for site in storeys]
+
+
+def _table_of_modes(report: ChangeReport) -> Table:
+    """Modes of both tests, and how alike their shapes are."""
+    from ..drawing.tables import table
+
+    head = {"mac": "MAC"}
+    for when in ("before", "after"):
+        head[f"frequency {when}"] = f"frequency {when} (Hz)"
+        head[f"damping {when}"] = f"damping {when} (share of critical)"
+    return table("Modes of the linear part", report.modes, head, index="mode")
 
 
 def _page_of_changes(
@@ -302,24 +318,26 @@ def _page_of_changes(
 ) -> ResultsPage:
     """The page of two tests: what changed, where, and both fits."""
     from ..drawing.tables import table
+    from ..report.figures.modes import MovingModes, modes_of_two_tests
     from ..report.results_page import ResultsPage
 
-    parts: list[Figure | Table] = []
+    parts: list[Figure | Table | MovingModes] = []
     if len(report.changed):
-        parts.append(table("What changed", report.changed))
-    parts += _maps_of_changes(report)
-    parts.append(table("The tests fitted apart", report.table))
+        parts.append(table("What changed", report.changed, _HEAD_OF_CHANGES))
+    changed = set(report.changed["place"])
+    parts += _maps_of_changes(report, [s for s in report.storeys if s in changed])
+    parts.append(table("The tests fitted apart", report.table, _HEAD_OF_CHANGES))
     if len(report.modes):
-        parts.append(table("Modes of the linear part", report.modes, index="mode"))
+        both = modes_of_two_tests(report.before.modes(), report.after.modes())
+        parts.append(MovingModes("Modes of the linear part in both tests", both))
+        parts.append(_table_of_modes(report))
     sentences = str(report).splitlines()
-    care = sentences[1:]
-    for name, verdict in verdicts.items():
-        care.append(f"The fit {name} is {verdict.state}: {verdict.sentence}")
     return ResultsPage(
         "What changed between two tests",
         sentences[0],
         parts,
-        (*care, *session.warnings),
+        {f"The fit {name}": verdict for name, verdict in verdicts.items()},
+        (*sentences[1:], *session.warnings),
         session.provenance(),
     )
 

@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Unpack
 import click
 
 from . import options as opt
+from .exit_codes import code_of_verdict
 from .parameters import PATH, RANGE, Band, Degree
-from .printing import table_text
+from .printing import table_text, verdict_data, verdict_text
 from .session import Session
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from ..diagnosis.verdict import Verdict
+    from ..records.record import Record
     from ..report.results_page import ResultsPage
     from ..selection.selection import OrderSelection
 
@@ -202,10 +205,12 @@ def _as_option(order: Degree | tuple[int, ...]) -> str:
 @opt.json_option
 def compare(
     file: Path | None, as_json: bool, **options: Unpack[ComparisonOptions]
-) -> None:
+) -> int:
     """Fit plain SINDy and this package to the same record and judge both on its end.
 
-    FILE is one record on a base at rest; every force is known.
+    FILE is one record on a base at rest; every force is known. The verdict is that of
+    the model of this package (the row "instrumental variables"). It names models of
+    SINDy that predict the end of the record better.
 
     \b
     Examples
@@ -235,8 +240,11 @@ def compare(
             time_limit=options["time_limit"],
             truth=truth,
         )
+        verdict = _verdict_of_comparison(options, record, table)
 
     share = 100 * options["heldout"]
+    session.conclude_headed("Verdict", verdict_text(verdict))
+    session.drop_warnings(verdict.reasons)
     unknown = [name for name in table if table[name].isna().all()]
     session.conclude_headed(
         f"On the last {share:g} % of the record (errors: percent NRMSE)",
@@ -249,33 +257,41 @@ def compare(
         written = [write_table(table, folder / "comparison.csv")]
         if pages.available():
             page = folder / "comparison.html"
-            pages.write_html(page, _page_of_comparison(session, share, table))
+            content = _page_of_comparison(session, share, table, verdict)
+            pages.write_html(page, content)
             written.append(page)
-    session.finish({"record": summary(record), "table": table}, written)
+    data = {"record": summary(record), "table": table}
+    session.finish({"verdict": verdict_data(verdict), **data}, written)
+    return code_of_verdict(verdict)
+
+
+def _verdict_of_comparison(
+    options: ComparisonOptions, record: Record, table: pd.DataFrame
+) -> Verdict:
+    """The verdict on the model of this package, beside those of SINDy."""
+    from ..identification.regressor import NRFRegressor
+    from ..sindy.comparison import JUDGED, other_models
+
+    n_search = round(record.n_samples * (1 - options["heldout"]))
+    estimator = NRFRegressor(options["degree"], estimation="iv")
+    fitted = estimator.fit(record.rows(slice(0, n_search)))
+    return fitted.result_.verdict_beside(other_models(table, JUDGED))
 
 
 def _page_of_comparison(
-    session: Session, share: float, table: pd.DataFrame
+    session: Session, share: float, table: pd.DataFrame, verdict: Verdict
 ) -> ResultsPage:
     """The page of plain SINDy beside this package."""
     from ..drawing.tables import table as as_table
     from ..report.results_page import ResultsPage
 
     caption = f"On the last {share:g} % of the record (errors: percent NRMSE)"
-    shown = as_table(caption, table.dropna(axis=1, how="all"), index="model")
-    lead = _best_of(table)
+    known = table.drop(columns="note").dropna(axis=1, how="all")
+    head = {name: str(name).replace("_", " ") for name in known}
+    shown = as_table(caption, known, head, index="model")
+    lead = "All were fitted to what comes before, and judged on the end of the record."
     care = [f"{name}: {note}" for name, note in table["note"].items() if note]
     care += session.warnings
     title = "Plain SINDy and this package on one record"
-    return ResultsPage(title, lead, [shown], care, session.provenance())
-
-
-def _best_of(table: pd.DataFrame) -> str:
-    """The model that predicts best, in a sentence."""
-    measures = {"free_run": "free run", "acceleration": "acceleration"}
-    for column in table.columns:
-        for key, word in measures.items():
-            if key in str(column) and table[column].notna().any():
-                best = table[column].idxmin()
-                return f"{best} has the smallest {word} error on data left out."
-    return "No model could be judged."
+    verdicts = {"This package": verdict}
+    return ResultsPage(title, lead, [shown], verdicts, care, session.provenance())

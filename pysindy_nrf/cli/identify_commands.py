@@ -45,7 +45,8 @@ def demo(as_json: bool, **_: Unpack[DemoOptions]) -> int:
     hardens.
 
     Only floor 2 is forced and every channel carries 2 % noise. The record was
-    simulated, so the truth is printed beside what was found. No network, a few seconds.
+    simulated, so the truth is printed next to what was found. No network, a few
+    seconds.
     """
     from ..datasets import demo_truth, read_demo
     from ..identification.regressor import NRFRegressor

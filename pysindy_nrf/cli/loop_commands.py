@@ -68,7 +68,7 @@ def run_test(
     """Inspect the files of a test, find masses, restoring forces and what linear
     storeys lack, and say a verdict.
 
-    Everything goes into a folder of its own, nrf_runs/FILE (nrf_runs/FILE-2 the next
+    Everything goes into its own folder, nrf_runs/FILE (nrf_runs/FILE-2 the next
     time): the page, the model, tables, figures, and a manifest with the command, the
     versions and the SHA-256 of the files. The options are those of close-loop. The exit
     code is 4 if the verdict is red.

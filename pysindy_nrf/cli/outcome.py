@@ -62,7 +62,7 @@ class Outcome:
     responses : Responses, optional
         Where frequency responses were given.
     warnings : list of str
-        Of the fit, beside the reasons of the verdict.
+        Of the fit, besides the reasons of the verdict.
     """
 
     estimator: NRFRegressor

@@ -127,7 +127,10 @@ def _figures(outcome: Outcome, folder: Path) -> list[Path]:
     if responses is not None:
         excited = responses.measured.excited
         figures = response_figures(
-            responses.f, responses.by_measurement, responses.by_model
+            responses.f,
+            responses.by_measurement,
+            responses.by_model,
+            outcome.estimator.model_.units,
         )
         return save(
             folder / "frequency_response.png",

@@ -33,7 +33,7 @@ def _number(value: float) -> str:
 
 
 def paragraphs(notes: Sequence[str], first: str = "  - ") -> str:
-    """Notes, one a paragraph, in lines that a terminal shows whole."""
+    """Notes, one a paragraph, in lines that a terminal shows in full."""
     wrapper = textwrap.TextWrapper(
         WIDTH,
         initial_indent=first,
@@ -45,7 +45,7 @@ def paragraphs(notes: Sequence[str], first: str = "  - ") -> str:
 
 
 def verdict_text(verdict: Verdict) -> str:
-    """A verdict with its reasons, in lines that a terminal shows whole."""
+    """A verdict with its reasons, in lines that a terminal shows in full."""
     lines = [paragraphs([verdict.sentence], f"{verdict.state.upper()}: ")]
     if verdict.reasons:
         lines.append(paragraphs(verdict.reasons))

@@ -1,4 +1,4 @@
-"""Commands beside a test: ``plan`` it before, ``report`` on it afterwards."""
+"""Commands around a test: ``plan`` it before, ``report`` on it afterwards."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def report(
     """Write one page (HTML, works offline) of a result, over records.
 
     FILE is a result (model.json of identify, closed_loop.json of close-loop, what they
-    print with --json) and files of records to draw beside it. The band is that of the
+    print with --json) and files of records to draw with it. The band is that of the
     result if --band is left out.
 
     \b

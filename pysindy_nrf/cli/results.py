@@ -54,7 +54,7 @@ class Results:
     Parameters
     ----------
     output : Path
-        A folder, or one file with its manifest beside it.
+        A folder, or one file with its manifest next to it.
     single : bool
         Whether it is one file.
     inputs : sequence of Path

@@ -56,7 +56,7 @@ class Session:
         return self._results
 
     def say(self, *words: str) -> None:
-        """Print words for people at once, each on lines of its own."""
+        """Print words for people at once, each on separate lines."""
         if not self.as_json:
             _print(printable("\n".join(words)))
 

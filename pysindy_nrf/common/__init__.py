@@ -38,7 +38,7 @@ def positive(name: str, value: object, cure: str, error: type[Exception]) -> flo
 def generator(random_state: RandomState, purpose: str = "") -> np.random.Generator:
     """A generator of random numbers for a seed, a generator or None.
 
-    A purpose gives a seed a stream of its own: noise and excitation of one seed are
+    A purpose gives a seed its own stream: noise and excitation of one seed are
     independent.
     """
     seed: RandomState | np.random.SeedSequence = random_state

@@ -1,9 +1,8 @@
 """Disk cache of compiled functions, keyed by all the code that a function uses.
 
 Numba's own ``cache=True`` is not enough here. It misses the edit of a function that is
-called from another file, and it never finds a function that was made inside another
-one, as the callbacks of the laws are: with it a second process compiles for another
-two seconds.
+called from another file. It never finds a function that was made inside another one,
+such as the callbacks of the laws: a second process compiles for another two seconds.
 """
 
 import hashlib
@@ -101,8 +100,8 @@ def fingerprint(*functions: object) -> str:
 def with_unique_name(function: Callable) -> Callable:
     """The function under a name that contains its fingerprint.
 
-    Numba numbers machine code anew in each process. Code of two processes can have the
-    same number, and one would be linked in place of the other.
+    Numba numbers machine code afresh in each process. Code of two processes can have
+    the same number, and one would be linked in place of the other.
     """
     mark = fingerprint(function)[:16]
     if not function.__qualname__.endswith(mark):

@@ -67,7 +67,7 @@ _PART_OPTIONS: dict[str, Any] = {
 
 
 def jit(function: Callable) -> Dispatcher:
-    """Compile a function on its first call; it must not make arrays of its own."""
+    """Compile a function on its first call; it must not make new arrays."""
     compiled = numba.njit(**_JIT_OPTIONS)(with_unique_name(function))
     attach_cache(compiled, function)
     return compiled

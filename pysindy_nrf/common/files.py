@@ -99,7 +99,7 @@ def hold(handle: int) -> bool:
 
 
 def left_behind(target: Path, lock: str = "") -> Iterator[Path]:
-    """What processes that were killed left beside a target.
+    """What processes that were killed left next to a target.
 
     Each process locks its temporary file, or the file ``lock`` in a temporary folder.
     """

@@ -1,4 +1,4 @@
-"""What a model holds beside linear storeys, in words."""
+"""What a model holds besides linear storeys, in words."""
 
 from __future__ import annotations
 
@@ -299,12 +299,12 @@ def nonlinear_parts(
     ----------
     model : ChainModel
     shares : mapping of str to Series
-        Percent of the force of each site that a term carries, as of
+        Percent of the force of each site that a term carries, as returned by
         :func:`shares_of`; terms that carry next to nothing are not named.
     bounds : mapping of str to (float, float), optional
         95 % intervals by parameter, such as ``"storey 2: Fc"``.
     kinds : mapping of str to str, optional
-        Kinds of the nonlinear forces of power series by site, as of
+        Kinds of the nonlinear forces of power series by site, as returned by
         :attr:`~pysindy_nrf.diagnosis.significance.SeriesEstimate.kind`. Where a site
         has none, the sizes of single terms decide.
     """

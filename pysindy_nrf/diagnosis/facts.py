@@ -129,7 +129,7 @@ class Move:
     change : float
         SI units.
     half_width : float
-        Of the 95 % interval beside it, SI units; 0 if that is not much wider.
+        Of the 95 % interval with it, SI units; 0 if that is not much wider.
     """
 
     change: float
@@ -138,7 +138,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Something that the data allow beside a model.
+    """Something that the data allow besides a model.
 
     Parameters
     ----------
@@ -151,17 +151,17 @@ class Alternative:
     change : float
         By how much it moves that parameter, as a share of it.
     half_width : float
-        Half-width of the 95 % interval of that parameter beside it, as a share.
+        Half-width of the 95 % interval of that parameter with it, as a share.
     wider : float
         The same if it is much wider than without the alternative; 0 otherwise.
     residual_share : float
-        Residual of all equations of motion beside it, as a share of that of the model.
+        Residual of all equations of motion with it, as a share of that of the model.
     residual_share_by_equation : float
-        The same with every residual as a share of its own: the rms over the equations.
+        The same with each residual as a share of itself: the rms over the equations.
     moves : mapping of str to Move
         What it does to each mass and coefficient.
     model, compared : ChainModel, optional
-        The estimate beside it, and that without it from the same data.
+        The estimate with it, and that without it from the same data.
     """
 
     description: str
@@ -180,6 +180,23 @@ class Alternative:
     def reach(self) -> float:
         """How far from the model the parameter may be, as a share of it."""
         return max(abs(self.change), self.wider)
+
+
+@dataclass(frozen=True)
+class OtherModel:
+    """Another model of the same record, judged with this one on data left out.
+
+    Parameters
+    ----------
+    name : str
+    free_run, free_run_of_this : float
+        Errors of both free runs, percent NRMSE; NaN where there is none, inf where it
+        diverges.
+    """
+
+    name: str
+    free_run: float
+    free_run_of_this: float
 
 
 @dataclass(frozen=True)
@@ -225,7 +242,7 @@ class Facts:
     left_over : mapping of int to LeftOver
         Residual of each DOF whose noise is known.
     holds : tuple of str
-        What the model holds beside linear storeys, in words.
+        What the model holds besides linear storeys, in words.
     impossible_masses : mapping of int to float
         Masses by DOF that were identified and are not positive, kg.
     negative_stiffness : tuple of str
@@ -251,9 +268,11 @@ class Facts:
     shapes_at_ends : tuple of ShapeAtEnd
         Shape parameters that ended where their search ends.
     alternatives : tuple of Alternative
-        What the data allow beside the model, the one that leaves least first.
+        What the data allow besides the model, the one that leaves least first.
     ambiguous_intervals : tuple of AmbiguousInterval
         Intervals that alternatives widen, or that are withheld for them.
+    other_models : tuple of OtherModel
+        Models with which this one was compared.
     assumptions : tuple of Assumption
         What the model takes for granted; no reason against it.
     noise_is_known : bool
@@ -290,6 +309,7 @@ class Facts:
     shapes_at_ends: tuple[ShapeAtEnd, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     ambiguous_intervals: tuple[AmbiguousInterval, ...] = ()
+    other_models: tuple[OtherModel, ...] = ()
     assumptions: tuple[Assumption, ...] = ()
     noise_is_known: bool = True
     searched: bool = False
@@ -475,7 +495,7 @@ class Loop(Protocol):
 
     @property
     def identified(self) -> Identified | None:
-        """The final estimate of the model, if it has one of its own."""
+        """The final estimate of the model, if it has one."""
 
     @property
     def model(self) -> ChainModel:
@@ -527,7 +547,7 @@ class Loop(Protocol):
 
     @property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """What the data allow beside the model."""
+        """What the data allow besides the model."""
 
     @property
     def ambiguous_intervals(self) -> tuple[AmbiguousInterval, ...]:

@@ -60,7 +60,7 @@ class ForceProbes:
             if unlike:
                 sentences += unlike
             elif grams.rms:
-                sentences += distortions_of(grams)
+                sentences += distortions_of(grams, self.layout.chain.units)
         return sentences
 
     def grams(self) -> dict[int, ForceGrams]:

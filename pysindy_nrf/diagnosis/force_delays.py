@@ -1,6 +1,6 @@
 """Forces that come earlier or later than the motion they cause.
 
-The equation of motion of a forced DOF is solved with its force shifted by whole
+The equation of motion of a forced DOF is solved with its force shifted by full
 samples, from one Gram matrix. The parabola through the lowest three residuals gives the
 delay; leaving out pieces of the record gives its standard error, or, of a single blow,
 the curve of the residuals and the course of the force between two samples.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..common.unit_system import UnitSystem
 from .gram_least_squares import held_out_residual, solved, unit_columns
 from .sample_windows import FOLDS, LASTING
 
@@ -52,7 +53,7 @@ class ForceGrams:
     ----------
     dof : int
     n_own : int
-        Columns of its own laws and inertia, which stand first.
+        Columns of the laws and the inertia of the DOF, which stand first.
     n_further : int
         Probe regressors behind them, the last of which are a constant and a ramp;
         behind these stand the functions of the force, and the force over its rms.
@@ -81,7 +82,7 @@ class ForceGrams:
         return sums
 
 
-def distortions_of(grams: ForceGrams) -> list[str]:
+def distortions_of(grams: ForceGrams, units: UnitSystem) -> list[str]:
     """A sentence on the function of the force that explains most, if it is one."""
     if {fold for _, fold in grams.matrices} != set(range(FOLDS)):
         return []
@@ -116,7 +117,7 @@ def distortions_of(grams: ForceGrams) -> list[str]:
     if not LEAST_SIZE < abs(size) < LARGEST_SIZE:
         return []
     return [
-        f"F{grams.dof}: {_words(best, size, grams.rms)}, which explains"
+        f"F{grams.dof}: {_words(best, size, grams.rms, units.force)}, which explains"
         f" {removed:.0f} % of what its balance leaves, and makes masses, stiffness and"
         " damping wrong. Check its amplifier and range. Or does the structure itself do"
         " so?"
@@ -143,7 +144,7 @@ def _size(function: int, c: float, peak: float) -> float:
     return 2 * c
 
 
-def _words(function: int, size: float, rms: float) -> str:
+def _words(function: int, size: float, rms: float, unit: str) -> str:
     """What is wrong with the force."""
     percent = f"{100 * abs(size):.2g} %"
     if function == PUSH_AND_PULL:
@@ -153,7 +154,7 @@ def _words(function: int, size: float, rms: float) -> str:
     if function == SATURATION:
         too = "small (saturation)" if size > 0 else "large"
         return f"its peaks are {percent} too {too}"
-    force = f"{abs(size) * rms:.3g} N"
+    force = f"{abs(size) * rms:.3g} {unit}"
     if size > 0:
         return f"it lacks {force} on either side of zero (a dead band)"
     return f"it has {force} too much on either side of zero"

@@ -42,8 +42,8 @@ class FreeRuns:
     units : UnitSystem
         Of the model.
     spread : float
-        Percent of the measured motion by which models of halves of the data run beside
-        the model, as errors of the parameters move its run; NaN if not tried.
+        Percent of the measured motion by which models of halves of the data deviate
+        from the model, as errors of the parameters move its run; NaN if not tried.
     """
 
     table: pd.DataFrame

@@ -112,12 +112,15 @@ class MissingTerms:
         Returns
         -------
         DataFrame
-            ``missing_terms_`` of a regressor: percent of the right-hand side that is
-            unexplained (residual); percent of the held-out residual that probe
-            regressors remove (gain), and the share of the right-hand side that they
-            explain (missing); percent by which the mass moves beside them (shift);
-            percent of the held-out residual that a constant and a ramp remove
-            (lasting); whether a law is missing (biased).
+            ``missing_terms_`` of a regressor, by step of the solve.
+
+            - ``residual``: percent of the right-hand side that is unexplained.
+            - ``gain``: percent of the held-out residual that probe regressors remove.
+            - ``missing``: percent of the right-hand side that they explain.
+            - ``shift``: percent by which the mass moves with them.
+            - ``lasting``: percent of the held-out residual that a constant and a ramp
+              remove.
+            - ``biased``: whether a law is missing.
         """
         folds = self.folds.grams()
         judged: dict[str, _Judgement] = {}

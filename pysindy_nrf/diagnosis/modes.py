@@ -16,7 +16,7 @@ def equivalent_modes(model: ChainModel, loops: Sequence[SiteLoop]) -> pd.DataFra
     """Modes of the linear chain that is nearest to a model along its strongest motion.
 
     Each site gets the spring and the dashpot whose force differs least, in the mean
-    square and but for a constant, from that of its laws along some cycles about the
+    square and up to a constant, from that of its laws along some cycles about the
     largest drift (Caughey 1963, equivalent linearization). A hysteresis adds damping to
     that of the linear part, and a hardening spring raises the frequency.
 
@@ -29,7 +29,7 @@ def equivalent_modes(model: ChainModel, loops: Sequence[SiteLoop]) -> pd.DataFra
     Returns
     -------
     DataFrame
-        As of :meth:`ChainModel.modes`.
+        As returned by :meth:`ChainModel.modes`.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def modal_assurance(first: pd.DataFrame, second: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     first, second : DataFrame
-        As of :meth:`ChainModel.modes`.
+        As returned by :meth:`ChainModel.modes`.
 
     Returns
     -------

@@ -6,9 +6,9 @@ The residual of balance j is the force that the model lacks there,
 
 so a law f that is missing at a site with incidence b leaves ``e = b f``: + in the
 balance of the upper end, - in that of the lower one. Summed from the top, ``rho_i =
-sum_{j >= i} e_j`` is the force missing across the cut below DOF i: of storey i alone on
-a plain chain, and in general of storey i, of every link and ground link that crosses
-the cut, and of the DOF sites above it.
+sum_{j >= i} e_j`` is the force missing across the cut below DOF i. On a plain chain it
+is that of storey i. In general it is that of storey i, of every link and ground link
+that crosses the cut, and of the DOF sites above it.
 """
 
 from __future__ import annotations

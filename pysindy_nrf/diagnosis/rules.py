@@ -53,7 +53,7 @@ NOTICED = 5.0
 BEYOND_MEANING = 10.0
 # Alternatives that are named, those that leave least.
 MAX_ALTERNATIVES = 3
-# Factor by which a free run may get worse with an effect.
+# Factor from which on one free run is worse than another.
 WORSE_FREE_RUN = 1.1
 
 Kind = Literal[
@@ -70,6 +70,7 @@ Kind = Literal[
     "free run",  # the model alone leaves the measured motion
     "sensitivity",  # errors of the parameters lead the free run astray
     "damping",  # a mode grows by itself
+    "comparison",  # another model predicts the motion better
     "no claim",  # the search claims nothing
     "channel",  # reversed, in another unit or in the wrong column
     "wiring",  # with another mapping of the channels the balances close
@@ -464,6 +465,28 @@ def judged_error(run: FreeRunFacts) -> float:
     return run.over_periods if drifts_later else run.error
 
 
+def better_models(facts: Facts) -> list[Reason]:
+    """Another model whose free run is better, where that of this model is not good.
+
+    Below the errors of sensors a smaller error says nothing.
+    """
+    reasons = []
+    for other in facts.other_models:
+        of_this = other.free_run_of_this
+        if of_this > GOOD_RUN and of_this > WORSE_FREE_RUN * other.free_run:
+            message = (
+                f"{other.name} predicts data left out better: its free run misses"
+                f" {other.free_run:.3g} % of the motion, that of this model"
+                f" {_percent(of_this)}."
+            )
+            reasons.append(Reason("comparison", "amber", message, size=other.free_run))
+    return reasons
+
+
+def _percent(error: float) -> str:
+    return f"{error:.3g} %" if np.isfinite(error) else "all of it"
+
+
 # -- channels, records and the search ------------------------------------------
 
 
@@ -614,6 +637,7 @@ RULES: tuple[Callable[[Facts], list[Reason]], ...] = (
     growing_mode,
     sensitive_free_run,
     straying_free_run,
+    better_models,
     nothing_claimed,
     wiring,
     channel_faults,

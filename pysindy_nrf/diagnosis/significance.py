@@ -33,7 +33,7 @@ class SeriesEstimate:
         Of the terms, such as ``"v"`` or ``"s^3"``.
     coefficients : ndarray of shape (n_terms,)
     influences : ndarray of shape (n_pieces, n_terms)
-        Of each piece of the data on the coefficients, as of a jackknife.
+        Of each piece of the data on the coefficients, as in a jackknife.
     products : ndarray of shape (n_terms, n_terms)
         Sums of products of the terms along the data.
     """

@@ -1,6 +1,6 @@
 """Errors of wiring: channels reversed, exchanged, or in another unit.
 
-A fault of one channel beside another of the same floor shows in their ratio. What no
+A fault of one channel shows against another of the same floor in their ratio. What no
 ratio shows, such as a force on the wrong floor, shows in the equations of motion: with
 the right mapping of the channels they close.
 """

@@ -3,7 +3,7 @@
 A law that is there holds at every amplitude; one that bends the misfit of another law
 does not. Samples are sorted by the drift at the site into quarters. Coefficients from
 the lower three judge the upper one, those from the upper half judge the lower half. All
-columns are first computed along the whole records, memory included.
+columns are first computed along the complete records, memory included.
 """
 
 from __future__ import annotations

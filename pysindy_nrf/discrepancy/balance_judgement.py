@@ -70,7 +70,7 @@ class Remainder:
     Attributes
     ----------
     certainty : CertaintyReport
-        Beside what noise leaves.
+        Compared with what noise leaves.
     noise : SimulatedRecords or None
         What the final model would have produced; None if it has no free run.
     """

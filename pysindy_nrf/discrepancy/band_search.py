@@ -31,8 +31,8 @@ def find_bands(
     """Find the informative bands, none above the last of them.
 
     A band is informative in a balance if the best of the models (the declared one, and
-    one with flexible storeys) leaves less than half of its power on folds it was not
-    fitted to; it is connected by such bands to those that hold 90 % of the energy.
+    one with flexible storeys) leaves less than half of its power on folds left out of
+    its fit. Such bands must connect it to those that hold 90 % of the energy.
     Errors are reported where it leaves no more than ten times the share that is typical
     of the balance.
     """

@@ -1,4 +1,4 @@
-"""The search for candidates beside a state: scan them all, refine the best."""
+"""The search for candidates added to a state: scan them all, refine the best."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def refine(
     first_step: float,
     enough: float = -np.inf,
 ) -> tuple[tuple[ForceLaw, ...], FittedModel]:
-    """Laws with refined shape parameters, and the model with them beside a state.
+    """Laws with refined shape parameters, and the model with them added to a state.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def refine(
 
 
 def scan(base: SearchState, candidate: Candidate, state: SearchState) -> Finding | None:
-    """The best point of a candidate beside a base; None if it cannot stand there.
+    """The best point of a candidate added to a base; None if it cannot stand there.
 
     Its error reduction is taken over a state, from which the base may lack effects that
     the candidate replaces.
@@ -161,7 +161,7 @@ def scan(base: SearchState, candidate: Candidate, state: SearchState) -> Finding
 
 
 def scan_points(model: FittedModel, candidate: Candidate) -> list[tuple[ForceLaw, ...]]:
-    """Laws of a candidate at all points of its scan beside a model."""
+    """Laws of a candidate at all points of its scan, added to a model."""
     axes = ShapeAxes(candidate.law, model.spectra.data, candidate.sites)
     lines: Sequence[float] = ()
     if axes.is_frequency:
@@ -192,7 +192,7 @@ def best_findings(
     finalists: int,
     progress: Callable[[], object] = lambda: None,
 ) -> list[Finding]:
-    """Findings of some candidates beside a base, the best first.
+    """Findings of some candidates added to a base, the best first.
 
     All are scanned, the best refined and cross-validated.
     """

@@ -31,7 +31,7 @@ CERTAINTY = CertaintySettings()
 
 @dataclass(frozen=True)
 class Certainty:
-    """What stands beside an effect, and what it leaves.
+    """What stands next to an effect, and what it leaves.
 
     Attributes
     ----------

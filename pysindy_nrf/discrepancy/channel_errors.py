@@ -1,4 +1,4 @@
-"""Errors of all channels within tolerances, fitted beside a model.
+"""Errors of all channels within tolerances, fitted together with a model.
 
 An effect that such errors would explain as well is not claimed.
 """

@@ -9,6 +9,8 @@ import numpy as np
 from scipy.fft import irfft, rfft, rfftfreq
 
 from ..records.dataset import Dataset, Segment
+from ..records.fusion import integrate
+from ..records.record import Record
 from .prepare import PreparedRecords
 from .search_data import SearchData
 
@@ -84,13 +86,43 @@ def _sources(kind: str, dof: int, name: str, n_dof: int) -> list[int]:
     return [j for j in range(1, n_dof + 1) if j != dof]
 
 
-def motion_of_dof(segment: Segment, dof: int) -> dict[str, np.ndarray]:
-    """Displacement, velocity and acceleration of a DOF."""
-    return {
+def reads_absolute(record: Record, kind: str) -> bool:
+    """Whether a kind of channel reads the motion of the base, too."""
+    return kind == "a" or record.coordinates == "absolute"
+
+
+def motion_of_dof(segment: Segment, dof: int, absolute: bool) -> dict[str, np.ndarray]:
+    """Displacement, velocity and acceleration of a DOF.
+
+    All absolute or all relative to the base, as the channel that derives them reads.
+    """
+    motion = {
         "x": segment.s[:, :dof].sum(axis=1),
         "v": segment.v[:, :dof].sum(axis=1),
         "a": segment.a[:, dof - 1],
     }
+    if not segment.base_moves:
+        return motion
+    base = _base_motion(segment)
+    if absolute:
+        return {**motion, "x": motion["x"] + base["x"], "v": motion["v"] + base["v"]}
+    return {**motion, "a": motion["a"] - base["a"]}
+
+
+def _base_motion(segment: Segment) -> dict[str, np.ndarray]:
+    """Displacement, velocity and acceleration of the base, from the last of them.
+
+    In the band of the fused motion; NaN where the acceleration is.
+    """
+    assert segment.ag is not None and segment.dt is not None
+    known = np.isfinite(segment.ag)
+    motion = {"a": segment.ag}
+    for kind, order in (("v", 1), ("x", 2)):
+        motion[kind] = np.full(segment.n_samples, np.nan)
+        motion[kind][known] = integrate(
+            segment.ag[known], segment.dt, order=order, detrend=True
+        )
+    return motion
 
 
 class ChannelReadings:
@@ -102,9 +134,10 @@ class ChannelReadings:
         self.clean = records.clean
         self.noise = records.fusion[record].noise
         self.step = self.segment.dt or 1.0
-        motions = {c for c in records.records[record].measured if c[0] != "F"}
+        self.record = records.records[record]
+        motions = {c for c in self.record.measured if c[0] != "F"}
         self.measured = motions | self._forces()
-        self._spectra: dict[tuple[int, int], list[np.ndarray]] = {}
+        self._spectra: dict[tuple[int, int, bool], list[np.ndarray]] = {}
         self._shares: dict[tuple[str, int, int], np.ndarray] = {}
 
     def _forces(self) -> set[str]:
@@ -135,7 +168,7 @@ class ChannelReadings:
                 change = size * self._direct(error)
                 changes[error.kind] = changes.get(error.kind, 0.0) + change
                 continue
-            transforms = self._transforms(error.source, error.order)
+            transforms = self._transforms(error)
             for k, (run, transform) in enumerate(zip(self.runs, transforms)):
                 share = self._share(error.kind, error.dof, run.stop - run.start)
                 spectra[k] = spectra[k] + size * share * transform
@@ -152,22 +185,29 @@ class ChannelReadings:
         if error.kind == "F":
             channel = self.segment.F[:, error.dof - 1]
         else:
-            channel = motion_of_dof(self.segment, error.source)[error.kind]
+            channel = self._motion(error)[error.kind]
         return _derivative(np.asarray(channel, dtype=float), self.step, error.order)
 
-    def _transforms(self, dof: int, order: int) -> list[np.ndarray]:
+    def _motion(self, error: CalibrationError) -> dict[str, np.ndarray]:
+        """The motion that a channel with an error reads, too."""
+        absolute = reads_absolute(self.record, error.kind)
+        return motion_of_dof(self.segment, error.source, absolute)
+
+    def _transforms(self, error: CalibrationError) -> list[np.ndarray]:
         """Spectra of derivatives of displacement, velocity, acceleration in each run.
 
         Each of shape (3, n_lines).
         """
-        if (dof, order) not in self._spectra:
-            motion = motion_of_dof(self.segment, dof)
+        order = error.order
+        key = error.source, order, reads_absolute(self.record, error.kind)
+        if key not in self._spectra:
+            motion = self._motion(error)
             transforms = []
             for run in self.runs:
                 lines = [_derivative(motion[k][run], self.step, order) for k in "xva"]
                 transforms.append(rfft(lines))
-            self._spectra[dof, order] = transforms
-        return self._spectra[dof, order]
+            self._spectra[key] = transforms
+        return self._spectra[key]
 
     def _share(self, kind: str, dof: int, n_samples: int) -> np.ndarray:
         """Part that a channel has in the fused motion, by frequency.

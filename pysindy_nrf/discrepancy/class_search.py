@@ -93,7 +93,7 @@ class Naming:
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """What stands best at a place beside a state."""
+    """What stands best at a place, added to a state."""
 
     finding: Finding
     reduction: ErrorReduction

@@ -82,7 +82,7 @@ class Course(ABC, Generic[Records, Folds, Start, Outcome, Concluded]):
     # -- steps that do not depend on the equations -----------------------------
 
     def folds_of(self, segments: Sequence[Segment]) -> WindowedFolds:
-        """Cut all records into folds; those held out whole stand last."""
+        """Cut all records into folds; those held out completely stand last."""
         n_searched = len(self.request.records)
         window = window_length(segments[:n_searched])
         heldout = None

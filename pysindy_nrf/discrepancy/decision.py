@@ -1,4 +1,4 @@
-"""Effects beside the models without and with them, on the search and held out."""
+"""Effects, and the models without and with them, on the search and held out."""
 
 from __future__ import annotations
 

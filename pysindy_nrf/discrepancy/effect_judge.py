@@ -89,7 +89,7 @@ class EffectJudge:
     Parameters
     ----------
     has_records : bool
-        Whether whole records are held out.
+        Whether complete records are held out.
     """
 
     def __init__(self, has_records: bool) -> None:
@@ -99,7 +99,7 @@ class EffectJudge:
         ] = {}
 
     def judged(self, finding: Finding, state: SearchState) -> JudgedEffect:
-        """What another condition says of a finding beside a state."""
+        """What another condition says of a finding added to a state."""
         assert finding.after is not None
         before, after = state.model, finding.after.model
         new = finding.new_effects(state.effects)

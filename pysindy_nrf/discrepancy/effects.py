@@ -102,7 +102,7 @@ class SearchState:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A candidate with shape parameters beside the model of a state.
+    """A candidate with shape parameters added to the model of a state.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Finding:
     laws : tuple of ForceLaw
         One for each site.
     before : SearchState
-        Beside which the candidate stands; of a replaced effect, without it.
+        To which the candidate is added; of a replaced effect, without it.
     screened : float
         Error reduction on the samples of the fit, dB.
     reduction : ErrorReduction or None

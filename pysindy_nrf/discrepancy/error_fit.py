@@ -1,4 +1,4 @@
-"""Variable projection: errors of the channels fitted beside masses and coefficients."""
+"""Variable projection: errors of channels fitted with masses and coefficients."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Combination:
 
 
 class ErrorFit:
-    """The likeliest errors of the channels beside one model.
+    """The likeliest errors of the channels together with one model.
 
     Parameters
     ----------

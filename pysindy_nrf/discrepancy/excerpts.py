@@ -34,7 +34,7 @@ def excerpts(
 ) -> tuple[PreparedRecords, SearchData]:
     """The records of a search; of long ones the strongest stretch of every fold.
 
-    Each as a record of its own. Records that are not long come back as they are.
+    Each as its own record. Records that are not long come back as they are.
     """
     size = _stretch_length(data)
     if size is None or not records.records[0].has_clock:

@@ -127,9 +127,9 @@ class FittedModel:
     def passive_terms(
         self, sites: Iterable[Site], has_memory: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Terms at some sites that a law beside them may not turn negative.
+        """Terms at some sites that a law added to them may not turn negative.
 
-        These are springs of positive stiffness. Beside a law with memory they are
+        These are springs of positive stiffness. With a law with memory they are
         dashpots, too: at frequencies outside the band a negative dashpot feeds more
         energy into the structure than the law takes out, and the free run grows.
 

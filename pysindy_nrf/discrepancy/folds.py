@@ -101,7 +101,7 @@ def split(
     length : float
         Of a window, s.
     heldout : sequence of int, optional
-        Numbers of the records that are held out whole; a quarter of each if None.
+        Numbers of the records that are held out completely; a quarter of each if None.
     """
     heldout_records = list(heldout or ())
     numbers = [i for i in range(len(segments)) if i not in heldout_records]

@@ -60,7 +60,7 @@ def grown_law(
     Parameters
     ----------
     model : FittedModel
-        Beside which it stands.
+        To which it is added.
     site : Site
     dictionary : SumOfAtoms
         A law of all atoms that may be chosen.

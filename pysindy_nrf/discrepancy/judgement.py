@@ -146,7 +146,7 @@ def _candidate_table(findings: Sequence[RankedFinding]) -> pd.DataFrame:
 def measured_records(
     records: Sequence[Record], noise: Sequence[dict[str, float]], n_heldout: int
 ) -> list[Measured]:
-    """What the records of a closed loop hold; those held out whole stand last."""
+    """What the records of a closed loop hold; those held out completely stand last."""
     searched = "searched"
     if not n_heldout:
         searched += ", but for a quarter that is held out"

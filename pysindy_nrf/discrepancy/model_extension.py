@@ -1,4 +1,4 @@
-"""A place for further laws beside a fitted model: where a scan tries many at once."""
+"""A place for further laws added to a fitted model: where a scan tries many at once."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Extensions:
     reductions : ndarray of shape (n_points,)
         Error reductions, dB.
     passive_forces : ndarray of shape (n_points, n_passive)
-        Of the springs and dashpots beside the laws, above the least that they may have;
-        negative where a law replaces one.
+        Of the springs and dashpots next to the laws, above the least that they may
+        have; negative where a law replaces one.
     forces : ndarray of shape (n_points, n_terms)
         Of the terms of the added laws.
     """

@@ -65,13 +65,13 @@ class PreparedRecords:
     ----------
     records : list of Record
         As measured, accelerations before the high-pass filters that were found; those
-        held out whole stand last.
+        held out completely stand last.
     data : Dataset
         The fused motion; that of the base is among the covariates as ``ag``, ``vg``.
     fusion : list of FusionRecipe
         One for each record.
     heldout : list of int or None
-        Numbers of the records held out whole.
+        Numbers of the records held out completely.
     clean : bool
         Whether all channels were taken as they are.
     """
@@ -84,7 +84,7 @@ class PreparedRecords:
 
     @property
     def searched(self) -> list[Record]:
-        """The records that are not held out whole."""
+        """The records that are not held out completely."""
         return self.records[: len(self.records) - len(self.heldout or ())]
 
 
@@ -140,7 +140,7 @@ def with_corrected_channels(
 ) -> PreparedRecords:
     """The records with forces before their high-pass filters, and without slow drifts.
 
-    Asked beside general laws, so that a law that is missing is neither.
+    Asked with general laws, so that a law that is missing is neither.
     """
     drifts = {}
     for site in problem.chain.sites:

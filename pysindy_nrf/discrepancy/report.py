@@ -62,9 +62,9 @@ class Step:
     shape : dict
         Shape parameters by name, SI units, as the search found them.
     parameters, units : dict
-        Coefficients by symbol and shape parameters by name, SI units, beside the
-        effects found before it; of a faulty sensor, of all corrections together; their
-        units, empty for a plain number.
+        Coefficients by symbol and shape parameters by name, SI units, with the effects
+        that came before it. For a faulty sensor, those of all corrections together.
+        Their units are empty for a plain number.
     intervals : dict of str to (float, float)
         95 % intervals of the same, from fold to fold.
     alternatives : list of str
@@ -165,7 +165,7 @@ class Step:
 
 
 class WholeTable(pd.DataFrame):
-    """A table that is printed whole: no row and no column gives way to dots."""
+    """A table that is printed in full: no row and no column gives way to dots."""
 
     def __repr__(self) -> str:
         return self.to_string(float_format="{:.4g}".format)
@@ -181,7 +181,7 @@ class LoopReport:
     table : DataFrame
         One row for the baseline and each step, percent NRMSE: search and validation
         error with all effects found so far; held-out balance error, per balance and
-        pooled, and free-run error beside the confirmed ones; the band.
+        pooled, and free-run error after the confirmed ones; the band.
     stopped_because : str
     model : ChainModel
         With the confirmed effects in it, as finally estimated.
@@ -214,7 +214,7 @@ class LoopReport:
         Error of each balance of the final model beyond what noise leaves of it,
         percent.
     alternatives : tuple of Alternative
-        What the data allow beside the model, the one that leaves least first.
+        What the data allow besides the model, the one that leaves least first.
     ambiguous_intervals : tuple of AmbiguousInterval
         Intervals of ``bounds`` that alternatives widen, or that are withheld for them.
     unseen_drifts : dict of int to float
@@ -371,7 +371,7 @@ class LoopReport:
         Parameters
         ----------
         path : path-like
-            An older file is replaced whole.
+            An older file is replaced completely.
 
         Raises
         ------

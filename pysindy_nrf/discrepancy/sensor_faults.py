@@ -13,7 +13,8 @@ on DOF 1).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from ..laws.sensor import SensorFault
 from ..records.dataset import Dataset, Segment
 from ..records.record import Record
 from ..simulation.api import as_true
-from .channel_readings import motion_of_dof
+from .channel_readings import motion_of_dof, reads_absolute
 from .contradictions import Contradiction, contradictions, longest_record, mean_rate
 from .effects import Candidate, Effect, Finding, SearchState
 from .fitted_model import FittedModel
@@ -66,7 +67,7 @@ class Suspect:
 
 
 class FaultSearch:
-    """Finds faults of sensors beside a state.
+    """Finds faults of sensors in a state.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ class FaultSearch:
         self._contradictions: list[Contradiction] = []
 
     def findings(self, state: SearchState) -> list[Finding]:
-        """Corrected sensors as findings beside a state."""
+        """Corrected sensors as findings added to a state."""
         if not self.laws or state.records is None:
             return []
 
@@ -155,7 +156,9 @@ class FaultSearch:
         """Faults of channels that no other contradicts, by what they gain."""
         assert state.records is not None
         data = state.model.spectra.data
-        scans = [_Scan(state.model, s) for s in self._alone(state.records, data)]
+        scans = []
+        for suspect in self._alone(state.records, data):
+            scans.append(_Scan(state.model, state.records, suspect))
         scans.sort(key=lambda scan: -scan.promise)
 
         promising = []
@@ -210,11 +213,15 @@ def _earlier(state: SearchState, suspect: Suspect) -> Effect | None:
 class _Scan:
     """Values of a fault of one channel.
 
-    Its promise is the larger error reduction of two trials, up and down, dB.
+    Its promise is the largest error reduction of three trials, dB: up, down, and where
+    a parabola through the powers that these leave is least.
     """
 
-    def __init__(self, model: FittedModel, suspect: Suspect) -> None:
+    def __init__(
+        self, model: FittedModel, records: PreparedRecords, suspect: Suspect
+    ) -> None:
         self.model = model
+        self.records = records
         self.suspect = suspect
         unit = 1.0
         if suspect.law.terms()[0].unit == "s":
@@ -224,16 +231,25 @@ class _Scan:
         step, reach = suspect.law.scan
         self.least = FAULTS.least_share * unit
         self.reach = reach * unit
-        up, down = self.reduction(step * unit), self.reduction(-step * unit)
-        self.promise = max(up, down)
-        self.sign = 1 if up > down else -1
+        self.start, self.promise = self._start(step * unit)
+
+    def _start(self, step: float) -> tuple[float, float]:
+        """The best of three trials, and its error reduction, dB."""
+        up, down = self.reduction(step), self.reduction(-step)
+        trials = {step: up, -step: down}
+        vertex = step * _vertex(up, down)
+        if 0 < abs(vertex) < self.reach:
+            trials[vertex] = self.reduction(vertex)
+        best = max(trials, key=lambda value: trials[value])
+        return best, trials[best]
 
     def reduction(self, value: float) -> float:
         """Error reduction of the records that are freed of the fault, dB."""
         law = self.suspect.law.with_values([value])
         data = self.model.spectra.data
         try:
-            freed = self.model.on_motions(_freed(data, self.suspect.site, law))
+            motions = _freed(data, self.records, self.suspect.site, law)
+            freed = self.model.on_motions(motions)
         except NRFError:
             return -np.inf
         return freed.reduction_from(self.model).value
@@ -245,7 +261,7 @@ class _Scan:
 
         best = minimize_scalar(
             lambda value: -max(self.reduction(value), -LARGE_LOSS),
-            bounds=sorted((0.0, self.sign * self.reach)),
+            bounds=sorted(self._bracket()),
             options={"maxiter": FAULTS.evaluations},
         )
         value, reduction = float(best.x), -float(best.fun)
@@ -253,6 +269,31 @@ class _Scan:
             return None
         law = self.suspect.law.with_values([value])
         return reduction, replace(self.suspect, law=law)
+
+    def _bracket(self) -> tuple[float, float]:
+        """Values on both sides of the best of the start, its double, and so on."""
+        values = [0.0, self.start]
+        while abs(values[-1]) < self.reach:
+            values.append(2.0 * values[-1])
+        values[-1] = math.copysign(self.reach, self.start)
+        reductions = [self.reduction(value) for value in values[1:-1]]
+        best = 1 + int(np.argmax(reductions)) if reductions else 1
+        return values[best - 1], values[min(best + 1, len(values) - 1)]
+
+
+def _vertex(up: float, down: float) -> float:
+    """Steps to the least power of a parabola; zero if it has none.
+
+    Parameters
+    ----------
+    up, down : float
+        Error reductions one step up and one step down, dB.
+    """
+    after_up, after_down = 10.0 ** (-up / 10.0), 10.0 ** (-down / 10.0)
+    curvature = after_up + after_down - 2.0
+    if not (np.isfinite(curvature) and curvature > 0):
+        return 0.0
+    return 0.5 * (after_down - after_up) / curvature
 
 
 # -- records freed of a fault --------------------------------------------------
@@ -269,7 +310,7 @@ def _corrected(
     try:
         true = [as_true(r, suspect.site, suspect.law) for r in records.records]
         if suspect.site.channel[0] == "F":
-            motions = _freed(data, suspect.site, suspect.law)
+            motions = _freed(data, records, suspect.site, suspect.law)
             fresh = replace(records, records=true, data=motions)
         else:
             n_searched = len(records.searched)
@@ -280,14 +321,17 @@ def _corrected(
         return None
 
 
-def _freed(data: SearchData, site: Site, law: SensorFault) -> Dataset:
+def _freed(
+    data: SearchData, records: PreparedRecords, site: Site, law: SensorFault
+) -> Dataset:
     """Records in which a force, or the whole motion of a DOF, is freed of a fault.
 
     What is held out is corrected on its own.
     """
     segments = []
     for i, segment in enumerate(data.data.segments):
-        changed = _freed_segment(segment, site, law, _cuts(data, i))
+        channels = _channels_of(segment, records.records[i], site)
+        changed = _freed_segment(segment, site, law, channels, _cuts(data, i))
         segments.append(replace(changed, valid=_finite_rows(changed, segment)))
     return Dataset(segments, data.data.n_samples)
 
@@ -302,16 +346,23 @@ def _cuts(data: SearchData, record: int) -> list[int]:
     return sorted(ends - {valid.start, valid.stop})
 
 
-def _freed_segment(
-    segment: Segment, site: Site, law: SensorFault, cuts: Sequence[int]
-) -> Segment:
-    """A record with a channel freed of a fault, its pieces on their own."""
+def _channels_of(segment: Segment, record: Record, site: Site) -> dict[str, np.ndarray]:
+    """A force, or the whole motion of a DOF as its channel reads it."""
     kind, dof = site.channel[0], int(site.channel[1:])
     if kind == "F":
-        channels = {"F": segment.F[:, dof - 1]}
-    else:
-        channels = motion_of_dof(segment, dof)
+        return {"F": segment.F[:, dof - 1]}
+    return motion_of_dof(segment, dof, reads_absolute(record, kind))
 
+
+def _freed_segment(
+    segment: Segment,
+    site: Site,
+    law: SensorFault,
+    channels: Mapping[str, np.ndarray],
+    cuts: Sequence[int],
+) -> Segment:
+    """A record with some channels freed of a fault, their pieces on their own."""
+    dof = int(site.channel[1:])
     changes = {}
     for key, channel in channels.items():
         if np.nan_to_num(channel).any():

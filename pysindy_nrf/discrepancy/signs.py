@@ -1,4 +1,4 @@
-"""Signs that an undeclared effect may have, and those of the laws beside it."""
+"""Signs that an undeclared effect may have, and those of the laws next to it."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def admissible_reductions(
 def turns_a_passive_term(
     after: FittedModel, before: FittedModel, sites: Iterable[Site], has_memory: bool
 ) -> bool:
-    """Whether laws that were added turn a spring or dashpot beside them negative.
+    """Whether laws that were added turn a spring or dashpot next to them negative.
 
     By more than a tenth of their force.
     """

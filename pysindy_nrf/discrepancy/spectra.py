@@ -232,9 +232,9 @@ class BalanceSpectra:
 
         Notes
         -----
-        Balances one by one locate a missing law. Each is fitted beside the laws that
-        the balances before it found, as it is judged: laws that are found twice would
-        be judged where the other one was not fitted.
+        Balances one by one locate a missing law. Each is fitted together with the laws
+        that the balances before it found, as it is judged: laws that are found twice
+        would be judged where the other one was not fitted.
         """
         data, orders = self.data, self.cache.orders
         if layout.acting not in orders:

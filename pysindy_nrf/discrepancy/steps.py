@@ -67,9 +67,9 @@ def draft_step(
     Parameters
     ----------
     searched : FoundEffect
-        In the search, beside all effects that were found before it.
+        In the search, after all effects that were found before it.
     decision : Decision
-        On held-out data, beside all effects that were confirmed before it.
+        On held-out data, after all effects that were confirmed before it.
     rivals : sequence of Finding
         Candidates that explained the data as well.
     """

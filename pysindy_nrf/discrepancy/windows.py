@@ -74,7 +74,7 @@ class Windows:
     bands : list of slice
         Columns of the spectra of each band; the folds of a band stand side by side.
     size : int
-        Length of a row of spectra, real and imaginary parts beside each other.
+        Length of a row of spectra, real and imaginary parts side by side.
     """
 
     def __init__(
@@ -256,7 +256,7 @@ class Windows:
     def spectra(self, rows: Rows, kind: DTypeLike = float) -> np.ndarray:
         """Spectra of rows of each group of records, (n_rows, size).
 
-        Real and imaginary parts stand beside each other.
+        Real and imaginary parts stand side by side.
         """
         out = self._transformed(rows, kind)
         lowest = out[:, : len(self._means)]
@@ -371,7 +371,7 @@ class ChannelWindows(Windows):
         return out
 
     def spectra(self, rows: Rows, kind: DTypeLike = float) -> np.ndarray:
-        """Spectra of rows, those of all channels beside each other.
+        """Spectra of rows, those of all channels side by side.
 
         Returns
         -------

@@ -72,6 +72,8 @@ class Line:
     dash : str
         One of ``DASHES``; only markers are drawn if it is empty.
     marker : {"", "o", "s", "|", "ring"}
+    cycle : float
+        Seconds in which it swings about x = 0 where drawings move; 0 if it stands.
     """
 
     x: ArrayLike
@@ -84,11 +86,12 @@ class Line:
     error: ArrayLike | None = None
     opacity: float = 1.0
     z: ArrayLike | None = None
+    cycle: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Bars:
-    """Bars at 0, 1, 2, ...; several in one figure stand beside each other.
+    """Bars at 0, 1, 2, ...; several in one figure stand side by side.
 
     Parameters
     ----------
@@ -178,9 +181,9 @@ class Figure:
     table : Table, optional
         The numbers.
     lying, wide : bool
-        Whether bars lie, and whether the page gives it a row of its own.
+        Whether bars lie, and whether the page gives it its own row.
     legend : {"inside", "above", "sheet"}
-        Where it stands; once for a whole sheet.
+        Where it stands; ``"sheet"``: once for all axes.
     size : (float, float)
         On the sheet, inches.
     height : int
@@ -222,7 +225,7 @@ class Figure:
 
     @property
     def n_bars(self) -> int:
-        """How many sets of bars stand beside each other."""
+        """How many sets of bars stand side by side."""
         return sum(isinstance(mark, Bars) for mark in self.marks)
 
 

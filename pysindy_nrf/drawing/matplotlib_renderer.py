@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -16,6 +17,7 @@ from ..exceptions import NRFError
 from .figure import Axis, Bars, Figure, Line, Map, Surface
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as Sheet
     from matplotlib.figure import SubFigure
@@ -63,12 +65,14 @@ _FULL_SURFACE = "#7b7b78"
 _NETS = {"faint": ("0.75", 0.3, 4), "net": ("black", 0.6, 3)}
 # Points of a curve: a long record becomes a picture and not a 100 MB file.
 MAX_POINTS = 20_000
+# Frames a second of a drawing that moves.
+FRAME_RATE = 25.0
 # Share of the distance between two bars that they take up.
 LYING_BARS_WIDTH, UPRIGHT_BARS_WIDTH = 0.6, 0.8
 
 
 class Drawing:
-    """Figures that stand beside each other.
+    """Figures that stand side by side.
 
     Attributes
     ----------
@@ -154,6 +158,37 @@ def save(
     with atomic_write(path, "wb") as file:
         sheet.savefig(file, format="png", dpi=150)
     return [path]
+
+
+def animated(figure: Figure, ax: Axes) -> FuncAnimation:
+    """The lines of a figure that swing, moving on the axes where they were drawn.
+
+    A saved animation is one cycle of the slowest line long.
+    """
+    animation = require("matplotlib.animation", "plot", "A moving drawing")
+    drawn = {line.get_label(): line for line in ax.lines}
+    swinging = []
+    for mark in figure.marks:
+        if isinstance(mark, Line) and mark.cycle > 0:
+            swinging.append((drawn[_with_indices(mark.name)], mark))
+    widest = max((np.abs(mark.x).max() for _, mark in swinging), default=1.0)
+    ax.set_xlim(-1.1 * widest, 1.1 * widest)
+
+    def swing(frame: int) -> list[object]:
+        for line, mark in swinging:
+            phase = 2 * np.pi * frame / (FRAME_RATE * mark.cycle)
+            line.set_xdata(np.cos(phase) * np.asarray(mark.x, dtype=float))
+        return [line for line, _ in swinging]
+
+    longest = max((mark.cycle for _, mark in swinging), default=1.0)
+    return animation.FuncAnimation(
+        ax.figure,
+        swing,
+        frames=itertools.count(),
+        interval=1e3 / FRAME_RATE,
+        save_count=max(1, round(FRAME_RATE * longest)),
+        cache_frame_data=False,
+    )
 
 
 def _panels(figures: Sequence[Figure]) -> list[Figure]:

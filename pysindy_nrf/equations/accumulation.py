@@ -46,7 +46,7 @@ def total_products(
     known_masses: Mapping[int, float] | None = None,
     kind: str = "gram",
 ) -> NormalEquations:
-    """Sums over all samples of some blocks; ``kind`` as of :class:`ProductSums`."""
+    """Sums over all samples of some blocks; ``kind`` as for :class:`ProductSums`."""
     sums = ProductSums(layout, groups, known_masses, kind)
     return sums.add_each((0, block) for block in blocks).total()
 
@@ -100,7 +100,7 @@ class ProductSums:
         return self._plan
 
     def empty(self, before: NormalEquations | None = None) -> ProductSums:
-        """Sums of the same columns that begin anew, or that go on behind a total."""
+        """Sums of the same columns that start from zero, or that continue a total."""
         return ProductSums(
             self.layout,
             list(self.groups.values()),

@@ -20,10 +20,14 @@ PIVOT = 9e-16
 def compiled_solve() -> Callable[..., None]:
     """The compiled function.
 
-    It is called with sums of products (n_fits, n_groups, p, p), whether dependent
-    columns give NaN (else zero for one of them), the number of DOFs, the row of a_1,
-    the three tables of a solve order, masses (n_fits, n_dof), known ones preset, and
-    coefficients (n_fits, p); the last two are written to.
+    Its arguments are:
+
+    - sums of products (n_fits, n_groups, p, p);
+    - whether dependent columns give NaN, or zero for one of them;
+    - the number of DOFs, and the row of a_1;
+    - the three tables of a solve order;
+    - masses (n_fits, n_dof), with known ones preset, and coefficients (n_fits, p), to
+      which it writes.
     """
     from ..common.compiled import address_of, addresses, jit, subroutine
 

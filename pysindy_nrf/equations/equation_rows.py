@@ -19,7 +19,7 @@ class EquationRows:
     ----------
     layout : Layout
     blocks : callable
-        Gives all samples anew, block by block.
+        Gives all samples again, block by block.
     known_masses : mapping of int to float
         kg; those of summed equations are needed.
     """

@@ -1,11 +1,12 @@
-"""Alternatives that the data allow beside a model: could the test have failed?
+"""Alternatives that the data allow besides a model: could the test have failed?
 
 Where fewer modes are excited than there are unknown floors, the equations of motion
-close whatever the structure is. What a test engineer would think of is therefore fitted
-beside the model, one at a time: a spring and a dashpot from a floor to the ground or to
-the next floor but one, dashpots from all floors to the ground, and another gain of all
-sensors of a floor. An alternative that moves a mass or a stiffness by more than its
-interval says is a limit of the test, or an effect that the model lacks.
+close whatever the structure is. Alternatives that a test engineer would think of are
+therefore added to the model, one at a time. They are a spring and a dashpot from a
+floor to the ground or to the next floor but one, dashpots from all floors to the
+ground, and another gain of all sensors of a floor. An alternative that moves a mass or
+a stiffness by more than its interval says is a limit of the test, or an effect that the
+model lacks.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ Laws = Mapping[str, tuple[ForceLaw, ...]]
 def alternatives_of(
     problem: Problem, data: Dataset, identified: ChainModel | None = None
 ) -> tuple[Alternative, ...]:
-    """What else the data allow beside a model.
+    """What else the data allow besides a model.
 
     Parameters
     ----------

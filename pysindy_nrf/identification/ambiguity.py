@@ -1,4 +1,4 @@
-"""Intervals beside alternatives that the data do not exclude."""
+"""Intervals in view of alternatives that the data do not exclude."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trial fits of a chain to few channels, and what is known beside them."""
+"""Trial fits of a chain to few channels, and what else is known."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known of a chain beside its channels.
+    """What is known of a chain apart from its channels.
 
     Attributes
     ----------

@@ -179,7 +179,7 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     for probe in probes:
         forces += probe.sentences()
     masses = doubtful_masses(solution, model.units)
-    for sentence in lost_masses(model.masses, model.laws):
+    for sentence in lost_masses(model.masses, model.laws, model.units):
         masses.append(f"{sentence}: {_CURE_OF_LOST_MASS}")
     if data.records:
         masses += _wrong_masses(problem, data, error)

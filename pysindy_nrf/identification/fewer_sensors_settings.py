@@ -7,8 +7,8 @@ from dataclasses import dataclass
 class FewerSensorsSettings:
     """Settings of the fit to records in which floors have no sensor.
 
-    "Chosen" are numbers of which nothing was measured but the results of the whole:
-    300 random chains a row in ``docs/fewer_sensors.md``.
+    "Chosen" are numbers of which nothing was measured but the results of the entire
+    method: 300 random chains a row in ``docs/fewer_sensors.md``.
 
     Attributes
     ----------
@@ -41,8 +41,8 @@ class FewerSensorsSettings:
         Damping ratio of the lowest mode of a chain that is known from drawings. Usual
         for steel frames.
     rival_level : float
-        Level of the joint confidence region in which another chain is a rival.
-        Convention; see ``docs/fewer_sensors.md``.
+        Level of the joint confidence region in which another chain explains the data as
+        well. Convention; see ``docs/fewer_sensors.md``.
     rival_distance : float
         Difference of logarithms of masses from which on a chain is another one. Chosen.
     reported_error : float

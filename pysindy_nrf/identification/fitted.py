@@ -259,13 +259,13 @@ class FittedChain:
     ) -> pd.DataFrame:
         """Intervals of masses and coefficients, or of what follows from the model.
 
-        The whole chain is solved again without each of some 64 consecutive pieces of
+        The entire chain is solved again without each of some 64 consecutive pieces of
         the data (jackknife, neighbours correlated: Newey and West), so an error in one
         storey reaches every mass below it. Shape parameters and the choice of terms are
         taken as known: the error of a wrong law is not in the interval (see
         ``missing_terms_``). For a least-squares fit to Records the motions are fused
         DOF by DOF, because the remaining noise of a joint fusion is correlated over the
-        whole record. Compute intervals before pickling, which leaves the data behind.
+        entire record. Compute intervals before pickling, which leaves the data behind.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Forces behind a high-pass filter, beside accelerations that have passed one.
+"""Forces behind a high-pass filter, with accelerations that have passed one.
 
 No second channel witnesses a force. Where accelerometers stand behind the first-order
 filter of their amplifier, the load cell mostly does, too; the equations of motion then

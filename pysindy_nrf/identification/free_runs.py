@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,17 +16,35 @@ from ..records.zero_phase_filter import ZeroPhaseFilter
 from ..simulation.api import classical_run, linear_run, simulate
 from .linear_response import Matrices
 
-# Radians of the fastest mode in a sample, up to which one Runge-Kutta step a sample is
-# enough: a step lowers a frequency w by (w dt)^4 / 120 of itself, 3e-5 here, but a
-# thousandth at 0.6.
-MAX_RADIANS_PER_STEP = 0.25
-# Relative tolerance of the integration of instruments, which need not be exact.
-INSTRUMENT_RTOL = 1e-5
 # Share of the Nyquist frequency (half of the sampling rate) at which a filter still
 # fits: 0.9 of it.
 HIGHEST_CUTOFF = 0.45
 
 Motion = dict[str, np.ndarray]
+
+
+class Accuracy(NamedTuple):
+    """How exact a free run has to be.
+
+    Attributes
+    ----------
+    rtol : float
+        Relative tolerance of an integration with error control.
+    radians_per_step : float
+        Of the fastest mode, up to which one Runge-Kutta step a sample is enough: a step
+        lowers a frequency w by (w dt)^4 / 120 of itself.
+    """
+
+    rtol: float
+    radians_per_step: float
+
+
+# Of a fit by its free run; a step then lowers a frequency by 3e-5, and sensitivities
+# are differences of runs.
+OF_FIT = Accuracy(rtol=1e-9, radians_per_step=0.25)
+# Of instruments, which any model near the true one gives: a frequency that is 1e-3 too
+# low is a twentieth of the half-width of a resonance with 2 % of damping.
+OF_INSTRUMENTS = Accuracy(rtol=1e-5, radians_per_step=0.6)
 
 
 def eigenvalues(model: ChainModel) -> np.ndarray | None:
@@ -36,21 +55,14 @@ def eigenvalues(model: ChainModel) -> np.ndarray | None:
         return None
 
 
-def fits_one_step(model: ChainModel, dt: float) -> bool:
-    """Whether one classical Runge-Kutta step a sample (dt, s) keeps the modes exact."""
-    if model.has_memory:
-        return False
-    values = eigenvalues(model)
-    return values is not None and bool(
-        np.abs(values).max() * dt <= MAX_RADIANS_PER_STEP
-    )
-
-
-def integrator_for(model: ChainModel, dt: float) -> Callable[..., Record]:
+def _integrator_for(
+    model: ChainModel, dt: float, accuracy: Accuracy
+) -> Callable[..., Record]:
     """The fastest integrator that is exact enough for a model and a step dt, s."""
-    if fits_one_step(model, dt):
-        return classical_run
-    return simulate
+    values = None if model.has_memory else eigenvalues(model)
+    if values is None or np.abs(values).max() * dt > accuracy.radians_per_step:
+        return simulate
+    return classical_run
 
 
 def in_valid_rows(segment: Segment, values: np.ndarray) -> np.ndarray:
@@ -84,7 +96,7 @@ def first_state(segment: Segment, row: int | None = None) -> np.ndarray:
 
 
 def motion_of(
-    model: ChainModel, segment: Segment, state: np.ndarray, rtol: float
+    model: ChainModel, segment: Segment, state: np.ndarray, accuracy: Accuracy
 ) -> Motion:
     """Free run: ``a`` (absolute), ``v`` and ``x`` (relative), (n_samples, n_dof).
 
@@ -97,8 +109,8 @@ def motion_of(
         Forces and base motion in its valid rows.
     state : ndarray of shape (2, n_dof)
         First displacements and velocities.
-    rtol : float
-        Of an integration with error control.
+    accuracy : Accuracy
+        Of an integration.
     """
     matrices = linear_matrices(model)
     if matrices is not None:
@@ -113,8 +125,8 @@ def motion_of(
         model,
         segment,
         start=(state[0], state[1]),
-        integrator=integrator_for(model, segment.step),
-        rtol=rtol,
+        integrator=_integrator_for(model, segment.step, accuracy),
+        rtol=accuracy.rtol,
     )
     return {
         "x": np.asarray(run.displacement),
@@ -137,7 +149,7 @@ def simulated(
     limited : bool
         Whether the motion is low-passed as the fused motion of the record is.
     """
-    motion = motion_of(model, segment, first_state(segment), INSTRUMENT_RTOL)
+    motion = motion_of(model, segment, first_state(segment), OF_INSTRUMENTS)
     a = motion["a"]
     v = np.diff(motion["v"], axis=1, prepend=0.0)
     s = np.diff(motion["x"], axis=1, prepend=0.0)

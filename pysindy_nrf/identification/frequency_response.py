@@ -172,7 +172,7 @@ def _without_motion(model: ChainModel, band: Band) -> ChainModel:
 
 
 def noise_of(H: np.ndarray) -> np.ndarray:
-    """Variance of each line of each DOF, from the lines beside it.
+    """Variance of each line of each DOF, from the lines next to it.
 
     Parameters
     ----------

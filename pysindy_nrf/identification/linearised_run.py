@@ -29,7 +29,7 @@ class _Response:
 
 
 class Linearised:
-    """The free run of a model, and what forces beside its own would do, to first order.
+    """The free run of a model, and what further forces would do, to first order.
 
     If masses m and laws R are true, the channels miss the run by ``-G (M a + R - F)``,
     with G the response of the model.

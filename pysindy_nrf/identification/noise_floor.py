@@ -1,4 +1,4 @@
-"""What a model leaves of each equation of motion, beside what noise would leave.
+"""What a model leaves of each equation of motion, and what noise would leave.
 
 Noise as strong as that of the channels is added to the records once more. What it adds
 to the fused motion, and with it to the residual, is what the noise that was measured
@@ -44,7 +44,7 @@ _SEED = 0
 
 @dataclass(frozen=True)
 class BesideNoise:
-    """What a model leaves of each equation of motion, beside what noise would leave.
+    """What a model leaves of each equation of motion, and what noise would leave.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class BesideNoise:
 
 
 def beside_noise(problem: Problem, model: ChainModel, data: Dataset) -> BesideNoise:
-    """What a model leaves of each equation of motion, beside what noise would leave.
+    """What a model leaves of each equation of motion, and what noise would leave.
 
     Parameters
     ----------

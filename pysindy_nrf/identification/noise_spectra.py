@@ -126,7 +126,7 @@ class NoiseModel:
     def likely_forces(
         self, f: np.ndarray, gaps: np.ndarray
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Lines of f, and the forces beside the measured ones that explain the gaps."""
+        """Lines of f, and the unmeasured forces that explain the gaps."""
         for rows, G, S in self.covariances(f):
             weighted = np.linalg.solve(S, gaps[rows][:, :, None])
             yield rows, self.force[:, None] * (G.conj().transpose(0, 2, 1) @ weighted)

@@ -1,4 +1,4 @@
-"""Least squares beside the unknown zeros of the sensors."""
+"""Least squares with the unknown zeros of the sensors."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MAX_SAMPLES = 10_000
 def least_squares_beside_offsets(
     problem: Problem, data: Dataset
 ) -> tuple[Estimate, Dataset]:
-    """A least-squares estimate, and the data with the offsets that were found beside.
+    """A least-squares estimate, and the data with the offsets estimated with it.
 
-    Where the equations of motion of a record hold constants, each is fitted beside one
-    of its own, unless a law for them is declared or the band leaves them out. Notes on
-    the constants join the quality of the data.
+    Where the equations of motion of a record contain constants, these are fitted,
+    unless a law for them is declared or the band leaves them out. Notes on the
+    constants join the quality of the data.
     """
     data = without_drifts(problem, without_force_corners(problem, data))
     estimate = least_squares(problem, data)

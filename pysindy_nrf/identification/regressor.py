@@ -82,15 +82,18 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     coordinates : {"relative", "absolute"}
         X holds inter-storey motion v, s (eq. 8), or motion xdot, x of the DOFs.
     estimation : {"auto", "ls", "iv", "simulation"}
-        ``"ls"``: least squares. ``"iv"``: instrumental variables from the free run of
-        the model, without the bias by noise in the motion, also for searched shape
-        parameters; give records, or motions of ``KinematicSmoother(joint=False)``.
-        ``"auto"``: ``"ls"`` for arrays, and where a test (Durbin, Wu, Hausman) does not
-        distinguish it from ``"iv"``; else ``"iv"``, and ``"simulation"`` where forces
-        jump, or shape parameters are free, and the free run of ``"iv"`` misses more
-        than noise (up to 30,000 samples).
-        ``"simulation"``: the free run fitted to the motion, started from ``"iv"`` and
-        kept where it predicts better. See :mod:`pysindy_nrf.identification`.
+        How the coefficients are estimated. See :mod:`pysindy_nrf.identification`.
+
+        - ``"ls"``: least squares.
+        - ``"iv"``: instrumental variables from the free run of the model, without the
+          bias by noise in the motion, also for searched shape parameters. Give records,
+          or motions of ``KinematicSmoother(joint=False)``.
+        - ``"simulation"``: the free run fitted to the motion. It starts from ``"iv"``
+          and is used where it predicts better.
+        - ``"auto"``: ``"ls"`` for arrays, and where a test (Durbin, Wu, Hausman) does
+          not distinguish it from ``"iv"``; else ``"iv"``. Where forces jump or shape
+          parameters are free, and the free run of ``"iv"`` misses more than noise,
+          ``"simulation"`` (up to 30,000 samples).
     laws : mapping of str to ForceLaw or sequence of ForceLaw, optional
         Laws at some sites, in place of the power series there; further links and ``"dof
         j"`` sites join the chain. Shape parameters without a value are estimated; those
@@ -152,15 +155,15 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         the samples next to the jumps; a BiasWarning is raised if they differ.
     data_warnings_ : dict of str to list of str
         ``"channels"``: texts of the DataQualityWarning on channels (units, sign, gain,
-        delay, clipped, dead). Texts of the BiasWarning: ``"records"``, copies of
-        others; ``"forces"``, balances that contradict each other (a force in other
-        units, a wrong known mass), a force whose channel is not linear or steady,
-        records of unlike structures; ``"masses"``, which are not positive or not
-        determined against noise.
+        delay, clipped, dead). Texts of the BiasWarning: ``"records"``: copies of
+        others. ``"masses"``: not positive, or not determined against noise. Texts of
+        ``"forces"``: balances that contradict each other (a force in other units, a
+        wrong known mass), a force whose channel is not linear or steady, or records of
+        unlike structures.
     time_variation_ : TimeVariation or None
         With ``varying``: courses of the coefficients with 95 % bands, their changes,
-        and the masses beside them. ``model_`` is then still the constant structure that
-        fits best, and a BiasWarning is raised if something changes.
+        and the masses found with them. ``model_`` is then still the constant structure
+        that fits best, and a BiasWarning is raised if something changes.
     model_ : ChainModel
     problem_ : Problem
         The problem solved: chain, laws with their shape parameters, known masses, band,
@@ -282,8 +285,8 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         ------
         ChannelError
             If a channel or its clock cannot be used: missing, not finite inside, of
-            another length; it is named. If an argument was given beside data that hold
-            their own.
+            another length; it is named. If an argument was given in addition to data
+            that hold their own.
         ExcitationError
             If nothing scales the chain: no force and no known mass.
         IdentifiabilityError
@@ -334,7 +337,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
     ) -> NRFRegressor:
         """Add records, given as for :meth:`fit`, to those of earlier calls.
 
-        All of them are solved again by least squares; ``fit`` starts anew.
+        All of them are solved again by least squares; ``fit`` starts again.
         """
         passed = Input(X, y, record, time, base_acceleration, covariates)
         arguments = self._arguments(passed)
@@ -367,7 +370,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         if self.massless:
             if known_masses:
                 raise ChainError(
-                    "massless=True was given beside known_masses",
+                    "massless=True was given in addition to known_masses",
                     "Leave one of them out.",
                 )
             known_masses = dict.fromkeys(range(1, n_dof + 1), 0.0)

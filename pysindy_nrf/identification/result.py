@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -22,6 +22,7 @@ from ..diagnosis.facts import (
     Alternative,
     AmbiguousInterval,
     Facts,
+    OtherModel,
     ShapeAtEnd,
     facts_of_model,
 )
@@ -492,7 +493,7 @@ class IdentificationResult(PlainState):
 
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
-        """What the data allow beside the model, where every floor has a sensor."""
+        """What the data allow besides the model, where every floor has a sensor."""
         if self.data is None or self.motions or unseen_drifts(self.data):
             return ()
         data, identified = self.data, None
@@ -506,7 +507,7 @@ class IdentificationResult(PlainState):
 
     @cached_property
     def beside_noise(self) -> BesideNoise:
-        """What the model leaves of each equation, beside what noise would leave."""
+        """What the model leaves of each equation, and what noise would leave."""
         if self.data is None or self.motions:
             return BesideNoise()
         try:
@@ -587,11 +588,16 @@ class IdentificationResult(PlainState):
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the model may be used, what it holds, and why not."""
+        return self.verdict_beside(())
+
+    def verdict_beside(self, others: Sequence[OtherModel]) -> Verdict:
+        """The verdict on the model where it was compared with others."""
+        facts = replace(self.facts, other_models=tuple(others))
         if self.data is None:
-            return verdict_after_search(self.facts, None)
+            return verdict_after_search(facts, None)
         records = records_of(self.data)
         search = partial(wiring_error, self.problem, self.model, records)
-        return verdict_after_search(self.facts, search)
+        return verdict_after_search(facts, search)
 
 
 def _fused_apart(data: Dataset) -> Dataset:

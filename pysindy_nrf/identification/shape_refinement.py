@@ -22,7 +22,7 @@ MAX_PASSES = 6
 def refine_shapes(
     asked: Problem, problem: Problem, order: SolveOrder, data: Dataset, iv: IVResult
 ) -> tuple[Problem, IVResult]:
-    """Estimate anew with other shape parameters, while their steps contract.
+    """Estimate again with other shape parameters, while their steps contract.
 
     Lines of a spectrum and instants keep their values: other means find them better.
 

@@ -10,15 +10,13 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..records.dataset import Dataset, Segment
-from .free_runs import Motion, first_state, motion_of, with_motion
+from .free_runs import OF_FIT, Motion, first_state, motion_of, with_motion
 from .run_in import run_in_of
 from .spectra import relative_velocities
 
 # Largest number of samples of a shot: an error of the initial state fades within it,
 # and its spectra fit into memory.
 MAX_SAMPLES_PER_SHOT = 32768
-# Relative tolerance of the integration; sensitivities are differences of runs.
-RTOL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ class Shot:
         segment = self.segment if forces is None else forces
         state = self.start if start is None else start
 
-        return motion_of(model, segment, state, RTOL)
+        return motion_of(model, segment, state, OF_FIT)
 
     def channels_of(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
         """What the sensors read of a motion, shape of ``measured``."""

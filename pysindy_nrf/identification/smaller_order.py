@@ -57,7 +57,7 @@ def smaller_order(
     problem : Problem
     order : SolveOrder
     sums : NormalEquations
-        Of the whole series; no sample is read again. Those with instruments know no
+        Of the entire series; no sample is read again. Those with instruments know no
         error of a fit.
     error : float
         What the balances of the fit leave, percent.

@@ -1,4 +1,4 @@
-"""Laws with a strength of their own in each direction."""
+"""Laws with their own strength in each direction."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ _DIRECTIONS = (("p", "max"), ("m", "min"))
 
 
 def asymmetric(law: type[ForceLaw]) -> type[ForceLaw]:
-    """The same law with coefficients of its own in each direction.
+    """The same law with its own coefficients in each direction.
 
     Each term becomes two: its positive part, whose coefficient has a ``p`` behind its
     symbol, and its negative part, with an ``m``. Add the result to the catalogue of a

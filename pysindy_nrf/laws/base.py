@@ -124,7 +124,7 @@ class ForceLaw:
     uses_time, uses_acceleration : bool
         Whether the kernel reads t or a.
     output : str
-        SI unit of coefficient times term: a force, but for sensors
+        SI unit of coefficient times term: a force, except for sensors
         (:mod:`pysindy_nrf.laws.sensor`).
     symmetry : {"odd", "even", "none"}
         Behaviour under (s, v) -> (-s, -v).
@@ -150,9 +150,9 @@ class ForceLaw:
         special case explains most of what this law does, a search reports the special
         case. Its class must be constructible without arguments.
     acts_at : tuple of {"link", "ground", "new link", "two storeys", "dof", "sensor"}
-        Sites at which a search tries the law: the links of the chain, a link between a
-        DOF and the ground that the chain lacks, any link that the chain lacks, any of
-        those over two storeys, a DOF, a sensor.
+        Sites at which a search tries the law: the links of the chain, a DOF, or a
+        sensor. Also links that the chain lacks: from a DOF to the ground, between any
+        two DOFs, or over two storeys.
     superposes : bool
         Whether it is added to others of its family at one site, as external forces are,
         instead of replacing them.

@@ -129,7 +129,7 @@ class SofteningKnee(_Contact):
 
     .. math:: R = -\Delta k \, (s - \min(\max(s, -u), u))
 
-    Beside a linear spring k the stiffness is k up to the drift u, then k less dk.
+    With a linear spring k the stiffness is k up to the drift u, then k less dk.
     """
 
     name = "softening_knee"
@@ -173,7 +173,7 @@ class DeadZone(_Contact):
 class Bilinear(_Contact):
     """Breathing crack: a spring for positive drift only, ``R = dk max(s, 0)``.
 
-    dk may have either sign. Beside a linear spring k the stiffness is k + dk for s > 0
+    dk may have either sign. With a linear spring k the stiffness is k + dk for s > 0
     and k for s < 0 (Chondros, Dimarogonas, Yao, J. Sound Vib. 239, 2001).
     """
 

@@ -412,7 +412,7 @@ CHECKS: tuple[Callable[[ForceLaw, np.random.Generator], None], ...] = (
 
 
 def check_law(law: ForceLaw, random_state: int = 0) -> None:
-    """Check a law against the whole contract.
+    """Check a law against the entire contract.
 
     Parameters
     ----------

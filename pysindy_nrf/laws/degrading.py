@@ -222,7 +222,7 @@ class DegradingBoucWen(_BaberNoori):
 
 
 class PinchedBoucWen(_BaberNoori):
-    r"""Bouc-Wen hysteresis that slips where its force is small, as of cracked concrete.
+    r"""Bouc-Wen hysteresis that slips where its force is small, as in cracked concrete.
 
     .. math::
         R = \alpha w, \quad

@@ -11,6 +11,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from ..common.unit_system import TRANSLATION, UnitSystem
 from .base import CovariateLaw, ForceLaw, Term
 from .shape import Shape
 
@@ -341,13 +342,16 @@ def total_masses(
 
 
 def lost_masses(
-    masses: npt.ArrayLike, laws: Mapping[AnySite, Sequence[ForceLaw]]
+    masses: npt.ArrayLike,
+    laws: Mapping[AnySite, Sequence[ForceLaw]],
+    units: UnitSystem = TRANSLATION,
 ) -> list[str]:
     """Sentences on DOFs of which laws take away all the mass they have."""
+    unit = units.mass
     alone = np.asarray(masses, dtype=float)
     total = total_masses(masses, laws)
     return [
-        f"DOF {j + 1} has {alone[j]:.4g} kg and {total[j] - alone[j]:.4g} kg added to"
-        f" it, {total[j]:.4g} kg in all"
+        f"DOF {j + 1} has {alone[j]:.4g} {unit} and {total[j] - alone[j]:.4g} {unit}"
+        f" added to it, {total[j]:.4g} {unit} in all"
         for j in np.flatnonzero((alone > 0) & (total <= 0))
     ]

@@ -1,7 +1,7 @@
 """Dry friction, also of controllable dampers whose level follows a covariate.
 
 Friction against the ground is :class:`CoulombFriction` at the site ``"ground j"`` if
-the base does not move. On a moving base, friction against a fixed object beside the
+the base does not move. On a moving base, friction against a fixed object next to the
 structure is :class:`GroundFriction`.
 """
 
@@ -78,7 +78,7 @@ class StribeckFriction(_Friction):
 
 
 class RegularizedFriction(_Friction):
-    r"""Friction that creeps through a velocity reversal, as of wet contacts.
+    r"""Friction that creeps through a velocity reversal, as in wet contacts.
 
     .. math:: R = F_c \tanh(v / v_0)
 
@@ -98,7 +98,7 @@ class RegularizedFriction(_Friction):
 
 
 class PositionDependentFriction(_Friction):
-    r"""Friction whose level changes with the drift, as of wedges or ring springs.
+    r"""Friction whose level changes with the drift, as in wedges or ring springs.
 
     .. math:: R = (F_c + F_s |s|) \operatorname{sgn} v
     """
@@ -122,7 +122,7 @@ class BreakAwayFriction(_Friction):
         R = F_c \operatorname{sgn} v + \Delta F \, Z, \quad Z = \pm e^{-|s - s_r| / d}
 
     s_r is the drift at the last reversal and the sign of Z that of the motion since:
-    the bond of lead or rubber that each stroke breaks anew. The state is exact.
+    the bond of lead or rubber that each stroke breaks afresh. The state is exact.
     """
 
     name = "break_away_friction"

@@ -70,7 +70,7 @@ class SmoothSurface(ForceLaw):
 
     T are Chebyshev polynomials; of such an argument they resolve most where it is below
     S and V (rational Chebyshev functions: Boyd, J. Comput. Phys. 69, 1987). They follow
-    dry friction (V small) as well as polynomials, and stand beside a linear spring, a
+    dry friction (V small) as well as polynomials, and are used with a linear spring, a
     linear damper and a constant.
     """
 

@@ -218,7 +218,7 @@ def _sentence(row: Any) -> str:
     """What changed at one place."""
     of = " of its spring force" if row.place.startswith("storey") else ""
     return (
-        f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} +-"
+        f"{in_words(row.term)} of {row.place} changed by {row.change:+.2f} ±"
         f" {OF_95_PERCENT * row.error:.2f} %{of} ({row.amount:.3g} {row.unit}, p ="
         f" {row.p:.1g})."
     )
@@ -654,7 +654,7 @@ def moving_windows(
         Length of a window and how far it moves, s.
     masses : "fitted", None or mapping of int to float
         Masses in every window, kg: those of the estimator, none (they are
-        identified in each window anew), or given ones.
+        identified in each window separately), or given ones.
 
     Returns
     -------

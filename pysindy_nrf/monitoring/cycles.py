@@ -39,16 +39,19 @@ class StoreyCycles:
     Attributes
     ----------
     table : DataFrame
-        A row for each cycle: ``storey``, ``cycle``, ``start`` and ``end`` (s),
-        ``amplitude`` (half the range of the drift, m); and ``stiffness`` (N/m),
-        ``loss`` of it (percent of the sound one), ``energy`` (dissipated, J),
-        ``plastic`` (equivalent cumulative plastic drift, m) and ``residual`` (drift at
-        which the force vanishes, m), each with ``_lower`` and ``_upper`` ends of 95 %
+        A row for each cycle. The last five have ``_lower`` and ``_upper`` ends of 95 %
         intervals.
+
+        - ``storey``, ``cycle``, ``start`` and ``end`` (s).
+        - ``amplitude``: half the range of the drift, m.
+        - ``stiffness``: N/m, and its ``loss``, percent of the sound one.
+        - ``energy``: dissipated, J.
+        - ``plastic``: equivalent cumulative plastic drift, m.
+        - ``residual``: drift at which the force vanishes, m.
     storeys : DataFrame
         A row for each storey: the sound stiffness, the last loss, the energy and the
-        plastic drift of the whole record and the residual drift of the last cycle, with
-        their intervals.
+        plastic drift of the entire record and the residual drift of the last cycle,
+        with their intervals.
 
     Examples
     --------

@@ -5,7 +5,7 @@ against the inertia. Taking in one difference after the other therefore finds th
 that removes much, not the one that is right. So several explanations are sought: by
 any differences, by the storeys' forces alone, by stiffness, damping or masses alone, by
 one factor of all stiffnesses, by the gain of the forces. An explanation suffices if
-beside it no difference of any other one is significant and large. Of those that do, the
+with it no difference of any other one is significant and large. Of those that do, the
 one with the fewest changes is reported; of equally many, that with the fewest masses.
 """
 
@@ -64,7 +64,7 @@ class ExplanationSearch:
     least: float
 
     def sufficient(self) -> list[Explanation]:
-        """Explanations beside which nothing else is needed, the simplest first.
+        """Explanations with which nothing else is needed, the simplest first.
 
         Where none suffices, the one by any differences. Empty where nothing changed.
         """

@@ -29,11 +29,14 @@ class Tracked:
     Attributes
     ----------
     table : DataFrame
-        A row for each test and storey: ``test``, ``record``, ``storey``, ``stiffness``
-        with the ends ``lower`` and ``upper`` of its 95 % interval (N/m; NaN where the
-        fit gives none), a column for each covariate, ``expected`` (N/m), ``shift``
-        (percent of the expected stiffness, averaged over the last tests),
-        ``statistic``, ``limit``, ``reference`` and ``alarm``.
+        A row for each test and storey.
+
+        - ``test``, ``record``, ``storey``, and a column for each covariate.
+        - ``stiffness`` with the ends ``lower`` and ``upper`` of its 95 % interval, N/m;
+          NaN where the fit gives none.
+        - ``expected``: N/m.
+        - ``shift``: percent of the expected stiffness, averaged over the last tests.
+        - ``statistic``, ``limit``, ``reference`` and ``alarm``.
     false_alarm_rate : float
         Of a test, all storeys together.
 

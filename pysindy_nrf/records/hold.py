@@ -1,8 +1,8 @@
 """The course of forces between their samples.
 
-A measured force that passed an anti-aliasing filter is band-limited: a cubic spline
+A measured force that passed an anti-aliasing filter is band-limited. A cubic spline
 through its samples loses 1.5e-4 of an amplitude at a tenth of the sampling rate and
-1.4 % at a quarter; straight lines lose 3.3 and 19 %, the square of a sinc. A force that
+1.4 % at a quarter. Straight lines lose 3.3 and 19 %, the square of a sinc. A force that
 a D/A converter holds comes half a sample late, and loses a sinc.
 
 The motion of a mass hardly feels what a hold adds above half of the sampling rate. For

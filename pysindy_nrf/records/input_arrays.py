@@ -89,7 +89,7 @@ class Input:
     sample_weight: Data = None
 
     def beside(self) -> dict[str, Data]:
-        """What was given beside X, by name."""
+        """What was given in addition to X, by name."""
         everything = vars(self).items()
         return {name: x for name, x in everything if name != "X" and x is not None}
 
@@ -216,7 +216,7 @@ def _from_records(
     for name in passed.beside():
         if name != "sample_weight":
             raise ChannelError(
-                f"{name} was given beside records, which hold their own",
+                f"{name} was given in addition to records, which hold their own",
                 f"Leave {name} out.",
             )
 
@@ -239,7 +239,7 @@ def _from_records(
 
 
 def require_one_chain(records: Sequence[Record], n_dof: int) -> None:
-    """Refuse records of another number of DOFs, and rotations beside translations.
+    """Refuse records of another number of DOFs, and rotations mixed with translations.
 
     Parameters
     ----------

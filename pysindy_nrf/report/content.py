@@ -34,7 +34,8 @@ from ..records.figures import coherence_figure, spectrum_figures, time_figures
 from ..records.quality import QualityNote
 from ..records.record import Record
 from .figures.forces import force_figure, loop_figures
-from .figures.motion import measured_response_figure, modes_figure
+from .figures.modes import MovingModes, modes_of
+from .figures.motion import measured_response_figure
 from .words import Band, listed
 
 _UNKNOWN = (np.nan, np.nan)
@@ -117,8 +118,8 @@ class ModelPart:
     balances: list[list[str]]
     sites: list[SiteSection]
     tables: list[Table]
-    figures: list[Figure]
     equation_text: list[str]
+    moving: MovingModes | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +134,13 @@ class MeasuredRecord:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """Everything the template shows."""
+    """Everything the template shows; a verdict is named if there are several."""
 
     title: str
     lead: str
     audit: list[Table]
     model: ModelPart | None = None
-    verdict: Verdict | None = None
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     care: list[str] = field(default_factory=list)
     frame: Frame | None = None
     picture: list[Figure] = field(default_factory=list)
@@ -149,7 +150,7 @@ class Content:
     chapters: list[Chapter] = field(default_factory=list)
     effects: Table | None = None
     errors: list[Figure | Table] = field(default_factory=list)
-    results: list[Figure | Table] = field(default_factory=list)
+    results: list[Figure | Table | MovingModes] = field(default_factory=list)
     units: UnitSystem = TRANSLATION
 
 
@@ -170,11 +171,11 @@ def model_part(
         95 % intervals by parameter.
     """
     tables = [_masses(model, bounds), _coefficients(model, bounds)]
-    figures = []
+    moving = None
     modes = _modes(model)
     if len(modes):
         tables.append(_modes_table("Modes of the linear part", modes))
-        figures.append(modes_figure(modes))
+        moving = MovingModes("Modes of the linear part", modes_of(modes))
         at_amplitude = _modes_at_amplitude(model, loops)
         of_linear_part = modes[at_amplitude.columns]
         if not np.allclose(at_amplitude, of_linear_part, rtol=LEAST_CHANGE_OF_MODES):
@@ -183,7 +184,8 @@ def model_part(
 
     sections = _site_sections(model, loops, bounds)
     text = str(model).splitlines()
-    return ModelPart(balance_equations(model), sections, tables, figures, text)
+    balances = balance_equations(model)
+    return ModelPart(balances, sections, tables, text, moving)
 
 
 def _site_sections(
@@ -298,7 +300,7 @@ def frame_of(
     model : ChainModel
     bounds : mapping of str to (float, float)
     effects : mapping of str to str
-        What the model has beside linear storeys, in words by site.
+        What the model has besides linear storeys, in words by site.
     open_dofs : iterable of int
         DOFs whose balance does not close.
     records : sequence of Measured
@@ -357,7 +359,7 @@ def measured_part(
     ----------
     records : iterable of Measured
     model : ChainModel, optional
-        Whose frequency responses are drawn beside the measured ones.
+        Whose frequency responses are drawn next to the measured ones.
     notes : sequence of QualityNote
         What is known of channels, clocks and units of all records.
     band : (float or None, float or None), optional
@@ -383,7 +385,7 @@ def data_figures(
     model: ChainModel | None = None,
     band: Band = None,
 ) -> list[Figure]:
-    """A record over time and by frequency; its responses beside those of a model."""
+    """A record over time and by frequency; its responses with those of a model."""
     doubts = doubts_by_channel(record, notes)
     figures = time_figures(record, doubts)
     coherence = coherence_figure(record)
@@ -415,11 +417,12 @@ def audit_part(
 ) -> list[Table]:
     """What was run, with which settings, and which versions."""
     installed = [[name, version] for name, version in versions().items()]
-    return [
+    tables = [
         _run(info.get("command", ""), info.get("inputs", ())),
         _settings(settings),
         Table("Versions", ["package", "version"], installed),
     ]
+    return [part for part in tables if part.rows]
 
 
 def _run(command: str, inputs: Iterable[Mapping[str, object]]) -> Table:

@@ -24,7 +24,7 @@ def data_content(
     title : str, optional
         Names of the records if None.
     notes : sequence of str
-        What is to be taken care of, beside what the channels say.
+        What is to be taken care of, besides what the channels say.
     """
     doubts: list[QualityNote] = []
     summaries = []

@@ -1,6 +1,6 @@
 """Displays of a fitted model as scikit-learn has them.
 
-Each is made by ``from_estimator`` (or ``from_report``), which draws it, and drawn anew
+Each is made by ``from_estimator`` (or ``from_report``), which draws it, and drawn again
 by ``plot``; ``ax_`` and ``figure_`` are matplotlib's. Without matplotlib an error names
 the extra ``plot``.
 """
@@ -17,7 +17,7 @@ from ..chain.sites import SiteName
 from ..diagnosis.free_run import FreeRuns, free_runs
 from ..diagnosis.site_loops import SiteLoop, loops_of
 from ..drawing.figure import Figure
-from ..drawing.matplotlib_renderer import Column, Single
+from ..drawing.matplotlib_renderer import Column, Single, animated
 from ..exceptions import ChannelError, NRFError
 from ..records.dataset import Dataset
 from ..records.record import Record
@@ -25,12 +25,14 @@ from ..records.zero_phase_filter import filters_of
 from .figures.evidence import before_after_figure
 from .figures.forces import force_figure, loop_figure
 from .figures.intervals import intervals_figure
-from .figures.motion import free_run_figure, free_run_figures, modes_figure
+from .figures.modes import modes_figure
+from .figures.motion import free_run_figure, free_run_figures
 from .figures.residual import equation_residuals, largest_residual, residual_figures
 from .model_content import Fitted, Identification, identification_of
 from .results import Loop
 
 if TYPE_CHECKING:
+    from matplotlib.animation import FuncAnimation
     from matplotlib.axes import Axes
 
 Records = Record | Sequence[Record]
@@ -281,7 +283,7 @@ def _runs_of(shown: Identification, over_records: bool) -> FreeRuns:
 class ResidualDisplay(_OfOneDof):
     """What the model leaves of one equation of motion.
 
-    Its spectrum beside the force and the noise of the channels, its correlation with
+    Its spectrum with the force and the noise of the channels; its correlation with
     itself, and with what drives the structure.
 
     Parameters
@@ -373,6 +375,8 @@ class IntervalsDisplay(Single):
 class ModesDisplay(Single):
     """Shapes of the modes of the linear part, with frequencies and dampings.
 
+    :meth:`plot` draws them at their largest deflection, :meth:`animate` moving.
+
     Parameters
     ----------
     figures : sequence of Figure
@@ -409,6 +413,37 @@ class ModesDisplay(Single):
         if not isinstance(model, ChainModel):
             model = model.model_
         return cls([modes_figure(model.modes())]).plot(ax)
+
+    def animate(self) -> FuncAnimation:
+        """Let the modes move on the axes where they are drawn.
+
+        All are slowed down by the same factor, so that the fastest takes 0.8 s for a
+        cycle.
+
+        Returns
+        -------
+        matplotlib.animation.FuncAnimation
+            Keep it as long as it is to move; ``save("modes.gif")`` writes one cycle of
+            the slowest mode.
+
+        Raises
+        ------
+        MissingExtraError
+            Without matplotlib, which the extra ``plot`` brings.
+
+        Examples
+        --------
+        >>> import matplotlib.pyplot as plt
+        >>> from pysindy_nrf import ModesDisplay, datasets
+        >>> shown = ModesDisplay.from_estimator(datasets.demo_truth())
+        >>> moving = shown.animate()
+        >>> type(moving).__name__
+        'FuncAnimation'
+        >>> moving.pause()
+        >>> plt.close(shown.figure_)
+        """
+        assert not isinstance(self.ax_, np.ndarray)  # one figure has one pair of axes
+        return animated(self.figures()[0], self.ax_)
 
 
 class StepsDisplay(Single):

@@ -68,7 +68,7 @@ def loop_content(report: Loop, title: str | None = None) -> Content:
         lead=lead(report),
         model=model_part(report.model, report.loops, report.bounds),
         audit=audit_part(report.model.info, settings),
-        verdict=report.verdict,
+        verdicts={"": report.verdict},
         care=list(report.verdict.reasons),
         frame=frame_of(
             report.model, report.bounds, by_site, open_dofs, report.measured
@@ -94,7 +94,7 @@ def _figures_of_errors(report: Loop) -> list[Figure]:
 
 
 def lead(report: Loop) -> str:
-    """The whole story in a few sentences."""
+    """The complete story in a few sentences."""
     parts = [_what_was_found(report)]
     refused = [law_at_site(step) for step in report.steps if not step.confirmed]
     if refused:

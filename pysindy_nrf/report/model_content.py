@@ -188,7 +188,7 @@ def model_content(
     title : str, optional
         Names of the records if None.
     notes : sequence of str
-        What is to be taken care of, beside the reasons of the verdict.
+        What is to be taken care of, besides the reasons of the verdict.
     """
     model, data = identified.model, identified.data
     picture, obstacles = _picture(identified)
@@ -200,8 +200,10 @@ def model_content(
         nonlinear = nonlinear_parts(model, shares, bounds, kinds)
 
     care = [*notes, *obstacles]
+    verdicts = {}
     if identified.verdict is not None:
         care = [*identified.verdict.reasons, *care]
+        verdicts = {"": identified.verdict}
     records = _measured_records(identified)
     frame = frame_of(
         model, identified.bounds, nonlinear, _open_dofs(identified), records
@@ -211,7 +213,7 @@ def model_content(
         lead=_lead(model),
         model=model_part(model, loops, identified.bounds),
         audit=audit_part(model.info, _settings(identified)),
-        verdict=identified.verdict,
+        verdicts=verdicts,
         care=list(dict.fromkeys(care)),
         frame=frame,
         picture=picture,

@@ -45,6 +45,8 @@ Subject = (
 _PURPOSE = "The HTML report"
 # A literal of a script that is at least this long is the program of the street maps.
 _LONG_LITERAL = re.compile(r"(?<=\.exports=)'(?:[^'\\]|\\.){100000,}'", re.DOTALL)
+# What a script needs for its reader only: indents, and lines that hold a comment.
+_INDENT_OR_COMMENT = re.compile(r"^\s+|^ *//.*\n", re.MULTILINE)
 # Signs in which bytes are written: none is "<" or a quote, so no script ends early.
 _SIGNS = bytes(code for code in range(0x21, 0x7F) if chr(code) not in "'<\\")
 # A pair of these 91 signs holds 13 bits: 91^2 = 8281 > 2^13.
@@ -70,7 +72,7 @@ def write_html(
     Parameters
     ----------
     path : path-like
-        An older file is replaced whole.
+        An older file is replaced completely.
     subject : LoopReport, fitted NRFRegressor, ChainModel, Identification or Record
         A record, or several, are drawn as they were measured.
     record : Record or sequence of Record, optional
@@ -193,7 +195,7 @@ def _rendered(content: Content) -> str:
         "figures": _packed(figures),
     }
     scripts = environment.get_template("scripts.html").render(
-        packed=packed, code=markup(_template("page.js"))
+        packed=packed, code=markup(_INDENT_OR_COMMENT.sub("", _template("page.js")))
     )
     return f"{body}{scripts}</body>\n</html>\n"
 

@@ -22,7 +22,7 @@ class Step(effects.Effect, Protocol):
 
     @property
     def sentence(self) -> str:
-        """The whole step."""
+        """The entire step."""
 
     @property
     def evidence(self) -> str:

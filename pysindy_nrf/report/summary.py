@@ -142,7 +142,7 @@ class Summary:
         return [*lines, first_entry] if first_entry else lines
 
     def as_html(self) -> str:
-        """One page to print, every name escaped; no file beside it is needed.
+        """One page to print, every name escaped; no file next to it is needed.
 
         Returns
         -------

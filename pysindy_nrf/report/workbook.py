@@ -37,7 +37,7 @@ def write_workbook(
     Parameters
     ----------
     path : path-like
-        ``.xlsx``; an older file is replaced whole.
+        ``.xlsx``; an older file is replaced completely.
     summary : Summary
     model : ChainModel
     loops : sequence of SiteLoop

@@ -61,7 +61,7 @@ class Draws:
 
     @property
     def layout(self) -> LawLayout:
-        """Columns of the whole series."""
+        """Columns of the entire series."""
         return self.problem.layout
 
     def masks(self, weights: np.ndarray, threshold: float) -> TermMasks | None:
@@ -114,7 +114,7 @@ def inclusion_table(
     -------
     DataFrame
         By site and term, ``bagging`` and ``stability``; the term ``"all"`` is the
-        whole law of the site.
+        entire law of the site.
     """
     rng = np.random.default_rng(random_state)
     threshold = draws.nearest_threshold(chosen)

@@ -34,7 +34,7 @@ DEPENDENT = 1e-9
 
 
 class Monomials(PowerSeries):
-    """Terms v^h s^j of a given list of exponents, as of a power series."""
+    """Terms v^h s^j of a given list of exponents, as in a power series."""
 
     def __init__(self, exponents: Iterable[tuple[int, int]]) -> None:
         distinct = set(exponents)

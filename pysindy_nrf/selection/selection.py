@@ -60,7 +60,7 @@ class OrderSelection:
         Order of each storey by itself: one that adds nothing to the balances of its
         storey is lowered.
     table : DataFrame
-        One row for each order: ``terms`` (of the whole chain), ``score`` and
+        One row for each order: ``terms`` (of the entire chain), ``score`` and
         ``standard_error`` over the folds, ``balance_error`` (held out, percent NRMSE),
         ``acceleration_r2``, ``free_run_error`` (if asked for) and ``chosen``.
     fold_scores : DataFrame
@@ -135,7 +135,7 @@ class OrderSelection:
         Parameters
         ----------
         by_storey : bool
-            Whether each storey has an order of its own.
+            Whether each storey has its own order.
         """
         new = clone(self._estimator)
         if not by_storey:
@@ -197,7 +197,7 @@ def select_order(
     scores are those of ``GridSearchCV(NRFRegressor(), {"degree": ...}, cv=cv,
     scoring=...)`` to 1e-9, or to the root of the machine precision where the balances
     close. With ``band`` or with laws that have memory the scores differ: here records
-    are filtered and followed whole, there anew from the edge of each fold.
+    are filtered and followed from end to end, there from the edge of each fold.
 
     Parameters
     ----------

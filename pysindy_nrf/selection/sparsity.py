@@ -160,7 +160,7 @@ def select_sparsity(
         Of the power series that is thinned out.
     **regressor_params
         Of :class:`NRFRegressor`: ``strategy``, ``known_masses``, ``laws`` and
-        ``orders`` (kept whole), ``band``, ...
+        ``orders`` (kept in full), ``band``, ...
 
     Returns
     -------
@@ -172,7 +172,7 @@ def select_sparsity(
     Raises
     ------
     NRFError
-        If the whole series cannot be fitted on every fold.
+        If the entire series cannot be fitted on every fold.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """A splitter that respects time.
 
-Neighbouring samples of a vibration are nearly copies of each other. Whole records are
-held out by scikit-learn's ``LeaveOneGroupOut`` or ``GroupKFold``, with record ids as
-groups.
+Neighbouring samples of a vibration are nearly copies of each other. Complete records
+are held out by scikit-learn's ``LeaveOneGroupOut`` or ``GroupKFold``, with record ids
+as groups.
 """
 
 from collections.abc import Iterator
@@ -27,8 +27,8 @@ class BlockedTimeSplit(BaseCrossValidator):
         Blocks into which each record is cut; fold i holds out block i of every record.
     gap : int
         Samples left out of the training data on either side of a held-out block, so
-        that nothing of it leaks through a filter or the memory of the motion: a period
-        or two of the lowest mode, or the ``edge`` of the filter.
+        that nothing of it leaks through a filter or the memory of the motion. Take a
+        period or two of the lowest mode, or the ``edge`` of the filter.
 
     Notes
     -----
@@ -56,7 +56,7 @@ class BlockedTimeSplit(BaseCrossValidator):
     def get_n_splits(
         self, X: object = None, y: object = None, groups: object = None
     ) -> int:
-        """Number of folds; parameters as of :meth:`split`, not needed."""
+        """Number of folds; parameters as for :meth:`split`, not needed."""
         return whole_number("n_splits", self.n_splits, 2)
 
     def split(

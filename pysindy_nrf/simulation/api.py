@@ -271,7 +271,7 @@ def classical_run(
 ) -> Record:
     """Free run by one classical Runge-Kutta step of order 4 a sample.
 
-    For fits that repeat it; options as of :func:`simulate`.
+    For fits that repeat it; options as for :func:`simulate`.
     """
     run = _integrate(model, F, dt, "classical", _Options(**options))
     return as_read(run.record("simulation"), model.laws)

@@ -124,7 +124,7 @@ def band_limited_random(
     band: tuple[float, float],
     random_state: RandomState = None,
 ) -> np.ndarray:
-    """Gaussian random forces within a band; the rest as of :func:`impact_hammer`.
+    """Gaussian random forces within a band; the rest as for :func:`impact_hammer`.
 
     Their spectrum is flat within the band and zero outside.
 

@@ -29,7 +29,7 @@ def add_noise(
         (the paper's "5 % noise" is a share of the mean, almost nothing for a signal
         that swings about zero).
     random_state : int, Generator or None
-        A whole number gives noise a stream of its own: it may be the one that the
+        A whole number gives noise its own stream: it may be the one that the
         excitation was drawn from.
     channels : iterable of str, optional
         ``"a"`` (all accelerations), ``"a2"``, ``"F"``, ``"ag"``, the name of a

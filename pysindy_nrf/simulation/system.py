@@ -9,6 +9,7 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..common.unit_system import UnitSystem
 from ..exceptions import LawError, SimulationError
 from ..laws.base import ForceLaw
 from ..laws.callbacks import callbacks_of
@@ -132,7 +133,7 @@ def flatten(model: ChainModel, t0: float = 0.0) -> tuple[System, Layout]:
         if site.kind != "sensor" and laws_there
     }
     _require_values(laws)
-    _require_positive_masses(masses, laws)
+    _require_positive_masses(masses, laws, model.units)
 
     names = [
         name for group in laws.values() for law in group for name in law.covariates
@@ -167,15 +168,15 @@ def _require_values(laws: Laws) -> None:
                 )
 
 
-def _require_positive_masses(masses: np.ndarray, laws: Laws) -> None:
+def _require_positive_masses(masses: np.ndarray, laws: Laws, units: UnitSystem) -> None:
     needed = "a free run needs positive masses"
     for number, mass in enumerate(masses, 1):
         if not 0 < mass < np.inf:
             raise SimulationError(
-                f"m{number} = {mass:.4g} kg; {needed}",
+                f"m{number} = {mass:.4g} {units.mass}; {needed}",
                 f"{WEIGH}, or excite the chain better.",
             )
-    for lost in lost_masses(masses, laws):
+    for lost in lost_masses(masses, laws, units):
         raise SimulationError(
             f"{lost}; {needed}", f"{WEIGH}, or leave the added mass out."
         )

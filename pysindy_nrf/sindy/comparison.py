@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 
 from ..chain.model import ChainModel
+from ..diagnosis.facts import OtherModel
 from ..equations.errors import Sizes, nrmse, pooled_percent
 from ..exceptions import ChannelError, NRFError, SimulationError
 from ..identification.regressor import NRFRegressor
@@ -44,6 +45,8 @@ COLUMNS = [
     "seconds",
     "note",
 ]
+# The row of this package whose fit has intervals, and so a verdict.
+JUDGED = "pysindy_nrf, instrumental variables"
 # Multiplications of a fit that is still run: some ten seconds.
 MAX_WORK = 2e11
 
@@ -77,10 +80,10 @@ def compare_with_sindy(
     degree : int
         Of the power series everywhere.
     optimizers : mapping of str to PySINDy optimizer, or "select", optional
-        Rows of this package beside least squares; ``"select"`` has one with the terms
-        that :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within the
-        first part of the record. STLSQ at PySINDy's default threshold (a tenth of each
-        balance's force) and at a hundredth if None.
+        Rows of this package in addition to least squares; ``"select"`` has one with the
+        terms that :func:`~pysindy_nrf.selection.select_sparsity` leaves, chosen within
+        the first part of the record. STLSQ at PySINDy's default threshold (a tenth of
+        each balance's force) and at a hundredth if None.
     heldout : float
         Share of the record at its end on which all errors are measured.
     free_run : int
@@ -107,18 +110,27 @@ def compare_with_sindy(
         * ``pysindy_nrf, ...``: least squares, instrumental variables and the optimizers
           given.
 
-        Columns: ``terms`` found (each counted once, in however many accelerations it
-        stands; rows that say that the rate of a position is a velocity do not count),
-        ``precision`` and ``recall`` (shares) of the true terms in each model's own
-        library; ``mass_error`` (largest, percent); ``restoring_force_error``, where
-        SINDy is given the masses, and ``force_error_own_masses``, where it finds them
-        as 1/m (NaN where a DOF is not forced); ``balance_error`` (pooled percent NRMSE,
-        one step, as the two before); ``free_run_error`` (percent NRMSE of the
-        displacements, inf if it diverges); ``third_law_gap`` (largest disagreement of
-        the two estimates of a storey, percent) and ``storeys_found`` (``"once"`` or
-        ``"twice"``); ``seconds`` of the fit, choosing included; ``note``. NaN = cannot
-        be known. ``attrs["storey_forces"]`` holds the storey forces (N) that each model
-        finds on the rest of the record, by its name, and the true ones.
+        Columns; NaN where a number cannot be known:
+
+        * ``terms``: how many were found. Each counts once, in however many
+          accelerations it stands; rows that say that the rate of a position is a
+          velocity do not count.
+        * ``precision``, ``recall``: shares of the true terms in the library of the
+          model.
+        * ``mass_error``: the largest, percent.
+        * ``restoring_force_error``: pooled percent NRMSE of one step, where SINDy is
+          given the masses.
+        * ``force_error_own_masses``: the same where SINDy finds them as 1/m; NaN where
+          a DOF is not forced.
+        * ``balance_error``: pooled percent NRMSE of one step.
+        * ``free_run_error``: percent NRMSE of the displacements, inf if it diverges.
+        * ``third_law_gap``: largest disagreement of the two estimates of a storey,
+          percent; ``storeys_found`` says whether there are two: ``"once"`` or
+          ``"twice"``.
+        * ``seconds`` of the fit, choosing included, and a ``note``.
+
+        ``attrs["storey_forces"]`` has the storey forces (N) that each model finds on
+        the rest of the record, by its name, and the true ones.
 
     Raises
     ------
@@ -192,6 +204,24 @@ def compare_with_sindy(
     return table
 
 
+def other_models(table: pd.DataFrame, name: str) -> tuple[OtherModel, ...]:
+    """Plain SINDy compared with a row of this package, as facts for a verdict.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of :func:`compare_with_sindy`.
+    name : str
+        A row of this package.
+    """
+    of_this = float(table.loc[name, "free_run_error"])
+    others = []
+    for other, error in table["free_run_error"].items():
+        if str(other).startswith("SINDy"):
+            others.append(OtherModel(str(other), float(error), of_this))
+    return tuple(others)
+
+
 def _models(
     degree: int, optimizers: Mapping[str, BaseEstimator] | str | None
 ) -> dict[str, ComparedModel]:
@@ -202,9 +232,7 @@ def _models(
         "SINDy, hand-steered": ExpertSINDy(degree),
         "SINDy, storey shears": Shears(degree),
         "pysindy_nrf, least squares": Regressor(NRFRegressor(degree, estimation="ls")),
-        "pysindy_nrf, instrumental variables": Regressor(
-            NRFRegressor(degree, estimation="iv")
-        ),
+        JUDGED: Regressor(NRFRegressor(degree, estimation="iv")),
     }
     if isinstance(optimizers, str):
         if optimizers != "select":

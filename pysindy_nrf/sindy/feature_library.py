@@ -63,12 +63,12 @@ class ForceLawLibrary(BaseFeatureLibrary):
     chain : Chain, optional
         Found from the number of columns if None.
     inputs : {"balance", "state"}
-        ``"balance"``: columns a_1..a_n, v_1..v_n, s_1..s_n (paper eq. 8); the features
-        are a_1..a_n and the terms of every site, to be fitted to the forces by
-        :class:`ChainOptimizer`. ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative
-        to the base) and u = F_1..F_n; the features are the terms and F, for
-        :class:`StateSpaceChainOptimizer`, with the velocity xdot_j of each DOF whose
-        storey has no term v_j.
+        ``"balance"``: columns a_1..a_n, v_1..v_n, s_1..s_n (paper eq. 8). The features
+        are a_1..a_n and the terms of every site, for :class:`ChainOptimizer`.
+        ``"state"``: columns x_1..x_n, xdot_1..xdot_n (relative to the base) and u =
+        F_1..F_n. The features are the terms and F, for
+        :class:`StateSpaceChainOptimizer`. The velocity xdot_j of a DOF joins them where
+        its storey has no term v_j.
     dt : float, optional
         Sampling step, s, for laws that need the time or remember the path (not with
         ``inputs="state"``).

@@ -421,8 +421,8 @@ class ChainOptimizer(_ChainOptimizerBase):
     In ``ps.SINDy(feature_library=library, optimizer=ChainOptimizer(terms=library))``
     the columns are a, v, s (eq. 8) and the targets, passed as ``x_dot``, are the forces
     F_j. Every balance's columns and right-hand side are divided by their rms (never
-    shifted) before the inner optimizer sees them, so a threshold is a share of the
-    balance's force, in any units and at any number of samples; the mass is eliminated
+    shifted) before the inner optimizer sees them. A threshold is thus a share of the
+    balance's force, in any units and at any number of samples. The mass is eliminated
     first and never thresholded. Rows with NaN are left out, as PySINDy's optimizers do.
 
     Parameters
@@ -619,7 +619,7 @@ class StateSpaceChainOptimizer(_ChainOptimizerBase):
     def fit(
         self, x_: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
     ) -> Self:
-        """Find masses and coefficients; errors as of :meth:`ChainOptimizer.fit`.
+        """Find masses and coefficients; errors as for :meth:`ChainOptimizer.fit`.
 
         Parameters
         ----------

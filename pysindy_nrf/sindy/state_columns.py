@@ -19,7 +19,7 @@ class StateColumns:
     ----------
     layout : Layout
     velocities : tuple of int
-        DOFs whose velocity is a column of its own. The others are sums of terms v_i.
+        DOFs whose velocity is its own column. The others are sums of terms v_i.
     forces : tuple of int
         DOFs on which the columns of forces act; the others are unforced.
     rates : dict of int to int

@@ -68,9 +68,16 @@ def test_damage_and_compare_write_pages(here, capsys):
     how = ["--mapping", "mine.toml"]
     files = ["messung.csv", "messung.csv"]
     assert run(["damage", *files, *how, "--blocks", "5"]) == 0
-    assert "What changed" in Path("nrf_output/change.html").read_text("utf-8")
-    assert run(["compare", *how, "--degree", "1", "-o", "beside"]) == 0
-    assert "SINDy" in Path("beside/comparison.html").read_text("utf-8")
+    shown = Path("nrf_output/change.html").read_text("utf-8")
+    assert "What changed" in shown
+    assert "The fit before:" in shown
+    assert "MAC 1.000" in shown
+    capsys.readouterr()
+    code = run(["compare", *how, "--degree", "1", "-o", "beside", "--json"])
+    verdict = json.loads(capsys.readouterr().out)["verdict"]
+    assert (code == 4) == (verdict["state"] == "red")
+    shown = Path("beside/comparison.html").read_text("utf-8")
+    assert f'class="verdict {verdict["state"]}"' in shown
 
 
 def test_own_laws_are_read_from_a_file_also_for_saved_models(here, capsys):

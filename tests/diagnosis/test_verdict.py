@@ -32,7 +32,7 @@ from pysindy_nrf.diagnosis import (
     verdict_from,
     wiring_errors,
 )
-from pysindy_nrf.diagnosis.facts import LeftOver, ShapeAtEnd
+from pysindy_nrf.diagnosis.facts import LeftOver, OtherModel, ShapeAtEnd
 from pysindy_nrf.records import QualityNote
 from pysindy_nrf.simulation import add_noise
 
@@ -140,6 +140,24 @@ def test_a_free_run_that_drifts_later_is_judged_over_some_periods():
     verdict = verdict_from(replace(GOOD, free_run=drifts))
     assert verdict.state == "green"
     assert "5 % over ten periods" in verdict.sentence
+
+
+@pytest.mark.parametrize(
+    ("other", "of_this", "state"),
+    [
+        (4.0, 9.0, "amber"),
+        (4.0, np.inf, "amber"),
+        (8.5, 9.0, "green"),  # no better but by chance
+        (0.1, 4.0, "green"),  # as close as sensors measure
+        (np.nan, 9.0, "green"),
+        (np.inf, 9.0, "green"),
+    ],
+)
+def test_a_model_that_predicts_better_is_named(other, of_this, state):
+    compared = replace(GOOD, other_models=(OtherModel("Plain SINDy", other, of_this),))
+    verdict = verdict_from(compared)
+    assert verdict.state == state
+    assert ("comparison", "") in kinds(verdict) or state == "green"
 
 
 def test_an_error_of_wiring_is_named_before_all_that_follows_from_it():

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from pysindy_nrf import ChainModel, close_loop, excitation, laws, simulate
+from pysindy_nrf import (
+    ChainModel,
+    NRFRegressor,
+    close_loop,
+    excitation,
+    laws,
+    simulate,
+)
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.simulation import add_noise
 
@@ -125,6 +132,26 @@ def test_a_fault_that_a_user_wrote_is_tried_like_ours(left_out):
     assert of_user.parameters["e"] == pytest.approx(
         100 * ours.parameters["e"], rel=0.01
     )
+
+
+def test_a_late_sensor_on_a_shaken_chain_reads_the_base_late_too():
+    """An accelerometer reads the motion of the base, too."""
+    storey = [laws.LinearElastic(6000.0), laws.LinearViscous(8.0)]
+    late = {"sensor a2": laws.ChannelDelay(0.003)}
+    model = ChainModel([10.0, 10.0], {1: storey, 2: storey, **late})
+    t = np.arange(2400) / 200.0
+    base = 2.0 * np.sin(2 * np.pi * 1.8 * t) * np.clip(2 * t, 0, 1) * (t < 8)
+    run = simulate(model, np.zeros((2400, 2)), 1 / 200, base_acceleration=base)
+    run = add_noise(run, 0.002, random_state=1)
+
+    masses = NRFRegressor(degree=1, known_masses={1: 10.0, 2: 10.0})
+    accelerations = run.replace(velocity=None, displacement=None)
+    report = close_loop(accelerations, masses, [laws.ChannelDelay()])
+    (step,) = report.steps
+    assert step.site == "sensor a2"
+    assert step.parameters["tau"] == pytest.approx(0.003, rel=0.05)
+    stiffness = report.model.restoring_forces["storey 2"].linear_part()["k"]
+    assert stiffness == pytest.approx(6000.0, rel=0.005)
 
 
 def test_of_two_forces_either_may_be_wrong():

@@ -26,6 +26,7 @@ from pysindy_nrf.report.figures.motion import measured_response_figure
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 plt = pytest.importorskip("matplotlib.pyplot")
+AbstractMovieWriter = pytest.importorskip("matplotlib.animation").AbstractMovieWriter
 
 
 @pytest.fixture(autouse=True)
@@ -72,6 +73,36 @@ def test_steps_of_a_loop_are_drawn():
     assert held_out.iloc[-1] == pytest.approx(
         heights[len(heights) // len(report.table) * (len(report.table) - 1)]
     )
+
+
+def test_modes_swing_by_cosines_of_one_slowed_clock(model):
+    """A mode takes a cycle of 0.8 s times the fastest frequency over its own."""
+
+    class Tips(AbstractMovieWriter):
+        """Where the modes have their largest entry, frame by frame."""
+
+        def setup(self, fig, outfile, dpi=None):
+            self.tips = []
+
+        def grab_frame(self, **options):
+            lines = shown.ax_.lines[:3]
+            self.tips.append(
+                [float(line.get_xdata()[k]) for line, k in zip(lines, tips)]
+            )
+
+        def finish(self):
+            pass
+
+    shown = ModesDisplay.from_estimator(model)
+    tips = [int(np.argmax(np.abs(x.get_xdata()))) for x in shown.ax_.lines[:3]]
+    writer = Tips(fps=25)
+    shown.animate().save("not written", writer=writer)
+
+    frequency = model.modes()["frequency"].to_numpy()
+    cycle = 0.8 * frequency[-1] / frequency
+    t = np.arange(len(writer.tips))[:, None] / 25
+    assert len(t) == round(25 * cycle[0])
+    np.testing.assert_allclose(writer.tips, np.cos(2 * np.pi * t / cycle), atol=1e-9)
 
 
 def test_given_axes_are_used(model):

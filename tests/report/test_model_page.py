@@ -69,6 +69,19 @@ def test_force_that_depends_on_the_path_is_drawn_as_a_path():
     assert "scatter3d" in kinds
 
 
+def test_modes_move_with_their_ratio_of_frequencies():
+    """Half cycles of style are as the periods of the modes; floors slide by shapes."""
+    model = regressor()[0].model_
+    shown = Page(as_html(model))
+    half = [float(a["style"][7:-1]) for a in shown.all("svg") if "style" in a]
+    frequency = model.modes()["frequency"].to_numpy()
+    np.testing.assert_allclose(half, 0.4 * frequency[-1] / frequency, rtol=0.02)
+
+    slid = [float(a["style"][5:-2]) for a in shown.all("rect") if "style" in a]
+    shapes = model.modes().filter(like="dof").to_numpy()[:, ::-1]
+    np.testing.assert_allclose(slid, 28 * shapes.ravel(), atol=0.06)
+
+
 def test_intervals_and_the_third_law_are_shown():
     model, rec = regressor()
     text = Page(as_html(model, rec)).text

@@ -65,6 +65,7 @@ CATCH_COPIES = (
     " window.copied = t; return Promise.resolve(); }}})"
 )
 HAS_WEBGL = "return Boolean(document.createElement('canvas').getContext('webgl'))"
+SHIFT = "return new DOMMatrix(getComputedStyle(arguments[0]).transform).e"
 EYE = "const c = arguments[0]._fullLayout.scene.camera.eye; return [c.x, c.y, c.z]"
 
 
@@ -208,6 +209,24 @@ def test_the_keyboard_reaches_the_content(browser):
     assert focused == "Skip to the content"
     browser.press(ENTER)
     assert browser.wait(lambda: browser.run("return location.hash") == "#main")
+
+
+def test_modes_move_until_they_are_stopped(browser):
+    """Stopped, they stand at their largest deflection."""
+    browser.open(DESK)
+    button, floor = browser.find("[data-move]"), browser.find(".mode rect")
+    browser.run(INTO_VIEW, button)
+    moving = browser.run(SHIFT, floor)
+    assert browser.wait(lambda: browser.run(SHIFT, floor) != moving)
+    button.click()
+    assert button.text == "Move"
+    largest = floor.get_attribute("style").removeprefix("--to: ").rstrip("px; ")
+    assert browser.run(SHIFT, floor) == pytest.approx(float(largest))
+
+    still = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": still})
+    browser.driver.refresh()
+    assert browser.find_all(".moving") == []
 
 
 def column(table, number):

@@ -65,7 +65,7 @@ h2 { font-size: 1.25rem; line-height: 1.3; margin: 1rem 0 .3rem; font-weight: 60
 
 
 def build(nicegui: ModuleType) -> None:
-    """Define the page; each browser window gets a folder and a state of its own."""
+    """Define the page; each browser window gets a folder and its own state."""
     ui, app = nicegui.ui, nicegui.app
     windows: dict[str, Window] = {}
 
@@ -369,7 +369,7 @@ class _Page:
             for name, path in files.items():
                 if path.exists():
                     self._draw_download(name, path)
-        ui.label("The same by the command line, beside the files and the mapping:")
+        ui.label("The same by the command line, next to the files and the mapping:")
         ui.label(command).classes("command").props("data-what=command")
 
     def _draw_download(self, name: str, path: Path) -> None:

@@ -93,7 +93,7 @@ class Finding:
 
 
 class Window:
-    """Files of one window, in a folder of their own that goes with it."""
+    """Files of one window, in their own folder that goes with it."""
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="pysindy-nrf-"))
@@ -137,11 +137,11 @@ class Window:
     # -- the run -----------------------------------------------------------------------
 
     def command(self, options: Sequence[str]) -> str:
-        """The command line that repeats the run, beside the mapping file."""
+        """The command line that repeats the run, besides the mapping file."""
         return shlex.join(["pysindy-nrf", "run", "--mapping", MAPPING, *options])
 
     def start(self, options: Sequence[str]) -> None:
-        """Start ``run`` in a process of its own."""
+        """Start ``run`` in its own process."""
         self.stop()
         shutil.rmtree(self.result, ignore_errors=True)
         program = "from pysindy_nrf.cli import main; main()"

@@ -28,11 +28,14 @@ _LINEAR = ["motion", "inputs"]
 class Detection:
     """What the residual of every balance and storey holds.
 
-    ``verdicts`` has rows ``"dof j"`` and ``"storey i"``; columns ``verdict`` (a
-    ``ResidualKind``), ``percent`` (of the reference), ``floor ratio`` (rms over that of
-    the noise floor), ``linear share`` (of the squares that drifts, rates and inputs
-    explain on data left out) and ``nonlinear share`` (of the rest, by laws of the
-    site's own motion).
+    ``verdicts`` has rows ``"dof j"`` and ``"storey i"``. Its columns are:
+
+    - ``verdict``: a ``ResidualKind``.
+    - ``percent``: of the reference.
+    - ``floor ratio``: rms over that of the noise floor.
+    - ``linear share``: of the squares that drifts, rates and inputs explain on data
+      left out.
+    - ``nonlinear share``: of the rest, by laws of the site's own motion.
     """
 
     verdicts: pd.DataFrame
@@ -44,7 +47,7 @@ class Detection:
 
 
 def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
-    """Find what every balance and storey holds beside noise.
+    """Find what every balance and storey holds apart from noise.
 
     Parameters
     ----------

@@ -42,11 +42,15 @@ CORRELATION = 0.9
 class Localisation:
     """Sites, best first, by the share of the residual that a force there explains.
 
-    ``table`` has a row for each site: ``share`` (percent), ``low``, ``high`` (about 95
-    %), ``own`` (what the force's own motion explains of it, percent), ``balances`` (the
-    signs), ``pattern`` (its number; equal ones are indistinguishable), ``near`` (nearly
-    as good as the first). ``over_floor`` is what all balances leave over what noise
-    leaves.
+    ``table`` has a row for each site, with these columns:
+
+    - ``share``, ``low``, ``high``: percent, and the ends of about 95 %.
+    - ``own``: what the motion of the site explains of it, percent.
+    - ``balances``: the signs.
+    - ``pattern``: its number; sites of one pattern cannot be distinguished.
+    - ``near``: whether it is nearly as good as the first.
+
+    ``over_floor`` is what all balances leave over what noise leaves.
     """
 
     table: pd.DataFrame
@@ -311,7 +315,7 @@ class Localiser:
     def fit(self, b: np.ndarray | None) -> Regression:
         """The regression of the residual on the columns of the baseline.
 
-        Beside a free force with a pattern.
+        Next to a free force with a pattern.
         """
         k, n = self.n_columns, self.n_dof
         masses = k - n + np.flatnonzero(self._free_masses(b))
@@ -328,7 +332,7 @@ class Localiser:
         return Regression(products[:, : k + 1, : k + 1], columns)
 
     def remaining(self, b: np.ndarray | None) -> np.ndarray:
-        """Squares left in every block beside a free force, without those of noise."""
+        """Squares left in every block with a free force, without those of noise."""
         of_noise = float(np.trace(self._form(b) @ self.noise))
         return self.fit(b).unexplained("e", ["baseline"]) - self.block_sizes * of_noise
 

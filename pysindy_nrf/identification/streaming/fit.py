@@ -52,7 +52,7 @@ def fit_pieces(
     ----------
     settings : StreamSettings
     passed : Input
-        Paths or an iterator, and what was passed beside them.
+        Paths or an iterator, and what was passed with them.
     state : path-like, optional
         File or folder for the state of an interrupted fit.
     """

@@ -70,7 +70,7 @@ class StreamSettings:
         Raises
         ------
         ChainError
-            If a setting needs whole records in memory.
+            If a setting needs complete records in memory.
         """
         cure = "Give Records, or arrays that fit in memory."
         if estimator.estimation not in ("auto", "ls"):

@@ -121,7 +121,7 @@ _COVARIATE = "covariate "
 
 
 def arrays_beside(passed: Input) -> dict[str, Any]:
-    """The arrays beside X by one name each, covariates as ``covariate name``."""
+    """The arrays passed with X by one name each, covariates as ``covariate name``."""
     arrays = passed.beside()
     covariates = arrays.pop("covariates", {})
     for name, line in dict(covariates).items():
@@ -317,7 +317,7 @@ def open_source(passed: Input, reader: ColumnReader) -> Source:
     Raises
     ------
     ChannelError
-        If something was given beside data that hold their own.
+        If something was given in addition to data that hold their own.
     FileFormatError
         If a file cannot be read in chunks.
     """
@@ -363,7 +363,9 @@ def _open_list(passed: Input, paths: Sequence[object], reader: ColumnReader) -> 
 
 
 def refuse_beside(passed: Input, what: str, but: str = "") -> None:
-    """Refuse everything beside X, ``but`` one name."""
+    """Refuse everything except X, ``but`` one name."""
     for name in arrays_beside(passed):
         if name != but:
-            raise ChannelError(f"{name} was given beside {what}", f"Leave {name} out.")
+            raise ChannelError(
+                f"{name} was given in addition to {what}", f"Leave {name} out."
+            )

@@ -1,9 +1,9 @@
 """Coefficients that change while the structure shakes.
 
 The coefficient of a column follows a penalised spline in time (P-spline, Eilers and
-Marx 1996), whose strength is that of the restricted likelihood. Steps stand beside it
+Marx 1996), whose strength is that of the restricted likelihood. Steps are added to it
 where the Bayesian information criterion prefers them. A change counts if it is
-significant at a stated rate of false alarms, and beside laws of the amplitude, too.
+significant at a stated rate of false alarms, and next to laws of the amplitude, too.
 """
 
 from ...common.lazy import public_names

@@ -1,10 +1,10 @@
 """Laws by which a storey that does not change may depend on the amplitude.
 
 A storey that softens with the amplitude loses stiffness in a strong phase, and so does
-one that is damaged. What is called a change must be seen beside these laws: springs and
-dampings of second and third order, friction, and elasto-plastic sliders in parallel,
-which together follow any hysteresis of Masing's kind (Iwan, Journal of Applied
-Mechanics 33, 1966).
+one that is damaged. A change is claimed only where these laws do not explain it:
+springs and dampings of second and third order, friction, and elasto-plastic sliders in
+parallel. Together such sliders follow any hysteresis of Masing's kind (Iwan, Journal of
+Applied Mechanics 33, 1966).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The course of each coefficient that changes: gradual, sudden, or both.
 
 Candidates are a spline, steps between constants, and a spline with steps. The one with
-the least Bayesian information criterion is taken: minus twice the logarithm of the
-likelihood, for noise of one dispersion, plus log(n) for each degree of freedom of the
-spline and two for each step, its size and its instant.
+the least Bayesian information criterion is taken. This is minus twice the logarithm of
+the likelihood, for noise of one dispersion, plus log(n) for each degree of freedom. A
+step counts as two: its size and its instant.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ class CourseFitter:
         return ShapedFit(fit, {}, dispersion, self.deviance(fit.over_time))
 
     def fit(self, shapes: Shapes, start: ShapedFit) -> ShapedFit:
-        """Fit shapes, with weights and a dispersion of their own.
+        """Fit shapes, with their own weights and dispersion.
 
         ``start`` is a fit from whose weights the passes begin. The dispersion is the
         mean over the unknowns with a shape.
@@ -172,7 +172,7 @@ class CourseFitter:
         return courses
 
     def shaped(self, before: ShapedFit, unknown: int) -> ShapedFit:
-        """The best shape of one coefficient beside the shapes of others.
+        """The best shape of one coefficient given the shapes of others.
 
         ``before`` is a fit in which it is constant, or has another shape.
         """

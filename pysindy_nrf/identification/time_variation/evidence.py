@@ -27,7 +27,7 @@ MAX_RIVALS = 3
 def evidence_of(shaped: ShapedFit, unknown: int, noise: Noise) -> float:
     """Logarithm of a bound of the probability that chance looks as much like a change.
 
-    Of one coefficient, beside a fit, sudden or gradual.
+    Of one coefficient, added to a fit, sudden or gradual.
     """
     sudden = step_scan(shaped.fit, unknown, noise).log_probability
     gradual = log_probability_of_smooth(shaped.fit, unknown, noise)

@@ -49,7 +49,7 @@ class Judgement:
 
     @cached_property
     def amplitude(self) -> Followed:
-        """The same beside laws of the amplitude, at the sites that seem to change."""
+        """The same next to laws of the amplitude, at the sites that seem to change."""
         followed = self.declared
         sites = {
             place[0]
@@ -61,7 +61,7 @@ class Judgement:
 
     @cached_property
     def beside_amplitude(self) -> Search:
-        """What of it is still seen beside laws of the amplitude."""
+        """What of it is still seen next to laws of the amplitude."""
         renamed = dict(zip(self.declared.tested, self.amplitude.tested))
         suspects = [renamed[number] for number in self.search.changing]
         return self.amplitude.search(suspects)

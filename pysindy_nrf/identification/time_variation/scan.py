@@ -1,7 +1,7 @@
-"""Further functions of time of one coefficient, tested beside a fit.
+"""Further functions of time of one coefficient, added to a fit.
 
-The scores of a step at every instant, and of smooth functions, each beside all other
-unknowns (Andrews, Econometrica 61, 1993, on instants that are not known).
+The scores of a step at every instant, and of smooth functions, each together with all
+other unknowns (Andrews, Econometrica 61, 1993, on instants that are not known).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LEAST_LOG = -700.0
 
 @dataclass(frozen=True, eq=False)
 class FurtherFunctions:
-    """Functions of time of one coefficient, each beside all other unknowns of a fit.
+    """Functions of time of one coefficient, each with all other unknowns of a fit.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class FurtherFunctions:
         functions: np.ndarray,
         noise: np.ndarray | None = None,
     ) -> FurtherFunctions:
-        """Functions (n_pieces, n_functions) beside a fit.
+        """Functions (n_pieces, n_functions) added to a fit.
 
         ``noise`` are the scores of the noise, (n_pieces, n_unknowns); those of the fit
         if None.
@@ -101,7 +101,7 @@ class FurtherFunctions:
 
 @dataclass(frozen=True, eq=False)
 class StepScan:
-    """A step at every piece, beside a fit.
+    """A step at every piece, added to a fit.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Noise:
 
 
 def step_scan(fit: PenalisedFit, unknown: int, noise: Noise | None = None) -> StepScan:
-    """A step of one coefficient beside a fit, at every piece.
+    """A step of one coefficient added to a fit, at every piece.
 
     With the noise, for a test, at every half period. Instants with too little
     information on either side are left out.
@@ -198,7 +198,7 @@ def step_scan(fit: PenalisedFit, unknown: int, noise: Noise | None = None) -> St
 def log_probability_of_smooth(fit: PenalisedFit, unknown: int, noise: Noise) -> float:
     """Logarithm of the probability that smooth functions explain as much by chance.
 
-    Of one coefficient, beside a fit: an F-test of half cosines over the record.
+    Of one coefficient, added to a fit: an F-test of half cosines over the record.
     """
     n_pieces = len(fit.products)
     share = (np.arange(n_pieces) + 0.5) / n_pieces

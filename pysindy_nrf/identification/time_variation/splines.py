@@ -1,4 +1,4 @@
-"""Courses in time: a penalised spline, and steps beside it.
+"""Courses in time: a penalised spline, and steps added to it.
 
 P-splines of Eilers and Marx, Statistical Science 11, 1996: B-splines on equidistant
 knots, and a penalty on the differences of their coefficients.

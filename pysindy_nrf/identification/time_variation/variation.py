@@ -38,19 +38,22 @@ class TimeVariation:
         ``site``, ``term``, ``unit``, ``t`` (s), ``value``, ``lower``, ``upper`` (95 %
         band), a row for each piece of the record.
     changes : DataFrame
-        A row for each coefficient that was followed: ``site``, ``term``, ``kind``
-        (``"constant"``, ``"gradual"``, ``"sudden"``, ``"gradual and sudden"``,
-        ``"amplitude dependence"``, ``"change or amplitude dependence"``, ``"not
-        certain"`` where a constant lies within the band all along, or the coefficient
-        changes its sign, as that of something missing), ``first``,
-        ``last`` and ``lowest`` value (SI), ``change`` from the first to the last with
-        ``lower`` and ``upper`` (percent of the first), and ``p``, a bound of the
-        probability of the evidence if nothing changes.
+        A row for each coefficient that was followed.
+
+        - ``site``, ``term``.
+        - ``kind``: ``"constant"``, ``"gradual"``, ``"sudden"``, ``"gradual and
+          sudden"``, ``"amplitude dependence"``, ``"change or amplitude dependence"`` or
+          ``"not certain"``. The last one means that a constant lies within the band, or
+          that the coefficient changes its sign.
+        - ``first``, ``last``, ``lowest``: values, SI units.
+        - ``change``: from the first to the last, with ``lower`` and ``upper``, percent
+          of the first.
+        - ``p``: a bound of the probability of the evidence if nothing changes.
     instants : DataFrame
         Sudden changes: ``site``, ``term``, ``t`` with ``t_lower`` and ``t_upper`` (s),
         ``change`` (percent of the value before).
     masses : ndarray of shape (n_dof,)
-        Found beside the courses, kg.
+        Found together with the courses, kg.
     errors : Series
         What the equations of motion leave, percent of the forces: ``constant`` and
         ``varying``.

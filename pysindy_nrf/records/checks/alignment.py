@@ -1,4 +1,4 @@
-"""Channels that are late, inverted, wrongly scaled, or on clocks of their own."""
+"""Channels that are late, inverted, wrongly scaled, or on their own clocks."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -178,11 +178,16 @@ def channel_alignment(
     Returns
     -------
     DataFrame
-        By channel: ``reference``, ``delay`` (s, positive = late), ``samples``,
-        ``gain``, ``scatter`` (of the gain: how far it differs with frequency, and what
-        noise may have made of it, as a share; infinite where too few lines are clear),
-        ``sign`` (+1 or -1), ``coherence``, ``corner`` (Hz, of a high-pass filter that
-        one of the two has passed), ``aligned`` (bool) and ``message``.
+        By channel:
+
+        - ``reference``: the other channel.
+        - ``delay``: s, positive for a late channel; the same in ``samples``.
+        - ``gain``, and its ``scatter`` with frequency and by noise, as a share;
+          infinite where too few lines are clear.
+        - ``sign``: +1 or -1.
+        - ``coherence``.
+        - ``corner``: Hz, of a high-pass filter that one of the two has passed.
+        - ``aligned``: bool, and ``message``.
 
     Raises
     ------

@@ -69,7 +69,7 @@ class Channel:
     velocity : ndarray of shape (n_samples,) or None
         Of the same floor, if this is an acceleration.
     blows : ndarray of shape (n_samples,)
-        Whether a force jumps at a sample or beside it.
+        Whether a force jumps at a sample or next to it.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """Channels behind a high-pass filter of first order, as it is in every ICP amplifier.
 
-What such a filter takes away is known but for a constant and a straight line in time,
+What such a filter takes away is known up to a constant and a straight line in time,
 so the signal before it follows from the one behind it,
 
 .. math:: y(t) = z(t) + 2 \\pi f_c \\int z \\, dt .

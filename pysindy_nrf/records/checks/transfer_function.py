@@ -173,7 +173,7 @@ def transfer(
 def spectra_of_record(
     first: np.ndarray, second: np.ndarray, order: int, fs: float
 ) -> PairSpectra:
-    """Spectra of a whole record.
+    """Spectra of an entire record.
 
     One transform whose neighbouring lines are averaged, and not Welch's segments: the
     derivative is taken line by line before the average. However steep the spectra,

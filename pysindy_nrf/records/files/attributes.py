@@ -27,7 +27,7 @@ _DAMAGE = (
 
 @dataclass(frozen=True)
 class Attributes:
-    """What a record is beside the numbers of its columns.
+    """What a record is apart from the numbers of its columns.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class FileClock:
     rate_is_stated : bool
         Whether a file states the rate or the times.
     notes : tuple of QualityNote
-        Shifts and changes of rate of channels with clocks of their own.
+        Shifts and changes of rate of channels with their own clocks.
     columns : tuple of str
         Columns of the file that are times.
     """
@@ -136,7 +136,7 @@ def clock_of_file(
     Raises
     ------
     ChannelError
-        If no clock is known, or channels with clocks of their own have too little time
+        If no clock is known, or channels with their own clocks have too little time
         in common.
     """
     channels = {c: line for c, line in lines.items() if c != "t"}

@@ -45,11 +45,14 @@ def read_frf(
     Parameters
     ----------
     path : path-like
-        Delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of complex
-        numbers (``0.1-0.2j``), header or not, or of two columns for each response: real
-        and imaginary parts, or magnitude and phase, as their names say; MATLAB, HDF5 or
-        NumPy with ``f`` and ``H`` (lines x DOFs) or ``H1``, ``H2``, ..; UFF 58 with
-        frequency responses, whose nodes become DOFs in their order.
+        One of these files:
+
+        - delimited text (``;``, tab or ``,``) with columns f (Hz), H1, H2, .. of
+          complex numbers (``0.1-0.2j``), with or without a header;
+        - the same with two columns for each response: real and imaginary parts, or
+          magnitude and phase, as their names say;
+        - MATLAB, HDF5 or NumPy with ``f`` and ``H`` (lines x DOFs) or ``H1``, ``H2``;
+        - UFF 58 with frequency responses, whose nodes become DOFs in their order.
     excited : int, optional
         The DOF on which the force acts; if None as the file says, else 1.
     kind : {"accelerance", "mobility", "receptance"}, optional

@@ -1,4 +1,4 @@
-"""Channels that were sampled on clocks of their own, on one clock."""
+"""Channels that were sampled on their own clocks, on one clock."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def on_one_clock(
     -------
     OneClock
         The time that all channels cover. A channel that lies a whole number of samples
-        beside the others is cut; others are interpolated with a band limit.
+        compared with the others is cut; others are interpolated with a band limit.
 
     Raises
     ------

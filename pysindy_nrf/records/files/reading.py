@@ -119,7 +119,7 @@ def read_record(
     Returns
     -------
     Record
-        SI units. Channels with clocks of their own (several files, start times and
+        SI units. Channels with separate clocks (several files, start times and
         rates in the file) are brought to the slowest; ``quality`` says how. A file
         written by :func:`write_record` gives its record back bit for bit.
 
@@ -211,7 +211,7 @@ def read_excitation(
 ) -> Record:
     """Read the excitation of a structure, to simulate its response.
 
-    The motions of the record are zeros. A mapping, and units, of the whole test may
+    The motions of the record are zeros. A mapping, and units, of the entire test may
     name motions that are not in this file.
 
     Raises

@@ -33,12 +33,15 @@ def read_table(
     Parameters
     ----------
     path : path-like or sequence of path-like
-        CSV and other delimited text (``.csv .txt .tsv .dat .asc .out .prn``), Parquet
-        (``.parquet .pq``), Excel (``.xlsx``), TDMS (``.tdms``), LabVIEW measurement
-        (``.lvm``), MATLAB v5 and v7.3 (``.mat``), HDF5 (``.h5 .hdf5``), NumPy (``.npz
-        .npy``), UFF 58 (``.uff .unv``), strong motion (CSMIP and COSMOS, ``.v2 .v2c .v1
-        .v1c``), PEER (``.at2 .vt2 .dt2``), K-NET and KiK-net (``.ew .ns .ud``, ``.ew1``
-        ..) or SMC (``.smc``); each compressed, too (``.csv.gz``, ``.bz2``, ``.xz``).
+        Each may be compressed (``.csv.gz``, ``.bz2``, ``.xz``).
+
+        - CSV and other delimited text (``.csv .txt .tsv .dat .asc .out .prn``).
+        - Parquet (``.parquet .pq``), Excel (``.xlsx``), HDF5 (``.h5 .hdf5``).
+        - MATLAB v5 and v7.3 (``.mat``), NumPy (``.npz .npy``).
+        - TDMS (``.tdms``), LabVIEW measurement (``.lvm``), UFF 58 (``.uff .unv``).
+        - Strong motion: CSMIP and COSMOS (``.v2 .v2c .v1 .v1c``), PEER (``.at2 .vt2
+          .dt2``), K-NET and KiK-net (``.ew .ns .ud``, ``.ew1``), SMC (``.smc``).
+
         Several files are channels of one test: their variables are called
         ``<file>.<variable>``.
     max_bytes : int

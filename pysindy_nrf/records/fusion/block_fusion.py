@@ -34,7 +34,7 @@ class ChannelSet:
         Of each DOF, in any unit.
     units : sequence of three floats
         Factors that bring displacement, velocity and acceleration to units of samples.
-        They are applied block by block: long channels are not copied whole.
+        They are applied block by block: long channels are not copied in full.
     """
 
     channels: Sequence[Channels]

@@ -167,7 +167,7 @@ class ChannelTable:
         }
 
     def in_all_rows(self, values: np.ndarray) -> np.ndarray:
-        """Values inside the NaN edges in rows of the whole record."""
+        """Values inside the NaN edges in rows of the entire record."""
         n_rows = len(next(iter(self.columns.values())))
         if self.span == slice(0, n_rows):
             return values

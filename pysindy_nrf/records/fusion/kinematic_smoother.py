@@ -46,8 +46,8 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
     over the measured channels; its velocity and acceleration are exact derivatives, and
     fill in what was not measured. Nothing is taken to be periodic. Where noise remains,
     the motions then become their expectation given all channels of all DOFs, with
-    spectra learned from the record itself: least squares on such motions does not find
-    masses and stiffnesses too low, as it does on merely filtered ones.
+    spectra learned from the record. Least squares on filtered motions makes masses and
+    stiffnesses too low; on such expectations it does not.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
         Returns
         -------
         Record, DataFrame or ndarray
-            As of :meth:`transform`.
+            As returned by :meth:`transform`.
         """
         fused = self._learn_from(X, record, time)
         if fused is None:
@@ -359,7 +359,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 f"KinematicSmoother needs to know the channels, {type(X).__name__} has"
                 " no names",
                 "Give a Record, a DataFrame with columns a1.., v1.., x1.., or channels="
-                " beside an array.",
+                " in addition to an array.",
             )
         matrix = checked(self, X, reset=reset)
         width = matrix.shape[1]

@@ -81,7 +81,7 @@ def residual_figure(
     floor: NoiseFloor | None = None,
     units: UnitSystem = TRANSLATION,
 ) -> Figure | None:
-    """Residual of each balance and storey beside what noise alone leaves.
+    """Residual of each balance and storey, and what noise alone leaves.
 
     Parameters
     ----------

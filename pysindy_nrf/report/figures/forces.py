@@ -91,7 +91,7 @@ def surface_figure(
     Parameters
     ----------
     grid : DataFrame
-        As of :meth:`ChainModel.surface`.
+        As returned by :meth:`ChainModel.surface`.
     site : str or Site
     reference : array-like, optional
         Another force on the same grid, drawn as a net.

@@ -17,7 +17,7 @@ SPARE_REACH, LEAST_REACH = 1.3, 5.0
 
 
 def intervals_figure(estimates: Mapping[str, float], bounds: Bounds) -> Figure | None:
-    """Intervals of masses and coefficients beside each other.
+    """Intervals of masses and coefficients side by side.
 
     Parameters
     ----------

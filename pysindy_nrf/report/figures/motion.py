@@ -1,4 +1,4 @@
-"""Figures of motion and of models: free runs, modes, frequency responses, changes."""
+"""Figures of motion and of models: free runs, frequency responses, changes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...chain.model import ChainModel
 from ...chain.sites import Site, index_of
 from ...common.unit_system import TRANSLATION, UnitSystem
 from ...diagnosis.free_run import FreeRuns
-from ...drawing.figure import CYCLE, DASHES, Axis, Figure, Line, Map, Mark, Table
+from ...drawing.figure import Axis, Figure, Line, Map, Mark, Table
 from ...records.channels import finite_span
 from ...records.figures import driving_and_answering
 from ...records.record import Record
@@ -26,8 +26,6 @@ DRAWN_CYCLES = 25
 DRAWN_POINTS = 1000
 # A free run that leaves the measured motion by more than this factor is cut off.
 CUT_OFF = 2.5
-# Modes that are drawn; more lines hide each other.
-DRAWN_MODES = 6
 
 
 def below(dof: int, label: str, unit: str) -> Axis:
@@ -106,7 +104,10 @@ def _rows_about_the_largest(x: np.ndarray) -> slice:
 
 
 def response_figures(
-    f: np.ndarray, measured: np.ndarray, modelled: np.ndarray
+    f: np.ndarray,
+    measured: np.ndarray,
+    modelled: np.ndarray,
+    units: UnitSystem = TRANSLATION,
 ) -> list[Figure]:
     """Size of measured and modelled frequency responses, one figure a DOF.
 
@@ -116,6 +117,7 @@ def response_figures(
         Hz.
     measured, modelled : ndarray of shape (n_lines, n_dof)
         Accelerance, m/s^2 by N. The uppermost DOF comes first.
+    units : UnitSystem, optional
     """
     figures = []
     for j in range(measured.shape[1], 0, -1):
@@ -127,7 +129,7 @@ def response_figures(
             f"Accelerance of DOF {j}",
             marks,
             below(j, "frequency", "Hz"),
-            Axis(f"|H_{{{j}}}|", "m/s²/N", log=True),
+            Axis(f"|H_{{{j}}}|", units.of("m/s²/N"), log=True),
             legend="above",
             size=(8.0, 2.1),
         )
@@ -245,36 +247,6 @@ def _table_of_peaks(
     return Table("Largest responses", head, rows)
 
 
-def modes_figure(modes: pd.DataFrame) -> Figure:
-    """Shapes of the first modes of the linear part, floor over displacement.
-
-    Parameters
-    ----------
-    modes : DataFrame
-        As of :meth:`ChainModel.modes`.
-    """
-    floors = [name for name in modes.columns if str(name).startswith("dof")]
-    heights = np.arange(len(floors) + 1)
-    marks, frequencies = [], []
-    for k, (number, mode) in enumerate(modes.head(DRAWN_MODES).iterrows()):
-        frequency = f"{mode['frequency']:.4g} Hz"
-        name = f"{frequency}, damping {100 * mode['damping']:.2g} %"
-        shape = np.concatenate([[0.0], mode[floors].to_numpy(dtype=float)])
-        marks.append(Line(shape, heights, name, CYCLE[k], 1.5, DASHES[k], "o"))
-        frequencies.append(f"mode {number} at {frequency}")
-
-    ticks = ["base", *(f"DOF {name[4:]}" for name in floors)]
-    return Figure(
-        "Mode shapes of the linear part",
-        marks,
-        Axis("mode shape (largest entry 1)", zero=True),
-        Axis(ticks=ticks),
-        alt=f"Shapes of the modes, largest entry 1: {'; '.join(frequencies)}.",
-        legend="above",
-        height=120 + 58 * len(floors),
-    )
-
-
 def order_figure(
     table: pd.DataFrame, errors: np.ndarray, orders: Sequence[str], scoring: str
 ) -> Figure:
@@ -333,7 +305,7 @@ def change_figure(
     Parameters
     ----------
     table : DataFrame
-        As of ``ChangeReport.map``.
+        As returned by ``ChangeReport.map``.
     site : str or Site
     largest : float, optional
         Change at the ends of the colours, N; the largest of the table if None.

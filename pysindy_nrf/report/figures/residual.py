@@ -1,4 +1,4 @@
-"""Figures of the residual: its spectrum beside noise, and what it correlates with."""
+"""Figures of the residual: its spectrum and the noise, and what it correlates with."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _noise_of_equations(
 
 
 def residual_figures(shown: EquationResidual) -> list[Figure]:
-    """Spectrum of a residual beside noise, and its correlations."""
+    """Spectrum of a residual and the noise, and its correlations."""
     figures = [residual_spectrum_figure(shown), autocorrelation_figure(shown)]
     if shown.drive.any():
         figures.append(cross_correlation_figure(shown))
@@ -161,7 +161,7 @@ def residual_figures(shown: EquationResidual) -> list[Figure]:
 
 
 def residual_spectrum_figure(shown: EquationResidual) -> Figure:
-    """What is left by frequency, beside the force and the level of the noise."""
+    """What is left by frequency, with the force and the level of the noise."""
     fs = 1.0 / shown.step
     f, density_of_residual = density(shown.residual, fs)
     _, reference = density(shown.reference, fs)
@@ -293,7 +293,7 @@ def _correlation_figure(
 
 
 def largest_residual(residuals: Sequence[EquationResidual]) -> EquationResidual:
-    """The residual that is largest beside its force."""
+    """The residual that is largest compared with its force."""
 
     def share(shown: EquationResidual) -> float:
         size = float(np.std(shown.reference))

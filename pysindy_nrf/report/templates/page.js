@@ -250,6 +250,21 @@
     window.print();
   });
 
+  // -- modes move unless the reader stops them or prefers rest; on paper they never do
+
+  const rest = window.matchMedia("(prefers-reduced-motion: reduce)");
+  function move(button, moves) {
+    button.closest(".modes").classList.toggle("moving", moves);
+    button.textContent = moves ? "Stop" : "Move";
+    button.setAttribute("aria-pressed", String(moves));
+  }
+  for (const button of document.querySelectorAll("[data-move]")) {
+    move(button, !rest.matches);
+    button.addEventListener("click", () => {
+      move(button, !button.closest(".modes").classList.contains("moving"));
+    });
+  }
+
   // -- numbers in sentences as printed ones: 1.5e+09 is 1.5×10⁹
 
   const PROSE = ".sentence, .lead, .about, .frame p, .care li, .facts dd";

@@ -71,7 +71,7 @@ _START = ("start_value", "t0", "x0", "start")
 
 
 def stated_units(content: Mapping[str, object], prefix: str = "") -> dict[str, str]:
-    """Units that stand beside samples in structures, by the name of the samples.
+    """Units that stand next to samples in structures, by the name of the samples.
 
     ``Signal_0.y_values.quantity.label`` is the unit of ``Signal_0.y_values.values``,
     and ``acc.unit`` that of ``acc.data``.

@@ -1,13 +1,13 @@
 r"""Strong-motion records: CSMIP "volume 2" and COSMOS v1.20 text (V1 and V2).
 
 CSMIP V2: 25 lines of text, 100 integers in 16I5, 100 reals in 8F10.3, three series of
-fixed width, each under a line such as ``1138 POINTS OF ACCEL DATA EQUALLY SPACED AT
-.020 SEC.  (UNITS: CM/SEC/SEC)`` (1979 to about 1990, always 8F10.3) or ``7808 points of
-accel data equally spaced at .010 sec, in cm/sec2. (8f10.6)``, and ``/&`` at the end of
-each channel. COSMOS, one series for each block: text, integers, reals (the 62nd is the
-sampling interval of the series, ms; the 34th that of the raw record, s) and comments,
-each under a line that states how many follow, then the series. V0 (counts), V1 of CSMIP
-(not corrected) and V3 (spectra) are refused by name.
+fixed width. Each series stands under a line such as ``1138 POINTS OF ACCEL DATA EQUALLY
+SPACED AT .020 SEC.  (UNITS: CM/SEC/SEC)`` (1979 to about 1990, always 8F10.3) or ``7808
+points of accel data equally spaced at .010 sec, in cm/sec2. (8f10.6)``, and ``/&`` at
+the end of each channel. COSMOS, one series for each block: text, integers, reals and
+comments, each under a line that states how many follow, then the series. The 62nd real
+is the sampling interval of the series, ms; the 34th that of the raw record, s. V0
+(counts), V1 of CSMIP (not corrected) and V3 (spectra) are refused by name.
 
 References: A. F. Shakal, M. J. Huang, "Standard tape format for CSMIP strong-motion
 data tapes", California Division of Mines and Geology, OSMS 85-03, 1985; COSMOS,

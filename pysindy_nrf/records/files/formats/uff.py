@@ -417,6 +417,6 @@ def _history_of_column(
 
 
 def write_data_sets(path: Path, data_sets: Iterable[bytes]) -> None:
-    """Write data sets to a universal file, whole or not at all."""
+    """Write data sets to a universal file, completely or not at all."""
     with atomic_write(path, "wb") as file:
         file.writelines(data_sets)

@@ -1,4 +1,4 @@
-"""Mapping files: small TOML files beside the data."""
+"""Mapping files: small TOML files next to the data."""
 
 import difflib
 import sys

@@ -1,8 +1,8 @@
 """Words by which test engineers name columns.
 
 English, German, French, Spanish, Italian, Chinese and Japanese, without accents. Up to
-two letters they are whole words, from three letters on beginnings of words; Chinese and
-Japanese ones stand anywhere.
+two letters they are complete words, from three letters on beginnings of words; Chinese
+and Japanese ones stand anywhere.
 """
 
 import re

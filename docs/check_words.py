@@ -44,9 +44,8 @@ DIARY = {
     r"nowadays|at the moment|so far|(this|our) machine": "what is so today",
     r"agents?|tonight|briefs?": "nothing",
 }
-UNWANTED_ON_PAGES = DIALECT | DIARY
-# Words that are unwanted in the docstrings of public names and in the help of commands.
-UNWANTED_IN_DOCSTRINGS = DIALECT | {
+# Words of old or vague use.
+VAGUE = {
     r"of (its|their) own": "'separate', 'its'",
     r"beside": "with, next to, in addition to",
     r"(?<!as a )whole(?! (number|sample)s?)": "entire, complete, all of",
@@ -55,6 +54,9 @@ UNWANTED_IN_DOCSTRINGS = DIALECT | {
     r"as of": "'as returned by'",
     r"rivals?(?! explanations?)|rivalled": "other explanations",
 }
+UNWANTED_ON_PAGES = DIALECT | DIARY | VAGUE
+# In the docstrings of public names and in the help of commands.
+UNWANTED_IN_DOCSTRINGS = DIALECT | VAGUE
 
 # Sections of numpydoc whose lines without an indent are names and types.
 ENTRIES = (

@@ -24,6 +24,9 @@ from matplotlib.patches import FancyArrowPatch, Rectangle
 
 from pysindy_nrf import (
     ChainModel,
+    HysteresisDisplay,
+    IntervalsDisplay,
+    ModesDisplay,
     NRFRegressor,
     Record,
     datasets,
@@ -354,6 +357,23 @@ def damage() -> Figure:
 # -- tutorials -----------------------------------------------------------------
 
 
+def displays() -> Figure:
+    """Three displays of the fit to the bundled record, on given axes."""
+    sheet = Figure(figsize=(14.0, 4.2), layout="constrained")
+    left, middle, right = sheet.subplots(1, 3)
+    linear = [laws.LinearViscous(), laws.LinearElastic()]
+    declared = {
+        "storey 1": [laws.LinearViscous(), laws.Duffing()],
+        "storey 2": linear,
+        "storey 3": linear,
+    }
+    model = NRFRegressor(laws=declared).fit(datasets.load_demo())
+    HysteresisDisplay.from_estimator(model, storey=1, ax=left)
+    IntervalsDisplay.from_estimator(model, ax=middle)
+    ModesDisplay.from_estimator(model, ax=right)
+    return sheet
+
+
 def drawing_of(model: NRFRegressor) -> Figure:
     """What ``model.plot()`` draws."""
     return model.plot().figure_
@@ -395,6 +415,7 @@ PICTURES: dict[str, tuple[Callable[[], Figure], str]] = {
     "noise": (noise, "svg"),
     "what_a_test_cannot_show": (what_a_test_cannot_show, "svg"),
     "paper": (paper, "png"),
+    "displays": (displays, "png"),
     "performance": (performance, "svg"),
     "damage": (damage, "png"),
     "shaker_test": (shaker_test, "png"),

@@ -13,17 +13,42 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 
-def without_blanks(text):
-    return text.replace(" ", "")
+def needs(lines):
+    """Requirements as both kinds of files can be compared."""
+    of_conda = {"matplotlib-base": "matplotlib"}
+    shown = set()
+    for line in lines:
+        name, version = re.fullmatch(r"([\w-]+) ?(.*)", line).groups()
+        shown.add((of_conda.get(name, name).lower(), version))
+    return shown
 
 
-def test_the_conda_recipe_requires_what_the_wheel_requires():
+@pytest.fixture(scope="module")
+def recipe():
     yaml = pytest.importorskip("yaml")
-    recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text("utf-8"))
-    run = {without_blanks(need) for need in recipe["requirements"]["run"]}
-    wheel = {without_blanks(need) for need in PROJECT["dependencies"]}
-    assert run == wheel | {f"python{PROJECT['requires-python']}"}
+    return yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text("utf-8"))
+
+
+def test_the_conda_recipe_requires_what_the_wheel_requires(recipe):
+    wheel = [*PROJECT["dependencies"], f"python {PROJECT['requires-python']}"]
+    assert needs(recipe["requirements"]["run"]) == needs(wheel)
+
+    extras = PROJECT["optional-dependencies"]
+    optional = [*extras["plot"], *extras["files"], *extras["report"]]
+    assert needs(recipe["requirements"]["run_constraints"]) == needs(optional)
+
+    system = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["build-system"]
+    of_build = needs(recipe["requirements"]["host"])
+    assert needs(system["requires"]) <= of_build
+
+
+def test_the_conda_recipe_has_name_version_and_commands_of_the_wheel(recipe):
+    assert recipe["package"]["name"] == PROJECT["name"]
     assert recipe["context"]["version"] == pysindy_nrf.__version__
+    commands = dict(
+        re.split(" = ", c) for c in recipe["build"]["python"]["entry_points"]
+    )
+    assert commands == PROJECT["scripts"]
 
 
 def test_the_citation_names_this_version():

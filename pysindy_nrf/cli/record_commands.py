@@ -172,7 +172,7 @@ def _propose(
     home = path.resolve().parent
     if any(file.resolve().parent != home for file in files):
         raise NRFError(
-            f"{path} is not in the folder of its files", "Write it beside them."
+            f"{path} is not in the folder of its files", "Write it next to them."
         )
 
     table = read_table([*files] if together else files[0])

@@ -7,6 +7,7 @@ together span, or withheld where that says too little.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -19,7 +20,7 @@ Moves = Mapping[str, Move]
 
 # Share of a mass, a stiffness or a damping ratio that matters to an engineer.
 MATERIAL = 0.1
-# Share of a value by which a better model may change it before its interval, which the
+# Share of a value by which a better model may widen its interval before this, which the
 # data reject with the model, is withheld. With Rayleigh damping in
 # benchmarks/interval_coverage.py it is 0.2 % of masses and 8 to 30 % of dampings.
 SLIGHT = 0.01
@@ -46,12 +47,16 @@ EXPLAINED = 1.0
 def matters(alternative: Alternative) -> bool:
     """Whether an alternative that fits changes a number that an engineer uses."""
     change = abs(alternative.change)
-    if alternative.parameter.startswith("damping"):
+    if _is_of_damping(alternative):
         # dampings are never determined well: the change itself must be sure
         is_sure = change - alternative.half_width > MATERIAL
         return is_sure and alternative.residual_share_by_equation < PARTLY_BETTER_FIT
     fits_as_well = alternative.residual_share_by_equation < EQUAL_FIT
     return fits_as_well and alternative.reach > MATERIAL
+
+
+def _is_of_damping(alternative: Alternative) -> bool:
+    return alternative.parameter.startswith("damping")
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,19 @@ class OpenAlternatives:
 
     alternatives: tuple[Alternative, ...]
     better: frozenset[str]
+
+    @property
+    def rejecting(self) -> frozenset[str]:
+        """Descriptions of those with which the data reject the model.
+
+        They fit better, or the change of a damping that they make is sure.
+        """
+        of_damping = [
+            alternative.description
+            for alternative in self.alternatives
+            if _is_of_damping(alternative)
+        ]
+        return self.better.union(of_damping)
 
     @classmethod
     def among(
@@ -100,13 +118,14 @@ def ambiguous_intervals(
     values: Mapping[str, float],
     bounds: Bounds,
     moves: Mapping[str, Moves],
-    better: Container[str] = (),
+    rejecting: Container[str] = (),
 ) -> tuple[AmbiguousInterval, ...]:
     """Intervals that open alternatives widen, or that are withheld for them.
 
-    They are withheld where they would be too wide for use, which is less where an
-    alternative fits better: the data then reject the model. An interval that holds zero
-    says already that the data do not determine the value.
+    They are withheld where they would be too wide for use. Where the data reject the
+    model, all of one kind are withheld, such as the dashpots of storeys, as soon as an
+    alternative makes one of them slightly wider. An interval that holds zero says
+    already that the data do not determine the value.
 
     Parameters
     ----------
@@ -114,10 +133,11 @@ def ambiguous_intervals(
         Estimates of the model, and their intervals.
     moves : mapping of str to mapping of str to Move
         What each alternative does to the values, by its description.
-    better : container of str
-        Descriptions of the alternatives that fit better.
+    rejecting : container of str
+        Descriptions of the alternatives with which the data reject the model.
     """
-    ambiguous = []
+    intervals, spans = {}, {}
+    rejected: dict[str, tuple[str, ...]] = {}
     for name, (low, high) in bounds.items():
         holds_zero = low <= 0 <= high
         if holds_zero or not np.isfinite([low, high]).all():
@@ -125,11 +145,24 @@ def ambiguous_intervals(
         interval = AmbiguousInterval(name, low, high, (), withheld=False)
         of_value = {by: every[name] for by, every in moves.items() if name in every}
         span = _spanned(interval, values[name], of_value)
-        if span.by:
-            is_rejected = any(description in better for description in span.by)
-            withheld = _says_little(span, interval, SLIGHT if is_rejected else MATERIAL)
-            ambiguous.append(replace(span, withheld=withheld))
+        intervals[name], spans[name] = interval, span
+        wider = _half_width(span) - _half_width(interval)
+        is_rejected = any(description in rejecting for description in span.by)
+        if is_rejected and wider > SLIGHT:
+            rejected.setdefault(_kind_of(name), span.by)
+
+    ambiguous = []
+    for name, span in spans.items():
+        by_kind = rejected.get(_kind_of(name), ())
+        if span.by or by_kind:
+            withheld = bool(by_kind) or _says_little(span, intervals[name])
+            ambiguous.append(replace(span, by=span.by or by_kind, withheld=withheld))
     return tuple(ambiguous)
+
+
+def _kind_of(parameter: str) -> str:
+    """Parameters whose names differ in their numbers only are of one kind."""
+    return re.sub(r"\d+", "", parameter)
 
 
 def _spanned(
@@ -151,14 +184,17 @@ def _spanned(
     return span
 
 
-def _says_little(
-    span: AmbiguousInterval, interval: AmbiguousInterval, useful: float
-) -> bool:
-    """Whether an interval is wider than a useful share, and alternatives make it so."""
-    is_wide = span.high - span.low > useful * abs(interval.high + interval.low)
+def _says_little(span: AmbiguousInterval, interval: AmbiguousInterval) -> bool:
+    """Whether an interval is too wide for use, and alternatives make it so."""
+    is_wide = _half_width(span) > MATERIAL
     return is_wide and span.high - span.low > MUCH_WIDER * (
         interval.high - interval.low
     )
+
+
+def _half_width(interval: AmbiguousInterval) -> float:
+    """Half-width as a share of the middle."""
+    return (interval.high - interval.low) / abs(interval.high + interval.low)
 
 
 def with_ambiguity(

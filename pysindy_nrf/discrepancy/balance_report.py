@@ -81,7 +81,7 @@ def _with_ambiguity(report: LoopReport) -> LoopReport:
         return replace(report, ambiguous_intervals=ambiguous)
     among = OpenAlternatives.among(report.alternatives, unexplained_by(report))
     values = parameters_of(report.model).to_dict()
-    ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.better)
+    ambiguous = ambiguous_intervals(values, report.bounds, among.moves, among.rejecting)
     bounds = with_ambiguity(report.bounds, ambiguous)
     return replace(report, bounds=bounds, ambiguous_intervals=ambiguous)
 

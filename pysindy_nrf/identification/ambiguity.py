@@ -44,7 +44,7 @@ def ambiguous_in(
     for alternative in among.alternatives:
         moves[alternative.description] = _moves_of(alternative, statistic, level)
     values = estimates["estimate"].to_dict()
-    return ambiguous_intervals(values, bounds, moves, among.better)
+    return ambiguous_intervals(values, bounds, moves, among.rejecting)
 
 
 def _moves_of(

@@ -189,7 +189,8 @@ def refuse_unused(
         if name in _OF_THE_FORM and name not in form.uses:
             reason = "which is fitted at once" if name == "state" else form.reason
             raise ChannelError(
-                f"{name} was given beside {form.name}, {reason}", f"Leave {name} out."
+                f"{name} was given in addition to {form.name}, {reason}",
+                f"Leave {name} out.",
             )
         if name in _OF_THE_METHOD and name not in method.uses:
             refuse_arguments({name: True}, method.label)

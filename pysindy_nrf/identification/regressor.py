@@ -370,7 +370,7 @@ class NRFRegressor(FittedChain, RegressorMixin, BaseEstimator):
         if self.massless:
             if known_masses:
                 raise ChainError(
-                    "massless=True was given beside known_masses",
+                    "massless=True was given in addition to known_masses",
                     "Leave one of them out.",
                 )
             known_masses = dict.fromkeys(range(1, n_dof + 1), 0.0)

@@ -216,7 +216,7 @@ def _from_records(
     for name in passed.beside():
         if name != "sample_weight":
             raise ChannelError(
-                f"{name} was given beside records, which hold their own",
+                f"{name} was given in addition to records, which hold their own",
                 f"Leave {name} out.",
             )
 

@@ -167,7 +167,7 @@ def _require_known_names(
         raise ChannelError(
             f"X {' and '.join(faults)}",
             f"Name the columns a1.., {rate}1.., {drift}1..; covariates and base"
-            " acceleration are passed beside X.",
+            " acceleration are passed in addition to X.",
         )
 
 

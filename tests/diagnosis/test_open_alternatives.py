@@ -28,7 +28,7 @@ def brace(change, half_width, share=0.99):
 
 def intervals_beside(alternative, unexplained=3.0):
     among = OpenAlternatives.among([alternative], {1: unexplained})
-    ambiguous = ambiguous_intervals(VALUES, BOUNDS, among.moves, among.better)
+    ambiguous = ambiguous_intervals(VALUES, BOUNDS, among.moves, among.rejecting)
     return with_ambiguity(BOUNDS, ambiguous)
 
 

@@ -359,6 +359,23 @@ def test_the_sign_of_an_inertia_below_the_noise_accuses_no_channel(seed):
     assert "reversed" not in str(verdict)
 
 
+def test_a_brake_that_a_current_drives_accuses_no_channel():
+    """The friction of a magnetorheological brake is 2 to 26 N by its current."""
+    rng = np.random.default_rng(5)
+    t = np.arange(1500) / 100.0
+    x = 0.006 * np.sin(2 * np.pi * 0.4 * t) + 0.002 * np.sin(2 * np.pi * 1.3 * t)
+    current = 0.5 - 0.5 * np.cos(2 * np.pi * 0.17 * t)
+    friction = (2.0 + 24.0 * current) * np.tanh(np.gradient(x, t) / 0.002)
+    force = friction + 90.0 * x + 0.2 * rng.standard_normal(len(t))
+
+    record = Record(force[:, None], displacement=x[:, None], fs=100.0)
+    verdict = linear_fit(record).verdict()
+
+    assert verdict.state == "red"
+    kinds = {ground.kind for ground in verdict.grounds}
+    assert not kinds & {"wiring", "channel"}
+
+
 # -- channels that contradict each other ---------------------------------------
 
 

@@ -165,7 +165,7 @@ def test_other_partitions_are_refused(chain2, tables):
     x, f = (dd.from_pandas(frame, npartitions=n) for frame, n in zip(tables, (3, 2)))
     with pytest.raises(ChannelError, match="X has 3 partitions, F 2"):
         NRFRegressor().fit(x, f)
-    with pytest.raises(ChannelError, match="F was given beside a table"):
+    with pytest.raises(ChannelError, match="F was given in addition to a table"):
         NRFRegressor().fit(x, chain2.F)
 
     of_unknown_length = da.from_array(chain2.X, chunks=(500, 6))

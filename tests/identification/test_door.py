@@ -81,7 +81,7 @@ OPTIMIZER = ps.STLSQ(threshold=1e9)
 @pytest.mark.parametrize("name", BESIDE)
 def test_records_hold_their_own(every_floor, name):
     with pytest.raises(
-        NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} was given beside"
+        NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} was given in addition to"
     ):
         NRFRegressor(degree=1).fit(every_floor, **{name: BESIDE[name]})
 
@@ -89,9 +89,9 @@ def test_records_hold_their_own(every_floor, name):
 @pytest.mark.parametrize("setting", [{"dt": 5.0}, {"coordinates": "absolute"}])
 def test_records_have_a_clock_and_coordinates(every_floor, setting):
     (name,) = setting
-    with pytest.raises(NRFError, match=f"^{name} was given beside records"):
+    with pytest.raises(NRFError, match=f"^{name} was given in addition to records"):
         NRFRegressor(degree=1, **setting).fit(every_floor)
-    with pytest.raises(NRFError, match=f"^{name} was given beside records"):
+    with pytest.raises(NRFError, match=f"^{name} was given in addition to records"):
         NRFRegressor(degree=1, **setting).partial_fit(every_floor)
 
 
@@ -123,7 +123,7 @@ def test_records_with_gaps_refuse_what_the_free_run_does_not_use(two_floors, set
 def test_frequency_responses_take_nothing_beside_them(responses, name):
     arguments = {name: BESIDE.get(name, np.ones(3))}
     with pytest.raises(
-        NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} was given beside"
+        NRFError, match=f"^{NAMES_IN_MESSAGES.get(name, name)} was given in addition to"
     ):
         NRFRegressor(degree=1).fit(responses, **arguments)
 
@@ -136,7 +136,7 @@ def test_frequency_responses_have_a_method_of_their_own(responses, estimation):
 
 def test_arrays_have_no_state(every_floor):
     X, F = every_floor.to_features(smooth=False)
-    with pytest.raises(NRFError, match="^state was given beside"):
+    with pytest.raises(NRFError, match="^state was given in addition to"):
         NRFRegressor(degree=1).fit(X, F, state="somewhere")
 
 

@@ -3,6 +3,8 @@
 At the width of a phone and of a desk, in light and in dark.
 """
 
+import base64
+import re
 import shutil
 import time
 
@@ -197,6 +199,16 @@ def test_all_figures_are_printed_in_light(browser):
     assert len(printed["data"]) > 50_000
     assert browser.run(EMPTY_PLOTS) == 0
     assert browser.errors == []
+
+
+def test_the_summary_is_one_page_of_paper(browser):
+    browser.open(DESK)
+    assert browser.wait(lambda: browser.run(ALL_DRAWN))
+    browser.run("window.print = () => {}")
+    browser.find("[data-print]").click()
+    printed = browser.driver.execute_cdp_cmd("Page.printToPDF", {})
+    pages = re.findall(rb"/Type\s*/Page\b", base64.b64decode(printed["data"]))
+    assert len(pages) == 1
 
 
 # -- used ----------------------------------------------------------------------

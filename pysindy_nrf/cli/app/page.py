@@ -369,7 +369,7 @@ class _Page:
             for name, path in files.items():
                 if path.exists():
                     self._draw_download(name, path)
-        ui.label("The same by the command line, beside the files and the mapping:")
+        ui.label("The same by the command line, next to the files and the mapping:")
         ui.label(command).classes("command").props("data-what=command")
 
     def _draw_download(self, name: str, path: Path) -> None:

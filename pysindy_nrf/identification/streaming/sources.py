@@ -366,4 +366,6 @@ def refuse_beside(passed: Input, what: str, but: str = "") -> None:
     """Refuse everything except X, ``but`` one name."""
     for name in arrays_beside(passed):
         if name != but:
-            raise ChannelError(f"{name} was given beside {what}", f"Leave {name} out.")
+            raise ChannelError(
+                f"{name} was given in addition to {what}", f"Leave {name} out."
+            )

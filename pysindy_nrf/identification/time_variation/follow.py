@@ -69,6 +69,6 @@ def _warn_of_changes(variation: TimeVariation) -> None:
         warn_user(
             f"{' and '.join(variation.changing)} changes in time: masses_ and"
             " restoring_forces_ are those of the constant structure that fits best;"
-            " time_variation_ has the courses, and the masses beside them.",
+            " time_variation_ has the courses, and the masses found with them.",
             BiasWarning,
         )

@@ -359,7 +359,7 @@ class KinematicSmoother(TransformerMixin, BaseEstimator):
                 f"KinematicSmoother needs to know the channels, {type(X).__name__} has"
                 " no names",
                 "Give a Record, a DataFrame with columns a1.., v1.., x1.., or channels="
-                " beside an array.",
+                " in addition to an array.",
             )
         matrix = checked(self, X, reset=reset)
         width = matrix.shape[1]

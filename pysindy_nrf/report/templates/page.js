@@ -43,7 +43,7 @@
       layout.width = document.getElementById(name).clientWidth;
       const isOnePage = "onepage" in document.documentElement.dataset;
       const highest = layout.scene ? 420 : isOnePage ? 140 : 240;
-      if (isOnePage && layout.yaxis2) { layout.height = 200; }
+      if (isOnePage && layout.yaxis2) { layout.height = 215; }
       if (!layout.yaxis2) {
         layout.height = Math.min(layout.height, Math.max(140, 0.6 * layout.width), highest);
       }
@@ -52,7 +52,7 @@
     layout.plot_bgcolor = CLEAR;
     layout.font = {
       color: color("--ink"),
-      size: window.innerWidth < 600 ? 11 : 12,
+      size: smallText() ? 8 : window.innerWidth < 600 ? 11 : 12,
       family: "system-ui, Segoe UI, Roboto, Arial, sans-serif",
     };
     layout.hoverlabel = {
@@ -69,6 +69,7 @@
     }
     return figure;
   }
+  function smallText() { return "onepage" in document.documentElement.dataset; }
   // a surface on a narrow screen is seen from farther away
   function stepBack(scene, width) {
     const away = Math.max(1, 390 / (width || 390));
@@ -80,9 +81,9 @@
     axis.gridcolor = color("--grid");
     axis.linecolor = color("--muted");
     axis.zerolinecolor = color(inSpace ? "--grid" : "--muted");
-    axis.tickfont = { size: 11 };
+    axis.tickfont = { size: smallText() ? 8 : 11 };
     if (inSpace) { axis.showbackground = false; }
-    if (axis.title) { axis.title.font = { size: 12 }; }
+    if (axis.title) { axis.title.font = { size: smallText() ? 8 : 12 }; }
   }
   // without WebGL a surface becomes a map seen from above
   function flat(figure) {

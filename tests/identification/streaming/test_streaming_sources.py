@@ -84,9 +84,9 @@ def test_what_is_given_beside_files_is_refused(folder, exact):
     path = folder / "X.npy"
     with pytest.raises(ChannelError, match="2 files of X need as many of F"):
         NRFRegressor().fit([path, path], [folder / "F.npy"])
-    with pytest.raises(ChannelError, match="F was given beside a table"):
+    with pytest.raises(ChannelError, match="F was given in addition to a table"):
         NRFRegressor().fit(folder / "a.parquet", exact.F)
-    with pytest.raises(ChannelError, match="F was given beside an iterator"):
+    with pytest.raises(ChannelError, match="F was given in addition to an iterator"):
         NRFRegressor().fit(iter([table(exact.X, exact.F)]), exact.F)
     with pytest.raises(ChannelError, match="not a file.*one iterator"):
         NRFRegressor().fit([iter([exact.X]), iter([exact.X])])

@@ -116,9 +116,11 @@ def measured_rows() -> list[Row]:
     path = Path(os.environ["PYSINDY_NRF_DATA"]) / "emps" / "DATA_EMPS.mat"
     mapping = {"t": "t", "x1": "qm", "F1": "vir*gtau"}
     record = io.read_record(path, mapping=mapping, name="EMPS")
-    step = close_loop(record, NRFRegressor(degree=1)).steps[0]
-    closest = (step.closest or step.law).replace("_", " ")
-    found = f"{closest}: {step.error_before:.1f} to {step.error_after:.1f} % is left"
+    report = close_loop(record, NRFRegressor(degree=1))
+    effect = report.verdict.sentence.split(" in storey")[0]
+    step = report.steps[0]
+    errors = f"balance error {step.error_before:.1f} to {step.error_after:.1f} %"
+    found = f"{effect}; {errors}"
     reference = f"Coulomb friction, {EMPS_FRICTION:.1f} N"
     return [("EMPS positioning stage, measured", "undeclared law", reference, found)]
 

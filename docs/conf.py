@@ -60,6 +60,8 @@ html_theme_options = {
     "navbar_center": [],
 }
 html_sidebars = {"**": ["globaltoc.html"]}
+html_static_path = ["_static"]
+html_css_files = ["narrow.css"]
 html_show_sourcelink = False
 html_context = {"default_mode": "auto"}
 

@@ -8,7 +8,7 @@ from simulated_cases import simulated
 
 from pysindy_nrf import Record, Site
 from pysindy_nrf.discrepancy import bootstrap
-from pysindy_nrf.discrepancy.amplitude import at_other_amplitudes
+from pysindy_nrf.discrepancy.amplitude import OtherCondition, at_other_amplitudes
 from pysindy_nrf.discrepancy.balance_loop import BalanceLoop
 from pysindy_nrf.discrepancy.candidate_search import best_findings
 from pysindy_nrf.discrepancy.catalogue import (
@@ -32,7 +32,7 @@ from pysindy_nrf.discrepancy.windows import Windows
 from pysindy_nrf.records import BlockRows, Dataset, Segment
 from pysindy_nrf.records.fusion.noise_levels import levels_of
 
-__all__ = ["at_other_amplitudes", "window_length"]
+__all__ = ["OtherCondition", "at_other_amplitudes", "window_length"]
 
 
 def start_of(record, baseline=None):

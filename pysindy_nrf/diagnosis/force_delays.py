@@ -100,6 +100,17 @@ def force_delay(
     ------
     ChannelError
         If there is no force, or no equation determines a delay.
+
+    Examples
+    --------
+    >>> from pysindy_nrf import NRFRegressor, datasets
+    >>> from pysindy_nrf.diagnosis import force_delay
+    >>> model = NRFRegressor(degree=3, estimation="ls").fit(
+    ...     datasets.load_demo()
+    ... )
+    >>> delays = force_delay(model)
+    >>> list(delays.index), bool(delays["aligned"].all())
+    (['F2'], True)
     """
     if X is None:
         data = estimator.fit_data("Pass X and F.")

@@ -16,7 +16,7 @@ import numpy as np
 from ..chain.sites import Site
 from ..equations.normal_equations import leave_one_out, variance
 from ..laws.base import ForceLaw
-from .error_reduction import mean_reduction, residual_share
+from .error_reduction import REDUCTION, mean_reduction, residual_share
 from .fitted_model import FittedModel
 from .search_data import SearchData
 
@@ -59,6 +59,10 @@ class OtherCondition:
     def fails(self) -> bool:
         """Whether the error rises by more than its standard error."""
         return bool(self.value < -self.error)
+
+    def is_below(self, least: float) -> bool:
+        """Whether the reduction is less than so many dB, by two standard errors."""
+        return bool(self.value + REDUCTION.sure_errors * self.error < least)
 
 
 # what cannot be told

@@ -62,6 +62,8 @@ class ClassSettings:
     # Error reduction from which on an effect is not compared with a shifted residual,
     # dB; those of measured records came to 5.5 at most.
     beyond_chance: float = 6.0
+    # Draws of noise; a further one exceeds the largest of three in a quarter of cases.
+    draws: int = 3
 
 
 CLASSES = ClassSettings()
@@ -276,9 +278,10 @@ class ClassSearch:
     ) -> tuple[tuple[Proposal, JudgedEffect] | None, ClassResult]:
         """The first proposal that holds, and the result with those refused."""
         why = ""
-        for proposal in _in_order(proposals):
-            if not _is_there(proposal, result.state):
-                continue
+        there = [p for p in proposals if _is_there(p, result.state)]
+        while there:
+            proposal = _next(there, result.state)
+            there.remove(proposal)
             judged = self.tools.judge.judged(proposal.finding, result.state)
             if not judged.holds:
                 result = _with_refused(result, proposal, judged)
@@ -550,16 +553,18 @@ def _gain_by_noise(
 ) -> float:
     """What a finding gains over a state whose model is the truth, dB.
 
-    On records that this model would have produced with fresh noise.
+    On records that this model would have produced with fresh noise; the largest of
+    some draws.
     """
     if truth.records is None or finding.after is None:
         return 0.0
-    for drawn in simulated(truth.records, truth.model, rng):
+    gains = []
+    for drawn in simulated(truth.records, truth.model, rng, CLASSES.draws):
         with suppress(NRFError):
             before = truth.model.refitted(drawn.spectra)
             after = finding.after.model.refitted(drawn.spectra)
-            return max(0.0, after.reduction_from(before).value)
-    return 0.0
+            gains.append(after.reduction_from(before).value)
+    return max([0.0, *gains])
 
 
 def _simplest_of_tied(
@@ -625,28 +630,46 @@ def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
 # -- decisions -----------------------------------------------------------------
 
 
-def _in_order(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Proposals in the order in which they are judged.
+def _next(proposals: Sequence[Proposal], state: SearchState) -> Proposal:
+    """The proposal that is judged next.
 
-    The best first; of those nearly as good the simplest first; one of several sites by
-    what each of them brings.
+    The best, one of several sites by what each of them brings; or a simpler one that
+    explains the same.
     """
-    alone = [p for p in proposals if len(p.finding.candidate.sites) == 1]
-    remaining = sorted(alone, key=lambda proposal: -proposal.value)
-    ordered = []
-    while remaining:
-        number = 0
-        if remaining[0].value > 0:
-            number = judge.simplest(_ranked(remaining))
-        ordered.append(remaining.pop(number))
+    best = max(proposals, key=_value_of_each_site)
+    explaining = [p for p in proposals if _explains(p, best, state)]
+    return min([best, *explaining], key=_size)
 
-    for proposal in proposals:
-        n_sites = len(proposal.finding.candidate.sites)
-        if n_sites > 1:
-            each = proposal.value / n_sites
-            better = [p for p in ordered if p.value >= each]
-            ordered.insert(len(better), proposal)
-    return ordered
+
+def _value_of_each_site(proposal: Proposal) -> float:
+    return proposal.value / len(proposal.finding.candidate.sites)
+
+
+def _size(proposal: Proposal) -> tuple[tuple[int, int], float]:
+    """Number of parameters; the better of two as large comes first."""
+    return proposal.finding.n_parameters, -proposal.value
+
+
+def _explains(simpler: Proposal, best: Proposal, state: SearchState) -> bool:
+    """Whether a simpler proposal leaves of the best one nothing to be claimed.
+
+    What it loses is less than a further effect must bring, and beside it the best one
+    is not there.
+    """
+    fewer = simpler.finding.n_parameters < best.finding.n_parameters
+    nearly = best.value - simpler.value < CLASSES.least_of_later
+    if not (fewer and nearly and simpler.value > 0) or best.finding.is_fault:
+        return False
+    beside = simpler.finding.after
+    assert beside is not None
+    new = best.finding.new_effects(state.effects)
+    try:
+        both = beside.model.with_laws([(effect.site, effect.law) for effect in new])
+    except NRFError:
+        # their columns are the same
+        return True
+    reduction = both.reduction_from(beside.model)
+    return not judge.is_there(reduction, best.finding.candidate.law)
 
 
 def _is_there(proposal: Proposal, state: SearchState) -> bool:

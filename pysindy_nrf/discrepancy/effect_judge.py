@@ -2,7 +2,9 @@
 
 Another record, if one was held out; else another amplitude, which held-out time must
 not contradict. Held-out time alone decides where amplitude says nothing, and of a
-change in time. Every answer is an error reduction in dB with its standard error.
+change in time: its pieces may be the same cycles again. Amplitude does say something
+where an effect surely brings less there than held-out time would have to show. Every
+answer is an error reduction in dB with its standard error.
 """
 
 from __future__ import annotations
@@ -118,7 +120,8 @@ class EffectJudge:
             if state.effects:
                 holds = heldout.value >= EFFECT_JUDGE.least
             return JudgedEffect(holds, "another amplitude", amplitude, heldout)
-        if amplitude.fails:
+        too_little = amplitude.is_below(EFFECT_JUDGE.least_alone)
+        if amplitude.fails or (too_little and not changes_in_time):
             return JudgedEffect(False, "another amplitude", amplitude, heldout)
         holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_alone
         return JudgedEffect(holds, "another time", amplitude, heldout)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..chain.sites import Site
+from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
@@ -136,9 +137,14 @@ class Finding:
 
     @property
     def n_parameters(self) -> tuple[int, int]:
-        """Number of all parameters, and of those that are no coefficients."""
+        """Number of all parameters, and of those that are no coefficients.
+
+        An atom of a general law has a coefficient, and was chosen out of many.
+        """
         law = self.laws[0]
         n_shapes = len(law.shapes)
+        if isinstance(law, SumOfAtoms):
+            n_shapes = len(law.atoms)
         n_laws = len(self.laws)
         return n_laws * (len(law.terms()) + n_shapes), n_laws * n_shapes
 

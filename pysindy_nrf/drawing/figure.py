@@ -190,6 +190,15 @@ class Figure:
         On the page, pixels.
     below : sequence of Figure
         Further axes below these, on the same abscissa.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.report import Axis, Bars, Figure
+    >>> sites = Axis(ticks=["storey 1", "storey 2"])
+    >>> shares = Bars([70.0, 30.0], name="dissipated")
+    >>> figure = Figure("Energy", [shares], sites, Axis("share", "%", (0, 100)))
+    >>> figure.named, figure.n_bars
+    (True, 1)
     """
 
     title: str

@@ -70,6 +70,13 @@ class QualityNote:
         How much, as the kind says: a ratio, s, a share, or the channel's SI unit.
     witness : str
         What it was measured against, such as ``"x2"``; empty if nothing.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.records import QualityNote
+    >>> note = QualityNote("delay", "v1 is 4 ms late.", "v1", size=0.004)
+    >>> note.is_fault, note.channel, note.size
+    (True, 'v1', 0.004)
     """
 
     kind: Kind

@@ -89,6 +89,18 @@ def write_html(
         Without jinja2 or plotly, which the extra ``report`` brings.
     NRFError
         If the subject is none of these.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.report import write_html
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = Path(folder) / "model.html"
+    ...     write_html(page, datasets.demo_truth(), title="The bundled frame")
+    ...     "The bundled frame" in page.read_text("utf-8")
+    True
     """
     content = content_of(subject, record, title=title, notes=notes, band=band)
     write_content(path, content)
@@ -110,7 +122,7 @@ def as_html(
     notes: Sequence[str] = (),
     band: Band = None,
 ) -> str:
-    """The page as text; see :func:`write_html`."""
+    """The page as text; parameters and errors as for :func:`write_html`."""
     for package in ("jinja2", "plotly.offline"):
         require(package, "report", _PURPOSE)
     return _rendered(content_of(subject, record, title=title, notes=notes, band=band))
@@ -124,7 +136,22 @@ def content_of(
     notes: Sequence[str] = (),
     band: Band = None,
 ) -> Content:
-    """What the page shows, apart from how; see :func:`write_html`."""
+    """What the page shows, apart from how.
+
+    Parameters and errors as for :func:`write_html`.
+
+    Returns
+    -------
+    Content
+
+    Examples
+    --------
+    >>> from pysindy_nrf import datasets
+    >>> from pysindy_nrf.report import content_of
+    >>> content = content_of(datasets.demo_truth())
+    >>> [table.caption for table in content.model.tables]
+    ['Masses', 'Coefficients', 'Modes of the linear part']
+    """
     if _is_loop(subject):
         return loop_content(subject, title)
     if isinstance(subject, ChainModel) or _is_fitted(subject):

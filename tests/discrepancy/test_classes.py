@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from loop_parts import at_other_amplitudes, first_state, grown_at
+from loop_parts import OtherCondition, at_other_amplitudes, first_state, grown_at
 from simulated_cases import Plan, simulated
 
 from pysindy_nrf import (
@@ -49,6 +49,12 @@ def test_where_nothing_is_missing_no_general_law_gains(effect_class):
     state = first_state(hidden(None, noise=0.05))
     for site in STOREYS:
         assert grown_at(state, effect_class, site)[1] < 0.5
+
+
+def test_amplitude_speaks_where_it_is_sure_of_little():
+    assert OtherCondition(0.1, 0.4).is_below(1.0)
+    assert not OtherCondition(0.1, 0.5).is_below(1.0)
+    assert not OtherCondition(0.0, np.inf).is_below(1.0)
 
 
 def test_an_effect_that_is_there_holds_at_every_amplitude():

@@ -56,7 +56,28 @@ class Plot(TypedDict):
 
 
 def as_plotly(figure: Figure) -> Plot:
-    """Data and layout of a figure."""
+    """Data and layout of a figure.
+
+    Parameters
+    ----------
+    figure : Figure
+
+    Returns
+    -------
+    Plot
+        ``data`` and ``layout``, as plotly reads them; numbers in a prefix of their unit
+        that makes them neither tiny nor huge.
+
+    Examples
+    --------
+    >>> from pysindy_nrf.report import Axis, Figure, Line, as_plotly
+    >>> drift = Line([0.0, 1.0], [0.0, 0.002], name="measured")
+    >>> plot = as_plotly(
+    ...     Figure("Drift", [drift], Axis("time", "s"), Axis("s", "m"))
+    ... )
+    >>> plot["layout"]["yaxis"]["title"]["text"], plot["data"][0]["y"]
+    ('s (mm)', [0.0, 2.0])
+    """
     scales, units = [], []
     for side, axis in zip("xyz", figure.axes):
         factor, unit = unit_of(_drawn_along(figure, side), axis.unit)

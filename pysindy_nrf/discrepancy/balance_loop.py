@@ -23,7 +23,7 @@ from .course import Course
 from .effect_judge import EffectJudge
 from .effects import SearchState
 from .excerpts import excerpts
-from .fitted_model import FittedModel, fit_model
+from .fitted_model import fit_model
 from .folds import window_length
 from .places import places_of
 from .prepare import PreparedRecords, prepare, with_corrected_channels
@@ -90,6 +90,7 @@ class BalanceLoop(
     def prepare(self) -> PreparedRecords:
         """Fuse the channels of every record to one motion."""
         prepared = prepare(self.request.records, self.request.heldout)
+        require_covariates(self.request.problem, prepared)
         return with_corrected_channels(prepared, self.request.problem)
 
     def split(self, records: PreparedRecords) -> SplitRecords:
@@ -136,7 +137,6 @@ class BalanceLoop(
         data = data.diagnosed_in(bands.limits(windows.edges, data.fastest))
         spectra = BalanceSpectra(data, windows, bands)
         model = fit_model(spectra, problem.chain, laws)
-        require_covariates(model, folds.records)
         folds = replace(folds, data=data.full)
         return BalanceStart(folds, SearchState(model, records=searched.records))
 
@@ -216,10 +216,10 @@ def declared_laws(
     return dict(problem.laws)
 
 
-def require_covariates(model: FittedModel, records: PreparedRecords) -> None:
+def require_covariates(problem: Problem, records: PreparedRecords) -> None:
     """Refuse records, held-out ones too, that lack what the declared laws need."""
     needed = {}
-    for site, laws in model.laws.items():
+    for site, laws in problem.laws.items():
         for law in laws:
             needed.update(dict.fromkeys(law.covariates, f"{law.name} at {site}"))
 

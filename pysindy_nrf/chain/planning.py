@@ -132,7 +132,7 @@ def plan(
     advice += _where_to_measure(chain, measured, best["hit"], known_masses, model)
     if len(best["hit"]) < chain.n_dof and best["identifies"] == 1:
         advice.append(
-            "Hitting every floor once, each in a record of its own, lets each balance"
+            "Hitting every floor once, each in a separate record, lets each balance"
             " be solved by itself, and the two estimates of each storey check each"
             " other."
         )
@@ -224,9 +224,10 @@ def _where_to_measure(
     unmeasured = [str(j) for j in range(1, chain.n_dof + 1) if j not in measured]
     if not unmeasured:
         return []
+    floors_have = "Floors {} have" if len(unmeasured) > 1 else "Floor {} has"
     advice = [
-        f"Floor {', '.join(unmeasured)} has no sensor: the free run is then fitted to"
-        " the others."
+        f"{floors_have.format(', '.join(unmeasured))} no sensor: the fit then compares"
+        " the free run with the sensors of the others."
     ]
     if measured:
         sensing = chain.sensing(measured, hit, known_masses=known_masses, model=model)

@@ -534,8 +534,8 @@ def first_step(steps: list) -> dict[str, float]:
 
 def ties(steps: list) -> str:
     """What would have explained the residual as well as the first step."""
-    tied = steps[0].rivals if steps else []
-    return "; ".join(f"{law} at {site} {gain:.3g}" for law, site, gain in tied)
+    rivals = steps[0].rivals if steps else []
+    return "; ".join(f"{law} at {site} {gain:.3g}" for law, site, gain in rivals)
 
 
 def rejected(report: Any) -> str:

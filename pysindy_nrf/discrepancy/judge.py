@@ -162,14 +162,14 @@ def _tied(
     And within a limit, dB.
     """
     reference = findings[number].reduction
-    tied = []
+    as_good = []
     for k, other in enumerate(findings):
         difference = reference.without_fold - other.reduction.without_fold
         error = float(np.sqrt(variance(difference)))
         reach = min(max(error, JUDGE.least_reduction), limit)
         if reference.value - other.reduction.value <= reach:
-            tied.append(k)
-    return tied
+            as_good.append(k)
+    return as_good
 
 
 def simplest(findings: Sequence[RankedFinding]) -> int:

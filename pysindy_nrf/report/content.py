@@ -422,7 +422,7 @@ def audit_part(
         _settings(settings),
         Table("Versions", ["package", "version"], installed),
     ]
-    return [part for part in tables if part.rows]
+    return [table for table in tables if table.rows]
 
 
 def _run(command: str, inputs: Iterable[Mapping[str, object]]) -> Table:

@@ -124,6 +124,6 @@ def test_a_model_with_a_new_tie_is_compared_with_the_noise_of_one_without():
     rec, noise = record(friction, seed=2, noise=0.02), record(None, seed=3, noise=0.02)
     plain = loop_report(friction).models[0]
     tie = {"link 3-1": [laws.CubicStiffness(1e3)]}
-    tied = ChainModel(plain.masses, {**plain.laws, **tie})
+    braced = ChainModel(plain.masses, {**plain.laws, **tie})
     floor = NoiseFloor.from_draws([residual_of(plain, noise)])
-    assert not detect(residual_of(tied, rec), floor).is_noise
+    assert not detect(residual_of(braced, rec), floor).is_noise

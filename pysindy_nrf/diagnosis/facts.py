@@ -246,7 +246,7 @@ class Facts:
     impossible_masses : mapping of int to float
         Masses by DOF that were identified and are not positive, kg.
     negative_stiffness : tuple of str
-        Storeys whose stiffness is negative beyond its interval.
+        Sites whose stiffness is negative beyond its interval.
     intervals : mapping of str to (float, float)
         95 % intervals by parameter (``"m1"``, ``"storey 2: s"``).
     growing_mode : GrowingMode, optional
@@ -408,18 +408,32 @@ def _floats(runs: FreeRuns, modes: pd.DataFrame) -> bool:
 
 
 def _negative_stiffness(model: ChainModel, bounds: Bounds) -> list[str]:
-    """Storeys without memory whose stiffness is negative and carries their force."""
-    storeys = []
+    """Sites without memory whose stiffness is negative and carries their force.
+
+    Storeys, and others with a law whose stiffness cannot be negative.
+    """
+    places = []
     for site, force in model.restoring_forces.items():
         region = model.visited.get(site)
         stiffness = float(force.linear_part()["k"])
         upper_end = bounds.get(f"{site}: s", (stiffness, stiffness))[1]
         surely_negative = stiffness < 0 and upper_end < 0
-        if region is None or not site.is_storey or not surely_negative:
+        if region is None or not surely_negative:
+            continue
+        if not (site.is_storey or _cannot_be_negative(force)):
             continue
         if _is_polynomial(force) and _pushes_outwards(force, region):
-            storeys.append(str(site))
-    return storeys
+            places.append(str(site))
+    return places
+
+
+def _cannot_be_negative(force: RestoringForce) -> bool:
+    """Whether a law with a spring says that its stiffness is not negative."""
+    for law in force.laws:
+        symbols = [term.symbol for term in law.terms() if term.label == "s"]
+        if not set(symbols) <= set(law.nonnegative):
+            return False
+    return True
 
 
 def _is_polynomial(force: RestoringForce) -> bool:

@@ -208,12 +208,12 @@ def impossible_masses(facts: Facts) -> list[Reason]:
 
 
 def negative_stiffness(facts: Facts) -> list[Reason]:
-    """Storeys that push away from their rest."""
+    """Storeys, links and ties that push away from their rest."""
     if not facts.negative_stiffness:
         return []
-    storeys = ", ".join(facts.negative_stiffness)
-    message = f"The stiffness of {storeys} came out negative."
-    return [Reason("stiffness", "red", message, storeys)]
+    places = ", ".join(facts.negative_stiffness)
+    message = f"The stiffness of {places} came out negative."
+    return [Reason("stiffness", "red", message, places)]
 
 
 def undetermined_masses(facts: Facts) -> list[Reason]:

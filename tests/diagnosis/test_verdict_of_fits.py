@@ -43,6 +43,21 @@ def test_floors_that_move_as_one_are_said_and_no_channel_is_accused():
     assert not kinds(verdict) & {"wiring", "channel"}
 
 
+@pytest.mark.parametrize(
+    "law, state", [(laws.LinkSpringDashpot, "red"), (laws.LinearElastic, "green")]
+)
+def test_a_tie_is_no_negative_spring_but_gravity_may_be_one(law, state):
+    """A heavy floor on hinged columns pushes away from its rest."""
+    storeys = {1: spring_and_dashpot(5e4), 2: spring_and_dashpot(4e4)}
+    gravity = {"ground 2": [laws.LinearElastic(-2e3)]}
+    record = shaken(ChainModel([9.0, 7.0], storeys | gravity))
+    fitted = NRFRegressor(degree=1, laws={"ground 2": [law()]}).fit(record)
+    verdict = fitted.verdict()
+    assert verdict.state == state
+    places = {ground.place for ground in verdict.grounds if ground.kind == "stiffness"}
+    assert places == ({"ground 2"} if state == "red" else set())
+
+
 def test_an_interval_that_says_little_is_not_green():
     model = ChainModel([9.0, 7.0], {i: spring_and_dashpot(3e4) for i in (1, 2)})
     short = shaken(model, noise=0.03).rows(slice(2000, 2090))

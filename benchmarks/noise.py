@@ -480,7 +480,64 @@ def print_measured_frame(runs: Runs) -> None:
     )
 
 
+def paper_frame(forced: tuple[int, ...], noise: float, seed: int, **how: str) -> Record:
+    """The paper's frame with its MR damper, under 60 Hz, with noise added."""
+    storey = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
+    damper = laws.Dahl(sigma=SIGMA, Fd=FRICTION)
+    truth = ChainModel([10.0, 10.0], {1: [*storey, damper], 2: storey})
+    F = excitation.band_limited_random(
+        2, 8.0, FS, excited=forced, rms=200.0, band=(0.5, 60), random_state=seed
+    )
+    return noisy(simulate(truth, F, 1 / FS, **how), noise, seed)
+
+
+def print_shapes(runs: Runs) -> None:
+    """Shape parameter and friction of a Dahl law whose shape is not known."""
+    print("\nMR damper: sigma (50 000 1/m) and friction (34.85 N), least and largest")
+    for noise in (0.01, 0.05):
+        for forced in ((1, 2), (2,)):
+            for estimation in ("ls", "iv"):
+                fits = []
+                for seed in range(runs.seeds):
+                    record = paper_frame(forced, noise, seed, hold="cubic")
+                    damped = {"storey 1": [laws.PowerSeries(1), laws.Dahl()]}
+                    model = NRFRegressor(degree=1, laws=damped, estimation=estimation)
+                    law = quietly(model.fit, record).model_.laws["storey 1"][-1]
+                    fits.append((law.parameters["sigma"], law.parameters["Fd"]))
+                low, high = np.min(fits, axis=0), np.max(fits, axis=0)
+                print(
+                    f"  {noise:.0%}, forced {forced}, {estimation}:"
+                    f" sigma {low[0]:.0f} to {high[0]:.0f},"
+                    f" friction {low[1]:.1f} to {high[1]:.1f}",
+                    flush=True,
+                )
+
+
+WAYS: dict[str, dict[str, str]] = {
+    "hold='linear'": {"hold": "linear"},
+    "method='newmark'": {"method": "newmark"},
+    "hold='cubic'": {"hold": "cubic"},
+}
+
+
+def print_ways(runs: Runs) -> None:
+    """Error of the worst mass by the way in which the record was simulated."""
+    print("\nRecords of a simulation with 1 % of noise: worst mass, percent too high")
+    damped = {"storey 1": [laws.PowerSeries(1), laws.Dahl(sigma=SIGMA)]}
+    for name, how in WAYS.items():
+        for estimation in ("ls", "iv"):
+            worst = []
+            for seed in range(runs.seeds):
+                record = paper_frame((1, 2), 0.01, seed, **how).replace(hold=None)
+                model = NRFRegressor(degree=1, laws=damped, estimation=estimation)
+                errors_of_masses = quietly(model.fit, record).masses_ / 10.0 - 1
+                worst.append(100 * errors_of_masses[np.abs(errors_of_masses).argmax()])
+            print(f"  {name}, {estimation}: {np.median(worst):.2f}", flush=True)
+
+
 FURTHER_PARTS: dict[str, Callable[[Runs], None]] = {
+    "shapes of a damper": print_shapes,
+    "ways of simulating": print_ways,
     "intervals": print_coverage,
     "output error": print_output_error,
     "frequency response": print_measured_frame,

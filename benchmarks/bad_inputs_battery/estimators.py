@@ -197,7 +197,7 @@ def names() -> Iterator[Kind]:
         "unknown column",
         fit_motion(frame.assign(voltage=1.0)),
         "unknown column voltage",
-        "covariates .* are passed beside X",
+        "covariates .* are passed in addition to X",
     )
     yield refused(
         "missing column",
@@ -535,13 +535,13 @@ def order_of_rows() -> Iterator[Kind]:
     yield refused(
         "force beside records",
         fit(record, F),
-        "F was given beside records",
+        "F was given in addition to records",
         "Leave F out",
     )
     yield refused(
         "ids beside records",
         fit(record, record=np.zeros(N_SAMPLES)),
-        "record was given beside records",
+        "record was given in addition to records",
         "Leave record out",
     )
     yield refused(

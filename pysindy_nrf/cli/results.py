@@ -203,7 +203,9 @@ class Results:
         if unfinished.exists():
             for run in _runs_of(unfinished)[-1:]:
                 for name, mark in run["files"].items():
-                    if _has_mark(self.home / name, mark):
+                    # what is still aside has replaced nothing, were it the same
+                    was_moved = not (folder / name).exists()
+                    if was_moved and _has_mark(self.home / name, mark):
                         (self.home / name).unlink()
             for path in (folder / _REPLACED).glob("*"):
                 if not (self.home / path.name).exists():

@@ -101,8 +101,10 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
             "percent": size["percent"],
             "floor ratio": ratio,
         }
-        if size["rms"] > RESIDUAL.resolution * size["reference"]:
-            row |= regressions.verdict(str(place), ratio)
+        resolved = RESIDUAL.resolution * size["reference"]
+        if size["rms"] > resolved:
+            least_share = (resolved / size["rms"]) ** 2
+            row |= regressions.verdict(str(place), ratio, least_share)
         rows[str(place)] = row
 
     table = pd.DataFrame.from_dict(rows, orient="index")
@@ -127,8 +129,14 @@ class _Regressions:
             made = [MotionRegression(draw, chain, thin) for draw in floor.draws]
             self.noise = floor.motions.setdefault((chain.sites, thin), made)
 
-    def verdict(self, place: str, ratio: float) -> dict[str, object]:
-        """What one balance or storey holds."""
+    def verdict(
+        self, place: str, ratio: float, least_share: float
+    ) -> dict[str, object]:
+        """What one balance or storey holds.
+
+        ``least_share`` of its power is round-off: a linear effect that leaves less is
+        all there is.
+        """
         laws = self.residual.law_groups(place)
         linear, is_linear = self._share(place, _LINEAR, [])
         nonlinear, is_nonlinear = self._share(place, laws, _LINEAR)
@@ -141,7 +149,8 @@ class _Regressions:
         # below the floor it is the bias of the fit
         if is_linear and not ratio < at_floor:
             kind = ResidualKind.LINEAR
-        if is_nonlinear and not ratio < 1 / at_floor:
+        remains = 1.0 - linear > least_share
+        if is_nonlinear and remains and not ratio < 1 / at_floor:
             kind = ResidualKind.NONLINEAR
         return {"verdict": kind, "linear share": linear, "nonlinear share": nonlinear}
 

@@ -17,6 +17,8 @@ LATE = "late"
 COURSES = (*HOLDS, LATE)
 # Samples of each record on which courses are compared, those of most energy.
 MAX_SAMPLES = 1024
+# The energy is read at every eighth sample: what a blow leaves lasts longer.
+THINNING = 8
 # Records of a series are driven by one apparatus.
 MAX_RECORDS = 4
 # Share of the squared residual with band-limited forces that another course must stay
@@ -60,8 +62,9 @@ def _course_that_closes(problem: Problem, data: Dataset, unknown: list[Segment])
     excerpts = []
     for segment in unknown[:MAX_RECORDS]:
         size = min(MAX_SAMPLES, segment.n_valid)
-        first = segment.strongest(slice(0, segment.n_valid), size)
-        start = segment.valid.start + first
+        thinned = segment.every(THINNING)
+        first = thinned.strongest(slice(0, thinned.n_valid), size // THINNING)
+        start = segment.valid.start + min(first * THINNING, segment.n_valid - size)
         excerpts.append(segment.cut(slice(start, start + size), 0))
 
     shares = _unexplained_shares(problem, replace(data, segments=excerpts))

@@ -244,12 +244,15 @@ class Segment:
 
         Every rate and every force counts by its variance.
         """
-        channels = np.hstack([self.v[self.valid][rows], self.F[self.valid][rows]])
-        channels = np.where(np.isnan(channels), 0.0, channels)
+        power = np.zeros(rows.stop - rows.start)
         with np.errstate(over="ignore", invalid="ignore"):
-            squares = np.square(channels)
-            variance = squares.mean(axis=0) - channels.mean(axis=0) ** 2
-            power = squares @ (1.0 / np.maximum(variance, _NO_VARIANCE))
+            for channels in (self.v[self.valid][rows], self.F[self.valid][rows]):
+                # forces that are unknown have no power
+                known = channels[:, ~np.isnan(channels[0])]
+                squares = np.square(known)
+                mean = np.einsum("ij->j", known) / len(known)
+                variance = np.einsum("ij->j", squares) / len(known) - mean**2
+                power += squares @ (1.0 / np.maximum(variance, _NO_VARIANCE))
             energy = np.append(0.0, np.cumsum(power))
         of_stretches = energy[size:] - energy[: len(energy) - size]
         return rows.start + int(np.argmax(of_stretches))

@@ -22,9 +22,10 @@ from .candidate_search import best_findings, polished, scan
 from .channel_errors import ChannelErrorTest
 from .constants import best_constant, state_with_means
 from .dictionary import dictionary
-from .effect_judge import EffectJudge, JudgedEffect
+from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
 from .error_reduction import ErrorReduction
+from .fitted_model import FittedModel
 from .growth import grown_law
 from .judge import JUDGE
 from .places import Place, class_at
@@ -105,6 +106,24 @@ class Proposal:
     def value(self) -> float:
         """Cross-validated error reduction over the state, dB."""
         return self.reduction.value
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedProposal:
+    """A proposal, and what another condition says of it."""
+
+    proposal: Proposal
+    judged: JudgedEffect
+
+    @property
+    def value(self) -> float:
+        """Error reduction, dB: of both records, if another record has judged it.
+
+        A record of few frequencies hardly tells classes and sites apart.
+        """
+        if self.judged.condition != "another record":
+            return self.proposal.value
+        return 0.5 * (self.proposal.value + self.judged.heldout.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,36 +297,56 @@ class ClassSearch:
     ) -> tuple[tuple[Proposal, JudgedEffect] | None, ClassResult]:
         """The first proposal that holds, and the result with those refused."""
         why = ""
-        there = [p for p in proposals if _is_there(p, result.state)]
+        state = result.state
+        there = []
+        self.tools.judge.begin_round()
+        for proposal in proposals:
+            if _is_there(proposal, state, self.tools.judge):
+                judged = self.tools.judge.judged(proposal.finding, state)
+                there.append(JudgedProposal(proposal, judged))
         while there:
-            proposal = _next(there, result.state)
-            there.remove(proposal)
-            judged = self.tools.judge.judged(proposal.finding, result.state)
+            best = _next(there, state)
+            there.remove(best)
+            proposal, judged = best.proposal, best.judged
             if not judged.holds:
                 result = _with_refused(result, proposal, judged)
                 why = why or _in_words(judged)
                 continue
             doubt = self._doubt(proposal, result)
             if not doubt:
-                return (proposal, judged), result
+                return (self._with_rivals(best, proposals, state), judged), result
             why = why or doubt
         return None, replace(result, why_refused=why)
+
+    def _with_rivals(
+        self, best: JudgedProposal, proposals: Sequence[Proposal], state: SearchState
+    ) -> Proposal:
+        """A proposal with those of other places that another record does not refute."""
+        proposal, naming = best.proposal, best.proposal.naming
+        if best.judged.condition != "another record":
+            return proposal
+        rivals = []
+        for other in proposals:
+            finding = other.finding
+            if other is proposal or _adds_to(other, proposal):
+                continue
+            if not self.tools.judge.tells_apart(proposal.finding, finding, state):
+                rivals.append(finding)
+        naming = replace(naming, rivals=[*naming.rivals, *rivals])
+        return replace(proposal, naming=naming)
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
         """What speaks against a proposal: errors of channels, the free run, chance."""
         state, finding = result.state, proposal.finding
+        assert finding.after is not None
+        before = self.tools.judge.on_all_records(state.model)
+        after = self.tools.judge.on_all_records(finding.after.model)
+        if not _is_needed(after.reduction_from(before)):
+            return "a fit to all records explains as much without it"
+        if self._is_explained_by_errors(finding, before, after):
+            return "errors of the channels within their tolerances explain it"
         if finding.is_fault:
             return ""
-        assert finding.after is not None and state.records is not None
-        test = self.tools.errors.beyond(
-            finding.after.model,
-            state.model,
-            finding.candidate.law,
-            state.records,
-            state.effects,
-        )
-        if not test.is_there:
-            return "errors of the channels within their tolerances explain it"
         if self.tools.judge.contradicted_by_free_run(finding, state):
             return "with it the free run gets far worse"
         if not state.effects or proposal.value >= CLASSES.beyond_chance:
@@ -318,6 +357,25 @@ class ClassSearch:
         if self._is_chance(proposal, state):
             return "a shifted residual gains as much"
         return ""
+
+    def _is_explained_by_errors(
+        self, finding: Finding, before: FittedModel, after: FittedModel
+    ) -> bool:
+        """Whether errors of the channels within their tolerances explain a finding.
+
+        The same errors in all records. A fault that another channel witnesses is more
+        than such an error.
+        """
+        state, test = finding.before, self.tools.errors
+        assert state.records is not None
+        if finding.witnessed:
+            return False
+        if finding.is_fault:
+            of_errors = test.explain(before, state.records, state.effects)
+            return of_errors > after.reduction_from(before).value
+        law = finding.candidate.law
+        beyond = test.beyond(after, before, law, state.records, state.effects)
+        return not beyond.is_there
 
     def _is_chance(self, proposal: Proposal, state: SearchState) -> bool:
         """Whether the place gains as much on a residual that was shifted in time."""
@@ -630,8 +688,8 @@ def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
 # -- decisions -----------------------------------------------------------------
 
 
-def _next(proposals: Sequence[Proposal], state: SearchState) -> Proposal:
-    """The proposal that is judged next.
+def _next(proposals: Sequence[JudgedProposal], state: SearchState) -> JudgedProposal:
+    """The proposal that comes next.
 
     The best, one of several sites by what each of them brings; or a simpler one that
     explains the same.
@@ -641,38 +699,50 @@ def _next(proposals: Sequence[Proposal], state: SearchState) -> Proposal:
     return min([best, *explaining], key=_size)
 
 
-def _value_of_each_site(proposal: Proposal) -> float:
-    return proposal.value / len(proposal.finding.candidate.sites)
+def _value_of_each_site(judged: JudgedProposal) -> float:
+    return judged.value / len(judged.proposal.finding.candidate.sites)
 
 
-def _size(proposal: Proposal) -> tuple[tuple[int, int], float]:
+def _size(judged: JudgedProposal) -> tuple[tuple[int, int], float]:
     """Number of parameters; the better of two as large comes first."""
-    return proposal.finding.n_parameters, -proposal.value
+    return judged.proposal.finding.n_parameters, -judged.value
 
 
-def _explains(simpler: Proposal, best: Proposal, state: SearchState) -> bool:
+def _explains(
+    simpler: JudgedProposal, best: JudgedProposal, state: SearchState
+) -> bool:
     """Whether a simpler proposal leaves of the best one nothing to be claimed.
 
     What it loses is less than a further effect must bring, and beside it the best one
     is not there.
     """
-    fewer = simpler.finding.n_parameters < best.finding.n_parameters
+    of_best = best.proposal.finding
+    fewer = simpler.proposal.finding.n_parameters < of_best.n_parameters
     nearly = best.value - simpler.value < CLASSES.least_of_later
-    if not (fewer and nearly and simpler.value > 0) or best.finding.is_fault:
+    if not (fewer and nearly and simpler.value > 0) or of_best.is_fault:
         return False
-    beside = simpler.finding.after
+    beside = simpler.proposal.finding.after
     assert beside is not None
-    new = best.finding.new_effects(state.effects)
+    new = of_best.new_effects(state.effects)
     try:
         both = beside.model.with_laws([(effect.site, effect.law) for effect in new])
     except NRFError:
         # their columns are the same
         return True
     reduction = both.reduction_from(beside.model)
-    return not judge.is_there(reduction, best.finding.candidate.law)
+    return not judge.is_there(reduction, of_best.candidate.law)
 
 
-def _is_there(proposal: Proposal, state: SearchState) -> bool:
+def _adds_to(other: Proposal, proposal: Proposal) -> bool:
+    """Whether a proposal is of the class of another, at its site and further ones."""
+    same_class = other.naming.effect_class == proposal.naming.effect_class
+    sites = set(other.finding.candidate.sites)
+    return same_class and bool(sites & set(proposal.finding.candidate.sites))
+
+
+def _is_there(
+    proposal: Proposal, state: SearchState, effect_judge: EffectJudge
+) -> bool:
     """Whether an effect stands whichever fold is left out."""
     finding, reduction = proposal.finding, proposal.reduction
     law = finding.candidate.law
@@ -687,12 +757,23 @@ def _is_there(proposal: Proposal, state: SearchState) -> bool:
         return True
     assert finding.after is not None
     new = finding.new_effects(state.effects)
-    if not all(judge.differs_from_zero(finding.after.model, each) for each in new):
+    fitted = effect_judge.on_all_records(finding.after.model)
+    if not all(judge.differs_from_zero(fitted, each) for each in new):
         return False
     shares = judge.shares_of_force(finding, state)
     # a dashpot matters beside other dampers, whatever the springs hold
     matters = law.variable == "v" or max(shares.values()) >= CLASSES.least_share
     return matters and not judge.takes_over(finding, shares)
+
+
+def _is_needed(reduction: ErrorReduction) -> bool:
+    """Whether an effect lowers the error of a fit to all records.
+
+    What a record of few frequencies leaves open of the model without it is no evidence
+    for it.
+    """
+    enough = reduction.value >= EFFECT_JUDGE.least
+    return enough and reduction.value > reduction.standard_error
 
 
 def _only_enriches(finding: Finding, state: SearchState) -> bool:

@@ -21,6 +21,7 @@ from .amplitude import UNTOLD, OtherCondition, at_other_amplitudes
 from .effects import Effect, Finding, SearchState, instants_of
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
+from .folds import Split
 from .free_run import free_run_error
 from .heldout import steady_blocks
 from .search_data import SearchData
@@ -99,6 +100,8 @@ class EffectJudge:
         self._spectra: dict[
             tuple[BalanceSpectra, tuple[float, ...]], BalanceSpectra
         ] = {}
+        self._every: dict[BalanceSpectra, BalanceSpectra] = {}
+        self._on_all_records: dict[FittedModel, FittedModel] = {}
 
     def judged(self, finding: Finding, state: SearchState) -> JudgedEffect:
         """What another condition says of a finding added to a state."""
@@ -126,6 +129,35 @@ class EffectJudge:
         holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_alone
         return JudgedEffect(holds, "another time", amplitude, heldout)
 
+    def on_all_records(self, model: FittedModel) -> FittedModel:
+        """A model fitted to the records that judge as well, once in a round.
+
+        To the searched ones alone where there are no others, or excerpts are searched.
+        """
+        if model not in self._on_all_records:
+            spectra = self._all_records(model.spectra)
+            again = model if spectra is model.spectra else model.refitted(spectra)
+            self._on_all_records[model] = again
+        return self._on_all_records[model]
+
+    def begin_round(self) -> None:
+        """Free the memory of the models of an earlier round."""
+        self._on_all_records.clear()
+
+    def _all_records(self, spectra: BalanceSpectra) -> BalanceSpectra:
+        """The same windows and bands on the records that judge as well."""
+        data = spectra.data
+        if not self.has_records or data.full is not data:
+            return spectra
+        if spectra not in self._every:
+            pieces = _cut(data.heldout, spectra.windows.length, data)
+            folds = Split([*data.search, *pieces], [])
+            masses, filters = data.known_masses, data.filters
+            every = SearchData(data.data, folds, masses, filters=filters)
+            windows = spectra.windows.over(every.search, data=every.data)
+            self._every[spectra] = spectra.with_windows(every, windows)
+        return self._every[spectra]
+
     def contradicted_by_free_run(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts gets far worse with a finding.
 
@@ -139,6 +171,12 @@ class EffectJudge:
         after = _free_run_error(finding.after.model)
         limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
         return not after <= limit
+
+    def tells_apart(self, finding: Finding, rival: Finding, state: SearchState) -> bool:
+        """Whether another record speaks for a finding and against a rival."""
+        assert finding.after is not None and rival.after is not None
+        new = finding.new_effects(state.effects)
+        return self._on_heldout(rival.after.model, finding.after.model, new).holds
 
     def _on_heldout(
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]

@@ -341,7 +341,10 @@ class ClassSearch:
         assert finding.after is not None
         before = self.tools.judge.on_all_records(state.model)
         after = self.tools.judge.on_all_records(finding.after.model)
-        if not _is_needed(after.reduction_from(before)):
+        # what a record of few frequencies leaves open of the model without an effect is
+        # no evidence for the effect
+        law, least = finding.candidate.law, EFFECT_JUDGE.least
+        if not judge.is_there(after.reduction_from(before), law, least):
             return "a fit to all records explains as much without it"
         if self._is_explained_by_errors(finding, before, after):
             return "errors of the channels within their tolerances explain it"
@@ -764,16 +767,6 @@ def _is_there(
     # a dashpot matters beside other dampers, whatever the springs hold
     matters = law.variable == "v" or max(shares.values()) >= CLASSES.least_share
     return matters and not judge.takes_over(finding, shares)
-
-
-def _is_needed(reduction: ErrorReduction) -> bool:
-    """Whether an effect lowers the error of a fit to all records.
-
-    What a record of few frequencies leaves open of the model without it is no evidence
-    for it.
-    """
-    enough = reduction.value >= EFFECT_JUDGE.least
-    return enough and reduction.value > reduction.standard_error
 
 
 def _only_enriches(finding: Finding, state: SearchState) -> bool:

@@ -604,11 +604,6 @@ def facts_of_loop(report: Loop) -> Facts:
     )
 
 
-def _knows_noise(facts: Facts) -> bool:
-    """Whether it is known of each equation of motion what noise leaves."""
-    return bool(facts.left_over) and set(facts.left_over) >= set(facts.unexplained)
-
-
 def _facts_of_estimate(report: Loop) -> Facts:
     """What is known of the model of a loop as an estimate."""
     over_periods = float(report.final["free run"])

@@ -115,10 +115,11 @@ class EffectJudge:
         if not (finding.is_fault or finding.candidate.law.narrow_band):
             amplitude = _on_amplitude(before, after, new)
         if _speaks_for(amplitude, finding.candidate.law):
-            holds = not heldout.fails
+            refused = heldout.fails
             if state.effects:
-                holds = heldout.value >= EFFECT_JUDGE.least
-            return JudgedEffect(holds, "another amplitude", amplitude, heldout)
+                refused = heldout.value < EFFECT_JUDGE.least
+            decisive: Condition = "another time" if refused else "another amplitude"
+            return JudgedEffect(not refused, decisive, amplitude, heldout)
         if _speaks_against(amplitude, finding.candidate.law):
             return JudgedEffect(False, "another amplitude", amplitude, heldout)
         holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_alone

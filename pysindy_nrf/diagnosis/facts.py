@@ -19,6 +19,7 @@ from ..common.unit_system import TRANSLATION, UnitSystem
 from ..records.quality import QualityNote
 from .assumptions import Assumption
 from .effects import Bounds, Effect, described
+from .evidence import Evidence
 from .free_run import FreeRuns
 
 # Share of the force of a site from which on a negative stiffness is no error of a weak
@@ -458,42 +459,6 @@ def _pushes_outwards(force: RestoringForce, region: VisitedRegion) -> bool:
 
 
 # -- a closed loop -------------------------------------------------------------
-
-
-class Obstacle(Protocol):
-    """Why a question to the residual has no answer."""
-
-    @property
-    def reason(self) -> str:
-        """In words."""
-
-    @property
-    def expected(self) -> bool:
-        """Whether nothing is missing."""
-
-
-class NoiseFloor(Protocol):
-    """What noise alone would leave."""
-
-    @property
-    def balance(self) -> np.ndarray:
-        """Rms in each equation of motion, N; NaN where it is not known."""
-
-
-class Evidence(Protocol):
-    """What is left of the measured forces after one model of the loop."""
-
-    @property
-    def sizes(self) -> pd.DataFrame:
-        """Rms, N, and percent of the residual of each equation of motion."""
-
-    @property
-    def floor(self) -> NoiseFloor | None:
-        """What noise alone would leave; None if that is not known."""
-
-    @property
-    def not_possible(self) -> Mapping[str, Obstacle]:
-        """Questions without an answer."""
 
 
 class Identified(Protocol):

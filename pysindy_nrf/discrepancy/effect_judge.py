@@ -16,8 +16,9 @@ from typing import Literal
 import numpy as np
 
 from ..diagnosis.offsets import with_offsets
+from ..laws.base import ForceLaw
 from ..records.dataset import BlockRows
-from .amplitude import UNTOLD, OtherCondition, at_other_amplitudes
+from .amplitude import NOT_JUDGED, OtherCondition, at_other_amplitudes
 from .effects import Effect, Finding, SearchState, instants_of
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
@@ -108,20 +109,18 @@ class EffectJudge:
         heldout = self._on_heldout(before, after, new)
         if self.has_records:
             holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least
-            return JudgedEffect(holds, "another record", UNTOLD, heldout)
+            return JudgedEffect(holds, "another record", NOT_JUDGED, heldout)
 
-        amplitude = UNTOLD
+        amplitude = NOT_JUDGED
         if not (finding.is_fault or finding.candidate.law.narrow_band):
             amplitude = _on_amplitude(before, after, new)
-        changes_in_time = finding.candidate.law.permanent_change
-        speaks_for = amplitude.holds and amplitude.value >= EFFECT_JUDGE.least
-        if speaks_for and not changes_in_time:
-            holds = not heldout.fails
+        if _speaks_for(amplitude, finding.candidate.law):
+            refused = heldout.fails
             if state.effects:
-                holds = heldout.value >= EFFECT_JUDGE.least
-            return JudgedEffect(holds, "another amplitude", amplitude, heldout)
-        too_little = amplitude.is_below(EFFECT_JUDGE.least_alone)
-        if amplitude.fails or (too_little and not changes_in_time):
+                refused = heldout.value < EFFECT_JUDGE.least
+            decisive: Condition = "another time" if refused else "another amplitude"
+            return JudgedEffect(not refused, decisive, amplitude, heldout)
+        if _speaks_against(amplitude, finding.candidate.law):
             return JudgedEffect(False, "another amplitude", amplitude, heldout)
         holds = heldout.holds and heldout.value >= EFFECT_JUDGE.least_alone
         return JudgedEffect(holds, "another time", amplitude, heldout)
@@ -171,6 +170,23 @@ class EffectJudge:
         return self._spectra[key]
 
 
+def _speaks_for(amplitude: OtherCondition, law: ForceLaw) -> bool:
+    """Whether another amplitude says that an effect is there.
+
+    Of a change in time it does not: amplitude and time go together in one record.
+    """
+    if law.permanent_change:
+        return False
+    return amplitude.holds and amplitude.value >= EFFECT_JUDGE.least
+
+
+def _speaks_against(amplitude: OtherCondition, law: ForceLaw) -> bool:
+    """Whether another amplitude says that an effect is not there."""
+    if amplitude.fails:
+        return True
+    return not law.permanent_change and amplitude.is_below(EFFECT_JUDGE.least_alone)
+
+
 def _free_run_error(model: FittedModel) -> float:
     """Free-run error on what is held out of all samples, percent."""
     full = model.spectra.data.full
@@ -202,6 +218,6 @@ def _on_amplitude(
 ) -> OtherCondition:
     """Error reduction at other amplitudes of the sites of new effects."""
     if before.spectra is not after.spectra:
-        return UNTOLD
+        return NOT_JUDGED
     sites = dict.fromkeys(effect.site for effect in new)
     return at_other_amplitudes(before, after, sites)

@@ -192,8 +192,8 @@ def _speaks_against(amplitude: OtherCondition, law: ForceLaw) -> bool:
 def _stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
     """Whether effects come to a site that has one of another class.
 
-    What the law of that one misses repeats with every cycle: held-out time cannot tell
-    it from a second effect.
+    What the law of that one misses repeats with every cycle: held-out time does not
+    separate it from a second effect.
     """
     sites = {effect.site for effect in state.effects}
     return any(effect.site in sites and not effect.enriches for effect in new)

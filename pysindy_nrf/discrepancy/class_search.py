@@ -84,7 +84,9 @@ class Naming:
     carries : bool
         Whether the name carries the model, and not the general law.
     rivals : sequence of Finding
-        Other names of the class that explain the data as well.
+        Other names that explain the data as well.
+    names : sequence of Finding
+        All names of the place that were refined.
     """
 
     effect_class: str
@@ -92,6 +94,7 @@ class Naming:
     share: float = 1.0
     carries: bool = True
     rivals: Sequence[Finding] = ()
+    names: Sequence[Finding] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,19 +324,19 @@ class ClassSearch:
     def _with_rivals(
         self, best: JudgedProposal, proposals: Sequence[Proposal], state: SearchState
     ) -> Proposal:
-        """A proposal with those of other places that another record does not refute."""
+        """A proposal with names and places that another record does not refute."""
         proposal, naming = best.proposal, best.proposal.naming
+        finding = proposal.finding
         if best.judged.condition != "another record":
             return proposal
-        rivals = []
-        for other in proposals:
-            finding = other.finding
-            if other is proposal or _adds_to(other, proposal):
-                continue
-            if not self.tools.judge.tells_apart(proposal.finding, finding, state):
-                rivals.append(finding)
-        naming = replace(naming, rivals=[*naming.rivals, *rivals])
-        return replace(proposal, naming=naming)
+        others = [name for name in naming.names if name.candidate != finding.candidate]
+        others += [p.finding for p in proposals if not _adds_to(p, proposal)]
+        rivals = list(naming.rivals)
+        for other in others:
+            is_new = other not in rivals and other.after is not None
+            if is_new and not self.tools.judge.tells_apart(finding, other, state):
+                rivals.append(other)
+        return replace(proposal, naming=replace(naming, rivals=rivals))
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
         """What speaks against a proposal: errors of channels, the free run, chance."""
@@ -524,7 +527,8 @@ def _named(
         name, rivals = _simplest_name(carrying, state)
         name = _without_noise(name, names, rng)
         assert name.reduction is not None
-        naming = Naming(place.effect_class, name.candidate.law.name, rivals=rivals)
+        closest = name.candidate.law.name
+        naming = Naming(place.effect_class, closest, rivals=rivals, names=names)
         return Proposal(name, name.reduction, naming)
     if general is None or general.reduction is None:
         return None

@@ -187,7 +187,8 @@ class EffectJudge:
         """Whether another record speaks for a finding and against a rival."""
         assert finding.after is not None and rival.after is not None
         new = finding.new_effects(state.effects)
-        return self._on_heldout(rival.after.model, finding.after.model, new).holds
+        reduction = self._on_heldout(rival.after.model, finding.after.model, new)
+        return reduction.exceeds(0.0, EFFECT_JUDGE.errors_of_first)
 
     def _on_heldout(
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]

@@ -122,7 +122,7 @@ class JudgedProposal:
     def value(self) -> float:
         """Error reduction, dB: of both records, if another record has judged it.
 
-        A record of few frequencies hardly tells classes and sites apart.
+        In one record of few frequencies classes and sites are much alike.
         """
         if self.judged.condition != "another record":
             return self.proposal.value
@@ -334,7 +334,7 @@ class ClassSearch:
         rivals = list(naming.rivals)
         for other in others:
             is_new = other not in rivals and other.after is not None
-            if is_new and not self.tools.judge.tells_apart(finding, other, state):
+            if is_new and not self.tools.judge.prefers(finding, other, state):
                 rivals.append(other)
         return replace(proposal, naming=replace(naming, rivals=rivals))
 

@@ -5,17 +5,22 @@ not contradict. Held-out time alone decides where amplitude says nothing, and of
 change in time: its pieces may be the same cycles again. Amplitude does say something
 where an effect surely brings less there than held-out time would have to show. Every
 answer is an error reduction in dB with its standard error.
+
+With another record a fit to all of them is at hand. What a record of few frequencies
+leaves open of the model without an effect is no evidence for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ..diagnosis.offsets import with_offsets
+from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..records.dataset import BlockRows
 from .amplitude import NOT_JUDGED, OtherCondition, at_other_amplitudes
@@ -147,8 +152,10 @@ class EffectJudge:
         """
         if model not in self._on_all_records:
             spectra = self._all_records(model.spectra)
-            again = model if spectra is model.spectra else model.refitted(spectra)
-            self._on_all_records[model] = again
+            self._on_all_records[model] = model
+            if spectra is not model.spectra:
+                with suppress(NRFError):
+                    self._on_all_records[model] = model.refitted(spectra)
         return self._on_all_records[model]
 
     def begin_round(self) -> None:
@@ -183,11 +190,14 @@ class EffectJudge:
         limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
         return not after <= limit
 
-    def tells_apart(self, finding: Finding, rival: Finding, state: SearchState) -> bool:
-        """Whether another record speaks for a finding and against a rival."""
-        assert finding.after is not None and rival.after is not None
+    def prefers(self, finding: Finding, other: Finding, state: SearchState) -> bool:
+        """Whether a finding is better than another on the record that judges.
+
+        By more than the standard error of the difference.
+        """
+        assert finding.after is not None and other.after is not None
         new = finding.new_effects(state.effects)
-        reduction = self._on_heldout(rival.after.model, finding.after.model, new)
+        reduction = self._on_heldout(other.after.model, finding.after.model, new)
         return reduction.exceeds(0.0, EFFECT_JUDGE.errors_of_first)
 
     def _on_heldout(

@@ -50,10 +50,9 @@ class OtherCondition:
     value: float
     error: float
 
-    @property
-    def holds(self) -> bool:
-        """Whether the error falls by more than its standard error."""
-        return bool(self.value > self.error)
+    def exceeds(self, least: float, errors: float) -> bool:
+        """Whether it is so many dB at least, and so many standard errors above zero."""
+        return bool(self.value >= least and self.value > errors * self.error)
 
     @property
     def fails(self) -> bool:

@@ -135,6 +135,17 @@ def correlation_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> floa
     return float(correlation) if np.isfinite(correlation) else 0.0
 
 
+def delay_of(segment: Segment, highest: float) -> int:
+    """Samples by which an instrument comes late.
+
+    A quarter of a period of the highest frequency (Hz) keeps the noise of the force,
+    which the equations of motion hold too, out of the instruments.
+    """
+    if not np.isfinite(highest):
+        return 1
+    return max(1, round(1.0 / (4 * highest * segment.step)))
+
+
 class Instruments:
     """Makes instruments for the equations of motion of some records.
 
@@ -164,18 +175,11 @@ class Instruments:
         self.band = common_band(self.segments, problem.band)
 
     def delayed(self, model: ChainModel) -> InstrumentRuns:
-        """Free runs under the measured forces, delayed.
-
-        A quarter of a period of the highest frequency keeps the noise of the force,
-        which the equations of motion hold too, out of the instruments.
-        """
+        """Free runs under the measured forces, delayed."""
         runner = with_decaying_modes(model)
-        highest = self.band[1]
         runs = []
         for segment in self.segments:
-            delay = 1
-            if np.isfinite(highest):
-                delay = max(1, round(1.0 / (4 * highest * segment.step)))
+            delay = delay_of(segment, self.band[1])
             runs.append(simulated(runner, segment, delay, limited=True))
         return self._by_record(runs)
 

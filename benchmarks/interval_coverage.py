@@ -7,10 +7,11 @@ Records of 20 s at 500 Hz (10 000 samples), accelerations, displacements and for
 noise is a share of each channel's rms. The laws are known but for one chain, whose
 Rayleigh damping (a dashpot from each floor to the ground) the model does not have; one
 chain is excited in its first mode only. Of each cell: the share of intervals that hold
-the truth (masses, stiffness, damping, cubic term), the share withheld, the median
-half-width in percent and the time of a fit with its intervals, by ``estimation`` =
-"auto" (the default), "ls" and "iv" of a fit, and by "close_loop", which has to find the
-cubic term by itself: a parameter that its model does not have counts as withheld.
+the truth (masses, stiffness, damping, cubic term) with its standard error over records,
+the share withheld, the median half-width in percent and the time of a fit with its
+intervals, by ``estimation`` = "auto" (the default), "ls" and "iv" of a fit, and by
+"close_loop", which has to find the cubic term by itself: a parameter that its model
+does not have counts as withheld.
 """
 
 from __future__ import annotations
@@ -203,10 +204,25 @@ def coverage(intervals: pd.DataFrame) -> pd.DataFrame:
 
 
 def covered(intervals: pd.DataFrame) -> str:
-    """Coverage in percent, and the median half-width."""
+    """Coverage in percent with its standard error, and the median half-width."""
     if intervals.empty:
         return "withheld"
-    return f"{100 * intervals['holds'].mean():.1f} ({intervals['width'].median():.2g})"
+    share = 100 * intervals["holds"].mean()
+    error = 100 * error_of_share(intervals)
+    return f"{share:.1f} ± {error:.1f} ({intervals['width'].median():.2g})"
+
+
+def error_of_share(intervals: pd.DataFrame) -> float:
+    """Standard error of the share that holds the truth.
+
+    Intervals of one record hold or miss together, so that records are counted.
+    """
+    share = intervals["holds"].mean()
+    excess = (intervals["holds"] - share).groupby(intervals["seed"]).sum()
+    n = len(excess)
+    if n < 2:
+        return np.nan
+    return float(np.sqrt((excess**2).sum() * n / (n - 1)) / len(intervals))
 
 
 def main(arguments: list[str] | None = None) -> pd.DataFrame:
@@ -236,7 +252,7 @@ def main(arguments: list[str] | None = None) -> pd.DataFrame:
             pd.concat(tables).to_csv(options.save, index=False)
 
     table = coverage(pd.concat(tables))
-    print("Coverage in percent (median half-width in percent of the truth)\n")
+    print("Coverage in percent ± standard error (median half-width in percent)\n")
     print(markdown(table))
     return table
 

@@ -178,15 +178,17 @@ def none_raises(report: Any) -> Claim:
 
 
 def model_holds_claims(report: Any) -> Claim:
-    """The model has the laws of the baseline and of the claims, no others."""
-    sites = Counter(step.site for step in claims(report) if not step.is_fault)
-    added = Counter()
+    """What the model has beside the baseline is of the claimed classes at their sites.
+
+    A law that only adds to an effect is no claim of its own.
+    """
+    claimed = {(s.site, s.effect_class) for s in claims(report) if not s.is_fault}
+    added = set()
     for site, of_site in report.model.laws.items():
-        added[str(site)] = len(of_site)
-    for site, of_site in report.models[0].laws.items():
-        added[str(site)] -= len(of_site)
+        declared = len(report.models[0].laws.get(site, ()))
+        added |= {(str(site), law.effect_class) for law in of_site[declared:]}
     asked = "the model holds the claims and nothing else"
-    return judged(asked, "", +added == sites)
+    return judged(asked, "", added == claimed)
 
 
 ALWAYS: tuple[Check, ...] = (none_raises, model_holds_claims)

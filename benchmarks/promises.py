@@ -43,8 +43,8 @@ from sklearn.base import clone
 from tqdm import tqdm
 
 from pysindy_nrf import KinematicSmoother, NRFRegressor, Record
+from pysindy_nrf.diagnosis.evidence import NoiseFloor, ResidualKind, detect
 from pysindy_nrf.diagnosis.residual import Residual, residual_of
-from pysindy_nrf.discrepancy.residual import NoiseFloor, ResidualKind, detect
 from pysindy_nrf.exceptions import NRFError
 from pysindy_nrf.records.fusion.noise_levels import levels_of, noisy_base, quiet_drive
 from pysindy_nrf.records.input_arrays import from_arrays

@@ -347,7 +347,7 @@ def floor_of_noise(model, record, levels, regressor=None, draws=4, seed=0):
     from sklearn.base import clone
 
     from pysindy_nrf.diagnosis import residual_of
-    from pysindy_nrf.discrepancy.residual import NoiseFloor
+    from pysindy_nrf.diagnosis.evidence import NoiseFloor
     from pysindy_nrf.records import from_arrays
 
     rng = np.random.default_rng(seed)

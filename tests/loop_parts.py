@@ -7,6 +7,7 @@ import numpy as np
 from simulated_cases import simulated
 
 from pysindy_nrf import Record, Site
+from pysindy_nrf.diagnosis.evidence import evidence_of
 from pysindy_nrf.discrepancy import bootstrap
 from pysindy_nrf.discrepancy.amplitude import OtherCondition, at_other_amplitudes
 from pysindy_nrf.discrepancy.balance_loop import BalanceLoop
@@ -26,7 +27,6 @@ from pysindy_nrf.discrepancy.growth import grown_law
 from pysindy_nrf.discrepancy.model_extension import ModelExtension
 from pysindy_nrf.discrepancy.prepare import prepare
 from pysindy_nrf.discrepancy.request import SearchLimits, read_request
-from pysindy_nrf.discrepancy.residual import evidence_of
 from pysindy_nrf.discrepancy.search_data import SearchData
 from pysindy_nrf.discrepancy.windows import Windows
 from pysindy_nrf.records import BlockRows, Dataset, Segment

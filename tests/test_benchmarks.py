@@ -195,6 +195,13 @@ def test_public_records_by_defaults_stand_beside_published_numbers():
     assert abs(float(mass) / 95.1089 - 1) < 0.01
 
 
+def test_the_effect_of_a_damper_test_makes_all_others_better():
+    measured.folder("friction_damper_with_backlash")
+    printed = run("other_tests", "--quick")
+    assert "first effects: 1, better on other tests 1" in printed
+    assert "further effects: 0" in printed
+
+
 def test_half_of_a_record_shows_the_effect_of_the_whole():
     measured.folder("friction_damper_with_backlash")
     assert "Kept: 1 of 1" in run("robustness", "--quick")

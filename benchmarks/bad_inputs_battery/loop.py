@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, compare_with_sindy, laws
-from pysindy_nrf.discrepancy.residual import detect
+from pysindy_nrf.diagnosis.evidence import detect
 
 from .kind import Kind, refused
 from .material import STEP, features, good

@@ -19,6 +19,7 @@ from ..common.unit_system import TRANSLATION, UnitSystem
 from ..records.quality import QualityNote
 from .assumptions import Assumption
 from .effects import Bounds, Effect, described
+from .evidence import Evidence
 from .free_run import FreeRuns
 
 # Share of the force of a site from which on a negative stiffness is no error of a weak
@@ -460,42 +461,6 @@ def _pushes_outwards(force: RestoringForce, region: VisitedRegion) -> bool:
 # -- a closed loop -------------------------------------------------------------
 
 
-class Obstacle(Protocol):
-    """Why a question to the residual has no answer."""
-
-    @property
-    def reason(self) -> str:
-        """In words."""
-
-    @property
-    def expected(self) -> bool:
-        """Whether nothing is missing."""
-
-
-class NoiseFloor(Protocol):
-    """What noise alone would leave."""
-
-    @property
-    def balance(self) -> np.ndarray:
-        """Rms in each equation of motion, N; NaN where it is not known."""
-
-
-class Evidence(Protocol):
-    """What is left of the measured forces after one model of the loop."""
-
-    @property
-    def sizes(self) -> pd.DataFrame:
-        """Rms, N, and percent of the residual of each equation of motion."""
-
-    @property
-    def floor(self) -> NoiseFloor | None:
-        """What noise alone would leave; None if that is not known."""
-
-    @property
-    def not_possible(self) -> Mapping[str, Obstacle]:
-        """Questions without an answer."""
-
-
 class Identified(Protocol):
     """The result of an identification."""
 
@@ -602,11 +567,6 @@ def facts_of_loop(report: Loop) -> Facts:
         or set(of_model.left_over) >= set(of_model.unexplained),
         nothing_claimed=report.stopped_because if report.nothing_claimed else "",
     )
-
-
-def _knows_noise(facts: Facts) -> bool:
-    """Whether it is known of each equation of motion what noise leaves."""
-    return bool(facts.left_over) and set(facts.left_over) >= set(facts.unexplained)
 
 
 def _facts_of_estimate(report: Loop) -> Facts:

@@ -137,20 +137,16 @@ def ambiguous_intervals(
         Descriptions of the alternatives with which the data reject the model.
     """
     intervals, spans = {}, {}
-    rejected: dict[str, tuple[str, ...]] = {}
     for name, (low, high) in bounds.items():
         holds_zero = low <= 0 <= high
         if holds_zero or not np.isfinite([low, high]).all():
             continue
         interval = AmbiguousInterval(name, low, high, (), withheld=False)
         of_value = {by: every[name] for by, every in moves.items() if name in every}
-        span = _spanned(interval, values[name], of_value)
-        intervals[name], spans[name] = interval, span
-        wider = _half_width(span) - _half_width(interval)
-        is_rejected = any(description in rejecting for description in span.by)
-        if is_rejected and wider > SLIGHT:
-            rejected.setdefault(_kind_of(name), span.by)
+        intervals[name] = interval
+        spans[name] = _spanned(interval, values[name], of_value)
 
+    rejected = _rejected_kinds(intervals, spans, rejecting)
     ambiguous = []
     for name, span in spans.items():
         by_kind = rejected.get(_kind_of(name), ())
@@ -158,6 +154,24 @@ def ambiguous_intervals(
             withheld = bool(by_kind) or _says_little(span, intervals[name])
             ambiguous.append(replace(span, by=span.by or by_kind, withheld=withheld))
     return tuple(ambiguous)
+
+
+def _rejected_kinds(
+    intervals: Mapping[str, AmbiguousInterval],
+    spans: Mapping[str, AmbiguousInterval],
+    rejecting: Container[str],
+) -> dict[str, tuple[str, ...]]:
+    """Alternatives that make an interval wider, with which the data reject the model.
+
+    By the kind of the parameter.
+    """
+    rejected: dict[str, tuple[str, ...]] = {}
+    for name, span in spans.items():
+        wider = _half_width(span) - _half_width(intervals[name])
+        is_rejected = any(description in rejecting for description in span.by)
+        if is_rejected and wider > SLIGHT:
+            rejected.setdefault(_kind_of(name), span.by)
+    return rejected
 
 
 def _kind_of(parameter: str) -> str:
@@ -193,8 +207,9 @@ def _says_little(span: AmbiguousInterval, interval: AmbiguousInterval) -> bool:
 
 
 def _half_width(interval: AmbiguousInterval) -> float:
-    """Half-width as a share of the middle."""
-    return (interval.high - interval.low) / abs(interval.high + interval.low)
+    """Half-width as a share of the middle; infinite about zero."""
+    middle = abs(interval.high + interval.low)
+    return (interval.high - interval.low) / middle if middle else np.inf
 
 
 def with_ambiguity(

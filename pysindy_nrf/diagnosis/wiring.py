@@ -206,8 +206,8 @@ def _of_sensors(kinds: Sequence[str], j: int, k: int) -> str:
     letters = [MATRICES[kind] for kind in kinds]
     if j == k:
         return f"{' and '.join(f'{letter}{j}' for letter in letters)} reversed"
-    pairs = [f"{letter}{j} with {letter}{k}" for letter in letters]
-    return f"{' and '.join(pairs)} exchanged"
+    pairs = [f"{letter}{j} and {letter}{k}" for letter in letters]
+    return f"{', '.join(pairs)} exchanged"
 
 
 def _errors_of_the_base(record: Record) -> Iterator[WiringError]:

@@ -1,26 +1,26 @@
 """Detect, locate, characterise and estimate what a model lacks.
 
 ``close_loop`` does all of it and returns a ``LoopReport``. ``default_catalogue`` lists
-the laws that it tries. Its questions to a residual can be asked alone: ``detect`` (is
-it noise), ``localise`` (where does it act), ``characterise`` (what does it depend on).
+the laws that it tries. The questions to a residual that need no law are those of
+:mod:`pysindy_nrf.diagnosis`.
 """
 
 from ..common.lazy import public_names
 
 _NAMES = {
-    "Dependence": "residual.kinds",
-    "Feature": "residual.kinds",
-    "Location": "residual.kinds",
+    "Dependence": ".diagnosis.evidence.kinds",
+    "Feature": ".diagnosis.evidence.kinds",
+    "Location": ".diagnosis.evidence.kinds",
     "LoopReport": "report",
-    "NoiseFloor": "residual.noise_floor",
-    "ResidualKind": "residual.kinds",
+    "NoiseFloor": ".diagnosis.evidence.noise_floor",
+    "ResidualKind": ".diagnosis.evidence.kinds",
     "Step": "report",
-    "characterise": "residual.characterisation",
+    "characterise": ".diagnosis.evidence.characterisation",
     "close_loop": "loop",
     "default_catalogue": "catalogue",
-    "detect": "residual.detection",
-    "localise": "residual.localisation",
-    "spectral_line": "residual.spectral_line",
+    "detect": ".diagnosis.evidence.detection",
+    "localise": ".diagnosis.evidence.localisation",
+    "spectral_line": ".diagnosis.evidence.spectral_line",
 }
 __all__ = [*_NAMES]
 

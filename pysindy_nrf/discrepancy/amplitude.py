@@ -50,10 +50,9 @@ class OtherCondition:
     value: float
     error: float
 
-    @property
-    def holds(self) -> bool:
-        """Whether the error falls by more than its standard error."""
-        return bool(self.value > self.error)
+    def exceeds(self, least: float, errors: float) -> bool:
+        """Whether it is so many dB at least, and so many standard errors above zero."""
+        return bool(self.value >= least and self.value > errors * self.error)
 
     @property
     def fails(self) -> bool:
@@ -65,8 +64,8 @@ class OtherCondition:
         return bool(self.value + REDUCTION.sure_errors * self.error < least)
 
 
-# what cannot be told
-UNTOLD = OtherCondition(0.0, np.inf)
+# Of an effect that a condition says nothing of.
+NOT_JUDGED = OtherCondition(0.0, np.inf)
 
 
 def at_other_amplitudes(
@@ -83,7 +82,7 @@ def at_other_amplitudes(
     """
     data = after.spectra.data
     if data.forces.unknown:
-        return UNTOLD
+        return NOT_JUDGED
     columns, numbers = _columns([before, after], data)
     places = [[numbers.index(n) for n in m.row_numbers] for m in (before, after)]
     values = []
@@ -180,7 +179,7 @@ def _reduction(
     each = mean_reduction(share_before, share, known)
     error = float(np.sqrt(variance(each[1:])))
     if not known.any() or not np.isfinite(error):
-        return UNTOLD
+        return NOT_JUDGED
     return OtherCondition(float(each[0]), max(error, 1e-9))
 
 
@@ -207,6 +206,6 @@ def _weighted_mean(values: Sequence[OtherCondition]) -> OtherCondition:
     """The mean of several error reductions by their variances."""
     weights = np.array([1.0 / value.error**2 for value in values])
     if not weights.sum() > 0:
-        return UNTOLD
+        return NOT_JUDGED
     mean = float(np.average([value.value for value in values], weights=weights))
     return OtherCondition(mean, float(1.0 / np.sqrt(weights.sum())))

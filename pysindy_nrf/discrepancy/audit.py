@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..common.audit import constants_of, settings_of
+from ..diagnosis.evidence.settings import RESIDUAL
 from ..report.words import BAND_FOUND, band_text
 from .amplitude import AMPLITUDE
 from .bands import BANDS
@@ -29,7 +30,6 @@ from .heldout import HELDOUT
 from .judge import JUDGE
 from .prepare import FUSION
 from .request import LoopRequest
-from .residual.settings import RESIDUAL
 from .sensor_faults import FAULTS
 from .shape_axes import AXES
 from .shifted_residual import SHIFT

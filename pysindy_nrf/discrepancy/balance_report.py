@@ -10,6 +10,7 @@ import pandas as pd
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
+from ..diagnosis.evidence import Evidence, NoiseFloor, evidence_of
 from ..diagnosis.facts import Alternative, unexplained_by
 from ..diagnosis.offsets import with_offsets
 from ..diagnosis.open_alternatives import (
@@ -39,7 +40,6 @@ from .judgement import Judgement, measured_records, report_of
 from .prepare import Band, PreparedRecords
 from .report import LoopReport
 from .request import LoopRequest
-from .residual import Evidence, NoiseFloor, evidence_of
 
 
 def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopReport:

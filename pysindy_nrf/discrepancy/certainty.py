@@ -78,7 +78,7 @@ def certainty_of(
     effects = []
     for draft in drafts:
         remainder = float(np.nanmax(beyond)) / _size_of_effect(draft, errors)
-        effects.append(Certainty(_company(draft, drafts), remainder))
+        effects.append(Certainty(_laws_beside(draft, drafts), remainder))
     return CertaintyReport(effects, beyond)
 
 
@@ -115,7 +115,7 @@ def _size_of_effect(draft: StepDraft, errors: np.ndarray) -> float:
     return max(draft.validation_before, now, 1e-300)
 
 
-def _company(draft: StepDraft, drafts: Iterable[StepDraft]) -> list[str]:
+def _laws_beside(draft: StepDraft, drafts: Iterable[StepDraft]) -> list[str]:
     """Other confirmed laws in the same balance with the same motion."""
     site = same_balance(draft.effect.site)
     laws_beside = []

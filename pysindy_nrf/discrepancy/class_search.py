@@ -460,7 +460,7 @@ def _named(
     general = promise.general
     carrying = _carrying(names, general, rng)
     if carrying:
-        name, rivals = _simplest_of_tied(carrying, state)
+        name, rivals = _simplest_name(carrying, state)
         name = _without_noise(name, names, rng)
         assert name.reduction is not None
         naming = Naming(place.effect_class, name.candidate.law.name, rivals=rivals)
@@ -567,7 +567,7 @@ def _gain_by_noise(
     return max([0.0, *gains])
 
 
-def _simplest_of_tied(
+def _simplest_name(
     names: Sequence[Finding], state: SearchState
 ) -> tuple[Finding, list[Finding]]:
     """The simplest name within a standard error of the best, and those as good."""

@@ -12,6 +12,7 @@ import pandas as pd
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
+from ..diagnosis.evidence import Evidence
 from ..diagnosis.facts import Alternative, AmbiguousInterval
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import FreeRuns, Verdict, loop_verdict
@@ -26,7 +27,6 @@ from ..report.notebook import loop_html
 from ..report.summary import Summary, summary_of
 from ..report.words import band_text
 from . import wording
-from .residual import Evidence
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -194,7 +194,7 @@ class LoopReport:
     evidence : list of Evidence
         What was left of the search data after the baseline and after each step: is it
         noise, where does it act, what is it like. See
-        :mod:`pysindy_nrf.discrepancy.residual`.
+        :mod:`pysindy_nrf.diagnosis.evidence`.
     measured : list of Measured
         What was measured, for the page.
     loops : list of SiteLoop

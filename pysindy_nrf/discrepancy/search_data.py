@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..chain.sites import Site
+from ..diagnosis.evidence import DiagnosedData
+from ..diagnosis.evidence.diagnosed_data import MotionColumns
 from ..equations.chain_solve import clock_of
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Scales
 from ..records.dataset import BlockRows, Dataset, Segment, half_the_rate
 from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
 from .folds import Split
-from .residual import DiagnosedData
-from .residual.diagnosed_data import MotionColumns
 
 # Samples from which on motions are made anew, and spectra have single precision.
 LONG_RECORD = 100_000

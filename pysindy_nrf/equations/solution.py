@@ -180,12 +180,17 @@ def model_of(layout: LawLayout, solution: Solution) -> ChainModel:
     return ChainModel(masses, valued, layout.chain)
 
 
-def doubtful_masses(solution: Solution, units: UnitSystem = TRANSLATION) -> list[str]:
-    """Sentences on masses that are not positive, or that noise decides."""
+def doubtful_masses(
+    solution: Solution, masses: Sequence[float], units: UnitSystem = TRANSLATION
+) -> list[str]:
+    """Sentences on masses that are not positive, or that noise decides.
+
+    ``masses`` are those of all DOFs that the user gets.
+    """
     sentences = []
     for fit in solution.fits:
         for dof, noise in zip(fit.step.masses, fit.mass_noise):
-            mass = solution.masses[dof]
+            mass = masses[dof - 1]
             if mass > 0 and noise < DOUBTFUL_MASS:
                 continue
             why = (

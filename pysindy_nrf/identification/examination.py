@@ -10,6 +10,7 @@ from operator import attrgetter
 
 import pandas as pd
 
+from ..chain.model import ChainModel
 from ..common.plain_tables import PlainState
 from ..diagnosis import bias
 from ..diagnosis.force_channels import ForceProbes, copies_of
@@ -144,14 +145,19 @@ class Finding:
         return facts | dict(self.details)
 
 
-def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
+def examined(
+    finding: Finding, estimate: Estimate, identified: ChainModel, error: float
+) -> Examination:
     """Examine what a method found on its data.
 
     Parameters
     ----------
     finding : Finding
     estimate : Estimate
-        The one to examine; it obeys what is known of the parameters.
+        By which channels and laws are examined; it obeys what is known of the
+        parameters.
+    identified : ChainModel
+        The model that the user gets, of whose masses the sentences speak.
     error : float
         What the balances of the fit leave, pooled, percent.
     """
@@ -159,7 +165,6 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     judged = finding.judged or data
     problem = estimate.problem
     model = estimate.model
-    solution = estimate.solution
     layout = problem.layout if finding.by_least_squares is not None else None
     missing = bias.MissingTerms(model, estimate.order, layout)
     jumps = bias.JumpBias(
@@ -175,11 +180,13 @@ def examined(finding: Finding, estimate: Estimate, error: float) -> Examination:
     collect(missing.layout, judged, problem.band, [missing, *jumps.active, *probes])
 
     # noise biases each equation by itself, and instruments do not mind it
-    forces = bias.contradictions_of(finding.estimate.solution)
+    solution = finding.estimate.solution
+    forces = bias.contradictions_of(solution)
     for probe in probes:
         forces += probe.sentences()
-    masses = doubtful_masses(solution, model.units)
-    for sentence in lost_masses(model.masses, model.laws, model.units):
+    units = identified.units
+    masses = doubtful_masses(solution, identified.masses.tolist(), units)
+    for sentence in lost_masses(identified.masses, identified.laws, units):
         masses.append(f"{sentence}: {_CURE_OF_LOST_MASS}")
     if data.records:
         masses += _wrong_masses(problem, data, error)

@@ -116,14 +116,21 @@ def with_decaying_modes(model: ChainModel) -> ChainModel:
     )
 
 
-def correlation_of(segments: Sequence[Segment], runs: Sequence[Segment]) -> float:
-    """Correlation of simulated and measured accelerations, DOFs of equal weight."""
+def correlation_of(
+    segments: Sequence[Segment], runs: Sequence[Segment], delays: Sequence[int]
+) -> float:
+    """Correlation of simulated and measured accelerations, DOFs of equal weight.
+
+    Runs come some samples late, by which they are moved forward: a quarter of a period
+    late, a run of the true model correlates with nothing.
+    """
     product = 0.0
     measured_square = 0.0
     simulated_square = 0.0
-    for segment, run in zip(segments, runs):
+    for segment, run, delay in zip(segments, runs, delays):
         measured = segment.a[segment.valid].astype(float)
-        simulated_a = run.a[run.valid]
+        measured = measured[: len(measured) - delay]
+        simulated_a = run.a[run.valid][delay:]
         scale = np.mean(measured**2, axis=0)
         scale[scale == 0] = 1.0
         product += (measured * simulated_a / scale).sum()
@@ -177,11 +184,12 @@ class Instruments:
     def delayed(self, model: ChainModel) -> InstrumentRuns:
         """Free runs under the measured forces, delayed."""
         runner = with_decaying_modes(model)
-        runs = []
-        for segment in self.segments:
-            delay = delay_of(segment, self.band[1])
-            runs.append(simulated(runner, segment, delay, limited=True))
-        return self._by_record(runs)
+        delays = [delay_of(segment, self.band[1]) for segment in self.segments]
+        runs = [
+            simulated(runner, segment, delay, limited=True)
+            for segment, delay in zip(self.segments, delays)
+        ]
+        return self._by_record(runs, delays)
 
     def first(self, start: ChainModel) -> InstrumentRuns:
         """Free runs of the first model that follows the motion, or of the best one.
@@ -247,15 +255,18 @@ class Instruments:
         """Free runs under corrected forces, with weights of the equations."""
         runner = with_decaying_modes(model)
         runs = [simulated(runner, segment) for segment in weights.forced]
-        return self._by_record(runs, weights.whiteners)
+        return self._by_record(runs, [0] * len(runs), weights.whiteners)
 
     def _by_record(
-        self, runs: Sequence[Segment], whiteners: Whiteners | None = None
+        self,
+        runs: Sequence[Segment],
+        delays: Sequence[int],
+        whiteners: Whiteners | None = None,
     ) -> InstrumentRuns:
         of_records: list[Segment | None] = [None] * len(self.data.segments)
         for number, run in zip(self.usable, runs):
             of_records[number] = run
-        correlation = correlation_of(self.segments, runs)
+        correlation = correlation_of(self.segments, runs, delays)
         return InstrumentRuns(of_records, correlation, whiteners)
 
     def _resolved_up_to(self, frequency: float) -> bool:

@@ -338,7 +338,7 @@ def examined_result(finding: Finding) -> IdentificationResult:
         estimate = finding.by_least_squares._replace(model=model)
 
     error = float(result.errors.loc["pooled", "error"])
-    examination = examined(finding, estimate, error)
+    examination = examined(finding, estimate, result.model, error)
     examination.warn_of_bias()
     if finding.estimate.solution.dependent and result.smaller_order is not None:
         warn_user(f"The model has too many terms: {result.smaller_order}", RankWarning)

@@ -17,6 +17,7 @@ from ..diagnosis.effects import (
     not_told_apart,
     plain_name,
 )
+from ..diagnosis.evidence import Evidence
 from ..diagnosis.wiring import OPEN
 from ..drawing.figure import Figure, dof_words
 from ..drawing.tables import Table, table
@@ -40,7 +41,7 @@ from .figures.evidence import (
 from .figures.intervals import intervals_figure
 from .figures.motion import free_run_figures
 from .model_content import DRAWN_FREE_RUNS
-from .results import Evidence, Loop, Step, confirmed, first_evidence
+from .results import Loop, Step, confirmed, first_evidence
 from .words import band_source, band_text, joined, listed, standing, summary_of
 
 # Candidates of the last search that are listed.

@@ -8,7 +8,8 @@ from typing import Protocol
 import pandas as pd
 
 from ..chain.model import ChainModel
-from ..diagnosis import effects, facts
+from ..diagnosis import effects
+from ..diagnosis.evidence import Evidence
 from ..diagnosis.free_run import FreeRuns
 from ..diagnosis.site_loops import SiteLoop
 from ..diagnosis.verdict import Verdict
@@ -47,77 +48,6 @@ class Step(effects.Effect, Protocol):
     @property
     def rivals(self) -> Sequence[tuple[str, str, float]]:
         """Law, site and error reduction, dB, of candidates that explain it as well."""
-
-
-class NoiseFloor(facts.NoiseFloor, Protocol):
-    """What noise alone would leave of the forces."""
-
-    def rms_at(self, name: str) -> float:
-        """Rms at a balance (``"dof 2"``) or storey (``"storey 2"``), N."""
-
-
-class Detection(Protocol):
-    """What the motion explains of the residual."""
-
-    @property
-    def verdicts(self) -> pd.DataFrame:
-        """By balance and storey: shares and verdict."""
-
-
-class Localisation(Protocol):
-    """Where a force would explain the residual."""
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """By site: share, interval, pattern of signs."""
-
-
-class Characterisation(Protocol):
-    """What the missing force depends on."""
-
-    @property
-    def shares(self) -> pd.DataFrame:
-        """By dependence: what it explains."""
-
-    @property
-    def curves(self) -> Mapping[str, pd.DataFrame]:
-        """Mean force in bins of a variable."""
-
-    @property
-    def sentence(self) -> str:
-        """The same in words."""
-
-
-class Evidence(facts.Evidence, Protocol):
-    """What is left of the measured forces after one model of the loop."""
-
-    @property
-    def floor(self) -> NoiseFloor | None:
-        """What noise alone would leave."""
-
-    @property
-    def detection(self) -> Detection | None:
-        """Is it noise?"""
-
-    @property
-    def localisation(self) -> Localisation | None:
-        """Where does it act?"""
-
-    @property
-    def characterisation(self) -> Characterisation | None:
-        """What is it like?"""
-
-    @property
-    def chosen(self) -> str:
-        """The site at which the loop then added an effect."""
-
-    @property
-    def site(self) -> str:
-        """The site whose force is characterised."""
-
-    @property
-    def sentences(self) -> Mapping[str, str]:
-        """Answers to the three questions."""
 
 
 class Loop(Protocol):

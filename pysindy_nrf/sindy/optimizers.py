@@ -188,15 +188,16 @@ class _ChainOptimizerBase(MultiOutputMixin, RegressorMixin, BaseEstimator):
     ) -> np.ndarray:
         """Store what was found; returns coefficients of the terms by equation."""
         solution.pass_on()
-        doubts = doubtful_masses(solution)
+        dofs = range(1, layout.n_dof + 1)
+        masses = np.array([solution.masses[j] for j in dofs])
+        doubts = doubtful_masses(solution, masses.tolist())
         if doubts:
             warn_user(" ".join(doubts), BiasWarning)
 
         self.solution_ = solution
         self.inner_ = solution.inner
         self.solve_order_ = solution.followed(order)
-        dofs = range(1, layout.n_dof + 1)
-        self.masses_ = np.array([solution.masses[j] for j in dofs])
+        self.masses_ = masses
         return equation_rows(layout, solution.coefficients, solution.twins)
 
     def _layout(self, x: ArrayLike, terms: np.ndarray, n_dof: int) -> Layout:

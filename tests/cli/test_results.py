@@ -235,9 +235,13 @@ run(sys.argv[2:])
 """
 
 
-def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(results):
+# The same files as before, and others.
+@pytest.mark.parametrize("degree", ["1", "2"])
+def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(
+    results, degree
+):
     before = contents(results)
-    command = ["identify", "test.csv", "--degree", "2", "--no-figures"]
+    command = ["identify", "test.csv", "--degree", degree, "--no-figures"]
     done = subprocess.run([sys.executable, "-c", KILLED, "3", *command])
     assert done.returncode == 9
     assert list(results.glob(".*.part"))

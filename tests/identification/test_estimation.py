@@ -198,6 +198,35 @@ def test_doubts_about_masses_and_laws_come_as_one_warning():
     assert "A law is missing" in doubts
 
 
+def test_a_band_that_ends_close_above_a_resonance_leaves_instruments():
+    """First instruments are a quarter of a period of the end late, here 75 degrees."""
+    truth = ChainModel([10.0], {1: laws.PowerSeries(1, [25.0, 1.58e5])})  # 20 Hz
+    exact = driven(truth, [1], 4.0, 500.0, 100.0, (0.5, 60.0), seed=0, hold="cubic")
+    record = add_noise(exact, 0.05, random_state=0)
+    result = NRFRegressor(degree=1, band=(None, 24.0)).fit(record).result_
+    assert result.method == "iv"
+    assert result.model.info["estimation"]["correlation"] > 0.9
+    low, high = result.bounds[0]["m1"]
+    assert low < 10.0 < high
+
+
+def test_a_mass_by_instruments_is_not_doubted_for_the_bias_of_least_squares():
+    truth = ChainModel([10.0], {1: laws.PowerSeries(1, [50.0, 1e5])})
+    t = np.arange(1000) / 500.0
+    force = 100.0 * np.sin(2 * np.pi * 5.0 * t)[:, None]
+    exact = simulate(truth, force, 1 / 500.0).replace(velocity=None)
+    record = add_noise(exact, 0.05, random_state=0)
+
+    plain = NRFRegressor(degree=1, estimation="ls")
+    with pytest.warns(BiasWarning, match="m1 = .* kg is likely biased"):
+        plain.fit(record)
+    model = NRFRegressor(degree=1).fit(record)
+    assert model.result_.method == "iv"
+    assert not model.result_.data_warnings["masses"]
+    low, high = model.result_.bounds[0]["m1"]
+    assert low < 10.0 < high
+
+
 @pytest.fixture(scope="module")
 def random_columns():
     rng = np.random.default_rng(0)

@@ -134,22 +134,21 @@ def _following_run(followed: Followed, over_time: np.ndarray) -> Segment | None:
     (segment,) = followed.data.segments
     if segment.unknown:
         return None
+    model, courses = _structure(followed, segment, over_time)
+    delay = delay_of(segment, common_band([segment], followed.problem.band)[1])
     try:
-        run = _free_run(followed, segment, over_time)
+        run = simulated(model, segment, delay, limited=True, courses=courses)
     except SimulationError:
+        # it diverges, or a mass is not positive
         return None
-    follows = correlation_of([segment], [run]) >= LEAST_CORRELATION
+    follows = correlation_of([segment], [run], [delay]) >= LEAST_CORRELATION
     return run if follows else None
 
 
-def _free_run(followed: Followed, segment: Segment, over_time: np.ndarray) -> Segment:
-    """The motion of a structure whose coefficients follow courses, as an instrument.
-
-    Raises
-    ------
-    SimulationError
-        If it diverges, or a mass is not positive.
-    """
+def _structure(
+    followed: Followed, segment: Segment, over_time: np.ndarray
+) -> tuple[ChainModel, dict[str, np.ndarray]]:
+    """A model with mean coefficients, and the courses of those that change."""
     unknowns = followed.unknowns
     layout = unknowns.layout
     middles = followed.pieces.middles
@@ -166,6 +165,4 @@ def _free_run(followed: Followed, segment: Segment, over_time: np.ndarray) -> Se
                 courses[name] = np.interp(t[segment.valid], middles, values)
     masses = followed.masses(over_time[0])
     laws = with_coefficients(layout.laws, coefficients)
-    model = ChainModel(masses, laws, layout.chain)
-    delay = delay_of(segment, common_band([segment], followed.problem.band)[1])
-    return simulated(model, segment, delay, limited=True, courses=courses)
+    return ChainModel(masses, laws, layout.chain), courses

@@ -114,7 +114,7 @@ class ChannelComparison:
         of_channel = [kind for kind in self.faults if kind != "corner"]
         sentences = []
         if of_channel:
-            faults = ", ".join(map(self._phrase, of_channel))
+            faults = " and ".join(map(self._phrase, of_channel))
             sentences.append(f"{channel} {faults} against {reference}")
         if "corner" in self.faults:
             sentences.append(self.corner_message)

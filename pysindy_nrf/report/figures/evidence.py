@@ -12,6 +12,12 @@ import pandas as pd
 from ...chain.restoring_force import RestoringForce
 from ...common.unit_system import TRANSLATION, UnitSystem
 from ...diagnosis.effects import plain_name
+from ...diagnosis.evidence import (
+    Characterisation,
+    Detection,
+    Evidence,
+    NoiseFloor,
+)
 from ...diagnosis.site_loops import SiteLoop
 from ...drawing.figure import (
     CYCLE,
@@ -25,7 +31,7 @@ from ...drawing.figure import (
     rms,
     table,
 )
-from ..results import Characterisation, Detection, Evidence, Loop, NoiseFloor
+from ..results import Loop
 
 # Word and unit of the variables over which the mean of a missing force is drawn.
 _VARIABLES = {"s": ("drift s", "m"), "v": ("rate v", "m/s")}

@@ -8,8 +8,7 @@ import pytest
 from chains import band_limited, duffing, floor_of_noise, integrate, parameters
 
 from pysindy_nrf import NRFRegressor, Record, Site
-from pysindy_nrf.diagnosis import residual_of
-from pysindy_nrf.discrepancy import Location, localise
+from pysindy_nrf.diagnosis import Location, localise, residual_of
 from pysindy_nrf.records import from_arrays
 
 pytestmark = pytest.mark.slow

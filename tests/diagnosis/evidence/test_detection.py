@@ -10,8 +10,7 @@ from chains import duffing, floor_of_noise, integrate, parameters
 from scipy.stats import binom
 
 from pysindy_nrf import ChainModel, NRFRegressor, Record, laws
-from pysindy_nrf.diagnosis import residual_of
-from pysindy_nrf.discrepancy import NoiseFloor, ResidualKind, detect
+from pysindy_nrf.diagnosis import NoiseFloor, ResidualKind, detect, residual_of
 from pysindy_nrf.records import filters_of, from_arrays
 
 pytestmark = pytest.mark.slow

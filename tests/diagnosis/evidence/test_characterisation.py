@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.integrate import solve_ivp
 
-from pysindy_nrf.discrepancy import Dependence, Feature, characterise, spectral_line
+from pysindy_nrf.diagnosis import Dependence, Feature, characterise, spectral_line
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.laws import Motion
 from pysindy_nrf.records import ZeroPhaseFilter

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...diagnosis.residual import Filters
 from ...records.dataset import Dataset, Segment
 from ...records.zero_phase_filter import ZeroPhaseFilter
+from ..residual import Filters
 from .noise_floor import SitesAndThinning
 from .settings import RESIDUAL
 

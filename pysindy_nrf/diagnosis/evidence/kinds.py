@@ -18,7 +18,7 @@ class ResidualKind(Enum):
 
     Examples
     --------
-    >>> from pysindy_nrf.discrepancy import ResidualKind
+    >>> from pysindy_nrf.diagnosis import ResidualKind
     >>> ResidualKind("noise")
     <ResidualKind.NOISE: 'noise'>
     """
@@ -43,7 +43,7 @@ class Location(Enum):
 
     Examples
     --------
-    >>> from pysindy_nrf.discrepancy import Location
+    >>> from pysindy_nrf.diagnosis import Location
     >>> Location.NOTHING.value
     'nothing to locate'
     """
@@ -65,7 +65,7 @@ class Dependence(Enum):
 
     Examples
     --------
-    >>> from pysindy_nrf.discrepancy import Dependence
+    >>> from pysindy_nrf.diagnosis import Dependence
     >>> Dependence("v alone")
     <Dependence.RATE: 'v alone'>
     """
@@ -94,7 +94,7 @@ class Feature(Enum):
 
     Examples
     --------
-    >>> from pysindy_nrf.discrepancy import Feature
+    >>> from pysindy_nrf.diagnosis import Feature
     >>> Feature.JUMP.value
     'jump at v = 0'
     """

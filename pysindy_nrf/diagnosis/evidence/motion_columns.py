@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...diagnosis.period import mean_period
-from ...diagnosis.residual import Filters, filtered
 from ...laws import Jenkins
 from ...laws.shape import Motion
+from ..period import mean_period
+from ..residual import Filters, filtered
 
 # Every k-th sample is enough for the regressions, as long as so many are left in all
 # and in a period.

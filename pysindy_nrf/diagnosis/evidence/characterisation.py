@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
 
-from ...diagnosis.residual import Filters, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import ChannelError
 from ...laws.shape import Motion
+from ..residual import Filters, filtered
 from . import wording
 from .basis import GAPS, ROWS, Basis
 from .kinds import Dependence, Feature
@@ -115,7 +115,7 @@ def characterise(
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf.discrepancy import characterise
+    >>> from pysindy_nrf.diagnosis import characterise
     >>> from pysindy_nrf.laws import Motion
     >>> t = np.arange(4000) / 400
     >>> s = np.sin(9 * t) + 0.7 * np.sin(23.1 * t)

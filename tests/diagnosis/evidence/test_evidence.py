@@ -8,13 +8,13 @@ from loop_parts import contradictions_in, evidence_in, noise_levels, search_data
 from report_cases import cubic, friction, loop_report, record
 
 from pysindy_nrf import ChainModel, excitation, laws, simulate
-from pysindy_nrf.diagnosis import residual_of
-from pysindy_nrf.discrepancy import (
+from pysindy_nrf.diagnosis import (
     Dependence,
     Feature,
     NoiseFloor,
     ResidualKind,
     detect,
+    residual_of,
 )
 
 pytestmark = pytest.mark.slow

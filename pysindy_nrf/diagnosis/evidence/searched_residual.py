@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...chain.model import ChainModel
-from ...diagnosis.residual import Residual, residual_of
+from ..residual import Residual, residual_of
 from .diagnosed_data import DiagnosedData
 
 

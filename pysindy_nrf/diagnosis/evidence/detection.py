@@ -10,10 +10,10 @@ import pandas as pd
 
 from ...chain.sites import Site
 from ...chain.structure import Chain
-from ...diagnosis.residual import Filters, Residual, filtered
 from ...equations.normal_equations import Regression
 from ...exceptions import NRFError
 from ...records.dataset import Segment
+from ..residual import Filters, Residual, filtered
 from .kinds import ResidualKind
 from .motion_columns import own_columns, thinning
 from .noise_floor import NoiseFloor
@@ -70,7 +70,7 @@ def detect(residual: Residual, floor: NoiseFloor | None = None) -> Detection:
 
     >>> from pysindy_nrf import ChainModel, excitation, laws, simulate
     >>> from pysindy_nrf.diagnosis import residual_of
-    >>> from pysindy_nrf.discrepancy import detect
+    >>> from pysindy_nrf.diagnosis import detect
     >>> linear = [laws.LinearElastic(4e4), laws.LinearViscous(30.0)]
     >>> friction = [*linear, laws.CoulombFriction(20.0)]
     >>> truth = ChainModel([10.0, 8.0], {1: linear, 2: friction})

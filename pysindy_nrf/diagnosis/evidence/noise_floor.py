@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...chain.sites import Site
-from ...diagnosis.residual import Residual, from_top, rms
+from ..residual import Residual, from_top, rms
 
 if TYPE_CHECKING:
     from .detection import MotionRegression
@@ -33,7 +33,7 @@ class NoiseFloor:
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf.discrepancy import NoiseFloor
+    >>> from pysindy_nrf.diagnosis import NoiseFloor
     >>> floor = NoiseFloor(
     ...     balance=np.array([0.3, 0.2]), storey=np.array([0.4, 0.2])
     ... )

@@ -25,10 +25,10 @@ from scipy.sparse.csgraph import connected_components
 from ...chain.layout import LawLayout
 from ...chain.sites import Site
 from ...chain.structure import Chain
-from ...diagnosis.residual import Residual, filtered
 from ...equations.balances import blocks_of_segment
 from ...equations.normal_equations import Regression, in_blocks, share_of
 from ...exceptions import ChannelError
+from ..residual import Residual, filtered
 from .kinds import Location
 from .motion_columns import own_columns, thinning
 from .noise_floor import NoiseFloor
@@ -104,7 +104,7 @@ def localise(
 
     >>> from pysindy_nrf import NRFRegressor, datasets
     >>> from pysindy_nrf.diagnosis import residual_of
-    >>> from pysindy_nrf.discrepancy import localise
+    >>> from pysindy_nrf.diagnosis import localise
     >>> record = datasets.load_demo()
     >>> model = NRFRegressor(degree=1).fit(record).model_
     >>> residual = residual_of(model, record)

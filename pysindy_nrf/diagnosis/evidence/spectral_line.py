@@ -40,7 +40,7 @@ def spectral_line(residuals: Sequence[np.ndarray], motions: Sequence[Motion]) ->
     Examples
     --------
     >>> import numpy as np
-    >>> from pysindy_nrf.discrepancy import spectral_line
+    >>> from pysindy_nrf.diagnosis import spectral_line
     >>> from pysindy_nrf.laws import Motion
     >>> t = np.arange(1000) / 100
     >>> noise = np.random.default_rng(0).standard_normal(1000)

@@ -53,7 +53,7 @@ def missing_lines(model: FittedModel, dof: int) -> list[float]:
         stretch.segment.step * stretch.size / stretch.n_points,
         known or dof in data.forced,
         known,
-        driven_at(stretch.segment, stretch.longest_run),
+        driven_at(stretch.segment),
     )
 
 
@@ -64,7 +64,6 @@ class _Stretch:
     segment: Segment
     # From the first valid row of the record.
     rows: slice
-    longest_run: slice
     # 1 in rows of the search, 0 elsewhere: a line is as sharp as the record is long, so
     # what is held out is set to zero rather than cut away.
     searched: np.ndarray
@@ -96,11 +95,10 @@ class _Stretch:
 
 def _longest_stretch(data: SearchData, highest: float) -> _Stretch:
     """The searched part of the record that has the longest run of search rows."""
-    record, longest = data.searched[0], slice(0, 0)
-    for number in data.searched:
-        for run in data.runs(number):
-            if run.stop - run.start > longest.stop - longest.start:
-                record, longest = number, run
+    longest = {}
+    for record in data.searched:
+        longest[record] = max(run.stop - run.start for run in data.runs(record))
+    record = max(longest, key=longest.__getitem__)
 
     runs, segment = data.runs(record), data.data.segments[record]
     start = runs[0].start
@@ -115,7 +113,7 @@ def _longest_stretch(data: SearchData, highest: float) -> _Stretch:
     n_points = next_fast_len(int(enough))
     if size <= n_points or size <= THINNED_FROM * EXCERPTS.n_samples:
         n_points = size
-    return _Stretch(segment, slice(start, stop), longest, searched[start:], n_points)
+    return _Stretch(segment, slice(start, stop), searched[start:], n_points)
 
 
 def _thinned_once(

@@ -48,13 +48,13 @@ def driving_frequency(drive: np.ndarray, dt: float) -> float:
     return top / (n_samples * dt)
 
 
-def driven_at(segment: Segment, rows: slice = slice(None)) -> float:
+def driven_at(segment: Segment) -> float:
     """Frequency of a harmonic test, Hz; NaN for any other."""
-    forces = segment.F[segment.valid][rows].T.astype(float)
+    forces = segment.F[segment.valid].T.astype(float)
     drive = np.nan_to_num(forces)
     drive = drive[drive.any(axis=1)]
     if not len(drive) and segment.ag is not None:
-        drive = segment.ag[segment.valid].astype(float)[None, rows]
+        drive = segment.ag[segment.valid].astype(float)[None]
     if not len(drive) or not segment.dt:
         return float("nan")
     return driving_frequency(drive, segment.dt)

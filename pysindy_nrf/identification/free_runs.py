@@ -96,7 +96,11 @@ def first_state(segment: Segment, row: int | None = None) -> np.ndarray:
 
 
 def motion_of(
-    model: ChainModel, segment: Segment, state: np.ndarray, accuracy: Accuracy
+    model: ChainModel,
+    segment: Segment,
+    state: np.ndarray,
+    accuracy: Accuracy,
+    courses: Mapping[str, np.ndarray] | None = None,
 ) -> Motion:
     """Free run: ``a`` (absolute), ``v`` and ``x`` (relative), (n_samples, n_dof).
 
@@ -111,8 +115,10 @@ def motion_of(
         First displacements and velocities.
     accuracy : Accuracy
         Of an integration.
+    courses : mapping of str to ndarray, optional
+        Coefficients that change in time, see :func:`~pysindy_nrf.simulate`.
     """
-    matrices = linear_matrices(model)
+    matrices = None if courses else linear_matrices(model)
     if matrices is not None:
         rows = segment.valid
         ag = None if segment.ag is None else segment.ag[rows]
@@ -127,6 +133,7 @@ def motion_of(
         start=(state[0], state[1]),
         integrator=_integrator_for(model, segment.step, accuracy),
         rtol=accuracy.rtol,
+        courses=courses,
     )
     return {
         "x": np.asarray(run.displacement),
@@ -136,7 +143,11 @@ def motion_of(
 
 
 def simulated(
-    model: ChainModel, segment: Segment, delay: int = 0, limited: bool = False
+    model: ChainModel,
+    segment: Segment,
+    delay: int = 0,
+    limited: bool = False,
+    courses: Mapping[str, np.ndarray] | None = None,
 ) -> Segment:
     """Free run of a model under the forces of a record, as a segment.
 
@@ -148,8 +159,10 @@ def simulated(
         Samples by which the motion comes late.
     limited : bool
         Whether the motion is low-passed as the fused motion of the record is.
+    courses : mapping of str to ndarray, optional
+        Coefficients that change in time, see :func:`~pysindy_nrf.simulate`.
     """
-    motion = motion_of(model, segment, first_state(segment), OF_INSTRUMENTS)
+    motion = motion_of(model, segment, first_state(segment), OF_INSTRUMENTS, courses)
     a = motion["a"]
     v = np.diff(motion["v"], axis=1, prepend=0.0)
     s = np.diff(motion["x"], axis=1, prepend=0.0)

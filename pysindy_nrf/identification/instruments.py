@@ -142,6 +142,17 @@ def correlation_of(
     return float(correlation) if np.isfinite(correlation) else 0.0
 
 
+def delay_of(segment: Segment, highest: float) -> int:
+    """Samples by which an instrument comes late.
+
+    A quarter of a period of the highest frequency (Hz) keeps the noise of the force,
+    which the equations of motion hold too, out of the instruments.
+    """
+    if not np.isfinite(highest):
+        return 1
+    return max(1, round(1.0 / (4 * highest * segment.step)))
+
+
 class Instruments:
     """Makes instruments for the equations of motion of some records.
 
@@ -171,25 +182,14 @@ class Instruments:
         self.band = common_band(self.segments, problem.band)
 
     def delayed(self, model: ChainModel) -> InstrumentRuns:
-        """Free runs under the measured forces, delayed.
-
-        A quarter of a period of the highest frequency keeps the noise of the force,
-        which the equations of motion hold too, out of the instruments.
-        """
+        """Free runs under the measured forces, delayed."""
         runner = with_decaying_modes(model)
-        delays = [self._delay_of(segment) for segment in self.segments]
+        delays = [delay_of(segment, self.band[1]) for segment in self.segments]
         runs = [
             simulated(runner, segment, delay, limited=True)
             for segment, delay in zip(self.segments, delays)
         ]
         return self._by_record(runs, delays)
-
-    def _delay_of(self, segment: Segment) -> int:
-        """Samples in a quarter of a period of the highest frequency, one at least."""
-        highest = self.band[1]
-        if not np.isfinite(highest):
-            return 1
-        return max(1, round(1.0 / (4 * highest * segment.step)))
 
     def first(self, start: ChainModel) -> InstrumentRuns:
         """Free runs of the first model that follows the motion, or of the best one.

@@ -17,6 +17,7 @@ from ..chain.restoring_force import grid
 from ..chain.sites import Site
 from ..chain.visited_region import VisitedRegion
 from ..diagnosis.modes import modal_assurance
+from ..diagnosis.stiffness_change import StiffnessChange
 from ..equations.accumulation import pieces_of
 from ..equations.chain_solve import groups_of, model_of, visited_regions
 from ..equations.normal_equations import NormalEquations, variance
@@ -27,7 +28,7 @@ from ..identification.regressor import NRFRegressor
 from ..records.dataset import Dataset, Segment
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
-from .comparison import Comparison, in_words
+from .comparison import OF_95_PERCENT, Comparison, in_words
 from .differences import Differences
 from .explanations import ExplanationSearch
 from .force_change import Cut, MeasuredTest, cut_of
@@ -36,8 +37,6 @@ from .force_change import Cut, MeasuredTest, cut_of
 TestData = tuple[object, object] | Record | Sequence[Record]
 # Blocks of a test, of which fewer give no standard error.
 LEAST_BLOCKS = 5
-# Standard errors to either side that hold 95 %.
-OF_95_PERCENT = 1.96
 
 
 # -- two tests -----------------------------------------------------------------
@@ -89,6 +88,15 @@ class ChangeReport:
         of_storeys = self.changed["place"].str.startswith("storey")
         gained = self.changed["term"].isin(["k", "c"]) & (self.changed["change"] > 0)
         return self.changed.loc[of_storeys & ~gained, "place"].tolist()
+
+    @property
+    def stiffness_changes(self) -> list[StiffnessChange]:
+        """Storeys whose stiffness changed, by how much and how sure.
+
+        In the form in which ``NRFRegressor(varying=...)`` has the changes within a
+        record (``time_variation_.stiffness_changes``).
+        """
+        return self.comparison.stiffness_changes()
 
     @property
     def explained(self) -> pd.DataFrame:

@@ -9,10 +9,13 @@ import numpy as np
 import pandas as pd
 
 from ..common.unit_system import TRANSLATION, UnitSystem
+from ..diagnosis.stiffness_change import StiffnessChange
 from .differences import Difference, Differences, without_repetition
 from .explanations import Explanation, ExplanationSearch, unknowns_of
 from .force_change import surfaces
 
+# Standard errors to either side that hold 95 %.
+OF_95_PERCENT = 1.96
 _WORDS = {
     "k": "stiffness",
     "c": "damping",
@@ -133,10 +136,7 @@ class Comparison:
         (N rms or kg) and ``p``.
         """
         unknowns = self.differences.unknowns
-        solved = self.differences.solved(self.used)
-        n_always = len(self.differences.always)
-        chosen = self.used[n_always:]
-        values = self.differences.by_term(chosen, solved[:, n_always:])
+        values = self._values
         rows = []
         for place in dict.fromkeys(unknowns[unknown].place for unknown in values):
             here = [unknown for unknown in values if unknowns[unknown].place == place]
@@ -147,6 +147,29 @@ class Comparison:
         # changes by one factor stay in the order of their places
         order = np.argsort(-table["change"].abs().round(9), kind="stable")
         return table.iloc[order].reset_index(drop=True)
+
+    def stiffness_changes(self) -> list[StiffnessChange]:
+        """Storeys whose linear stiffness changed, and by how much."""
+        changes = []
+        for unknown, values in self._values.items():
+            name = self.differences.unknowns[unknown]
+            if name.term != "k":
+                continue
+            cut = self.differences.cut(name.place)
+            size = cut.size(["k"], values[:, None])
+            change = float(np.sign(values[0] * cut.stiffness) * size[0])
+            reach = OF_95_PERCENT * float(np.sqrt(self.differences.variance(size)))
+            changes.append(
+                StiffnessChange(name.place, change, change - reach, change + reach)
+            )
+        return changes
+
+    @property
+    def _values(self) -> dict[int, np.ndarray]:
+        """Values of all terms that changed: from all blocks, and without each."""
+        solved = self.differences.solved(self.used)
+        n_always = len(self.differences.always)
+        return self.differences.by_term(self.used[n_always:], solved[:, n_always:])
 
     def _row(
         self, place: str, here: Sequence[int], values: np.ndarray

@@ -73,6 +73,7 @@ class RunOptions(TypedDict, total=False):
     states: LawStates | None
     base_acceleration: npt.ArrayLike | None
     covariates: Mapping[str, npt.ArrayLike] | None
+    courses: Mapping[str, npt.ArrayLike] | None
     hold: str
     rtol: float
     t0: float
@@ -88,6 +89,7 @@ class _Options:
     states: LawStates | None = None
     base_acceleration: npt.ArrayLike | None = None
     covariates: Mapping[str, npt.ArrayLike] | None = None
+    courses: Mapping[str, npt.ArrayLike] | None = None
     hold: str = BAND_LIMITED
     rtol: float = 1e-10
     t0: float = 0.0
@@ -166,6 +168,7 @@ def simulate(
     states: LawStates | None = None,
     base_acceleration: npt.ArrayLike | None = None,
     covariates: Mapping[str, npt.ArrayLike] | None = None,
+    courses: Mapping[str, npt.ArrayLike] | None = None,
     hold: str = BAND_LIMITED,
     rtol: float = 1e-10,
     t0: float = 0.0,
@@ -197,11 +200,15 @@ def simulate(
         m/s^2.
     covariates : mapping of str to array-like of shape (n_samples,), optional
         Channels that the laws read.
+    courses : mapping of str to array-like of shape (n_samples,), optional
+        Coefficients that change while the structure moves, SI units, by the names of
+        ``confidence_intervals``, such as ``"storey 1: s"``. They stand in for those of
+        the model.
     hold : {"cubic", "linear", "zero"}
-        Course of forces, base acceleration and covariates between the samples: a cubic
-        spline (measured channels, which are band-limited), straight lines, or steps (a
-        D/A converter). With straight lines and steps, accelerations above a tenth of
-        the sampling rate contradict the displacements by some percent.
+        Course of forces, base acceleration, covariates and coefficients between the
+        samples: a cubic spline (measured channels, which are band-limited), straight
+        lines, or steps (a D/A converter). With straight lines and steps, accelerations
+        above a tenth of the sampling rate contradict the displacements by some percent.
     rtol : float
         Error of a step of the default method as a share of the largest motion so far.
     t0 : float
@@ -225,7 +232,8 @@ def simulate(
     ChannelError
         If a channel has the wrong shape or is not finite.
     SimulationError
-        If the method is unknown, or the run diverges; the message says when and where.
+        If the method is unknown, a course is not that of a coefficient, or the run
+        diverges; the message says when and where.
 
     Notes
     -----
@@ -254,6 +262,7 @@ def simulate(
         states=states,
         base_acceleration=base_acceleration,
         covariates=covariates,
+        courses=courses,
         hold=hold,
         rtol=rtol,
         t0=t0,
@@ -320,10 +329,14 @@ def _integrate(
     x0 = initial_motion(options.x0, "x", n, "displacement")
     v0 = initial_motion(options.v0, "v", n, "velocity")
 
-    system, layout = flatten(model, t0)
+    courses = dict(options.courses or {})
+    system, layout = flatten(model, t0, list(courses))
     start = x0, v0, initial_states(options.states, layout.states, system.n_states)
     samples = input_matrix(
-        force, options.base_acceleration, options.covariates, layout.covariates
+        force,
+        options.base_acceleration,
+        {**(options.covariates or {}), **courses},
+        [*layout.covariates, *courses],
     )
     last, n_inputs = len(samples) - 1, samples.shape[1]
     hold = None
@@ -332,8 +345,8 @@ def _integrate(
         out, outcome = newmark.integrate(system, drive, start)
     else:
         hold = options.hold
-        courses = courses_between(samples, hold)
-        drive = Drive(courses, samples, len(courses) - 1, last, n_inputs, dt)
+        between = courses_between(samples, hold)
+        drive = Drive(between, samples, len(between) - 1, last, n_inputs, dt)
         covariates = np.abs(samples[:, n + 1 :]).max(axis=0, initial=0.0)
         jumps = jumping_sites(model.laws, layout, covariates)
         adaptive = method == "default"

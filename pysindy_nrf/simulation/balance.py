@@ -13,6 +13,7 @@ from ..common.compiled import address_of, inline, subroutine
 from ..laws.callbacks import call_advance, call_kernel
 from .system import (
     ADVANCE,
+    CONSTANT,
     FIRST,
     INERTIA,
     INPUT,
@@ -42,8 +43,8 @@ CREEP = 1e-300  # m/s, a rate that has a sign and nothing else
 SOFTENING = 1e-12
 
 # What drives a run: coefficients (order + 1, last, n_inputs) of each interval, see
-# inputs_at; samples (last + 1, n_inputs) of the forces, the acceleration of the base
-# and the covariates.
+# inputs_at; samples (last + 1, n_inputs) of the forces, the acceleration of the base,
+# the covariates and the courses of coefficients.
 Drive = namedtuple("Drive", "courses samples order last n_inputs dt")
 # At one instant: displacements and velocities relative to the base, states of the laws,
 # accelerations relative to the base, forces of the sites.
@@ -208,7 +209,11 @@ def _law_force(system, law, s, v, a, t, row, z, u, out):
 
     force = 0.0
     for k in range(n_terms):
-        force += system.coefficients[law[TERM] + k] * out[k]
+        coefficient = system.coefficients[law[TERM] + k]
+        followed = system.followed[law[TERM] + k]
+        if followed != CONSTANT:
+            coefficient = row[followed]
+        force += coefficient * out[k]
     return force
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..chain.laws_by_site import distinct_labels
 from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common.unit_system import UnitSystem
@@ -38,14 +39,16 @@ ON_DOF, MEMORY = 4, 5
 SITE_COLUMNS = 6
 
 # Masses; tables of sites and laws; coefficients and shape parameters of all laws, one
-# after the other; input columns of their covariates; whether a link has inertia, so
-# that the mass matrix is not diagonal; time of the first sample on the clock of the
-# laws, s; numbers.
+# after the other; the input column that each coefficient follows in time, or CONSTANT;
+# input columns of their covariates; whether a link has inertia, so that the mass matrix
+# is not diagonal; time of the first sample on the clock of the laws, s; numbers.
 System = namedtuple(
     "System",
-    "masses sites laws coefficients theta channels link_inertia t0 n_dof n_sites"
-    " n_states",
+    "masses sites laws coefficients followed theta channels link_inertia t0 n_dof"
+    " n_sites n_states",
 )
+# In ``System.followed``: a coefficient that follows no input.
+CONSTANT = -1
 
 
 class Layout(NamedTuple):
@@ -116,13 +119,18 @@ class _Tables:
         ]
 
 
-def flatten(model: ChainModel, t0: float = 0.0) -> tuple[System, Layout]:
+def flatten(
+    model: ChainModel, t0: float = 0.0, courses: Sequence[str] = ()
+) -> tuple[System, Layout]:
     """A chain model as flat arrays.
+
+    ``courses`` names coefficients that follow inputs, which stand behind the
+    covariates.
 
     Raises
     ------
     SimulationError
-        If a mass is not positive.
+        If a mass is not positive, or a course is not that of a coefficient.
     LawError
         If a law has no coefficients.
     """
@@ -147,6 +155,7 @@ def flatten(model: ChainModel, t0: float = 0.0) -> tuple[System, Layout]:
         sites=np.array(tables.sites, dtype=np.int64).reshape(-1, SITE_COLUMNS),
         laws=np.array(tables.laws, dtype=np.int64).reshape(-1, LAW_COLUMNS),
         coefficients=np.array(tables.coefficients, dtype=float),
+        followed=_followed(laws, courses, len(masses) + 1 + len(tables.covariates)),
         theta=np.array(tables.theta, dtype=float),
         channels=np.array(tables.channels, dtype=np.int64),
         link_inertia=tables.link_inertia,
@@ -156,6 +165,22 @@ def flatten(model: ChainModel, t0: float = 0.0) -> tuple[System, Layout]:
         n_states=tables.n_states,
     )
     return system, Layout(tuple(laws), tables.states, tables.covariates)
+
+
+def _followed(laws: Laws, courses: Sequence[str], first: int) -> np.ndarray:
+    """Input column of every coefficient, those of courses from the first one on."""
+    names = []
+    for site, laws_there in laws.items():
+        names += [f"{site}: {label}" for label in distinct_labels(laws_there)]
+    followed = np.full(len(names), CONSTANT, dtype=np.int64)
+    for column, name in enumerate(courses, first):
+        if name not in names:
+            raise SimulationError(
+                f"The model has no coefficient {name!r}",
+                f"It has {', '.join(names)}.",
+            )
+        followed[names.index(name)] = column
+    return followed
 
 
 def _require_values(laws: Laws) -> None:

@@ -50,6 +50,9 @@ def test_a_loss_of_stiffness_is_found_in_its_storey(softened):
     assert softened.damaged == ["storey 3"]
     assert softened.changed["change"].iloc[0] == pytest.approx(-8.0, abs=0.5)
     assert str(softened).startswith("Stiffness of storey 3 changed by -")
+    (change,) = softened.stiffness_changes
+    assert change.storey == "storey 3"
+    assert change.change == pytest.approx(-8.0, abs=0.5)
 
 
 def test_the_map_of_a_loss_of_stiffness_is_a_plane(softened):

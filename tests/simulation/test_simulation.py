@@ -237,6 +237,18 @@ def test_a_force_between_its_samples(hold, velocity):
     np.testing.assert_allclose(record.velocity[:, 0], velocity, atol=1e-15)
 
 
+# -- coefficients that change --------------------------------------------------
+
+
+def test_a_stiffness_that_falls_as_its_course_says():
+    # x = exp(-t^2 / 2) solves x'' + (1 - t^2) x = 0
+    t = np.arange(201) * 0.01
+    model = ChainModel([1.0], {1: laws.LinearElastic(1.0)})
+    course = {"storey 1: s": 1.0 - t**2}
+    run = simulate(model, np.zeros((201, 1)), 0.01, x0=[1.0], courses=course)
+    np.testing.assert_allclose(run.displacement[:, 0], np.exp(-(t**2) / 2), atol=1e-8)
+
+
 # -- base motion and masses ----------------------------------------------------
 
 
@@ -367,6 +379,8 @@ def test_a_run_ends_where_it_exceeds_its_limit():
         ({"method": "rk4"}, "method='rk4' is unknown"),
         ({"hold": "quintic"}, "hold"),
         ({"t0": "noon"}, "t0='noon'"),
+        ({"courses": {"storey 9: s": np.ones(50)}}, "no coefficient 'storey 9: s'"),
+        ({"courses": {"storey 1: s": np.ones(49)}}, "49 samples"),
     ],
 )
 def test_wrong_input_is_named(argument, message):

@@ -35,6 +35,11 @@ def evidence_of(shaped: ShapedFit, unknown: int, noise: Noise) -> float:
     return min(min(sudden, gradual) + float(np.log(2)), 0.0)
 
 
+def least_evidence(n_tests: int) -> float:
+    """Logarithm of the probability below which one of some tests shows a change."""
+    return float(np.log(FALSE_ALARM_RATE / n_tests))
+
+
 @dataclass(frozen=True, eq=False)
 class Search:
     """Coefficients that change, one after the other.
@@ -79,7 +84,7 @@ def search_for_changes(
     n_tests : int
         Tests among which the rate of false alarms is shared.
     """
-    level = np.log(FALSE_ALARM_RATE / n_tests)
+    level = least_evidence(n_tests)
     shaped = start
     evidence: dict[int, float] = {}
     pending = list(tested)

@@ -34,16 +34,12 @@ class Followed:
     places: tuple[Place, ...]
 
     @cached_property
-    def _sums(self) -> tuple[Unknowns, list[EquationSums]]:
-        return equation_sums(self.problem, self.data, self.pieces.edges)
-
-    @property
     def unknowns(self) -> Unknowns:
-        return self._sums[0]
+        return Unknowns.of(self.problem)
 
-    @property
+    @cached_property
     def equations(self) -> list[EquationSums]:
-        return self._sums[1]
+        return equation_sums(self.problem, self.data, self.pieces.edges)
 
     @cached_property
     def tested(self) -> list[int]:
@@ -56,14 +52,7 @@ class Followed:
 
     @cached_property
     def fitter(self) -> CourseFitter:
-        count = self.unknowns.count
-
-        def weighting(coefficients: np.ndarray) -> np.ndarray:
-            weights = weights_of(self.equations, coefficients)
-            return weighted_products(self.equations, weights, count)
-
-        deviance = partial(deviance_of, self.equations)
-        return CourseFitter(self.pieces.middles, count, weighting, deviance)
+        return fitter_of(self.equations, self.unknowns.count, self.pieces.middles)
 
     @cached_property
     def constant(self) -> ShapedFit:
@@ -92,6 +81,17 @@ class Followed:
             self.fitter, self.constant, tested, self.sizes, len(self.tested)
         )
 
+    def masses(self, values: np.ndarray) -> np.ndarray:
+        """Masses of all DOFs by the values of all unknowns, kg."""
+        unknowns = self.unknowns
+        masses = []
+        for dof in range(1, unknowns.layout.n_dof + 1):
+            mass = unknowns.known_masses.get(dof)
+            if mass is None:
+                mass = values[unknowns.of_mass(dof)]
+            masses.append(float(mass))
+        return np.array(masses)
+
     def error(self, shaped: ShapedFit) -> float:
         """What a fit leaves of all equations, percent of their right-hand sides."""
         residual = 0.0
@@ -100,3 +100,16 @@ class Followed:
             residual += equation.residual(shaped.fit.over_time)
             target += equation.size
         return 100 * float(np.sqrt(residual / target)) if target else np.nan
+
+
+def fitter_of(
+    equations: Sequence[EquationSums], count: int, middles: np.ndarray
+) -> CourseFitter:
+    """Fits courses of so many unknowns to equations of motion."""
+
+    def weighting(coefficients: np.ndarray) -> np.ndarray:
+        weights = weights_of(equations, coefficients)
+        return weighted_products(equations, weights, count)
+
+    deviance = partial(deviance_of, equations)
+    return CourseFitter(middles, count, weighting, deviance)

@@ -7,12 +7,19 @@ from functools import cached_property
 
 import numpy as np
 
+from .along_run import along_free_run
 from .amplitude import with_amplitude_dependence
 from .courses import STRONG, ShapedFit
 from .evidence import Search
 from .followed import Followed
 from .penalised import PenalisedFit
-from .values import CourseValues, course_values, lasting_share
+from .values import (
+    AlongMotion,
+    CourseValues,
+    Estimate,
+    course_values,
+    lasting_share,
+)
 from .variation import (
     AMPLITUDE,
     BOTH,
@@ -80,31 +87,44 @@ class Judgement:
             kinds[number] = GRADUAL
             if shape.steps:
                 kinds[number] = BOTH if shape.gradual else SUDDEN
-            course = self.courses[number]
-            doubtful = course.may_be_constant or course.changes_sign
-            if doubtful or self._lacks_something:
+            if self._is_doubtful(number) or self._lacks_something:
                 kinds[number] = UNCERTAIN
         return kinds
 
+    def _is_doubtful(self, number: int) -> bool:
+        """Whether noise, or something that is missing, may look like the change."""
+        course = self.courses[number]
+        if course.may_be_constant or course.is_negative:
+            return True
+        return not self.estimate.is_seen(number, self.declared.tested)
+
     @cached_property
     def _lacks_something(self) -> bool:
-        """Whether a stiffness changes its sign: the model is not that of the data."""
+        """Whether a stiffness is negative: the model is not that of the data."""
         followed = self.declared
         stiffnesses = [
             number
             for number, (_, label) in zip(followed.tested, followed.places)
             if label == "s"
         ]
-        return any(self.courses[number].changes_sign for number in stiffnesses)
+        return any(self.courses[number].is_negative for number in stiffnesses)
 
     @cached_property
     def courses(self) -> dict[int, CourseValues]:
         """Courses of all coefficients that are followed."""
+        courses = {}
+        for number, (_, label) in zip(self.declared.tested, self.declared.places):
+            courses[number] = course_values(self.estimate, number, label)
+        return courses
+
+    @cached_property
+    def estimate(self) -> Estimate:
+        """The courses along a free run, or along the measured motion."""
+        along = along_free_run(self.declared, self.shaped)
+        if along is not None:
+            return along
         fitter = self.declared.fitter
-        return {
-            number: course_values(fitter, self.shaped, self.otherwise_fused, number)
-            for number in self.declared.tested
-        }
+        return AlongMotion(fitter, self.shaped, self._otherwise_fused)
 
     @property
     def _certain(self) -> list[int]:
@@ -150,10 +170,10 @@ class Judgement:
         return shaped
 
     @cached_property
-    def otherwise_fused(self) -> PenalisedFit:
+    def _otherwise_fused(self) -> PenalisedFit:
         """The same courses along the motion of each floor fused by itself.
 
-        The difference is what noise in the motion may bias.
+        The difference is what noise may bias of what is linear in the motion.
         """
         followed = self.declared
         if followed.data.apart is followed.data:

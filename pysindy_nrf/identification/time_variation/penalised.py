@@ -12,7 +12,7 @@ covariance (Wahba 1983; Nychka 1988 on their coverage).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -68,6 +68,20 @@ class PenalisedFit:
         here = self.places[unknown]
         return np.einsum("pi,ij,pj->p", columns, self.covariance[here, here], columns)
 
+    def smoothed(self, unknown: int) -> np.ndarray:
+        """What the penalties have taken from a course.
+
+        It is what a second fit to the residual of the first would add (twicing: Tukey,
+        Exploratory data analysis, 1977).
+        """
+        here = self.places[unknown]
+        taken = np.zeros(len(self.coefficients))
+        for c, course in enumerate(self.courses):
+            place = self.places[c]
+            pull = self.strengths[c] * course.penalty @ self.coefficients[place]
+            taken += self.covariance[:, place] @ pull
+        return self.courses[unknown].columns @ taken[here]
+
     @cached_property
     def over_time(self) -> np.ndarray:
         """All unknowns in the pieces, (n_pieces, n_unknowns)."""
@@ -111,6 +125,48 @@ class PenalisedFit:
         for c, course in enumerate(self.courses):
             blocks.append(course.columns * scores[:, c, None])
         return np.hstack(blocks)
+
+
+def two_stage(fit: PenalisedFit, crossed: np.ndarray) -> PenalisedFit:
+    """Two-stage least squares with the columns of a fit as instruments.
+
+    Strengths are those of the fit.
+
+    Parameters
+    ----------
+    fit : PenalisedFit
+        Along the instruments.
+    crossed : ndarray of shape (n_pieces, n, n + 1)
+        Products of the instruments with the columns that they stand for, and with the
+        right-hand side, last; of unit noise.
+    """
+    instruments = _in_functions(fit.products, fit.courses)
+    columns = _in_functions(crossed, fit.courses)
+    target = fit.by_function(crossed[:, :, -1]).sum(axis=0)
+    penalties = []
+    for strength, course in zip(fit.strengths, fit.courses):
+        penalties.append(strength * course.penalty)
+
+    unit = np.sqrt(np.diag(instruments))
+    over = np.outer(unit, unit)
+    ridge = ROUND_OFF * np.eye(len(unit))
+    explained = np.linalg.solve(instruments / over + ridge, columns / over)
+    information = (columns / over).T @ explained + linalg.block_diag(*penalties) / over
+    covariance = np.linalg.inv(information + ridge) / over
+    coefficients = covariance @ (unit * (explained.T @ (target / unit)))
+    return replace(fit, coefficients=coefficients, covariance=covariance)
+
+
+def _in_functions(products: np.ndarray, courses: Sequence[Course]) -> np.ndarray:
+    """Products (n_pieces, n, n) of columns as those of the functions of courses."""
+    rows = []
+    for c, course in enumerate(courses):
+        blocks = []
+        for d, other in enumerate(courses):
+            weighted = products[:, c, d, None] * other.columns
+            blocks.append(course.columns.T @ weighted)
+        rows.append(np.hstack(blocks))
+    return np.vstack(rows)
 
 
 def scores_of(products: np.ndarray, over_time: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from .courses import ShapedFit
 from .evidence import FALSE_ALARM_RATE
 from .followed import Followed
 from .judgement import Judgement
@@ -38,7 +37,7 @@ def variation_of(judgement: Judgement) -> TimeVariation:
         pd.concat(tables, ignore_index=True),
         pd.DataFrame(rows),
         pd.DataFrame(instants, columns=_INSTANTS),
-        _masses(followed, judgement.shaped),
+        followed.masses(judgement.estimate.shaped.fit.over_time[0]),
         pd.Series(errors),
         FALSE_ALARM_RATE,
         followed.pieces.period,
@@ -55,8 +54,8 @@ def _table(followed: Followed, place: Place, course: CourseValues) -> pd.DataFra
             "unit": _unit(followed, place),
             "t": followed.pieces.middles,
             "value": course.values,
-            "lower": course.lower,
-            "upper": course.upper,
+            "lower": course.lower if course.is_bounded else np.nan,
+            "upper": course.upper if course.is_bounded else np.nan,
         }
     )
 
@@ -71,11 +70,14 @@ def _unit(followed: Followed, place: Place) -> str:
 
 def _row(judgement: Judgement, number: int, place: Place) -> dict[str, object]:
     """What is known of the change of one coefficient."""
-    values = judgement.courses[number].values
+    course = judgement.courses[number]
+    values = course.values
     first, last = float(values[0]), float(values[-1])
     change = 100 * (last - first) / abs(first)
-    reach = 100 * _error_of_change(judgement.shaped, number) / abs(first)
-    reach *= float(stats.norm.ppf((1 + LEVEL) / 2))
+    reach = np.nan
+    if course.is_bounded:
+        quantile = float(stats.norm.ppf((1 + LEVEL) / 2))
+        reach = quantile * 100 * course.error_of_change / abs(first)
     log_probability = judgement.search.evidence[number]
     n_tests = len(judgement.declared.tested)
     return {
@@ -90,15 +92,6 @@ def _row(judgement: Judgement, number: int, place: Place) -> dict[str, object]:
         "upper": change + reach,
         "p": min(1.0, n_tests * float(np.exp(log_probability))),
     }
-
-
-def _error_of_change(shaped: ShapedFit, number: int) -> float:
-    """Standard error of the last value less the first."""
-    fit = shaped.fit
-    columns = fit.courses[number].columns
-    here = fit.places[number]
-    difference = columns[-1] - columns[0]
-    return float(np.sqrt(difference @ fit.covariance[here, here] @ difference))
 
 
 def _instants(
@@ -122,15 +115,3 @@ def _instants(
         )
         rows.append(dict(zip(_INSTANTS, values)))
     return rows
-
-
-def _masses(followed: Followed, shaped: ShapedFit) -> np.ndarray:
-    """Masses of all DOFs, kg."""
-    unknowns = followed.unknowns
-    masses = []
-    for dof in range(1, unknowns.layout.n_dof + 1):
-        mass = unknowns.known_masses.get(dof)
-        if mass is None:
-            mass = shaped.fit.values(unknowns.of_mass(dof))[0]
-        masses.append(float(mass))
-    return np.array(masses)

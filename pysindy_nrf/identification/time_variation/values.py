@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,13 +12,13 @@ from scipy import stats
 from .courses import CourseFitter, ShapedFit
 from .penalised import PenalisedFit
 from .piece_sums import BEST_SHARE
+from .request import LINEAR_TERMS
 
 LEVEL = 0.95
 # Share of the information on a coefficient over which its first and its last values are
 # averaged.
 FIFTH = 0.2
-# Value of the other sign, over the median, that noise may give to friction that has
-# worn off.
+# Negative value, over the median, that noise may give to friction that has worn off.
 SIGN_MARGIN = 0.1
 
 
@@ -47,12 +48,18 @@ class CourseValues:
     ----------
     values, error : ndarray of shape (n_pieces,)
         And the standard error.
+    error_of_change : float
+        Standard error of the last value less the first.
     steps : sequence of Step
+    is_bounded : bool
+        Whether the standard errors hold all that may move the values.
     """
 
     values: np.ndarray
     error: np.ndarray
+    error_of_change: float
     steps: Sequence[Step]
+    is_bounded: bool
 
     @property
     def lower(self) -> np.ndarray:
@@ -70,33 +77,103 @@ class CourseValues:
         return bool(self.lower.max() <= self.upper.min())
 
     @property
-    def changes_sign(self) -> bool:
-        """Whether it takes the other sign than its median by a tenth of it.
+    def is_negative(self) -> bool:
+        """Whether it falls below zero, by a tenth of its median.
 
-        A storey that loses stiffness keeps its sign. A coefficient that does not takes
-        the place of something that is missing: a law, or floors without a sensor.
+        Stiffness, damping and friction are positive. What is not takes the place of
+        something that is missing: a law, or floors without a sensor.
         """
-        over_median = self.values / np.median(self.values)
-        return bool(over_median.min() < -SIGN_MARGIN)
+        size = abs(float(np.median(self.values)))
+        return bool(self.values.min() < -SIGN_MARGIN * size)
 
 
-def course_values(
-    fitter: CourseFitter, shaped: ShapedFit, otherwise: PenalisedFit, number: int
-) -> CourseValues:
-    """Values of one course.
+@dataclass(frozen=True, eq=False)
+class Estimate(ABC):
+    """Courses of all coefficients.
 
-    The variance is that of the posterior, of the calibration of sensors, of the
-    instants of steps, and the square of the difference to the same courses along a
-    motion that was fused otherwise.
+    Attributes
+    ----------
+    fitter : CourseFitter
+    shaped : ShapedFit
     """
+
+    fitter: CourseFitter
+    shaped: ShapedFit
+
+    @abstractmethod
+    def bias(self, number: int) -> np.ndarray:
+        """What noise in the motion may still move of a course."""
+
+    @abstractmethod
+    def is_seen(self, number: int, tested: Sequence[int]) -> bool:
+        """Whether a change is more than what noise in the motion feigns."""
+
+    @abstractmethod
+    def is_bounded(self, label: str) -> bool:
+        """Whether the bias of the coefficient of a term is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class AlongMotion(Estimate):
+    """Courses along the measured motion.
+
+    Attributes
+    ----------
+    otherwise : PenalisedFit
+        The same along a motion that was fused otherwise.
+    """
+
+    otherwise: PenalisedFit
+
+    def bias(self, number: int) -> np.ndarray:
+        """The difference of both."""
+        return self.otherwise.values(number) - self.shaped.fit.values(number)
+
+    def is_seen(self, number: int, tested: Sequence[int]) -> bool:
+        """Not asked here: the band holds the difference."""
+        return True
+
+    def is_bounded(self, label: str) -> bool:
+        """Only of what is linear in the motion.
+
+        Both motions have a noisy rate, and the sign of either is too often wrong.
+        """
+        return label in LINEAR_TERMS
+
+
+def course_values(estimate: Estimate, number: int, label: str) -> CourseValues:
+    """Values of the course of one coefficient.
+
+    The variance is that of the posterior, of the calibration of sensors and of the
+    instants of steps, and the squares of what noise in the motion and the penalty may
+    have moved.
+    """
+    shaped = estimate.shaped
     fit = shaped.fit
     values = fit.values(number)
     variance = fit.variance(number) + (BEST_SHARE * values) ** 2
-    variance += (otherwise.values(number) - values) ** 2
-    steps = _steps(fitter, shaped, number)
+    of_change = _variance_of_change(fit, number)
+    for moved in (estimate.bias(number), fit.smoothed(number)):
+        variance += moved**2
+        of_change += (moved[-1] - moved[0]) ** 2
+    steps = _steps(estimate.fitter, shaped, number)
     for step in steps:
         variance += step.height**2 * step.passed * (1 - step.passed)
-    return CourseValues(values, np.sqrt(variance), steps)
+    return CourseValues(
+        values,
+        np.sqrt(variance),
+        float(np.sqrt(of_change)),
+        steps,
+        estimate.is_bounded(label),
+    )
+
+
+def _variance_of_change(fit: PenalisedFit, number: int) -> float:
+    """Posterior variance of the last value less the first."""
+    columns = fit.courses[number].columns
+    here = fit.places[number]
+    difference = columns[-1] - columns[0]
+    return float(difference @ fit.covariance[here, here] @ difference)
 
 
 def _steps(fitter: CourseFitter, shaped: ShapedFit, number: int) -> list[Step]:

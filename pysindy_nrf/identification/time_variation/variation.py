@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ...chain.sites import Site, SiteName
+from ...diagnosis.stiffness_change import StiffnessChange
 from ...drawing.matplotlib_renderer import Drawing
 from ...exceptions import ChainError
 from ...report.figures.courses import course_figures
@@ -26,6 +27,8 @@ AMPLITUDE = "amplitude dependence"
 EITHER = "change or amplitude dependence"
 UNCERTAIN = "not certain"
 CHANGING = (GRADUAL, SUDDEN, BOTH)
+# Label of the term of a stiffness.
+STIFFNESS = "s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,15 +39,18 @@ class TimeVariation:
     ----------
     table : DataFrame
         ``site``, ``term``, ``unit``, ``t`` (s), ``value``, ``lower``, ``upper`` (95 %
-        band), a row for each piece of the record.
+        band), a row for each piece of the record. The band is NaN where it is not
+        known how far noise biases the value: of terms that are not linear in the
+        motion, if no free run follows the record.
     changes : DataFrame
         A row for each coefficient that was followed.
 
         - ``site``, ``term``.
         - ``kind``: ``"constant"``, ``"gradual"``, ``"sudden"``, ``"gradual and
           sudden"``, ``"amplitude dependence"``, ``"change or amplitude dependence"`` or
-          ``"not certain"``. The last one means that a constant lies within the band, or
-          that the coefficient changes its sign.
+          ``"not certain"``. The last one means that noise may look like the change: a
+          constant lies within the band, or a free run does not show it. Or the
+          coefficient is negative.
         - ``first``, ``last``, ``lowest``: values, SI units.
         - ``change``: from the first to the last, with ``lower`` and ``upper``, percent
           of the first.
@@ -100,6 +106,27 @@ class TimeVariation:
         changes = self.changes[self.changes["kind"].isin(CHANGING)]
         return list(dict.fromkeys(changes["site"]))
 
+    @property
+    def stiffness_changes(self) -> list[StiffnessChange]:
+        """Storeys whose stiffness changes, by how much, how sure, and since when.
+
+        In the form in which ``monitoring.compare_tests`` has those between two tests.
+        """
+        of_stiffness = self.changes["term"] == STIFFNESS
+        rows = self.changes[of_stiffness & self.changes["kind"].isin(CHANGING)]
+        changes = []
+        for row in rows.itertuples():
+            of_storey = self.instants["site"] == row.site
+            sudden = self.instants[of_storey & (self.instants["term"] == STIFFNESS)]
+            since = None
+            if len(sudden):
+                largest = sudden["change"].abs().idxmax()
+                since = float(sudden.loc[largest, "t"])
+            changes.append(
+                StiffnessChange(row.site, row.change, row.lower, row.upper, since)
+            )
+        return changes
+
     def course(self, site: SiteName, term: str) -> pd.DataFrame:
         """Value and band of one coefficient, by time.
 
@@ -136,9 +163,9 @@ class TimeVariation:
     def to_json(self) -> str:
         """All tables, the masses and the errors as JSON."""
         content = {
-            "changes": self.changes.to_dict("records"),
+            "changes": _known(self.changes).to_dict("records"),
             "instants": self.instants.to_dict("records"),
-            "courses": self.table.to_dict("list"),
+            "courses": _known(self.table).to_dict("list"),
             "masses_kg": self.masses.tolist(),
             "errors_percent": self.errors.to_dict(),
             "false_alarm_rate": self.false_alarm_rate,
@@ -161,20 +188,25 @@ class TimeVariation:
         return Drawing(self.figures()).plot()
 
 
+def _known(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with None for what is not known, as JSON has it."""
+    return table.astype(object).where(table.notna(), None)
+
+
 def _sentence(row: dict[str, object]) -> str:
     """One coefficient in words."""
     name = f"{row['site']}, {row['term']}"
     if row["kind"] == CONSTANT:
         return f"{name}: no change is seen."
     if row["kind"] in CHANGING:
-        return (
-            f"{name}: {row['kind']} change of {row['change']:+.3g} %"
-            f" ({row['lower']:+.3g} to {row['upper']:+.3g})."
-        )
+        interval = f" ({row['lower']:+.3g} to {row['upper']:+.3g})"
+        if pd.isna(row["lower"]):
+            interval = ", of unknown error"
+        return f"{name}: {row['kind']} change of {row['change']:+.3g} %{interval}."
     if row["kind"] == UNCERTAIN:
         return (
-            f"{name}: follows the record, but a constant lies within its band, or its"
-            " sign changes: no certain change."
+            f"{name}: follows the record, but noise may look like it, or it is"
+            " negative: no certain change."
         )
     if row["kind"] == AMPLITUDE:
         return f"{name}: depends on the amplitude; no change in time is seen."

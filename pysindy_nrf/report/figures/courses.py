@@ -31,12 +31,15 @@ def _course_figure(
 ) -> Figure:
     """One coefficient."""
     t = rows["t"].to_numpy()
-    marks: list[Mark] = [
-        Line(t, rows["value"], "value", "blue", 1.6),
-        Line(t, rows["lower"], "95 % band", "sky", 0.8, dash="dash"),
-        Line(t, rows["upper"], "", "sky", 0.8, dash="dash"),
-    ]
-    ends = [float(rows["lower"].min()), float(rows["upper"].max())]
+    marks: list[Mark] = [Line(t, rows["value"], "value", "blue", 1.6)]
+    low, high = rows["value"], rows["value"]
+    caption = "Its band is not known."
+    if rows["lower"].notna().all():
+        low, high = rows["lower"], rows["upper"]
+        marks.append(Line(t, low, "95 % band", "sky", 0.8, dash="dash"))
+        marks.append(Line(t, high, "", "sky", 0.8, dash="dash"))
+        caption = "With its 95 % band."
+    ends = [float(low.min()), float(high.max())]
     for number, instant in enumerate(instants):
         name = "" if number else "sudden change"
         marks.append(Line([instant, instant], ends, name, "red", 0.8, dash="dot"))
@@ -49,5 +52,5 @@ def _course_figure(
         Axis(f"coefficient of {term}", unit),
         heading=site,
         alt=f"From {first:.4g} to {last:.4g} {unit}.",
-        caption="With its 95 % band.",
+        caption=caption,
     )

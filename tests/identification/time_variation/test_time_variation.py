@@ -7,7 +7,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import binom
 
-from pysindy_nrf import NRFRegressor, Record, excitation, laws
+from pysindy_nrf import (
+    ChainModel,
+    NRFRegressor,
+    Record,
+    excitation,
+    laws,
+    simulate,
+)
 from pysindy_nrf.exceptions import BiasWarning, ChainError, ChannelError
 
 FS = 200.0
@@ -119,6 +126,9 @@ def test_the_instant_of_a_loss_is_found_within_half_a_period(step):
     (row,) = step.time_variation_.instants.to_dict("records")
     assert row["t"] == pytest.approx(13.0, abs=HALF_PERIOD)
     assert row["t_lower"] < 13.0 < row["t_upper"]
+    (change,) = step.time_variation_.stiffness_changes
+    assert (change.storey, change.since) == ("storey 1", row["t"])
+    assert change.lower < -25.0 < change.upper
 
 
 def test_terms_that_are_named_are_followed_by_label_or_symbol():
@@ -197,6 +207,53 @@ def test_an_element_without_mass_is_followed_too():
     (row,) = model.fit(X, force).time_variation_.instants.to_dict("records")
     assert row["t"] == pytest.approx(12.0, abs=0.1)
     assert row["change"] == pytest.approx(-20.0, abs=2.0)
+
+
+# -- friction ----------------------------------------------------------------------
+
+
+def test_noise_in_the_rate_does_not_lower_the_level_of_friction():
+    friction = laws.RegularizedFriction(v0=0.004)
+    declared = {1: [laws.PowerSeries(1), friction]}
+    storey = [laws.PowerSeries(1, [30.0, 4e3]), friction.with_values([12.0])]
+    level = np.interp(T, [8.0, 22.0], [12.0, 6.0])
+    F = excitation.band_limited_random(
+        1, 30.0, FS, excited=1, rms=40.0, band=(0.5, 10), random_state=3
+    )
+    run = simulate(
+        ChainModel([10.0], {1: storey}),
+        F,
+        1 / FS,
+        courses={"storey 1: tanh(v/v0)": level},
+    )
+    with pytest.warns(BiasWarning, match="storey 1"):
+        model = NRFRegressor(degree=1, laws=declared, varying="auto").fit(
+            noisy(run, 0.05)
+        )
+    course = model.time_variation_.course(1, "tanh(v/v0)")
+    truth = np.interp(course.index, T, level)
+    assert np.mean(course["value"] / truth) == pytest.approx(1.0, abs=0.05)
+    inside = (course["lower"] <= truth) & (truth <= course["upper"])
+    assert inside.mean() > 0.8
+
+
+@pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
+def test_a_band_that_is_not_known_is_not_shown():
+    # without mass there is no free run, whose rate would be without noise
+    X, _ = oscillator(np.random.default_rng(68), 400.0)
+    level = np.where(T < 15, 400.0, 200.0)[:, None]
+    force = 400.0 * X[:, 2:] + level * np.sign(X[:, 1:2])
+    device = {1: [laws.PowerSeries(1), laws.CoulombFriction()]}
+    model = NRFRegressor(
+        degree=1, laws=device, dt=1 / FS, massless=True, varying={1: ["s", "sgn(v)"]}
+    )
+    variation = model.fit(X, force).time_variation_
+    assert variation.changing == ["storey 1"]
+    assert variation.course(1, "sgn(v)")["lower"].isna().all()
+    assert variation.course(1, "s")["lower"].notna().all()
+    assert "NaN" not in variation.to_json()
+    assert "unknown error" in str(variation)
+    assert variation.plot().figure_.axes
 
 
 def test_a_hardening_spring_is_not_called_changing():

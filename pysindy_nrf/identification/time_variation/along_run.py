@@ -23,7 +23,7 @@ from ...records.dataset import Segment
 from ..free_runs import simulated
 from ..instruments import LEAST_CORRELATION, correlation_of, delay_of
 from ..spectra import common_band
-from .courses import ShapedFit
+from .courses import ShapedFit, Shapes
 from .evidence import evidence_of, least_evidence
 from .followed import Followed, fitter_of
 from .penalised import PenalisedFit, two_stage
@@ -67,20 +67,46 @@ class AlongRun(Estimate):
         """Of all terms."""
         return True
 
-    def is_seen(self, number: int, tested: Sequence[int]) -> bool:
-        """Whether the coefficient is significantly not constant along the run.
+    def of_what_is_seen(self, tested: Sequence[int]) -> AlongRun:
+        """Without the changes that are not significant along the run.
 
         Noise in the motion lowers a coefficient by more where the motion is weaker,
-        which looks like a change.
+        which looks like a change. The weakest goes first, and the others are asked
+        again: it may have taken their place.
         """
+        remaining = self
+        while remaining.shaped.shapes:
+            evidence = {}
+            without = {}
+            for number in remaining.shaped.shapes:
+                without[number] = remaining._without(number, tested)
+                evidence[number] = without[number]._evidence(number, tested)
+            weakest = max(evidence, key=evidence.__getitem__)
+            if evidence[weakest] < least_evidence(len(tested)):
+                break
+            remaining = without[weakest]
+        return remaining
+
+    def _without(self, number: int, tested: Sequence[int]) -> AlongRun:
+        """One coefficient constant."""
         shapes = {u: s for u, s in self.shaped.shapes.items() if u != number}
-        fit = self.fitter.fit(shapes, self.fitter.constants(tested))
-        constant = _by_instruments(fit, self.equations).fit.over_time
-        equations = [each.with_coefficients(constant) for each in self.equations]
+        constant = self._fitted(shapes, tested)
+        over_time = constant.shaped.fit.over_time
+        equations = [each.with_coefficients(over_time) for each in self.equations]
         fitter = fitter_of(equations, self.fitter.n_unknowns, self.fitter.middles)
-        fit = fitter.fit(shapes, fitter.constants(tested))
-        noise = fitter.noise_beside(fit, tested)
-        return evidence_of(fit, number, noise) < least_evidence(len(tested))
+        again = replace(constant, fitter=fitter, equations=equations)
+        return again._fitted(shapes, tested)
+
+    def _fitted(self, shapes: Shapes, tested: Sequence[int]) -> AlongRun:
+        """Other shapes along the same run."""
+        start = self.shaped if shapes else self.fitter.constants(tested)
+        fit = self.fitter.fit(shapes, start)
+        return replace(self, shaped=_by_instruments(fit, self.equations))
+
+    def _evidence(self, number: int, tested: Sequence[int]) -> float:
+        """Evidence for a change of a coefficient that is constant here."""
+        noise = self.fitter.noise_beside(self.shaped, tested)
+        return evidence_of(self.shaped, number, noise)
 
 
 def along_free_run(followed: Followed, shaped: ShapedFit) -> AlongRun | None:

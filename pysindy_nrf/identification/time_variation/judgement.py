@@ -93,10 +93,10 @@ class Judgement:
 
     def _is_doubtful(self, number: int) -> bool:
         """Whether noise, or something that is missing, may look like the change."""
-        course = self.courses[number]
-        if course.may_be_constant or course.is_negative:
+        if number not in self._seen.shaped.shapes:
             return True
-        return not self.estimate.is_seen(number, self.declared.tested)
+        course = self.courses[number]
+        return course.may_be_constant or course.is_negative
 
     @cached_property
     def _lacks_something(self) -> bool:
@@ -117,8 +117,18 @@ class Judgement:
             courses[number] = course_values(self.estimate, number, label)
         return courses
 
-    @cached_property
+    @property
     def estimate(self) -> Estimate:
+        """Courses of what is seen to change, and of what was named."""
+        return self._seen if self.automatic else self._every_course
+
+    @cached_property
+    def _seen(self) -> Estimate:
+        """Courses without those that noise in the motion feigns."""
+        return self._every_course.of_what_is_seen(self.declared.tested)
+
+    @cached_property
+    def _every_course(self) -> Estimate:
         """The courses along a free run, or along the measured motion."""
         along = along_free_run(self.declared, self.shaped)
         if along is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy import stats
@@ -105,8 +106,8 @@ class Estimate(ABC):
         """What noise in the motion may still move of a course."""
 
     @abstractmethod
-    def is_seen(self, number: int, tested: Sequence[int]) -> bool:
-        """Whether a change is more than what noise in the motion feigns."""
+    def of_what_is_seen(self, tested: Sequence[int]) -> Self:
+        """Without changes that are no more than what noise in the motion feigns."""
 
     @abstractmethod
     def is_bounded(self, label: str) -> bool:
@@ -129,9 +130,9 @@ class AlongMotion(Estimate):
         """The difference of both."""
         return self.otherwise.values(number) - self.shaped.fit.values(number)
 
-    def is_seen(self, number: int, tested: Sequence[int]) -> bool:
-        """Not asked here: the band holds the difference."""
-        return True
+    def of_what_is_seen(self, tested: Sequence[int]) -> AlongMotion:
+        """All of them: their bands hold the bias."""
+        return self
 
     def is_bounded(self, label: str) -> bool:
         """Only of what is linear in the motion.

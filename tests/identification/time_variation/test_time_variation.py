@@ -188,7 +188,7 @@ def test_bands_hold_the_truth_as_often_as_they_say():
     rng = np.random.default_rng(66)
     course = 400.0 * (1 - 0.3 * np.sin(np.pi * T / T[-1]) ** 2)
     shares = []
-    for _ in range(20):
+    for _ in range(12):
         X, F = oscillator(rng, course)
         followed_course = followed(X, F).course(1, "s")
         truth = np.interp(followed_course.index, T, course)

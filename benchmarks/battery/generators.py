@@ -5,7 +5,7 @@ The truth stays in the case; the loop sees the records.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -186,6 +186,7 @@ class Case:
     """One case of the battery.
 
     ``searched`` and ``unseen`` are what the loop gets: channels as dictionaries.
+    ``beside`` are effects that are there and not asked for.
     """
 
     name: str
@@ -201,6 +202,7 @@ class Case:
     searched: list[dict]
     unseen: list[dict]
     sensors: str = ""
+    beside: Sequence[Effect] = ()
 
     @property
     def base(self) -> bool:

@@ -109,6 +109,7 @@ def _drawn(rng, name: str, seed: int, kind: str, number: int) -> Case | None:
         runs,
         [tests[0]],
         [tests[1]],
+        beside=dashpots,
     )
 
 

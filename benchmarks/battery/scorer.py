@@ -246,13 +246,14 @@ def parts_of(effects: list[Effect], motion: Motion) -> list[np.ndarray]:
 
 
 def true_residual(structure: Structure, effects: list[Effect], motion: Motion):
-    """Residual of the true model in each balance."""
+    """Residual of the true model in each balance, the zeros of sensors taken out."""
     storey = (
         structure.k * motion.s + structure.c * motion.v + structure.k3 * motion.s**3
     )
     above = np.column_stack([storey[:, 1:], np.zeros(len(storey))])
     residual = structure.m * motion.a + storey - above - motion.F
-    return residual + sum(parts_of(effects, motion))
+    residual = residual + sum(parts_of(effects, motion))
+    return residual - residual.mean(axis=0)
 
 
 def simulated_motion(case: Case) -> Motion:
@@ -285,7 +286,8 @@ def audibility(case: Case, ready: Any) -> list[float]:
     chain = Chain(case.structure.n)
     order = chain.identifiability(case.forced, known_masses=known_masses(case) or ())
     clean = simulated_motion(case)
-    residual = true_residual(case.structure, case.effects, fused_motion(ready))
+    there = [*case.effects, *case.beside]
+    residual = true_residual(case.structure, there, fused_motion(ready))
 
     matched = []
     for true_effect in parts_of(case.effects, clean):

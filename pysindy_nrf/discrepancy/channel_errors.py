@@ -352,6 +352,13 @@ class ChannelErrorTest:
         there = judge.is_there(beyond, law) and beyond.value >= least
         return BeyondErrors(beyond, there)
 
+    def explain(
+        self, before: FittedModel, records: PreparedRecords, known: Sequence[Effect]
+    ) -> float:
+        """Error reduction of likely errors of all channels, dB."""
+        errors = self._errors_on(before.spectra, records, known)
+        return self._freed_of(errors, before).model.reduction_from(before).value
+
     def _errors_on(
         self,
         spectra: BalanceSpectra,

@@ -22,9 +22,10 @@ from .candidate_search import best_findings, polished, scan
 from .channel_errors import ChannelErrorTest
 from .constants import best_constant, state_with_means
 from .dictionary import dictionary
-from .effect_judge import EffectJudge, JudgedEffect
+from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
 from .error_reduction import ErrorReduction
+from .fitted_model import FittedModel
 from .growth import grown_law
 from .judge import JUDGE
 from .places import Place, class_at
@@ -83,7 +84,9 @@ class Naming:
     carries : bool
         Whether the name carries the model, and not the general law.
     rivals : sequence of Finding
-        Other names of the class that explain the data as well.
+        Other names that explain the data as well.
+    names : sequence of Finding
+        All names of the place that were refined.
     """
 
     effect_class: str
@@ -91,6 +94,7 @@ class Naming:
     share: float = 1.0
     carries: bool = True
     rivals: Sequence[Finding] = ()
+    names: Sequence[Finding] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +109,24 @@ class Proposal:
     def value(self) -> float:
         """Cross-validated error reduction over the state, dB."""
         return self.reduction.value
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedProposal:
+    """A proposal, and what another condition says of it."""
+
+    proposal: Proposal
+    judged: JudgedEffect
+
+    @property
+    def value(self) -> float:
+        """Error reduction, dB: of both records, if another record has judged it.
+
+        In one record of few frequencies classes and sites are much alike.
+        """
+        if self.judged.condition != "another record":
+            return self.proposal.value
+        return 0.5 * (self.proposal.value + self.judged.heldout.value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,36 +300,59 @@ class ClassSearch:
     ) -> tuple[tuple[Proposal, JudgedEffect] | None, ClassResult]:
         """The first proposal that holds, and the result with those refused."""
         why = ""
-        there = [p for p in proposals if _is_there(p, result.state)]
+        state = result.state
+        there = []
+        self.tools.judge.begin_round()
+        for proposal in proposals:
+            if _is_there(proposal, state, self.tools.judge):
+                judged = self.tools.judge.judged(proposal.finding, state)
+                there.append(JudgedProposal(proposal, judged))
         while there:
-            proposal = _next(there, result.state)
-            there.remove(proposal)
-            judged = self.tools.judge.judged(proposal.finding, result.state)
+            best = _next(there, state)
+            there.remove(best)
+            proposal, judged = best.proposal, best.judged
             if not judged.holds:
                 result = _with_refused(result, proposal, judged)
                 why = why or _in_words(judged)
                 continue
             doubt = self._doubt(proposal, result)
             if not doubt:
-                return (proposal, judged), result
+                return (self._with_rivals(best, proposals, state), judged), result
             why = why or doubt
         return None, replace(result, why_refused=why)
+
+    def _with_rivals(
+        self, best: JudgedProposal, proposals: Sequence[Proposal], state: SearchState
+    ) -> Proposal:
+        """A proposal with names and places that another record does not refute."""
+        proposal, naming = best.proposal, best.proposal.naming
+        finding = proposal.finding
+        if best.judged.condition != "another record":
+            return proposal
+        others = [name for name in naming.names if name.candidate != finding.candidate]
+        others += [p.finding for p in proposals if not _adds_to(p, proposal)]
+        rivals = list(naming.rivals)
+        for other in others:
+            is_new = other not in rivals and other.after is not None
+            if is_new and not self.tools.judge.prefers(finding, other, state):
+                rivals.append(other)
+        return replace(proposal, naming=replace(naming, rivals=rivals))
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
         """What speaks against a proposal: errors of channels, the free run, chance."""
         state, finding = result.state, proposal.finding
+        assert finding.after is not None
+        before = self.tools.judge.on_all_records(state.model)
+        after = self.tools.judge.on_all_records(finding.after.model)
+        # what a record of few frequencies leaves open of the model without an effect is
+        # no evidence for the effect
+        law, least = finding.candidate.law, EFFECT_JUDGE.least
+        if not judge.is_there(after.reduction_from(before), law, least):
+            return "a fit to all records explains as much without it"
+        if self._is_explained_by_errors(finding, before, after):
+            return "errors of the channels within their tolerances explain it"
         if finding.is_fault:
             return ""
-        assert finding.after is not None and state.records is not None
-        test = self.tools.errors.beyond(
-            finding.after.model,
-            state.model,
-            finding.candidate.law,
-            state.records,
-            state.effects,
-        )
-        if not test.is_there:
-            return "errors of the channels within their tolerances explain it"
         if self.tools.judge.contradicted_by_free_run(finding, state):
             return "with it the free run gets far worse"
         if not state.effects or proposal.value >= CLASSES.beyond_chance:
@@ -318,6 +363,25 @@ class ClassSearch:
         if self._is_chance(proposal, state):
             return "a shifted residual gains as much"
         return ""
+
+    def _is_explained_by_errors(
+        self, finding: Finding, before: FittedModel, after: FittedModel
+    ) -> bool:
+        """Whether errors of the channels within their tolerances explain a finding.
+
+        The same errors in all records. A fault that another channel witnesses is more
+        than such an error.
+        """
+        state, test = finding.before, self.tools.errors
+        assert state.records is not None
+        if finding.witnessed:
+            return False
+        if finding.is_fault:
+            of_errors = test.explain(before, state.records, state.effects)
+            return of_errors > after.reduction_from(before).value
+        law = finding.candidate.law
+        beyond = test.beyond(after, before, law, state.records, state.effects)
+        return not beyond.is_there
 
     def _is_chance(self, proposal: Proposal, state: SearchState) -> bool:
         """Whether the place gains as much on a residual that was shifted in time."""
@@ -463,7 +527,8 @@ def _named(
         name, rivals = _simplest_name(carrying, state)
         name = _without_noise(name, names, rng)
         assert name.reduction is not None
-        naming = Naming(place.effect_class, name.candidate.law.name, rivals=rivals)
+        closest = name.candidate.law.name
+        naming = Naming(place.effect_class, closest, rivals=rivals, names=names)
         return Proposal(name, name.reduction, naming)
     if general is None or general.reduction is None:
         return None
@@ -630,8 +695,8 @@ def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
 # -- decisions -----------------------------------------------------------------
 
 
-def _next(proposals: Sequence[Proposal], state: SearchState) -> Proposal:
-    """The proposal that is judged next.
+def _next(proposals: Sequence[JudgedProposal], state: SearchState) -> JudgedProposal:
+    """The proposal that comes next.
 
     The best, one of several sites by what each of them brings; or a simpler one that
     explains the same.
@@ -641,38 +706,50 @@ def _next(proposals: Sequence[Proposal], state: SearchState) -> Proposal:
     return min([best, *explaining], key=_size)
 
 
-def _value_of_each_site(proposal: Proposal) -> float:
-    return proposal.value / len(proposal.finding.candidate.sites)
+def _value_of_each_site(judged: JudgedProposal) -> float:
+    return judged.value / len(judged.proposal.finding.candidate.sites)
 
 
-def _size(proposal: Proposal) -> tuple[tuple[int, int], float]:
+def _size(judged: JudgedProposal) -> tuple[tuple[int, int], float]:
     """Number of parameters; the better of two as large comes first."""
-    return proposal.finding.n_parameters, -proposal.value
+    return judged.proposal.finding.n_parameters, -judged.value
 
 
-def _explains(simpler: Proposal, best: Proposal, state: SearchState) -> bool:
+def _explains(
+    simpler: JudgedProposal, best: JudgedProposal, state: SearchState
+) -> bool:
     """Whether a simpler proposal leaves of the best one nothing to be claimed.
 
     What it loses is less than a further effect must bring, and beside it the best one
     is not there.
     """
-    fewer = simpler.finding.n_parameters < best.finding.n_parameters
+    of_best = best.proposal.finding
+    fewer = simpler.proposal.finding.n_parameters < of_best.n_parameters
     nearly = best.value - simpler.value < CLASSES.least_of_later
-    if not (fewer and nearly and simpler.value > 0) or best.finding.is_fault:
+    if not (fewer and nearly and simpler.value > 0) or of_best.is_fault:
         return False
-    beside = simpler.finding.after
+    beside = simpler.proposal.finding.after
     assert beside is not None
-    new = best.finding.new_effects(state.effects)
+    new = of_best.new_effects(state.effects)
     try:
         both = beside.model.with_laws([(effect.site, effect.law) for effect in new])
     except NRFError:
         # their columns are the same
         return True
     reduction = both.reduction_from(beside.model)
-    return not judge.is_there(reduction, best.finding.candidate.law)
+    return not judge.is_there(reduction, of_best.candidate.law)
 
 
-def _is_there(proposal: Proposal, state: SearchState) -> bool:
+def _adds_to(other: Proposal, proposal: Proposal) -> bool:
+    """Whether a proposal is of the class of another, at its site and further ones."""
+    same_class = other.naming.effect_class == proposal.naming.effect_class
+    sites = set(other.finding.candidate.sites)
+    return same_class and bool(sites & set(proposal.finding.candidate.sites))
+
+
+def _is_there(
+    proposal: Proposal, state: SearchState, effect_judge: EffectJudge
+) -> bool:
     """Whether an effect stands whichever fold is left out."""
     finding, reduction = proposal.finding, proposal.reduction
     law = finding.candidate.law
@@ -687,7 +764,8 @@ def _is_there(proposal: Proposal, state: SearchState) -> bool:
         return True
     assert finding.after is not None
     new = finding.new_effects(state.effects)
-    if not all(judge.differs_from_zero(finding.after.model, each) for each in new):
+    fitted = effect_judge.on_all_records(finding.after.model)
+    if not all(judge.differs_from_zero(fitted, each) for each in new):
         return False
     shares = judge.shares_of_force(finding, state)
     # a dashpot matters beside other dampers, whatever the springs hold

@@ -5,23 +5,29 @@ not contradict. Held-out time alone decides where amplitude says nothing, and of
 change in time: its pieces may be the same cycles again. Amplitude does say something
 where an effect surely brings less there than held-out time would have to show. Every
 answer is an error reduction in dB with its standard error.
+
+With another record a fit to all of them is at hand. What a record of few frequencies
+leaves open of the model without an effect is no evidence for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ..diagnosis.offsets import with_offsets
+from ..exceptions import NRFError
 from ..laws.base import ForceLaw
 from ..records.dataset import BlockRows
 from .amplitude import NOT_JUDGED, OtherCondition, at_other_amplitudes
 from .effects import Effect, Finding, SearchState, instants_of
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
+from .folds import Split
 from .free_run import free_run_error
 from .heldout import steady_blocks
 from .search_data import SearchData
@@ -107,6 +113,8 @@ class EffectJudge:
         self._spectra: dict[
             tuple[BalanceSpectra, tuple[float, ...]], BalanceSpectra
         ] = {}
+        self._every: dict[BalanceSpectra, BalanceSpectra] = {}
+        self._on_all_records: dict[FittedModel, FittedModel] = {}
 
     def judged(self, finding: Finding, state: SearchState) -> JudgedEffect:
         """What another condition says of a finding added to a state."""
@@ -137,6 +145,37 @@ class EffectJudge:
         holds = heldout.exceeds(EFFECT_JUDGE.least_alone, errors)
         return JudgedEffect(holds, "another time", amplitude, heldout)
 
+    def on_all_records(self, model: FittedModel) -> FittedModel:
+        """A model fitted to the records that judge as well, once in a round.
+
+        To the searched ones alone where there are no others, or excerpts are searched.
+        """
+        if model not in self._on_all_records:
+            spectra = self._all_records(model.spectra)
+            self._on_all_records[model] = model
+            if spectra is not model.spectra:
+                with suppress(NRFError):
+                    self._on_all_records[model] = model.refitted(spectra)
+        return self._on_all_records[model]
+
+    def begin_round(self) -> None:
+        """Free the memory of the models of an earlier round."""
+        self._on_all_records.clear()
+
+    def _all_records(self, spectra: BalanceSpectra) -> BalanceSpectra:
+        """The same windows and bands on the records that judge as well."""
+        data = spectra.data
+        if not self.has_records or data.full is not data:
+            return spectra
+        if spectra not in self._every:
+            pieces = _cut(data.heldout, spectra.windows.length, data)
+            folds = Split([*data.search, *pieces], [])
+            masses, filters = data.known_masses, data.filters
+            every = SearchData(data.data, folds, masses, filters=filters)
+            windows = spectra.windows.over(every.search, data=every.data)
+            self._every[spectra] = spectra.with_windows(every, windows)
+        return self._every[spectra]
+
     def contradicted_by_free_run(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts gets far worse with a finding.
 
@@ -150,6 +189,16 @@ class EffectJudge:
         after = _free_run_error(finding.after.model)
         limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
         return not after <= limit
+
+    def prefers(self, finding: Finding, other: Finding, state: SearchState) -> bool:
+        """Whether a finding is better than another on the record that judges.
+
+        By more than the standard error of the difference.
+        """
+        assert finding.after is not None and other.after is not None
+        new = finding.new_effects(state.effects)
+        reduction = self._on_heldout(other.after.model, finding.after.model, new)
+        return reduction.exceeds(0.0, EFFECT_JUDGE.errors_of_first)
 
     def _on_heldout(
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]

@@ -92,12 +92,13 @@ class Step:
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
-        Whether another record has judged it, its name carries the model, and no other
-        name is as good.
+        Whether another record has judged it, its name carries the model, and every
+        other name and place is worse on that record by more than a standard error.
     evidence : str
         Why it was accepted.
     rivals : list of (law, site, error reduction in dB)
-        Candidates that explained the data as well when it was accepted.
+        Candidates that explained the data as well when it was accepted, or that the
+        record that judged it does not refute.
     sensors : list of str
         For a faulty sensor: others that the data could accuse as well.
     laws_beside : list of str

@@ -290,12 +290,13 @@ class FreeRunFit:
             expected_change = np.linalg.norm(point.jacobian @ full_step)
             deviation = np.sqrt(max(point.cost / problem.n_rows, 1e-300))
             unit = deviation if self.noise is None else min(deviation, 1.0)
+            shortest = settled * unit
 
-            better, damping = _better_point(problem, point, damping, move)
+            better, damping = _better_point(problem, point, damping, move, shortest)
             if better is None:
                 break
             point = better
-            if expected_change < settled * unit:
+            if expected_change < shortest:
                 break
         return point
 
@@ -362,13 +363,20 @@ def _rms_of_channels(shots: Sequence[Shot]) -> np.ndarray:
 
 
 def _better_point(
-    problem: WhitenedRuns, point: Point, damping: float, move: bool
+    problem: WhitenedRuns, point: Point, damping: float, move: bool, shortest: float
 ) -> tuple[Point | None, float]:
-    """The point after the longest step that lowers the cost, and the next damping."""
+    """The point after the longest step that lowers the cost, and the next damping.
+
+    No step is tried that changes the residuals less than the shortest one. Where forces
+    jump a run is no smooth function of the parameters, and no step may lower the cost.
+    """
     while damping < MAX_DAMPING:
-        better = _trial(problem, point, point.damped_step(damping), move)
+        step = point.damped_step(damping)
+        better = _trial(problem, point, step, move)
         if better is not None:
             return better, damping / DAMPING_DOWN
+        if np.linalg.norm(point.jacobian @ step) < shortest:
+            break
         damping = max(DAMPING_UP * damping, LEAST_RAISED_DAMPING)
     return None, damping
 

@@ -166,6 +166,9 @@ def output_error(
         if noisy_fit is None:
             exact = "the free run is exact to round-off"
             return OutputErrorResult(error_before=0.0, error_after=0.0, reason=exact)
+        low, high = noisy_fit.weighting.band
+        if low >= high:
+            return _start_kept("the records hold no motion in the band of the fit")
         return _fit_if_better(noisy_fit, plain.u, halves or (start, start))
     except SimulationError as error:
         return _start_kept(error.what)

@@ -196,3 +196,43 @@ def test_a_rest_before_the_motion_hides_nothing():
     x, force = (y + 1e-4 * abs(y).max() * e for y, e in zip(signals, noise))
     step = close_loop(Record(displacement=x, force=force)).steps[0]
     assert (step.effect_class, step.site) == ("memoryless", "storey 1")
+
+
+def two_floors(extra, force, seed):
+    """Two floors of 10 kg on alike storeys with laws that nobody declared."""
+    linear = [laws.LinearElastic(1e5), laws.LinearViscous(100.0)]
+    by_site = {"storey 1": linear, "storey 2": linear}
+    for site, law in extra.items():
+        by_site[site] = [*by_site.get(site, ()), law]
+    record = simulate(ChainModel([10.0, 10.0], by_site), force, 1 / 400)
+    return add_noise(record.replace(name=f"test {seed}"), 0.01, random_state=seed)
+
+
+def test_in_a_narrow_band_a_dashpot_and_a_damped_oscillator_are_one_force():
+    """Another record of the same band refutes neither."""
+    dashpot = {"ground 2": laws.LinkSpringDashpot(k=0.0, c=40.0)}
+    records = []
+    for seed in (1, 2):
+        F = excitation.band_limited_random(
+            2, 10.0, 400.0, excited=2, rms=60.0, band=(8, 12), random_state=seed
+        )
+        records.append(two_floors(dashpot, F, seed))
+    tried = [laws.GroundDashpot(), laws.HiddenOscillator()]
+    (step,) = close_loop(records[0], catalogue=tried, heldout=records[1]).steps
+    assert (step.law, step.site) == ("ground_dashpot", "ground 2")
+    assert step.confirmed and not step.sure
+    assert [rival[:2] for rival in step.rivals] == [("hidden_oscillator", "dof 2")]
+
+
+def test_two_sines_make_no_wrong_name_sure():
+    """A cubic spring below the forced floor; each record has one frequency."""
+    t = np.arange(4000) / 400.0
+    records = []
+    for seed, frequency, size in ((1, 8.0, 60.0), (2, 11.0, 80.0)):
+        F = np.zeros((4000, 2))
+        ramp = np.clip(t * frequency / 5.0, 0.0, 1.0)
+        F[:, 0] = size * ramp * np.sin(2 * np.pi * frequency * t)
+        records.append(two_floors({"storey 1": laws.CubicStiffness(3e9)}, F, seed))
+    report = close_loop(records[0], heldout=records[1])
+    sure = {step.law for step in report.steps if step.confirmed and step.sure}
+    assert sure <= {"cubic_stiffness"}

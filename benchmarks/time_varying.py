@@ -1,6 +1,6 @@
 """Structures that change while they shake: what, where, when, and how sure?
 
-    python benchmarks/time_varying.py [--quick] [--seed 84] [--out FOLDER]
+    python benchmarks/time_varying.py [--quick] [--seed 85] [--out FOLDER]
 
 60 simulated chains of 2 to 6 floors in which the stiffness of one storey ramps, steps,
 or is lost and recovers, friction wears, or Bouc-Wen hysteresis degrades, under random
@@ -10,8 +10,8 @@ that do not change either, under an earthquake with a pulse. ``varying="auto"`` 
 nothing but the laws of linear storeys (and the friction that wears), and the masses
 under an earthquake. ``--quick`` takes eight chains.
 
-No constant was chosen on the seed that is reported, 84; the development used 7000,
-8000, 65, 66 and 83.
+No constant was chosen on the seed that is reported, 85; the development used 7000,
+8000, 65, 66, 83 and 84.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from time_varying_cases import (
 from pysindy_nrf import NRFRegressor
 from pysindy_nrf.identification.time_variation import TimeVariation
 
-SEED = 84
+SEED = 85
 Draw = Callable[[int, int], Case]
 # What is drawn, how many, and which of them are quick.
 GROUPS: dict[str, tuple[Draw, int, tuple[int, ...]]] = {

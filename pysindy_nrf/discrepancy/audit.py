@@ -28,6 +28,7 @@ from .free_run import FREE_RUN
 from .growth import GROWTH
 from .heldout import HELDOUT
 from .judge import JUDGE
+from .naming import NAMING
 from .prepare import FUSION
 from .request import LoopRequest
 from .sensor_faults import FAULTS
@@ -51,6 +52,7 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "scan": AXES,
     "search": SEARCH,
     "classes": CLASSES,
+    "names": NAMING,
     "dictionary": DICTIONARY,
     "growth": GROWTH,
     "amplitudes": AMPLITUDE,

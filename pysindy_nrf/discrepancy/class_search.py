@@ -8,27 +8,29 @@ does not gives way to the next.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..equations.normal_equations import variance
 from ..exceptions import NRFError
-from ..laws.atoms import SumOfAtoms
 from . import judge
-from .bootstrap import simulated
-from .candidate_search import best_findings, polished, scan
+from .candidate_search import polished
 from .channel_errors import ChannelErrorTest
 from .constants import best_constant, state_with_means
-from .dictionary import dictionary
 from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
-from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
-from .growth import grown_law
 from .judge import JUDGE
-from .places import Place, class_at
+from .naming import (
+    Naming,
+    Proposal,
+    at_all_storeys,
+    best_and_best_tie,
+    gain_by_noise,
+    proposal_of,
+)
+from .places import Place
+from .promises import Promise, effects_at, enrichment_of, promise_of
 from .sensor_faults import FaultSearch
 from .shifted_residual import SHIFT, shifted_models
 from .spectra import BalanceSpectra
@@ -36,22 +38,10 @@ from .spectra import BalanceSpectra
 
 @dataclass(frozen=True)
 class ClassSettings:
-    """Effort of a search for classes, and when a name carries."""
+    """Effort of a search for classes, and what is asked of an effect."""
 
     # Places whose names are tried; a class that is refused gives way to the next.
     places: int = 4
-    # Names of a place that are refined.
-    finalists: int = 4
-    # Names of the best place that are tried at all storeys at once.
-    together: int = 2
-    # A name carries the model if it loses at most so much against the general law, dB,
-    # or a standard error or a tenth up to a limit: it has fewer parameters, but another
-    # class takes what an inexact law leaves.
-    loss_of_name: float = 0.25
-    most_lost: float = 0.75
-    # Besides it may lose what noise makes it lose, if it has this part of the gain: a
-    # curve bends where noise in the rate rounds a friction.
-    share_of_name: float = 0.5
     # Least error reduction of an outside force, or an inertia, dB: a fifth of what is
     # left. One line or one resonance is soon found.
     least_of_narrow: float = 2.0
@@ -63,52 +53,9 @@ class ClassSettings:
     # Error reduction from which on an effect is not compared with a shifted residual,
     # dB; those of measured records came to 5.5 at most.
     beyond_chance: float = 6.0
-    # Draws of noise; a further one exceeds the largest of three in a quarter of cases.
-    draws: int = 3
 
 
 CLASSES = ClassSettings()
-
-
-@dataclass(frozen=True)
-class Naming:
-    """A class, its general law, and the closest name.
-
-    Attributes
-    ----------
-    effect_class : str
-    closest : str
-        Name of the law of the class that leaves least.
-    share : float
-        Part of the error reduction of the effect that the closest name has, in dB.
-    carries : bool
-        Whether the name carries the model, and not the general law.
-    rivals : sequence of Finding
-        Other names that explain the data as well.
-    names : sequence of Finding
-        All names of the place that were refined.
-    """
-
-    effect_class: str
-    closest: str = ""
-    share: float = 1.0
-    carries: bool = True
-    rivals: Sequence[Finding] = ()
-    names: Sequence[Finding] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """What stands best at a place, added to a state."""
-
-    finding: Finding
-    reduction: ErrorReduction
-    naming: Naming
-
-    @property
-    def value(self) -> float:
-        """Cross-validated error reduction over the state, dB."""
-        return self.reduction.value
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,27 +216,28 @@ class ClassSearch:
         promising = sorted(self._promises(state), key=lambda promise: -promise.value)
         proposals: list[Proposal] = []
         for promise in promising[: CLASSES.places]:
-            proposal = _named(promise, state, self.tools.rng)
+            proposal = proposal_of(promise, state, self.tools.rng)
             if proposal is not None:
                 proposals.append(proposal)
 
         if proposals and room > 1:
-            for best in _best_and_best_tie(proposals):
-                proposals += _at_all_storeys(best, self.places, state, room)
+            for best in best_and_best_tie(proposals):
+                proposals += at_all_storeys(best, self.places, state, room)
         proposals += _faults(self.tools.faults.findings(state), state)
         general = [p.general for p in promising if p.general is not None]
         return sorted(proposals, key=lambda proposal: -proposal.value), general
 
-    def _promises(self, state: SearchState) -> Iterator[_Promise]:
+    def _promises(self, state: SearchState) -> Iterator[Promise]:
         """What each place promises beside a state, if it is free."""
         for place in self.places:
             self.tools.progress()
             if len(place.sites) > 1:
                 continue
-            there = _effects_at(place, state)
-            promise = (
-                _enrichment(place, state, there) if there else _promise(place, state)
-            )
+            there = effects_at(place, state)
+            if there:
+                promise = enrichment_of(place, state, there)
+            else:
+                promise = promise_of(place, state)
             if promise is not None:
                 yield promise
 
@@ -357,7 +305,7 @@ class ClassSearch:
             return "with it the free run gets far worse"
         if not state.effects or proposal.value >= CLASSES.beyond_chance:
             return ""
-        by_noise = _gain_by_noise(state, finding, self.tools.rng)
+        by_noise = gain_by_noise(state, finding, self.tools.rng)
         if proposal.value - by_noise < CLASSES.least_of_later:
             return "noise alone makes it gain as much"
         if self._is_chance(proposal, state):
@@ -389,7 +337,7 @@ class ClassSearch:
         exceeded, failed = 0, 0
         for shifted in shifted_models(state.model, self.tools.rng):
             null = SearchState(shifted, state.effects, state.records)
-            promise = _promise(place, null)
+            promise = promise_of(place, null)
             reduction = promise.value if promise else 0.0
             if proposal.value > reduction:
                 exceeded += 1
@@ -418,266 +366,6 @@ class ClassSearch:
         start = replace(result.state, model=result.state.model.refitted(spectra))
         self.tools.errors.forget()
         return _with_state(replace(result, first=first), polished(start))
-
-
-# -- promises ------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Promise:
-    """What a place promises beside a base: a grown law, or the scan of its names."""
-
-    place: Place
-    base: SearchState
-    value: float
-    general: Finding | None = None
-
-
-def _effects_at(place: Place, state: SearchState) -> list[Effect]:
-    """Effects of a class at a site, beside which there is no second one."""
-    chain = state.model.base
-    effects = []
-    for effect in state.effects:
-        if effect.is_fault or effect.site not in place.sites:
-            continue
-        same = class_at(effect.template, effect.site, chain) == place.effect_class
-        if same and not effect.template.superposes:
-            effects.append(effect)
-    return effects
-
-
-def _enrichment(
-    place: Place, state: SearchState, effects: Sequence[Effect]
-) -> _Promise | None:
-    """What atoms promise beside an effect that is there: no claim of its own.
-
-    A general law is grown anew, a name is given a general law beside it, once.
-    """
-    if not place.grows or len(effects) > 1:
-        return None
-    effect = effects[0]
-    if not isinstance(effect.law, SumOfAtoms):
-        general = _grown(place, state, enriches=True)
-        return (
-            None if general is None else _Promise(place, state, general.value, general)
-        )
-    general = _grown(place, state.without([effect]))
-    if general is None or general.after is None:
-        return None
-    reduction = general.after.model.reduction_from(state.model)
-    nameless = replace(place, names=())
-    general = replace(general, reduction=reduction)
-    return _Promise(nameless, state, reduction.value, general)
-
-
-def _promise(place: Place, state: SearchState) -> _Promise | None:
-    """What a place promises beside a state; None if nothing can stand there."""
-    if place.grows:
-        general = _grown(place, state)
-        return (
-            None if general is None else _Promise(place, state, general.value, general)
-        )
-    best = 0.0
-    for candidate in place.quick_names:
-        finding = scan(state, candidate, state)
-        if finding is not None:
-            best = max(best, finding.screened)
-    return _Promise(place, state, best) if best > 0 else None
-
-
-def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding | None:
-    """The general law of a place beside a state."""
-    (site,) = place.sites
-    atoms = dictionary(place.effect_class, site, state.model.spectra.data)
-    if atoms is None:
-        return None
-    try:
-        law = grown_law(state.model, site, atoms)
-        if law is None:
-            return None
-        after = state.model.with_laws([(site, law)])
-    except NRFError:
-        return None
-    reduction = after.reduction_from(state.model)
-    effects = (*state.effects, Effect(law, site, law, enriches=enriches))
-    return Finding(
-        Candidate(law, (site,)),
-        (law,),
-        state,
-        reduction.value,
-        reduction,
-        SearchState(after, effects, state.records),
-    )
-
-
-# -- names ---------------------------------------------------------------------
-
-
-def _named(
-    promise: _Promise, state: SearchState, rng: np.random.Generator
-) -> Proposal | None:
-    """The best of the general law of a place and its names."""
-    place = promise.place
-    names = best_findings(promise.base, place.names, CLASSES.finalists)
-    if _enriches(promise):
-        names = [_as_enrichment(name, state) for name in names]
-    general = promise.general
-    carrying = _carrying(names, general, rng)
-    if carrying:
-        name, rivals = _simplest_name(carrying, state)
-        name = _without_noise(name, names, rng)
-        assert name.reduction is not None
-        closest = name.candidate.law.name
-        naming = Naming(place.effect_class, closest, rivals=rivals, names=names)
-        return Proposal(name, name.reduction, naming)
-    if general is None or general.reduction is None:
-        return None
-
-    closest, share = "", 0.0
-    if names:
-        closest = names[0].candidate.law.name
-        share = max(names[0].value, 0.0) / general.value
-    naming = Naming(place.effect_class, closest, share, carries=False)
-    return Proposal(general, general.reduction, naming)
-
-
-def _carrying(
-    names: list[Finding], general: Finding | None, rng: np.random.Generator
-) -> list[Finding]:
-    """Names that gain nearly as much as the general law.
-
-    The best one also where it loses no more than noise makes it lose.
-    """
-    carrying = [name for name in names if _carries(name, general)]
-    if carrying or not names:
-        return carrying
-    by_noise = _lost_by_noise(names[0], general, rng)
-    return [name for name in names[:1] if _carries(name, general, by_noise)]
-
-
-def _enriches(promise: _Promise) -> bool:
-    """Whether a promise only adds to an effect that is there."""
-    general = promise.general
-    if general is None or general.after is None:
-        return False
-    return general.after.effects[-1].enriches
-
-
-def _as_enrichment(name: Finding, state: SearchState) -> Finding:
-    """A name whose effect only adds to one that is there."""
-    assert name.after is not None
-    new = name.new_effects(state.effects)
-    effects = [replace(e, enriches=True) if e in new else e for e in name.after.effects]
-    after = replace(name.after, effects=tuple(effects))
-    return replace(name, after=after)
-
-
-def _carries(name: Finding, general: Finding | None, allowance: float = 0.0) -> bool:
-    """Whether a name gains nearly as much as the general law.
-
-    But for an allowance, dB.
-    """
-    if name.value <= 0 or name.reduction is None:
-        return False
-    if general is None or general.reduction is None:
-        return True
-    without_fold = general.reduction.without_fold - name.reduction.without_fold
-    error = float(np.sqrt(variance(without_fold)))
-    lost = general.value - name.value - allowance
-    nearly = max(JUDGE.loss_of_simplest * general.value, error)
-    return lost <= max(CLASSES.loss_of_name, min(nearly, CLASSES.most_lost))
-
-
-def _without_noise(
-    name: Finding, names: Sequence[Finding], rng: np.random.Generator
-) -> Finding:
-    """A special case of a name that only noise makes lose against it; else the name."""
-    law = name.candidate.law
-    for simpler in names:
-        fewer = simpler.n_parameters < name.n_parameters
-        if fewer and law.contains(simpler.candidate.law):
-            by_noise = _lost_by_noise(simpler, name, rng)
-            noise_matters = by_noise > CLASSES.loss_of_name
-            if noise_matters and _carries(simpler, name, by_noise):
-                return simpler
-    return name
-
-
-def _lost_by_noise(
-    name: Finding, general: Finding | None, rng: np.random.Generator
-) -> float:
-    """What noise makes a name lose against the general law, dB."""
-    if general is None or name.value < CLASSES.share_of_name * general.value:
-        return 0.0
-    assert name.after is not None
-    return _gain_by_noise(name.after, general, rng)
-
-
-def _gain_by_noise(
-    truth: SearchState, finding: Finding, rng: np.random.Generator
-) -> float:
-    """What a finding gains over a state whose model is the truth, dB.
-
-    On records that this model would have produced with fresh noise; the largest of
-    some draws.
-    """
-    if truth.records is None or finding.after is None:
-        return 0.0
-    gains = []
-    for drawn in simulated(truth.records, truth.model, rng, CLASSES.draws):
-        with suppress(NRFError):
-            before = truth.model.refitted(drawn.spectra)
-            after = finding.after.model.refitted(drawn.spectra)
-            gains.append(after.reduction_from(before).value)
-    return max([0.0, *gains])
-
-
-def _simplest_name(
-    names: Sequence[Finding], state: SearchState
-) -> tuple[Finding, list[Finding]]:
-    """The simplest name within a standard error of the best, and those as good."""
-    ranked = judge.ranked(names, state)
-    place = judge.simplest(ranked)
-    return ranked[place].finding, judge.rivals(ranked, place)
-
-
-def _best_and_best_tie(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """The best proposal, and the best tie: some are there at all floors at once."""
-    ranked = sorted(proposals, key=lambda proposal: -proposal.value)
-    ties = [p for p in ranked if p.naming.effect_class == "tie"]
-    return list(dict.fromkeys([ranked[0], *ties[:1]]))
-
-
-def _at_all_storeys(
-    best: Proposal, places: Sequence[Place], state: SearchState, room: int
-) -> list[Proposal]:
-    """The name of the best place at all storeys at once."""
-    law = best.finding.candidate.law
-    laws = [law, *(rival.candidate.law for rival in best.naming.rivals)]
-    laws = laws[: CLASSES.together]
-    candidates = []
-    for place in places:
-        together = 1 < len(place.sites) <= room and not _effects_at(place, state)
-        if together and place.effect_class == best.naming.effect_class:
-            candidates += [c for c in place.names if c.law in laws]
-    proposals = []
-    for finding in best_findings(state, candidates, CLASSES.together):
-        if finding.reduction is not None and _is_needed_everywhere(finding, state):
-            naming = Naming(best.naming.effect_class, finding.candidate.law.name)
-            proposals.append(Proposal(finding, finding.reduction, naming))
-    return proposals
-
-
-def _is_needed_everywhere(finding: Finding, state: SearchState) -> bool:
-    """Whether an effect of several sites is there at each, beside the others."""
-    if finding.after is None or len(finding.candidate.sites) < 2:
-        return False
-    for effect in finding.new_effects(state.effects):
-        without = finding.after.without([effect])
-        alone = finding.after.model.reduction_from(without.model)
-        if not judge.is_there(alone):
-            return False
-    return True
 
 
 def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:

@@ -89,7 +89,8 @@ def alternatives_of(
         stretches = _strongest_stretches(data)
         if identified is not None:
             stretches = free_of_noise(identified, stretches)
-        comparison = _Comparison(problem, stretches)
+        # free of noise, floors without a force hold their residuals as one
+        comparison = _Comparison(problem, stretches, data.forced)
         alternatives = [
             *_other_structures(comparison),
             *_dashpots_to_the_ground(comparison),
@@ -114,15 +115,19 @@ def _strongest_stretches(data: Dataset) -> Dataset:
 
 @dataclass(frozen=True)
 class _Comparison:
-    """What alternatives are compared with."""
+    """What alternatives are compared with.
+
+    ``forced`` are the DOFs that a force drives.
+    """
 
     problem: Problem
     data: Dataset
+    forced: tuple[int, ...]
 
     @cached_property
     def estimate(self) -> Estimate:
         """The estimate without an alternative."""
-        return least_squares(self.problem, self.data)
+        return least_squares(self.problem, self.data, self.forced)
 
     @property
     def model(self) -> ChainModel:
@@ -181,7 +186,7 @@ class _Comparison:
         Both models are compared by some of their numbers.
         """
         problem = self.problem.with_laws(more)
-        estimate = least_squares(problem, self.data)
+        estimate = least_squares(problem, self.data, self.forced)
         resolver = _of_few_pieces(
             least_squares_resolver(problem, estimate.order, self.data)
         )
@@ -373,7 +378,7 @@ class _Change:
 
 def _other_channels(comparison: _Comparison) -> Iterator[Alternative]:
     """A gain of all sensors of each floor, and a corner of each force."""
-    for change in _changes(comparison.data):
+    for change in _changes(comparison.data, comparison.forced):
         try:
             alternative = _with_change(comparison, change)
         except NRFError:
@@ -448,11 +453,11 @@ def _size(comparison: _Comparison, squares: np.ndarray) -> float:
     return float(squares.sum(axis=0) @ comparison.weights)
 
 
-def _changes(data: Dataset) -> Iterator[_Change]:
+def _changes(data: Dataset, forced: tuple[int, ...]) -> Iterator[_Change]:
     for j in range(1, data.n_dof + 1):
         text = f"a gain of {{:.3g}} in all sensors of DOF {j}"
         yield _Change(text, f"dof {j}", 1.0, _STEP, partial(_with_gain, dof=j))
-    for j in data.forced:
+    for j in forced:
         step = _STEP / _seconds_of_force(data, j)
         text = f"a high-pass filter at {{:.3g}} Hz in F{j}"
         yield _Change(text, f"sensor F{j}", 0.0, step, partial(_without_corner, dof=j))
@@ -507,7 +512,7 @@ class _Changed:
 def _changed(comparison: _Comparison, change: _Change, amount: float) -> _Changed:
     segments = [change.apply(segment, amount) for segment in comparison.data.segments]
     data = replace(comparison.data, segments=segments)
-    model = least_squares(comparison.problem, data).model
+    model = least_squares(comparison.problem, data, comparison.forced).model
     return _Changed(
         model,
         comparison.parameters(model),
@@ -525,10 +530,12 @@ def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
         if not np.isfinite(samples):
             continue
         dof = int(str(channel)[1:])
+        if dof not in comparison.forced:
+            continue
         segments = [_with_force_in_time(s, dof, samples) for s in data.segments]
         shifted_data = replace(data, segments=segments)
         try:
-            model = least_squares(problem, shifted_data).model
+            model = least_squares(problem, shifted_data, comparison.forced).model
         except NRFError:
             continue
         squares = comparison.squares_of(model, problem, shifted_data)

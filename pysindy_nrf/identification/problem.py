@@ -290,9 +290,15 @@ class Estimate(NamedTuple):
     declared: Problem | None = None
 
 
-def least_squares(problem: Problem, data: Dataset) -> Estimate:
-    """Masses, shape parameters and coefficients, whatever the constraints are."""
-    order = problem.solve_order(data.forced, data.unknown)
+def least_squares(
+    problem: Problem, data: Dataset, forced: tuple[int, ...] | None = None
+) -> Estimate:
+    """Masses, shape parameters and coefficients, whatever the constraints are.
+
+    ``forced`` are the DOFs that a force drives, those with a force if None.
+    """
+    driven = data.forced if forced is None else forced
+    order = problem.solve_order(driven, data.unknown)
     chain_solve.require_samples(data, order, problem.layout)
     chain_solve.require_moving(data, problem.layout)
     chain_solve.require_clock(data, problem.layout)

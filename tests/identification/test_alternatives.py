@@ -40,9 +40,14 @@ def named(fitted):
 
 
 def test_a_frame_that_is_right_and_shaken_in_all_modes_is_green():
-    fitted = NRFRegressor(degree=1).fit(shaken(frame(), ALL_MODES))
+    """Gains of the sensors are one, and a gain of one moves no mass."""
+    fitted = NRFRegressor(degree=1).fit(shaken(frame(), ALL_MODES, dof=1))
     assert fitted.verdict().state == "green"
     assert fitted.masses_ == pytest.approx(MASSES, rel=0.02)
+    alternatives = fitted.result_.alternatives
+    gains = [abs(each.change) for each in alternatives if each.place[:3] == "dof"]
+    assert len(gains) == 3
+    assert max(gains) < 0.01
 
 
 @pytest.mark.parametrize("top", [FIRST_MODE, ALL_MODES])

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .dispersion import NEIGHBOURS, dispersion_of
+from .dispersion import dispersion_of
+from .neighbours import LEAST_LEFT, NEIGHBOURS
 from .penalised import PenalisedFit, fitted, scores_of
 from .scan import Noise, step_scan
 from .splines import Course, constant, p_spline
@@ -27,8 +28,6 @@ LEAST_DISTANCE = 8
 STRONG = 10.0
 # Intervals of the splines of all coefficients at once, by which the noise is seen.
 COARSE_INTERVALS = 20
-# Share of the noise that these splines leave in a short record, at least.
-LEAST_LEFT = 0.25
 # Passes in which equations are weighted, and the dispersion is estimated.
 PASSES = 3
 

@@ -9,12 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from .neighbours import NEIGHBOURS
 from .penalised import PenalisedFit
-
-# Neighbours of a piece, of an eighth of a period, that are taken together: half a
-# period. On 40 chains with 1 and 5 % noise, wider windows read little more than what
-# the course itself has absorbed.
-NEIGHBOURS = 4
 
 
 def dispersion_of(fit: PenalisedFit, unknown: int) -> float:

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from .neighbours import LEAST_LEFT, NEIGHBOURS, together
 from .splines import Course
 
 # Strengths of a penalty, over the information of its coefficient: beyond them the
@@ -45,6 +46,9 @@ class PenalisedFit:
         Of all courses, one after the other.
     covariance : ndarray of shape (n_functions, n_functions)
         Posterior.
+    shown : ndarray of shape (n_functions, n_functions), optional
+        The same with the noise that the pieces show, neighbours together, where it was
+        computed.
     """
 
     products: np.ndarray
@@ -52,6 +56,12 @@ class PenalisedFit:
     strengths: np.ndarray
     coefficients: np.ndarray
     covariance: np.ndarray
+    shown: np.ndarray | None = None
+
+    @property
+    def uncertainty(self) -> np.ndarray:
+        """Covariance of the coefficients for bands."""
+        return self.covariance if self.shown is None else self.shown
 
     @cached_property
     def places(self) -> list[slice]:
@@ -66,7 +76,7 @@ class PenalisedFit:
         """Its posterior variance."""
         columns = self.courses[unknown].columns
         here = self.places[unknown]
-        return np.einsum("pi,ij,pj->p", columns, self.covariance[here, here], columns)
+        return np.einsum("pi,ij,pj->p", columns, self.uncertainty[here, here], columns)
 
     def smoothed(self, unknown: int) -> np.ndarray:
         """What the penalties have taken from a course.
@@ -153,8 +163,17 @@ def two_stage(fit: PenalisedFit, crossed: np.ndarray) -> PenalisedFit:
     explained = np.linalg.solve(instruments / over + ridge, columns / over)
     information = (columns / over).T @ explained + linalg.block_diag(*penalties) / over
     covariance = np.linalg.inv(information + ridge) / over
-    coefficients = covariance @ (unit * (explained.T @ (target / unit)))
-    return replace(fit, coefficients=coefficients, covariance=covariance)
+    gain = covariance @ (unit[:, None] * explained.T / unit)
+    penalty = linalg.block_diag(*penalties)
+    solved = replace(fit, coefficients=gain @ target, covariance=covariance)
+
+    weights = np.column_stack([-solved.over_time, np.ones(len(crossed))])
+    scores = np.matmul(crossed, weights[:, :, None])[:, :, 0]
+    n_absorbed = sum(fit.freedom(c) for c in range(len(fit.courses)))
+    left = 1 - n_absorbed * (NEIGHBOURS + 1) / len(crossed)
+    noise = together(solved.by_function(scores)) / max(left, LEAST_LEFT)
+    shown = gain @ noise @ gain.T + covariance @ penalty @ covariance
+    return replace(solved, shown=shown)
 
 
 def _in_functions(products: np.ndarray, courses: Sequence[Course]) -> np.ndarray:

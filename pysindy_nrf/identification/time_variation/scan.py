@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from .dispersion import NEIGHBOURS
+from .neighbours import NEIGHBOURS, together
 from .penalised import PenalisedFit
 
 # Half cosines that a gradual change is tested by.
@@ -91,12 +91,7 @@ class FurtherFunctions:
     @property
     def covariance(self) -> np.ndarray:
         """Covariance of the scores as the pieces show it, neighbours together."""
-        x = self.influences
-        total = x.T @ x
-        for lag in range(1, NEIGHBOURS + 1):
-            cross = x[lag:].T @ x[:-lag]
-            total = total + (1 - lag / (NEIGHBOURS + 1)) * (cross + cross.T)
-        return total
+        return together(self.influences)
 
 
 @dataclass(frozen=True, eq=False)

@@ -174,7 +174,7 @@ def _variance_of_change(fit: PenalisedFit, number: int) -> float:
     columns = fit.courses[number].columns
     here = fit.places[number]
     difference = columns[-1] - columns[0]
-    return float(difference @ fit.covariance[here, here] @ difference)
+    return float(difference @ fit.uncertainty[here, here] @ difference)
 
 
 def _steps(fitter: CourseFitter, shaped: ShapedFit, number: int) -> list[Step]:

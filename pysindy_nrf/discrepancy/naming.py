@@ -1,0 +1,255 @@
+"""The name of a place: does a law of the catalogue carry what stands best there?
+
+A name has fewer parameters than the general law of its class. It carries the model if
+it explains nearly as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..equations.normal_equations import variance
+from ..exceptions import NRFError
+from . import judge
+from .bootstrap import simulated
+from .candidate_search import best_findings
+from .effects import Finding, SearchState
+from .error_reduction import ErrorReduction
+from .judge import JUDGE
+from .places import Place
+from .promises import Promise, effects_at
+
+
+@dataclass(frozen=True)
+class NamingSettings:
+    """When a name carries."""
+
+    # Names of a place that are refined.
+    finalists: int = 4
+    # Names of the best place that are tried at all storeys at once.
+    together: int = 2
+    # A name carries the model if it loses at most so much against the general law, dB,
+    # or a standard error or a tenth up to a limit: it has fewer parameters, but another
+    # class takes what an inexact law leaves.
+    loss_of_name: float = 0.25
+    most_lost: float = 0.75
+    # Besides it may lose what noise makes it lose, if it has this part of the gain: a
+    # curve bends where noise in the rate rounds a friction.
+    share_of_name: float = 0.5
+    # Draws of noise; a further one exceeds the largest of three in a quarter of cases.
+    draws: int = 3
+
+
+NAMING = NamingSettings()
+
+
+@dataclass(frozen=True)
+class Naming:
+    """A class, its general law, and the closest name.
+
+    Attributes
+    ----------
+    effect_class : str
+    closest : str
+        Name of the law of the class that leaves least.
+    share : float
+        Part of the error reduction of the effect that the closest name has, in dB.
+    carries : bool
+        Whether the name carries the model, and not the general law.
+    rivals : sequence of Finding
+        Other names that explain the data as well.
+    names : sequence of Finding
+        All names of the place that were refined.
+    """
+
+    effect_class: str
+    closest: str = ""
+    share: float = 1.0
+    carries: bool = True
+    rivals: Sequence[Finding] = ()
+    names: Sequence[Finding] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """What stands best at a place, added to a state."""
+
+    finding: Finding
+    reduction: ErrorReduction
+    naming: Naming
+
+    @property
+    def value(self) -> float:
+        """Cross-validated error reduction over the state, dB."""
+        return self.reduction.value
+
+
+def proposal_of(
+    promise: Promise, state: SearchState, rng: np.random.Generator
+) -> Proposal | None:
+    """The best of the general law of a place and its names."""
+    place = promise.place
+    names = best_findings(promise.base, place.names, NAMING.finalists)
+    if _enriches(promise):
+        names = [_as_enrichment(name, state) for name in names]
+    general = promise.general
+    carrying = _carrying(names, general, rng)
+    if carrying:
+        name, rivals = _simplest_name(carrying, state)
+        name = _without_noise(name, names, rng)
+        assert name.reduction is not None
+        closest = name.candidate.law.name
+        naming = Naming(place.effect_class, closest, rivals=rivals, names=names)
+        return Proposal(name, name.reduction, naming)
+    if general is None or general.reduction is None:
+        return None
+
+    closest, share = "", 0.0
+    if names:
+        closest = names[0].candidate.law.name
+        share = max(names[0].value, 0.0) / general.value
+    naming = Naming(place.effect_class, closest, share, carries=False)
+    return Proposal(general, general.reduction, naming)
+
+
+def _carrying(
+    names: list[Finding], general: Finding | None, rng: np.random.Generator
+) -> list[Finding]:
+    """Names that gain nearly as much as the general law.
+
+    The best one also where it loses no more than noise makes it lose.
+    """
+    carrying = [name for name in names if _carries(name, general)]
+    if carrying or not names:
+        return carrying
+    by_noise = _lost_by_noise(names[0], general, rng)
+    return [name for name in names[:1] if _carries(name, general, by_noise)]
+
+
+def _enriches(promise: Promise) -> bool:
+    """Whether a promise only adds to an effect that is there."""
+    general = promise.general
+    if general is None or general.after is None:
+        return False
+    return general.after.effects[-1].enriches
+
+
+def _as_enrichment(name: Finding, state: SearchState) -> Finding:
+    """A name whose effect only adds to one that is there."""
+    assert name.after is not None
+    new = name.new_effects(state.effects)
+    effects = [replace(e, enriches=True) if e in new else e for e in name.after.effects]
+    after = replace(name.after, effects=tuple(effects))
+    return replace(name, after=after)
+
+
+def _carries(name: Finding, general: Finding | None, allowance: float = 0.0) -> bool:
+    """Whether a name gains nearly as much as the general law.
+
+    But for an allowance, dB.
+    """
+    if name.value <= 0 or name.reduction is None:
+        return False
+    if general is None or general.reduction is None:
+        return True
+    without_fold = general.reduction.without_fold - name.reduction.without_fold
+    error = float(np.sqrt(variance(without_fold)))
+    lost = general.value - name.value - allowance
+    nearly = max(JUDGE.loss_of_simplest * general.value, error)
+    return lost <= max(NAMING.loss_of_name, min(nearly, NAMING.most_lost))
+
+
+def _without_noise(
+    name: Finding, names: Sequence[Finding], rng: np.random.Generator
+) -> Finding:
+    """A special case of a name that only noise makes lose against it; else the name."""
+    law = name.candidate.law
+    for simpler in names:
+        fewer = simpler.n_parameters < name.n_parameters
+        if fewer and law.contains(simpler.candidate.law):
+            by_noise = _lost_by_noise(simpler, name, rng)
+            noise_matters = by_noise > NAMING.loss_of_name
+            if noise_matters and _carries(simpler, name, by_noise):
+                return simpler
+    return name
+
+
+def _lost_by_noise(
+    name: Finding, general: Finding | None, rng: np.random.Generator
+) -> float:
+    """What noise makes a name lose against the general law, dB."""
+    if general is None or name.value < NAMING.share_of_name * general.value:
+        return 0.0
+    assert name.after is not None
+    return gain_by_noise(name.after, general, rng)
+
+
+def gain_by_noise(
+    truth: SearchState, finding: Finding, rng: np.random.Generator
+) -> float:
+    """What a finding gains over a state whose model is the truth, dB.
+
+    On records that this model would have produced with fresh noise; the largest of
+    some draws.
+    """
+    if truth.records is None or finding.after is None:
+        return 0.0
+    gains = []
+    for drawn in simulated(truth.records, truth.model, rng, NAMING.draws):
+        with suppress(NRFError):
+            before = truth.model.refitted(drawn.spectra)
+            after = finding.after.model.refitted(drawn.spectra)
+            gains.append(after.reduction_from(before).value)
+    return max([0.0, *gains])
+
+
+def _simplest_name(
+    names: Sequence[Finding], state: SearchState
+) -> tuple[Finding, list[Finding]]:
+    """The simplest name within a standard error of the best, and those as good."""
+    ranked = judge.ranked(names, state)
+    place = judge.simplest(ranked)
+    return ranked[place].finding, judge.rivals(ranked, place)
+
+
+def best_and_best_tie(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """The best proposal, and the best tie: some are there at all floors at once."""
+    ranked = sorted(proposals, key=lambda proposal: -proposal.value)
+    ties = [p for p in ranked if p.naming.effect_class == "tie"]
+    return list(dict.fromkeys([ranked[0], *ties[:1]]))
+
+
+def at_all_storeys(
+    best: Proposal, places: Sequence[Place], state: SearchState, room: int
+) -> list[Proposal]:
+    """The name of the best place at all storeys at once."""
+    law = best.finding.candidate.law
+    laws = [law, *(rival.candidate.law for rival in best.naming.rivals)]
+    laws = laws[: NAMING.together]
+    candidates = []
+    for place in places:
+        together = 1 < len(place.sites) <= room and not effects_at(place, state)
+        if together and place.effect_class == best.naming.effect_class:
+            candidates += [c for c in place.names if c.law in laws]
+    proposals = []
+    for finding in best_findings(state, candidates, NAMING.together):
+        if finding.reduction is not None and _is_needed_everywhere(finding, state):
+            naming = Naming(best.naming.effect_class, finding.candidate.law.name)
+            proposals.append(Proposal(finding, finding.reduction, naming))
+    return proposals
+
+
+def _is_needed_everywhere(finding: Finding, state: SearchState) -> bool:
+    """Whether an effect of several sites is there at each, beside the others."""
+    if finding.after is None or len(finding.candidate.sites) < 2:
+        return False
+    for effect in finding.new_effects(state.effects):
+        without = finding.after.without([effect])
+        alone = finding.after.model.reduction_from(without.model)
+        if not judge.is_there(alone):
+            return False
+    return True

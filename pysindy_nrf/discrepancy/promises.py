@@ -1,0 +1,101 @@
+"""What the places of a chain promise beside a state: a grown law, or scanned names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from ..exceptions import NRFError
+from ..laws.atoms import SumOfAtoms
+from .candidate_search import scan
+from .dictionary import dictionary
+from .effects import Candidate, Effect, Finding, SearchState
+from .growth import grown_law
+from .places import Place, class_at
+
+
+@dataclass(frozen=True, eq=False)
+class Promise:
+    """What a place promises beside a base: a grown law, or the scan of its names."""
+
+    place: Place
+    base: SearchState
+    value: float
+    general: Finding | None = None
+
+
+def effects_at(place: Place, state: SearchState) -> list[Effect]:
+    """Effects of a class at a site, beside which there is no second one."""
+    chain = state.model.base
+    effects = []
+    for effect in state.effects:
+        if effect.is_fault or effect.site not in place.sites:
+            continue
+        same = class_at(effect.template, effect.site, chain) == place.effect_class
+        if same and not effect.template.superposes:
+            effects.append(effect)
+    return effects
+
+
+def enrichment_of(
+    place: Place, state: SearchState, effects: Sequence[Effect]
+) -> Promise | None:
+    """What atoms promise beside an effect that is there: no claim of its own.
+
+    A general law is grown anew, a name is given a general law beside it, once.
+    """
+    if not place.grows or len(effects) > 1:
+        return None
+    effect = effects[0]
+    if not isinstance(effect.law, SumOfAtoms):
+        general = _grown(place, state, enriches=True)
+        if general is None:
+            return None
+        return Promise(place, state, general.value, general)
+    general = _grown(place, state.without([effect]))
+    if general is None or general.after is None:
+        return None
+    reduction = general.after.model.reduction_from(state.model)
+    nameless = replace(place, names=())
+    general = replace(general, reduction=reduction)
+    return Promise(nameless, state, reduction.value, general)
+
+
+def promise_of(place: Place, state: SearchState) -> Promise | None:
+    """What a place promises beside a state; None if nothing can stand there."""
+    if place.grows:
+        general = _grown(place, state)
+        if general is None:
+            return None
+        return Promise(place, state, general.value, general)
+    best = 0.0
+    for candidate in place.quick_names:
+        finding = scan(state, candidate, state)
+        if finding is not None:
+            best = max(best, finding.screened)
+    return Promise(place, state, best) if best > 0 else None
+
+
+def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding | None:
+    """The general law of a place beside a state."""
+    (site,) = place.sites
+    atoms = dictionary(place.effect_class, site, state.model.spectra.data)
+    if atoms is None:
+        return None
+    try:
+        law = grown_law(state.model, site, atoms)
+        if law is None:
+            return None
+        after = state.model.with_laws([(site, law)])
+    except NRFError:
+        return None
+    reduction = after.reduction_from(state.model)
+    effects = (*state.effects, Effect(law, site, law, enriches=enriches))
+    return Finding(
+        Candidate(law, (site,)),
+        (law,),
+        state,
+        reduction.value,
+        reduction,
+        SearchState(after, effects, state.records),
+    )

@@ -1,4 +1,4 @@
-"""What the places of a chain promise beside a state: a grown law, or scanned names."""
+"""What the places of a chain add to a state: a grown law, or scanned names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .places import Place, class_at
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """What a place promises beside a base: a grown law, or the scan of its names."""
+    """What a place adds to a base: a grown law, or the scan of its names."""
 
     place: Place
     base: SearchState
@@ -25,7 +25,7 @@ class Promise:
 
 
 def effects_at(place: Place, state: SearchState) -> list[Effect]:
-    """Effects of a class at a site, beside which there is no second one."""
+    """Effects of a class at a site that allow no second one."""
     chain = state.model.base
     effects = []
     for effect in state.effects:
@@ -40,9 +40,9 @@ def effects_at(place: Place, state: SearchState) -> list[Effect]:
 def enrichment_of(
     place: Place, state: SearchState, effects: Sequence[Effect]
 ) -> Promise | None:
-    """What atoms promise beside an effect that is there: no claim of its own.
+    """What atoms add to an effect that is there, which makes no new claim.
 
-    A general law is grown anew, a name is given a general law beside it, once.
+    A general law is grown again; a name gets a general law at its site, once.
     """
     if not place.grows or len(effects) > 1:
         return None
@@ -62,7 +62,7 @@ def enrichment_of(
 
 
 def promise_of(place: Place, state: SearchState) -> Promise | None:
-    """What a place promises beside a state; None if nothing can stand there."""
+    """What a place adds to a state; None if nothing can stand there."""
     if place.grows:
         general = _grown(place, state)
         if general is None:
@@ -77,7 +77,7 @@ def promise_of(place: Place, state: SearchState) -> Promise | None:
 
 
 def _grown(place: Place, state: SearchState, enriches: bool = False) -> Finding | None:
-    """The general law of a place beside a state."""
+    """The general law of a place, added to a state."""
     (site,) = place.sites
     atoms = dictionary(place.effect_class, site, state.model.spectra.data)
     if atoms is None:

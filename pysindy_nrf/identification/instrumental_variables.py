@@ -41,7 +41,8 @@ SETTLED = 1e-3
 OTHER_NOISE = 1e-2
 # Relative change of a mass in the last round above which the rounds diverged.
 DIVERGED = 1e-2
-# Allowed fall of the correlation with the motion below that of the best round.
+# Allowed fall of the correlation with the motion below that of the best round, or of
+# least squares.
 CORRELATION_DROP = 0.05
 
 CURE = (
@@ -146,10 +147,8 @@ def instrumental_variables(
     if failure is None:
         return rounds.final_result()
 
-    # least squares runs as well
-    if best is None or best.correlation < max(
-        rounds.first_correlation, LEAST_CORRELATION
-    ):
+    least = max(rounds.first_correlation - CORRELATION_DROP, LEAST_CORRELATION)
+    if best is None or best.correlation < least:
         raise IdentifiabilityError(failure.what, failure.cure) from failure
 
     doubt = (

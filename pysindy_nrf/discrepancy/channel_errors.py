@@ -108,6 +108,8 @@ class ChannelErrors:
         See :func:`pysindy_nrf.close_loop`.
     known : sequence of Effect
         Effects that were found.
+    left_out : str
+        A channel whose errors are not among them.
     """
 
     def __init__(
@@ -116,6 +118,7 @@ class ChannelErrors:
         records: PreparedRecords,
         tolerances: Mapping[str, float],
         known: Sequence[Effect],
+        left_out: str = "",
     ) -> None:
         self.spectra = spectra
         self.data: SearchData = spectra.data
@@ -124,7 +127,8 @@ class ChannelErrors:
         self.readings = {
             i: ChannelReadings(self.data, records, i) for i in self.data.searched
         }
-        self.errors = self._possible(tolerances, known)
+        possible = self._possible(tolerances, known)
+        self.errors = [error for error in possible if error.channel != left_out]
         # what errors change in rows: of the last model, and of the one before
         self._changes: dict[_Touched, np.ndarray] = {}
         self._earlier_changes: dict[_Touched, np.ndarray] = {}
@@ -352,11 +356,17 @@ class ChannelErrorTest:
         there = judge.is_there(beyond, law) and beyond.value >= least
         return BeyondErrors(beyond, there)
 
-    def explain(
-        self, before: FittedModel, records: PreparedRecords, known: Sequence[Effect]
+    def of_other_channels(
+        self,
+        channel: str,
+        before: FittedModel,
+        records: PreparedRecords,
+        known: Sequence[Effect],
     ) -> float:
-        """Error reduction of likely errors of all channels, dB."""
-        errors = self._errors_on(before.spectra, records, known)
+        """Error reduction of likely errors of all channels but one, dB."""
+        errors = ChannelErrors(
+            before.spectra, records, self.tolerances, known, left_out=channel
+        )
         freed = errors.freed(before, limit=CHANNEL_ERRORS.likely)
         return freed.model.reduction_from(before).value
 

@@ -317,15 +317,18 @@ class ClassSearch:
     ) -> bool:
         """Whether errors of the channels within their tolerances explain a finding.
 
-        The same errors in all records. A fault that another channel witnesses is more
-        than such an error.
+        The same errors in all records. A fault is such an error itself: those of the
+        other channels explain it, unless another channel of its DOF witnesses it.
         """
         state, test = finding.before, self.tools.errors
         assert state.records is not None
         if finding.witnessed:
             return False
         if finding.is_fault:
-            of_errors = test.explain(before, state.records, state.effects)
+            channel = finding.candidate.sites[0].channel
+            of_errors = test.of_other_channels(
+                channel, before, state.records, state.effects
+            )
             return of_errors > after.reduction_from(before).value
         law = finding.candidate.law
         beyond = test.beyond(after, before, law, state.records, state.effects)

@@ -24,6 +24,7 @@ from ..diagnosis.motions import covariates_with_base
 from ..exceptions import NRFError, NRFWarning
 from ..identification.door import COMPLETE_RECORDS, choose_method
 from ..identification.problem import DEFAULT_DEGREE
+from ..identification.regressor import NRFRegressor
 from ..identification.result import IdentificationResult
 from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
@@ -65,41 +66,69 @@ def final_estimate(
         coordinates="relative",
         dt=None,
     )
+    passed = [_with_base(record) for record in records]
+    withheld = ""
+    if _frees_shapes(laws, request):
+        # a free run of shapes that are only a start is not worth its time
+        method = "ls" if estimator.estimation == "ls" else "iv"
+        start = _fitted(clone(estimator).set_params(estimation=method), passed)
+        estimate = None if start is None else _with_free_shapes(start, request)
+        if estimate is not None and not estimate.intervals_withheld:
+            return estimate
+        withheld = "" if estimate is None else estimate.intervals_withheld
+
+    result = _fitted(estimator, passed)
+    if result is None or not withheld:
+        return result
+    return replace(result, doubts=(*result.doubts, withheld))
+
+
+def _fitted(
+    estimator: NRFRegressor, records: Sequence[Record]
+) -> IdentificationResult | None:
+    """What an estimator makes of records; None if it cannot be fitted."""
     try:
         # the search has warned of the channels
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            fitted = estimator.fit([_with_base(record) for record in records])
+            return clone(estimator).fit(records).result_
     except NRFError:
         return None
-    return _with_free_shapes(fitted.result_, request)
+
+
+def _frees_shapes(
+    laws: Mapping[Site, Sequence[ForceLaw]], request: LoopRequest
+) -> bool:
+    """Whether the search gave values to shape parameters that can be estimated."""
+    declared = request.problem.laws
+    for site, group in laws.items():
+        freed = _to_be_estimated(group, declared.get(site, ()))
+        if any(law.free_shape for law in freed):
+            return True
+    return False
 
 
 def _with_free_shapes(
-    result: IdentificationResult, request: LoopRequest
-) -> IdentificationResult:
+    start: IdentificationResult, request: LoopRequest
+) -> IdentificationResult | None:
     """The estimate whose shape parameters start from those of the search.
 
     Intervals of coefficients would hold for the values of the search only. These stay
     where instruments settle on no others, and intervals are withheld for it.
     """
-    problem, data = result.problem, result.data
+    problem, data = start.problem, start.data
     declared = request.problem.laws
     free = {}
     for site, group in problem.laws.items():
         free[site] = _to_be_estimated(group, declared.get(site, ()))
     freed = replace(problem, laws=free, start=problem.laws)
-    if data is None or not freed.has_free_shapes:
-        return result
+    if data is None:
+        return None
     method = choose_method(request.baseline.estimation, COMPLETE_RECORDS)
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            estimate = method.identify(freed, data)
+            return method.identify(freed, data)
     except NRFError:
-        return result
-    if estimate.intervals_withheld:
-        doubts = (*result.doubts, estimate.intervals_withheld)
-        return replace(result, doubts=doubts)
-    return estimate
+        return None
 
 
 def _to_be_estimated(

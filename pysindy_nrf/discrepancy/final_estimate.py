@@ -57,30 +57,38 @@ def final_estimate(
     band : (float, float)
         Hz, of the search.
     """
+    estimator = _estimator_of(request, records, laws, band)
+    passed = [_with_base(record) for record in records]
+
+    freed = _with_free_shapes(laws, request.problem.laws)
+    estimate = None
+    if any(law.free_shape for group in freed.values() for law in group):
+        estimate = _estimate_of_shapes(estimator, passed, freed)
+    if estimate is not None and not estimate.intervals_withheld:
+        return estimate
+
+    result = _fitted(estimator, passed)
+    if result is None or estimate is None:
+        return result
+    return replace(result, doubts=(*result.doubts, estimate.intervals_withheld))
+
+
+def _estimator_of(
+    request: LoopRequest,
+    records: Sequence[Record],
+    laws: Mapping[Site, Sequence[ForceLaw]],
+    band: Band,
+) -> NRFRegressor:
+    """The baseline with other laws, in the band of the search."""
     has_clock = all(record.has_clock for record in records)
-    estimator = clone(request.baseline).set_params(
+    return clone(request.baseline).set_params(
         degree=DEFAULT_DEGREE,
         orders=None,
-        laws={str(site): list(at_site) for site, at_site in laws.items()},
+        laws={str(site): list(group) for site, group in laws.items()},
         band=band if has_clock and any(band) else None,
         coordinates="relative",
         dt=None,
     )
-    passed = [_with_base(record) for record in records]
-    withheld = ""
-    if _frees_shapes(laws, request):
-        # a free run of shapes that are only a start is not worth its time
-        method = "ls" if estimator.estimation == "ls" else "iv"
-        start = _fitted(clone(estimator).set_params(estimation=method), passed)
-        estimate = None if start is None else _with_free_shapes(start, request)
-        if estimate is not None and not estimate.intervals_withheld:
-            return estimate
-        withheld = "" if estimate is None else estimate.intervals_withheld
-
-    result = _fitted(estimator, passed)
-    if result is None or not withheld:
-        return result
-    return replace(result, doubts=(*result.doubts, withheld))
 
 
 def _fitted(
@@ -90,45 +98,47 @@ def _fitted(
     try:
         # the search has warned of the channels
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            return clone(estimator).fit(records).result_
+            return estimator.fit(records).result_
     except NRFError:
         return None
 
 
-def _frees_shapes(
-    laws: Mapping[Site, Sequence[ForceLaw]], request: LoopRequest
-) -> bool:
-    """Whether the search gave values to shape parameters that can be estimated."""
-    declared = request.problem.laws
-    for site, group in laws.items():
-        freed = _to_be_estimated(group, declared.get(site, ()))
-        if any(law.free_shape for law in freed):
-            return True
-    return False
-
-
-def _with_free_shapes(
-    start: IdentificationResult, request: LoopRequest
+def _estimate_of_shapes(
+    estimator: NRFRegressor,
+    records: Sequence[Record],
+    freed: Mapping[Site, tuple[ForceLaw, ...]],
 ) -> IdentificationResult | None:
     """The estimate whose shape parameters start from those of the search.
 
-    Intervals of coefficients would hold for the values of the search only. These stay
-    where instruments settle on no others, and intervals are withheld for it.
+    Intervals of coefficients would hold for the values of the search only. None where
+    it cannot be made; its intervals are withheld where instruments settle on no shapes.
     """
-    problem, data = start.problem, start.data
-    declared = request.problem.laws
-    free = {}
-    for site, group in problem.laws.items():
-        free[site] = _to_be_estimated(group, declared.get(site, ()))
-    freed = replace(problem, laws=free, start=problem.laws)
-    if data is None:
+    # The shapes of the search are only a start: a fit of their free run is not worth
+    # its time.
+    quick = "ls" if estimator.estimation == "ls" else "iv"
+    start = _fitted(clone(estimator).set_params(estimation=quick), records)
+    if start is None or start.data is None:
         return None
-    method = choose_method(request.baseline.estimation, COMPLETE_RECORDS)
+
+    problem = start.problem
+    problem = replace(problem, laws={**problem.laws, **freed}, start=problem.laws)
+    method = choose_method(estimator.estimation, COMPLETE_RECORDS)
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            return method.identify(freed, data)
+            return method.identify(problem, start.data)
     except NRFError:
         return None
+
+
+def _with_free_shapes(
+    laws: Mapping[Site, Sequence[ForceLaw]],
+    declared: Mapping[Site, Sequence[ForceLaw]],
+) -> dict[Site, tuple[ForceLaw, ...]]:
+    """Laws whose shape parameters are to be estimated where the search gave them."""
+    freed = {}
+    for site, group in laws.items():
+        freed[site] = _to_be_estimated(group, declared.get(site, ()))
+    return freed
 
 
 def _to_be_estimated(

@@ -130,16 +130,17 @@ class EffectJudge:
             return JudgedEffect(holds, "another record", NOT_JUDGED, heldout)
 
         law = finding.candidate.law
-        amplitude = NOT_JUDGED
-        if not (finding.is_fault or law.narrow_band):
-            amplitude = _on_amplitude(before, after, new)
+        if finding.is_fault or law.narrow_band:
+            holds = heldout.exceeds(EFFECT_JUDGE.least_alone, errors)
+            return JudgedEffect(holds, "another time", NOT_JUDGED, heldout)
+
+        amplitude = _on_amplitude(before, after, new)
         speaks_for = amplitude.exceeds(EFFECT_JUDGE.least, errors)
         # Amplitude and time go together in one record.
         if speaks_for and not law.permanent_change:
-            decisive: Condition = (
-                "another time" if heldout.fails else "another amplitude"
-            )
-            return JudgedEffect(not heldout.fails, decisive, amplitude, heldout)
+            if heldout.fails:
+                return JudgedEffect(False, "another time", amplitude, heldout)
+            return JudgedEffect(True, "another amplitude", amplitude, heldout)
         if _speaks_against(amplitude, law) or _stands_beside_another(new, state):
             return JudgedEffect(False, "another amplitude", amplitude, heldout)
         holds = heldout.exceeds(EFFECT_JUDGE.least_alone, errors)
@@ -239,7 +240,7 @@ def _speaks_against(amplitude: OtherCondition, law: ForceLaw) -> bool:
 
 
 def _stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
-    """Whether effects come to a site that has one of another class.
+    """Whether new effects come to a site that has one.
 
     What the law of that one misses repeats with every cycle: held-out time does not
     separate it from a second effect.

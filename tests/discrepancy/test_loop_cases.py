@@ -439,3 +439,21 @@ def test_a_step_in_a_heldout_piece_is_judged_on_the_others(t0):
     assert first < t0 < last and last - first > 0.5
     low, high = step.intervals["dk"]
     assert low < -3e3 < high
+
+
+def test_two_harmonic_forces_on_one_floor_are_two_effects():
+    """Pumps of 4.3 and 9.7 Hz on floor 1, of which no force channel knows."""
+    storey = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]
+    F = random_forces(3, 16.0, 3, 60.0, band=(0.5, 30), fs=400.0, seed=1)
+    t = np.arange(len(F)) / 400.0
+    pumps = np.zeros_like(F)
+    for frequency in (4.3, 9.7):
+        pumps[:, 0] += 25.0 * np.sin(2 * np.pi * frequency * t)
+    truth = ChainModel([10.0] * 3, {1: storey, 2: storey, 3: storey})
+    record = simulate(truth, F + pumps, 1 / 400).replace(force=F)
+
+    steps = loop(record, [laws.HarmonicForce(), laws.CubicStiffness()], 0.01).steps
+    claims = [(step.law, step.site) for step in steps if step.confirmed]
+    assert claims == [("harmonic_force", "dof 1")] * 2
+    frequencies = sorted(step.parameters["frequency"] for step in steps)
+    assert frequencies == pytest.approx([4.3, 9.7], rel=1e-3)

@@ -2,8 +2,8 @@
 
 A search reads balances one by one, by least squares, which noise in the motion biases.
 What a report says of masses, coefficients and their intervals is the estimate of
-:class:`~pysindy_nrf.NRFRegressor` with the same laws, in the band of the search, by the
-method that it chooses for these records.
+:class:`~pysindy_nrf.NRFRegressor` with the same laws, in the band of the search, by
+instruments unless the baseline asks for another method.
 """
 
 from __future__ import annotations
@@ -58,19 +58,18 @@ def final_estimate(
         Hz, of the search.
     """
     estimator = _estimator_of(request, records, laws, band)
-    passed = [_with_base(record) for record in records]
-
+    start = _fitted(estimator, [_with_base(record) for record in records])
     freed = _with_free_shapes(laws, request.problem.laws)
-    estimate = None
-    if any(law.free_shape for group in freed.values() for law in group):
-        estimate = _estimate_of_shapes(estimator, passed, freed)
-    if estimate is not None and not estimate.intervals_withheld:
-        return estimate
+    has_shapes = any(law.free_shape for group in freed.values() for law in group)
+    if start is None or start.data is None or not has_shapes:
+        return start
 
-    result = _fitted(estimator, passed)
-    if result is None or estimate is None:
-        return result
-    return replace(result, doubts=(*result.doubts, estimate.intervals_withheld))
+    estimate = _estimate_of_shapes(start, freed, estimator.estimation)
+    if estimate is None:
+        return start
+    if estimate.intervals_withheld:
+        return replace(start, doubts=(*start.doubts, estimate.intervals_withheld))
+    return estimate
 
 
 def _estimator_of(
@@ -79,9 +78,14 @@ def _estimator_of(
     laws: Mapping[Site, Sequence[ForceLaw]],
     band: Band,
 ) -> NRFRegressor:
-    """The baseline with other laws, in the band of the search."""
+    """The baseline with other laws, in the band of the search, by instruments.
+
+    The free run is fitted if the baseline asks for it: that takes many times longer.
+    """
     has_clock = all(record.has_clock for record in records)
+    estimation = request.baseline.estimation
     return clone(request.baseline).set_params(
+        estimation="iv" if estimation == "auto" else estimation,
         degree=DEFAULT_DEGREE,
         orders=None,
         laws={str(site): list(group) for site, group in laws.items()},
@@ -104,25 +108,18 @@ def _fitted(
 
 
 def _estimate_of_shapes(
-    estimator: NRFRegressor,
-    records: Sequence[Record],
+    start: IdentificationResult,
     freed: Mapping[Site, tuple[ForceLaw, ...]],
+    estimation: str,
 ) -> IdentificationResult | None:
     """The estimate whose shape parameters start from those of the search.
 
     Intervals of coefficients would hold for the values of the search only. None where
     it cannot be made; its intervals are withheld where instruments settle on no shapes.
     """
-    # The shapes of the search are only a start: a fit of their free run is not worth
-    # its time.
-    quick = "ls" if estimator.estimation == "ls" else "iv"
-    start = _fitted(clone(estimator).set_params(estimation=quick), records)
-    if start is None or start.data is None:
-        return None
-
     problem = start.problem
     problem = replace(problem, laws={**problem.laws, **freed}, start=problem.laws)
-    method = choose_method(estimator.estimation, COMPLETE_RECORDS)
+    method = choose_method(estimation, COMPLETE_RECORDS)
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
             return method.identify(problem, start.data)

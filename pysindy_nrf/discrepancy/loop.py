@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 
 from threadpoolctl import threadpool_limits
 
-from ..common.warn import warn_user
-from ..exceptions import BiasWarning
 from ..identification.regressor import NRFRegressor
 from .balance_loop import BalanceLoop
 from .catalogue import LawOrClass
@@ -54,7 +52,10 @@ def close_loop(
     records : Record or sequence of Record
     baseline : NRFRegressor, optional
         The declared model; linear storeys if None (a spring without mass for records
-        without a clock). Its data are not used.
+        without a clock). Its data are not used. The search is least squares of each
+        equation of motion; the final estimate uses ``estimation`` (``"auto"`` by
+        instruments), ``strategy``, ``constraints`` and ``optimizer``. The free run is
+        fitted with ``estimation="simulation"`` only, which takes many times longer.
     catalogue : iterable of ForceLaw, optional
         Laws to try; all of :mod:`pysindy_nrf.laws` that can be an effect if None.
     heldout : Record or sequence of Record, optional
@@ -113,14 +114,6 @@ def close_loop(
     """
     limits = SearchLimits(max_steps, calibration, random_state, progress)
     request = read_request(records, heldout, baseline, catalogue, band, limits)
-    if request.unused_settings:
-        warn_user(
-            "close_loop fits each balance by plain least squares and does not use"
-            f" {', '.join(request.unused_settings)} of the baseline. Fit"
-            " NRFRegressor(laws=report.model.laws, ...) with it to the records"
-            " afterwards.",
-            BiasWarning,
-        )
 
     # the matrices are small: threads only get in each other's way
     with threadpool_limits(1):

@@ -11,9 +11,13 @@ import numpy as np
 
 from ..common import generator
 from ..exceptions import NRFError
-from ..identification.door import refuse_arguments
+from ..identification.door import (
+    RECORDS_WITH_GAPS,
+    choose_method,
+    refuse_arguments,
+)
 from ..identification.intervals import tolerances_of
-from ..identification.problem import LEAST_SQUARES, Problem
+from ..identification.problem import Problem
 from ..identification.regressor import NRFRegressor
 from ..laws.base import ForceLaw
 from ..laws.elastic import LinearElastic
@@ -90,22 +94,6 @@ class LoopRequest:
         """Faults of sensors in the catalogue."""
         return [law for law in self.catalogue if isinstance(law, SensorFault)]
 
-    @property
-    def unused_settings(self) -> list[str]:
-        """What the baseline asks for that the search does not use.
-
-        It is least squares, one balance after the other.
-        """
-        unused, baseline = [], self.baseline
-        if baseline.estimation not in LEAST_SQUARES:
-            unused.append(f"estimation={baseline.estimation!r}")
-        if baseline.strategy in ("complete", "joint"):
-            unused.append(f"strategy={baseline.strategy!r}")
-        for name in ("constraints", "optimizer"):
-            if getattr(baseline, name) is not None:
-                unused.append(f"{name}=")
-        return unused
-
 
 @dataclass(frozen=True)
 class SearchLimits:
@@ -143,8 +131,7 @@ def read_request(
 
     every = [*searched, *not_searched]
     if lacks_motion(every):
-        arguments = {"calibration": limits.calibration}
-        refuse_arguments(arguments, "a search with fewer sensors")
+        _refuse_settings_of_balances(model, limits)
     covariates = _shared_covariates(every)
     laws = _catalogue(catalogue, every, covariates)
     if not has_clock:
@@ -192,6 +179,18 @@ def _baseline(baseline: NRFRegressor | None, has_clock: bool) -> NRFRegressor:
             "Give e.g. NRFRegressor(degree=1).",
         )
     return baseline
+
+
+def _refuse_settings_of_balances(baseline: NRFRegressor, limits: SearchLimits) -> None:
+    """Refuse what has no part where the equations are channels, not balances."""
+    choose_method(baseline.estimation, RECORDS_WITH_GAPS)
+    settings = {
+        "calibration": limits.calibration,
+        "constraints": baseline.constraints,
+        "optimizer": baseline.optimizer,
+        "strategy": None if baseline.strategy == "auto" else baseline.strategy,
+    }
+    refuse_arguments(settings, "a search with fewer sensors")
 
 
 def _max_steps(asked: int | None, n_dof: int) -> int:

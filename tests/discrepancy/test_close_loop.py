@@ -8,6 +8,7 @@ from dataclasses import FrozenInstanceError
 from functools import cache
 
 import numpy as np
+import pysindy as ps
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -15,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from pysindy_nrf import (
     ChainModel,
     NRFRegressor,
+    Parameter,
     Record,
     Site,
     close_loop,
@@ -23,7 +25,6 @@ from pysindy_nrf import (
     simulate,
 )
 from pysindy_nrf.exceptions import (
-    BiasWarning,
     ChainError,
     ChannelError,
     DataQualityWarning,
@@ -338,11 +339,34 @@ def test_a_covariate_that_a_heldout_record_lacks_is_named_before_the_search():
         close_loop(with_u, baseline, FEWER_SENSORS, heldout=rec.replace(name="later"))
 
 
-def test_what_the_search_does_not_use_of_the_baseline_is_said():
-    baseline = NRFRegressor(degree=1, estimation="iv")
-    with pytest.warns(BiasWarning, match="does not use estimation='iv'") as caught:
-        close_loop(record(cubic, seed=1), baseline, FEWER_SENSORS, max_steps=0)
-    assert caught[0].filename == __file__
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"estimation": "ls"},
+        {"strategy": "sequential"},
+        {"optimizer": ps.STLSQ()},
+        {"constraints": {"m1 + m2": Parameter(20.0)}},
+    ],
+    ids=lambda setting: next(iter(setting)),
+)
+def test_a_setting_of_balances_is_refused_by_name_where_a_floor_has_no_sensor(setting):
+    rec = without_floor_2(record(cubic, seed=1))
+    baseline = NRFRegressor(degree=1, **setting)
+    with pytest.raises(ChainError, match=next(iter(setting))):
+        close_loop(rec, baseline, FEWER_SENSORS, max_steps=0)
+
+
+def test_the_final_estimate_is_made_as_the_baseline_says():
+    rec = record(cubic, seed=1)
+    tried = {"catalogue": [laws.CubicStiffness()], "max_steps": 1}
+    methods = {}
+    for estimation in ("auto", "ls", "simulation"):
+        baseline = NRFRegressor(degree=1, estimation=estimation)
+        report = close_loop(rec, baseline, **tried)
+        methods[estimation] = report.identified.method
+    assert methods["auto"] == "iv"
+    assert methods["ls"] == "ls"
+    assert methods["simulation"] in ("iv", "simulation")
 
 
 # -- held-out data have the last word ------------------------------------------

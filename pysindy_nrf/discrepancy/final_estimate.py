@@ -2,8 +2,9 @@
 
 A search reads balances one by one, by least squares, which noise in the motion biases.
 What a report says of masses, coefficients and their intervals is the estimate of
-:class:`~pysindy_nrf.NRFRegressor` with the same laws, in the band of the search, by
-instruments unless the baseline asks for another method.
+:class:`~pysindy_nrf.NRFRegressor` with the same laws, in the band of the search.
+Instruments serve where noise matters; the free run is fitted only where the baseline
+asks for that.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from sklearn.base import clone
 
 from ..chain.model import ChainModel
 from ..chain.sites import Site
@@ -23,12 +23,14 @@ from ..diagnosis.effects import Bounds
 from ..diagnosis.motions import covariates_with_base
 from ..exceptions import NRFError, NRFWarning
 from ..identification.door import COMPLETE_RECORDS, choose_method
-from ..identification.problem import DEFAULT_DEGREE
-from ..identification.regressor import NRFRegressor
+from ..identification.methods import IdentificationMethod, InstrumentsWithoutFreeRun
+from ..identification.problem import Problem
 from ..identification.result import IdentificationResult
 from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
 from ..laws.shape import Motion, Shape
+from ..records.dataset import Dataset
+from ..records.input_arrays import Input, InputSettings
 from ..records.record import Record
 from .prepare import Band
 from .report import LoopReport, Step
@@ -57,72 +59,65 @@ def final_estimate(
     band : (float, float)
         Hz, of the search.
     """
-    estimator = _estimator_of(request, records, laws, band)
-    start = _fitted(estimator, [_with_base(record) for record in records])
-    freed = _with_free_shapes(laws, request.problem.laws)
-    has_shapes = any(law.free_shape for group in freed.values() for law in group)
-    if start is None or start.data is None or not has_shapes:
-        return start
+    problem = _problem_of(request, records, laws, band)
+    method = _method_of(request.baseline.estimation)
+    every_law = [law for group in problem.laws.values() for law in group]
+    settings = InputSettings(
+        has_memory=any(law.has_memory for law in every_law),
+        needs_clock=problem.needs_clock,
+    )
+    try:
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            # the search has warned of the channels
+            data = method.read(Input(list(map(_with_base, records))), settings)
+    except NRFError:
+        return None
 
-    estimate = _estimate_of_shapes(start, freed, estimator.estimation)
-    if estimate is None:
-        return start
-    if estimate.intervals_withheld:
-        return replace(start, doubts=(*start.doubts, estimate.intervals_withheld))
-    return estimate
+    freed = _with_free_shapes(problem.laws, request.problem.laws)
+    if not any(law.free_shape for group in freed.values() for law in group):
+        return _estimate(method, problem, data)
+
+    # intervals of coefficients would hold for the shapes of the search only
+    with_shapes = replace(problem, laws=freed, start=problem.laws)
+    estimate = _estimate(method, with_shapes, data)
+    if estimate is not None and not estimate.intervals_withheld:
+        return estimate
+
+    fixed = _estimate(method, problem, data)
+    if fixed is None or estimate is None:
+        return fixed
+    return replace(fixed, doubts=(*fixed.doubts, estimate.intervals_withheld))
 
 
-def _estimator_of(
+def _problem_of(
     request: LoopRequest,
     records: Sequence[Record],
     laws: Mapping[Site, Sequence[ForceLaw]],
     band: Band,
-) -> NRFRegressor:
-    """The baseline with other laws, in the band of the search, by instruments.
-
-    The free run is fitted if the baseline asks for it: that takes many times longer.
-    """
+) -> Problem:
+    """That of the baseline with other laws, in the band of the search."""
     has_clock = all(record.has_clock for record in records)
-    estimation = request.baseline.estimation
-    return clone(request.baseline).set_params(
-        estimation="iv" if estimation == "auto" else estimation,
-        degree=DEFAULT_DEGREE,
-        orders=None,
-        laws={str(site): list(group) for site, group in laws.items()},
+    return replace(
+        request.problem,
+        laws={site: tuple(group) for site, group in laws.items()},
         band=band if has_clock and any(band) else None,
-        coordinates="relative",
-        dt=None,
     )
 
 
-def _fitted(
-    estimator: NRFRegressor, records: Sequence[Record]
+def _method_of(estimation: str) -> IdentificationMethod[Dataset]:
+    """How the estimate is made; the free run is fitted only where that is asked for."""
+    if estimation == "auto":
+        return InstrumentsWithoutFreeRun()
+    return choose_method(estimation, COMPLETE_RECORDS)
+
+
+def _estimate(
+    method: IdentificationMethod[Dataset], problem: Problem, data: Dataset
 ) -> IdentificationResult | None:
-    """What an estimator makes of records; None if it cannot be fitted."""
-    try:
-        # the search has warned of the channels
-        with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            return estimator.fit(records).result_
-    except NRFError:
-        return None
-
-
-def _estimate_of_shapes(
-    start: IdentificationResult,
-    freed: Mapping[Site, tuple[ForceLaw, ...]],
-    estimation: str,
-) -> IdentificationResult | None:
-    """The estimate whose shape parameters start from those of the search.
-
-    Intervals of coefficients would hold for the values of the search only. None where
-    it cannot be made; its intervals are withheld where instruments settle on no shapes.
-    """
-    problem = start.problem
-    problem = replace(problem, laws={**problem.laws, **freed}, start=problem.laws)
-    method = choose_method(estimation, COMPLETE_RECORDS)
+    """What a method makes of a problem; None if it cannot be solved."""
     try:
         with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            return method.identify(problem, start.data)
+            return method.identify(problem, data)
     except NRFError:
         return None
 

@@ -227,6 +227,12 @@ class LeastSquaresOrInstruments(InstrumentalVariables):
         return examined_result(finding)
 
 
+class InstrumentsWithoutFreeRun(LeastSquaresOrInstruments):
+    """The same without a fit of the free run, which takes many times longer."""
+
+    refinement = "iv"
+
+
 def _warn_of_doubts(finding: Finding) -> None:
     """One warning of everything that is doubtful of an estimate."""
     if not finding.is_least_squares:

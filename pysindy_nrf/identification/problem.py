@@ -24,12 +24,12 @@ from ..equations.inner_optimizer import (
 )
 from ..equations.normal_equations import NormalEquations
 from ..equations.shape_search import estimate_shapes
-from ..exceptions import ChainError
+from ..exceptions import ChainError, LawError
 from ..laws import ForceLaw
 from ..records.dataset import Dataset
 from ..records.input_arrays import from_arrays
 from ..records.record import Record
-from ..records.zero_phase_filter import ZeroPhaseFilter, filters_of
+from ..records.zero_phase_filter import ZeroPhaseFilter, edges_of, filters_of
 from .constraints import constrained
 from .intervals import least_squares_resolver
 from .parameters import Parameter, as_parameters
@@ -302,6 +302,7 @@ def least_squares(
     chain_solve.require_samples(data, order, problem.layout)
     chain_solve.require_moving(data, problem.layout)
     chain_solve.require_clock(data, problem.layout)
+    _require_constants_in_band(problem)
 
     filters = problem.filters(data)
     declared = problem if problem.has_free_shapes else None
@@ -313,6 +314,21 @@ def least_squares(
     if needs_samples(problem.optimizer):
         problem = replace(problem, optimizer=KeptTerms.of(solution.inner))
     return Estimate(problem, followed, model, solution, sums, declared)
+
+
+def _require_constants_in_band(problem: Problem) -> None:
+    """Refuse constant forces where the band leaves out 0 Hz."""
+    low = None if problem.band is None else edges_of(problem.band)[0]
+    if not low:
+        return
+    for site, group in problem.laws.items():
+        for law in group:
+            if law.variable == "1":
+                raise LawError(
+                    f"{law.name} at {site} cannot be seen in a band that begins at"
+                    f" {low:g} Hz",
+                    "Leave out the lower edge of the band, or the law.",
+                )
 
 
 def _with_shapes(

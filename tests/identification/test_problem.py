@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from pysindy_nrf import Chain, ChainOptimizer, NRFRegressor, Problem, datasets, laws
-from pysindy_nrf.exceptions import ChainError, ExcitationError, IdentifiabilityError
+from pysindy_nrf.exceptions import (
+    ChainError,
+    ExcitationError,
+    IdentifiabilityError,
+    LawError,
+)
 
 LINEAR = (laws.PowerSeries(1),)
 
@@ -62,6 +67,17 @@ def test_a_problem_survives_pickling():
     again = pickle.loads(pickle.dumps(problem))
     assert again.known_masses == problem.known_masses
     assert again.laws == problem.laws
+
+
+@pytest.mark.parametrize("estimation", ["ls", "iv", "auto", "simulation"])
+def test_a_constant_force_is_refused_in_a_band_without_0_hz(estimation):
+    laws_of_sites = {i: [laws.PowerSeries(1)] for i in (1, 2, 3)}
+    laws_of_sites["dof 2"] = [laws.ConstantForce()]
+    estimator = NRFRegressor(laws=laws_of_sites, estimation=estimation)
+    record = datasets.load_demo()
+    estimator.set_params(band=(None, 60.0)).fit(record)
+    with pytest.raises(LawError, match=r"constant_force at dof 2 .* 1 Hz"):
+        estimator.set_params(band=(1.0, 60.0)).fit(record)
 
 
 def test_links_join_the_chain():

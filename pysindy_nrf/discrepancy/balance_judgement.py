@@ -286,16 +286,16 @@ def _finished(
 ) -> list[Step]:
     """The steps with the certainty of their names.
 
-    A name is sure that another record has judged, where it carries the model and no
-    other is as good, there or elsewhere; none with memory beside a filtered channel.
+    A name is sure that another record has judged, where it carries the model and the
+    records refute every other, there and elsewhere; none with memory beside a filtered
+    channel.
     """
     steps = []
     for draft, certainty in zip(drafts, remainder.certainty.effects):
         step = draft.step
         relaxes = filtered and draft.effect.law.has_memory
         laws_beside = [*step.laws_beside, *certainty.laws_beside]
-        elsewhere = any(site != step.site for _, site, _ in step.rivals)
-        is_only = not (step.alternatives or elsewhere or laws_beside)
+        is_only = not (step.rivals or step.alternatives or laws_beside)
         is_named = step.carries and is_only
         judged = draft.confirmed and step.judged_by == "another record"
         sure = judged and is_named and draft.plausible and not relaxes

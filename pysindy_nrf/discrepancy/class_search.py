@@ -19,14 +19,17 @@ from .channel_errors import ChannelErrorTest
 from .constants import best_constant, state_with_means
 from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
 from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
+from .error_reduction import REDUCTION
 from .fitted_model import FittedModel
 from .judge import JUDGE
 from .naming import (
+    NAMING,
     Naming,
     Proposal,
     at_all_storeys,
     best_and_best_tie,
     gain_by_noise,
+    names_beyond,
     proposal_of,
 )
 from .places import Place
@@ -274,17 +277,39 @@ class ClassSearch:
     ) -> Proposal:
         """A proposal with names and places that another record does not refute."""
         proposal, naming = best.proposal, best.proposal.naming
-        finding = proposal.finding
         if best.judged.condition != "another record":
             return proposal
-        others = [name for name in naming.names if name.candidate != finding.candidate]
-        others += [p.finding for p in proposals if not _adds_to(p, proposal)]
         rivals = list(naming.rivals)
-        for other in others:
-            is_new = other not in rivals and other.after is not None
-            if is_new and not self.tools.judge.prefers(finding, other, state):
+        if naming.names:
+            rivals = self._names_as_good(proposal, state)
+        for elsewhere in proposals:
+            other = elsewhere.finding
+            is_new = other not in rivals and not _adds_to(elsewhere, proposal)
+            if is_new and not self.tools.judge.prefers(proposal.finding, other, state):
                 rivals.append(other)
         return replace(proposal, naming=replace(naming, rivals=rivals))
+
+    def _names_as_good(self, proposal: Proposal, state: SearchState) -> list[Finding]:
+        """Other names of a place that the two records do not refute.
+
+        A law that contains the name is another one only where it gains something.
+        """
+        name, naming = proposal.finding, proposal.naming
+        others = [n for n in naming.names if n.candidate != name.candidate]
+        others += names_beyond(name, naming, self._place_of(proposal))
+        prefers, errors = self.tools.judge.prefers, REDUCTION.sure_errors
+
+        as_good = []
+        for other in others:
+            if other.candidate.law.contains(name.candidate.law):
+                is_rival = prefers(other, name, state, NAMING.gain_of_general, errors)
+            else:
+                least = JUDGE.least_reduction
+                is_worse = prefers(name, other, state, least, errors)
+                is_rival = other in naming.rivals or not is_worse
+            if is_rival:
+                as_good.append(other)
+        return as_good
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
         """What speaks against a proposal: errors of channels, the free run, chance."""

@@ -191,15 +191,22 @@ class EffectJudge:
         limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
         return not after <= limit
 
-    def prefers(self, finding: Finding, other: Finding, state: SearchState) -> bool:
+    def prefers(
+        self,
+        finding: Finding,
+        other: Finding,
+        state: SearchState,
+        least: float = 0.0,
+        errors: float = EFFECT_JUDGE.errors_of_first,
+    ) -> bool:
         """Whether a finding is better than another on the record that judges.
 
-        By more than the standard error of the difference.
+        By so many dB, and by more than so many standard errors of the difference.
         """
         assert finding.after is not None and other.after is not None
         new = finding.new_effects(state.effects)
         reduction = self._on_heldout(other.after.model, finding.after.model, new)
-        return reduction.exceeds(0.0, EFFECT_JUDGE.errors_of_first)
+        return reduction.exceeds(least, errors)
 
     def _on_heldout(
         self, before: FittedModel, after: FittedModel, new: Iterable[Effect]

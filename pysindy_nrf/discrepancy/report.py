@@ -92,8 +92,8 @@ class Step:
     remainder : float
         Share of the effect (noise taken off) that stays unexplained.
     sure : bool
-        Whether another record has judged it, its name carries the model, and every
-        other name and place is worse on that record by more than a standard error.
+        Whether another record has judged it, its name carries the model, and the
+        records refute every other name and place.
     evidence : str
         Why it was accepted.
     rivals : list of (law, site, error reduction in dB)

@@ -419,8 +419,9 @@ class ForceLaw:
     def contains(self, other: ForceLaw) -> bool:
         """True if another law is a special case of this one.
 
-        If the drift keeps its sign, a function of the drift alone differs little from a
-        constant. A constant therefore counts as its special case.
+        Special cases of its special cases count. If the drift keeps its sign, a
+        function of the drift alone differs little from a constant, which therefore
+        counts, too.
 
         Parameters
         ----------
@@ -439,7 +440,10 @@ class ForceLaw:
         """
         if self.variable == "s" and other.variable == "1":
             return True
-        return isinstance(other, tuple(self.special_cases))
+        for case in self.special_cases:
+            if isinstance(other, case) or case().contains(other):
+                return True
+        return False
 
     # -- values --------------------------------------------------------------------
 

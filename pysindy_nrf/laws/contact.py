@@ -50,6 +50,22 @@ class _OneSided(_Contact):
         return np.append(super().theta, self.side)
 
 
+class Bilinear(_Contact):
+    """Breathing crack: a spring for positive drift only, ``R = dk max(s, 0)``.
+
+    dk may have either sign. With a linear spring k the stiffness is k + dk for s > 0
+    and k for s < 0 (Chondros, Dimarogonas, Yao, J. Sound Vib. 239, 2001).
+    """
+
+    name = "bilinear"
+    columns = (Term("dk", "max(s, 0)", "N/m"),)
+    nonnegative = ()
+
+    @staticmethod
+    def kernel(s, v, a, t, u, z, theta, out):
+        out[0] = np.maximum(s, 0.0)
+
+
 class OneSidedGap(_OneSided):
     r"""Bumper on one side: a spring that acts beyond a gap.
 
@@ -74,6 +90,7 @@ class OneSidedGap(_OneSided):
     name = "one_sided_gap"
     shapes = (_GAP,)
     labels = {1: "max(s - gap, 0)", -1: "min(s + gap, 0)"}
+    special_cases = {Bilinear: lambda c: OneSidedGap(1e-12, c.values[0])}
 
     def __init__(
         self, gap: float | None = None, k: float | None = None, side: int = 1
@@ -97,6 +114,7 @@ class PreloadedContact(_OneSided):
     name = "preloaded_contact"
     shapes = (Shape("u", "m", 0.05, 4.0, "s"),)
     labels = {1: "max(s, -u)", -1: "min(s, u)"}
+    special_cases = {Bilinear: lambda c: PreloadedContact(1e-12, c.values[0])}
 
     def __init__(
         self, u: float | None = None, k: float | None = None, side: int = 1
@@ -168,19 +186,3 @@ class DeadZone(_Contact):
         low = theta[0] * (theta[1] - 1.0)
         high = theta[0] * (theta[1] + 1.0)
         out[0] = np.maximum(s - high, 0.0) + np.minimum(s - low, 0.0)
-
-
-class Bilinear(_Contact):
-    """Breathing crack: a spring for positive drift only, ``R = dk max(s, 0)``.
-
-    dk may have either sign. With a linear spring k the stiffness is k + dk for s > 0
-    and k for s < 0 (Chondros, Dimarogonas, Yao, J. Sound Vib. 239, 2001).
-    """
-
-    name = "bilinear"
-    columns = (Term("dk", "max(s, 0)", "N/m"),)
-    nonnegative = ()
-
-    @staticmethod
-    def kernel(s, v, a, t, u, z, theta, out):
-        out[0] = np.maximum(s, 0.0)

@@ -264,6 +264,34 @@ def test_a_name_is_sure_that_another_record_has_judged():
     assert step.confirmed and step.sure
 
 
+def quadratic_damping(t, x, v):
+    rate = v[1] - v[0]
+    return on_storey_2(300.0 * rate * abs(rate))
+
+
+def first_name(effect, catalogue, noise):
+    """The first step of a search that another record judges."""
+    searched = record(effect, seed=3, noise=noise)
+    other = record(effect, seed=4, noise=noise, name="other")
+    report = close_loop(searched, catalogue=catalogue, heldout=other, max_steps=1)
+    return report.steps[0]
+
+
+def test_a_name_is_not_sure_beside_another_that_is_nearly_as_good():
+    """Noise in the rate rounds friction: a low power of the rate is rounded, too."""
+    alike = [laws.RegularizedFriction(), laws.PowerLawDamping()]
+    step = first_name(friction_above, alike, noise=0.1)
+    assert step.law == "regularized_friction"
+    assert step.confirmed and step.carries and not step.sure
+    assert [rival[:2] for rival in step.rivals] == [("power_law_damping", "storey 3")]
+
+
+def test_a_name_is_sure_where_a_law_that_contains_it_gains_nothing():
+    both = [laws.QuadraticDamping(), laws.PowerLawDamping()]
+    step = first_name(quadratic_damping, both, noise=0.002)
+    assert (step.law, step.sure, step.rivals) == ("quadratic_damping", True, [])
+
+
 # -- arguments -----------------------------------------------------------------
 
 

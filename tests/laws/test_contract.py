@@ -273,7 +273,13 @@ def test_a_law_contains_its_special_cases_by_their_class():
     assert controlled.contains(friction)
     assert not friction.contains(controlled)
     assert laws.DeadZone().contains(laws.OneSidedGap(side=-1))
-    assert not laws.DeadZone().contains(laws.Bilinear())
+    assert not laws.DeadZone().contains(laws.CubicStiffness())
+
+
+def test_a_law_contains_what_its_special_cases_contain():
+    assert laws.DeadZone().contains(laws.Bilinear())
+    assert laws.asymmetric(laws.BacklashFriction)().contains(laws.Jenkins())
+    assert not laws.Bilinear().contains(laws.DeadZone())
 
 
 def test_a_spring_contains_a_constant_which_a_damper_does_not():

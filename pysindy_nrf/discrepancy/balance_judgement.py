@@ -278,7 +278,8 @@ def _draft(
         judged_error=judged.decisive.error,
         laws_beside=[effect.law.name for effect in beside],
     )
-    return replace(draft, step=step)
+    plausible = draft.plausible and not naming.one_shape
+    return replace(draft, step=step, plausible=plausible)
 
 
 def _finished(

@@ -29,7 +29,7 @@ from .naming import (
     at_all_storeys,
     best_and_best_tie,
     gain_by_noise,
-    names_beyond,
+    other_names,
     proposal_of,
 )
 from .places import Place
@@ -280,7 +280,7 @@ class ClassSearch:
         if best.judged.condition != "another record":
             return proposal
         rivals = list(naming.rivals)
-        if naming.names:
+        if naming.carries and not proposal.finding.is_fault:
             rivals = self._names_as_good(proposal, state)
         for elsewhere in proposals:
             other = elsewhere.finding
@@ -295,8 +295,7 @@ class ClassSearch:
         A law that contains the name is another one only where it gains something.
         """
         name, naming = proposal.finding, proposal.naming
-        others = [n for n in naming.names if n.candidate != name.candidate]
-        others += names_beyond(name, naming, self._place_of(proposal))
+        others = other_names(name, naming, self._place_of(proposal))
         prefers, errors = self.tools.judge.prefers, REDUCTION.sure_errors
 
         as_good = []

@@ -16,7 +16,7 @@ from ..equations.normal_equations import variance
 from ..exceptions import NRFError
 from . import judge
 from .bootstrap import simulated
-from .candidate_search import best_findings
+from .candidate_search import SEARCH, best_findings, refined_finding, scan
 from .effects import Finding, SearchState
 from .error_reduction import ErrorReduction
 from .judge import JUDGE
@@ -67,6 +67,9 @@ class Naming:
         Other names that explain the data as well.
     names : sequence of Finding
         All names of the place that were refined.
+    one_shape : bool
+        Whether several sites share the shape parameters of the name. Where they differ
+        a wrong law with more of them is better than the right one.
     """
 
     effect_class: str
@@ -75,6 +78,7 @@ class Naming:
     carries: bool = True
     rivals: Sequence[Finding] = ()
     names: Sequence[Finding] = ()
+    one_shape: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,15 +123,24 @@ def proposal_of(
     return Proposal(general, general.reduction, naming)
 
 
-def names_beyond(name: Finding, naming: Naming, place: Place) -> list[Finding]:
-    """Laws of a place that contain a name, and were not refined beside it.
+def other_names(name: Finding, naming: Naming, place: Place) -> list[Finding]:
+    """All names of a place but one, refined at its sites.
 
-    The scan of a law of many shapes is coarse, and misses what its special case finds.
+    The scan of a law of many shapes is coarse, and that of a steep one misses its peak:
+    the right one may not be among the finalists.
     """
-    law = name.candidate.law
-    refined = [other.candidate for other in naming.names]
-    general = [c for c in place.names if c.law.contains(law) and c not in refined]
-    return best_findings(name.before, general, len(general))
+    others = [other for other in naming.names if other.candidate != name.candidate]
+    refined = {name.candidate, *(other.candidate for other in others)}
+    enough = SEARCH.share_of_best * name.value
+    for of_place in place.names:
+        candidate = replace(of_place, sites=name.candidate.sites)
+        if candidate in refined:
+            continue
+        scanned = scan(name.before, candidate, name.before)
+        other = refined_finding(scanned, enough) if scanned else None
+        if other is not None:
+            others.append(other)
+    return others
 
 
 def _carrying(
@@ -252,7 +265,9 @@ def at_all_storeys(
     proposals = []
     for finding in best_findings(state, candidates, NAMING.together):
         if finding.reduction is not None and _is_needed_everywhere(finding, state):
-            naming = Naming(best.naming.effect_class, finding.candidate.law.name)
+            law = finding.candidate.law
+            effect_class, one_shape = best.naming.effect_class, bool(law.shapes)
+            naming = Naming(effect_class, law.name, one_shape=one_shape)
             proposals.append(Proposal(finding, finding.reduction, naming))
     return proposals
 

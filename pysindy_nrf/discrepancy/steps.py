@@ -29,7 +29,8 @@ class StepDraft:
     confirmed : bool
         Whether held-out data confirm it.
     plausible : bool
-        Whether it is sure to be there and its coefficients may be real.
+        Whether it is sure to be there, its coefficients may be real, and its shape
+        parameters are its own.
     step : Step
     """
 

@@ -607,9 +607,8 @@ def parameters_of(
         f"m{j}": mass for j, mass in enumerate(model.masses, start=1) if j not in known
     }
     for site, force in model.restoring_forces.items():
-        if force.laws:
-            for term, coefficient in force.coefficients.items():
-                values[f"{site}: {term}"] = coefficient
+        for term, coefficient in force.coefficients_by_term.items():
+            values[f"{site}: {term}"] = coefficient
     return pd.Series(values, dtype=float)
 
 

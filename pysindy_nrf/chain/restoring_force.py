@@ -34,12 +34,19 @@ class RestoringForce:
         return any(law.has_memory for law in self.laws)
 
     @property
-    def coefficients(self) -> pd.Series:
+    def coefficients_by_term(self) -> dict[str, float]:
         """Coefficients by term (``"v"``, ``"s"``, ``"v^2 s"``, ...), SI units."""
         values: list[float] = []
         for law in self.laws:
             values.extend(map(float, law.values))
-        terms = pd.Index(distinct_labels(self.laws), name="term")
+        return dict(zip(distinct_labels(self.laws), values))
+
+    @property
+    def coefficients(self) -> pd.Series:
+        """The same as a Series, whose index is named ``term``."""
+        by_term = self.coefficients_by_term
+        terms = pd.Index(list(by_term), name="term")
+        values = list(by_term.values())
         return pd.Series(values, index=terms, name=str(self.site), dtype=float)
 
     @property

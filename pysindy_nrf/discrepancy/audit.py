@@ -10,7 +10,6 @@ from ..report.words import BAND_FOUND, band_text
 from .amplitude import AMPLITUDE
 from .bands import BANDS
 from .candidate_search import SEARCH
-from .certainty import CERTAINTY
 from .channel_errors import CHANNEL_ERRORS
 from .channel_spectra import CHANNELS
 from .claims import CLAIMS
@@ -68,7 +67,6 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "confirmation": CONFIRMATION,
     "free run": FREE_RUN,
     "claims": CLAIMS,
-    "certainty": CERTAINTY,
     "residual": RESIDUAL,
     "fewer sensors": CHANNELS,
 }

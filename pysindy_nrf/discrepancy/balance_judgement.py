@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 from ..exceptions import NRFError
 from . import wording
 from .bootstrap import SimulatedRecords, simulated
-from .certainty import CERTAINTY, CertaintyReport, certainty_of
+from .catalogue import same_balance
 from .claims import why_no_claim
 from .class_search import ClassResult, ClassSearch, TriedEffect
 from .contradictions import Contradiction
@@ -64,28 +63,20 @@ class BalanceOutcome:
 
 
 @dataclass(frozen=True, eq=False)
-class Remainder:
-    """What the final model leaves unexplained.
+class BalanceJudgement:
+    """What the loop concludes, with all that the report needs.
 
     Attributes
     ----------
-    certainty : CertaintyReport
-        Compared with what noise leaves.
+    judgement : Judgement
+    outcome : BalanceOutcome
     noise : SimulatedRecords or None
         What the final model would have produced; None if it has no free run.
     """
 
-    certainty: CertaintyReport
-    noise: SimulatedRecords | None
-
-
-@dataclass(frozen=True, eq=False)
-class BalanceJudgement:
-    """What the loop concludes, with all that the report needs."""
-
     judgement: Judgement
-    remainder: Remainder
     outcome: BalanceOutcome
+    noise: SimulatedRecords | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +128,8 @@ class BalanceJudge:
             drafts = [] if unfit else [draft.refused() for draft in drafts]
             judged = judged[:1] if unfit else judged
 
-        remainder = self._remainder(judged[final].model, drafts)
         judgement = Judgement(
-            _finished(drafts, remainder, self._has_filtered_channel()),
+            _finished(drafts, self._has_filtered_channel()),
             judged,
             final,
             [*stopped, *self._remarks()],
@@ -147,7 +137,8 @@ class BalanceJudge:
             result.last,
             bool(no_claim),
         )
-        return BalanceJudgement(judgement, remainder, self.outcome)
+        noise = self._drawn_from(judged[final].model)
+        return BalanceJudgement(judgement, self.outcome, noise)
 
     # -- the course of the search, on all samples ------------------------------
 
@@ -230,7 +221,7 @@ class BalanceJudge:
             spectra = self.heldout.spectra_with_means(spectra)
         return model.refitted(spectra)
 
-    # -- words and remainder ---------------------------------------------------
+    # -- words and noise ---------------------------------------------------
 
     def _why_stopped(self) -> list[str]:
         """Why the search added no further effect."""
@@ -239,15 +230,13 @@ class BalanceJudge:
             return [wording.enough_effects(self.request.max_steps)]
         return [wording.best_refused(result.last, result.why_refused)]
 
-    def _remainder(self, final: FittedModel, drafts: Sequence[StepDraft]) -> Remainder:
-        """What the final model leaves beside noise."""
-        outcome, state = self.outcome, self.outcome.result.state
-        assert state.records is not None
-        on_excerpts = outcome.on_excerpts(final)
-        draws = simulated(state.records, on_excerpts, self.request.rng, CERTAINTY.draws)
-        noise = next(draws, None)
-        every = draws if noise is None else chain([noise], draws)
-        return Remainder(certainty_of(drafts, final, every), noise)
+    def _drawn_from(self, final: FittedModel) -> SimulatedRecords | None:
+        """Records that the final model would have produced."""
+        outcome = self.outcome
+        records = outcome.result.state.records
+        assert records is not None
+        draws = simulated(records, outcome.on_excerpts(final), self.request.rng)
+        return next(draws, None)
 
     def _has_filtered_channel(self) -> bool:
         """Whether a channel has passed a high-pass filter, which relaxes as laws do."""
@@ -282,9 +271,7 @@ def _draft(
     return replace(draft, step=step, plausible=plausible)
 
 
-def _finished(
-    drafts: Sequence[StepDraft], remainder: Remainder, filtered: bool
-) -> list[Step]:
+def _finished(drafts: Sequence[StepDraft], filtered: bool) -> list[Step]:
     """The steps with the certainty of their names.
 
     A name is sure that another record has judged, where it carries the model and the
@@ -292,16 +279,27 @@ def _finished(
     channel.
     """
     steps = []
-    for draft, certainty in zip(drafts, remainder.certainty.effects):
+    for draft in drafts:
         step = draft.step
         relaxes = filtered and draft.effect.law.has_memory
-        laws_beside = [*step.laws_beside, *certainty.laws_beside]
+        laws_beside = [*step.laws_beside, *_laws_beside(draft, drafts)]
         is_only = not (step.rivals or step.alternatives or laws_beside)
         is_named = step.carries and is_only
         judged = draft.confirmed and step.judged_by == "another record"
         sure = judged and is_named and draft.plausible and not relaxes
-        steps.append(draft.finished(laws_beside, certainty.remainder, sure))
+        steps.append(replace(step, laws_beside=laws_beside, sure=sure))
     return steps
+
+
+def _laws_beside(draft: StepDraft, drafts: Iterable[StepDraft]) -> list[str]:
+    """Other confirmed laws in the same balance with the same motion."""
+    site = same_balance(draft.effect.site)
+    laws_beside = []
+    for other in drafts:
+        there = other is not draft and same_balance(other.effect.site) == site
+        if there and other.confirmed:
+            laws_beside.append(other.effect.law.name)
+    return laws_beside
 
 
 def _one_table(

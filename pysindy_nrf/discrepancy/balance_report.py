@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
@@ -26,6 +27,7 @@ from ..diagnosis.verdict import DOUBTFUL, FreeRuns, free_runs, suspect_channels
 from ..exceptions import NRFError
 from ..identification.alternatives import alternatives_of
 from ..identification.intervals import parameters_of
+from ..identification.result import IdentificationResult
 from ..identification.wiring import wiring_error
 from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
@@ -38,14 +40,13 @@ from .fitted_model import FittedModel
 from .free_run import FREE_RUN
 from .judgement import Judgement, measured_records, report_of
 from .prepare import Band, PreparedRecords
-from .report import LoopReport
+from .report import LoopReport, Step
 from .request import LoopRequest
 
 
 def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopReport:
     """Gather what the user reads."""
     judgement, outcome = concluded.judgement, concluded.outcome
-    remainder = concluded.remainder
     final = judgement.final_model.model
     noise = [recipe.noise for recipe in outcome.records.fusion]
     pieces, filters, _ = final.data_with_offsets.diagnosed().cut()
@@ -58,20 +59,58 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
         _band_of_estimate(request, judgement),
     )
     report = with_final_estimate(report, identified)
+    beyond_noise = _beyond_noise(final, identified)
     report = replace(
         report,
+        steps=_with_remainders(report.steps, final, beyond_noise),
         evidence=_evidence(concluded, report.models),
         measured=measured_records(outcome.records.records, noise, len(request.heldout)),
         loops=loops_of(report.model, pieces, filters),
         free_runs=_free_runs(report, outcome, final),
         lack_of_fit=_lack_of_fit(outcome.result.general),
-        beyond_noise=remainder.certainty.beyond_noise,
+        beyond_noise=beyond_noise,
         alternatives=_alternatives(request, outcome, report),
         unseen_drifts=unseen_drifts(outcome.measured.data),
         faults=suspect_channels(request.all_records),
         quality=_quality(outcome, final),
     )
     return _with_wiring(_with_ambiguity(report), request)
+
+
+def _beyond_noise(
+    final: FittedModel, identified: IdentificationResult | None
+) -> np.ndarray:
+    """What each equation of motion keeps beyond noise, percent, shape (n_dof,).
+
+    All that it keeps where the noise is not known.
+    """
+    errors = final.balance_errors
+    if identified is None:
+        return errors
+    beyond = identified.beside_noise.beyond(identified.unexplained)
+    return np.array([beyond.get(j, error) for j, error in enumerate(errors, start=1)])
+
+
+def _with_remainders(
+    steps: Sequence[Step], final: FittedModel, beyond_noise: np.ndarray
+) -> list[Step]:
+    """The steps with the share of each effect that its equations keep beyond noise."""
+    kept = float(np.nanmax(beyond_noise))
+    return [
+        replace(step, remainder=kept / _size_of_effect(step, final.balance_errors))
+        for step in steps
+    ]
+
+
+def _size_of_effect(step: Step, errors: np.ndarray) -> float:
+    """What was missing without an effect, percent; what is left now at least."""
+    site = Site(step.site)
+    balances = list(range(len(errors)))
+    if site.kind != "sensor":
+        touched = [j for j in balances if site.incidence(j + 1)]
+        balances = touched or balances
+    now = float(np.sqrt(np.mean(errors[balances] ** 2)))
+    return max(step.validation_before, now, 1e-300)
 
 
 def _with_ambiguity(report: LoopReport) -> LoopReport:
@@ -171,7 +210,7 @@ def _evidence(
     concluded: BalanceJudgement, models: Sequence[ChainModel]
 ) -> list[Evidence]:
     """What each model leaves: is it noise, where does it act, what is it like."""
-    judgement, noise = concluded.judgement, concluded.remainder.noise
+    judgement, noise = concluded.judgement, concluded.noise
     floor = None
     if noise is not None:
         pieces, filters, _ = noise.spectra.data.diagnosed().cut()

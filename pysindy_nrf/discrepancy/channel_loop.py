@@ -267,8 +267,12 @@ def _with_step(outcome: ChannelOutcome, number: int) -> ChannelOutcome:
     draft = draft_step(pair, decision, rivals)
     certain = draft.plausible and draft.confirmed and not draft.alternatives
     remainder = state.judged.error / before.error
-    step = draft.finished([], remainder, certain)
-    step = replace(step, evidence=step.evidence + _not_told_from(rivals))
+    step = replace(
+        draft.step,
+        sure=certain,
+        remainder=remainder,
+        evidence=draft.step.evidence + _not_told_from(rivals),
+    )
     return replace(
         outcome,
         steps=[*outcome.steps, step],

@@ -290,22 +290,23 @@ class ClassSearch:
         return replace(proposal, naming=replace(naming, rivals=rivals))
 
     def _names_as_good(self, proposal: Proposal, state: SearchState) -> list[Finding]:
-        """Other names of a place that the two records do not refute.
+        """Other names of a place that one of the two records does not refute.
 
         A law that contains the name is another one only where it gains something.
         """
         name, naming = proposal.finding, proposal.naming
-        others = other_names(name, naming, self._place_of(proposal))
-        prefers, errors = self.tools.judge.prefers, REDUCTION.sure_errors
+        prefers = self.tools.judge.prefers
+        least, errors = JUDGE.least_reduction, REDUCTION.sure_errors
 
         as_good = []
-        for other in others:
+        for other in other_names(name, naming, self._place_of(proposal)):
             if other.candidate.law.contains(name.candidate.law):
                 is_rival = prefers(other, name, state, NAMING.gain_of_general, errors)
             else:
-                least = JUDGE.least_reduction
-                is_worse = prefers(name, other, state, least, errors)
-                is_rival = other in naming.rivals or not is_worse
+                in_search = judge.is_better(name, other, least, errors)
+                is_rival = not (
+                    in_search and prefers(name, other, state, least, errors)
+                )
             if is_rival:
                 as_good.append(other)
         return as_good

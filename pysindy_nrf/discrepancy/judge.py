@@ -172,6 +172,20 @@ def _tied(
     return as_good
 
 
+def is_better(name: Finding, other: Finding, least: float, errors: float) -> bool:
+    """Whether a finding is better than another that is added to the same state.
+
+    By so many dB, and by more than so many standard errors of the difference, on
+    left-out folds.
+    """
+    if name.reduction is None or other.reduction is None:
+        return False
+    lead = name.value - other.value
+    lead_without_fold = name.reduction.without_fold - other.reduction.without_fold
+    error = float(np.sqrt(variance(lead_without_fold)))
+    return lead >= least and lead > errors * error
+
+
 def simplest(findings: Sequence[RankedFinding]) -> int:
     """Number of the simplest finding within a standard error of the best.
 

@@ -48,17 +48,6 @@ class StepDraft:
         """The same of a model of which nothing may be claimed."""
         return replace(self, confirmed=False, step=replace(self.step, confirmed=False))
 
-    def finished(self, laws_beside: list[str], remainder: float, sure: bool) -> Step:
-        """The step with the certainty of its name."""
-        return replace(
-            self.step, laws_beside=laws_beside, remainder=remainder, sure=sure
-        )
-
-    @property
-    def validation_before(self) -> float:
-        """Error of the search before it, percent."""
-        return self.step.validation_before
-
 
 def draft_step(
     searched: FoundEffect, decision: Decision, rivals: Sequence[Finding]

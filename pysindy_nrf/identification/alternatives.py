@@ -114,6 +114,25 @@ def _strongest_stretches(data: Dataset) -> Dataset:
 
 
 @dataclass(frozen=True)
+class _Measure:
+    """Numbers by which a model and an alternative are compared.
+
+    Attributes
+    ----------
+    numbers : callable
+        Gives the numbers of a model.
+    watched : Index
+        Names of those that an alternative must not move.
+    half_widths : ndarray of shape (n_numbers,)
+        Of the 95 % intervals in the model itself.
+    """
+
+    numbers: Statistic
+    watched: pd.Index
+    half_widths: np.ndarray
+
+
+@dataclass(frozen=True)
 class _Comparison:
     """What alternatives are compared with.
 
@@ -159,9 +178,12 @@ class _Comparison:
 
     def parameters(self, model: ChainModel) -> pd.Series:
         """Masses and coefficients of a model that has those of the problem at least."""
-        known_masses = self.problem.known_masses
-        names = parameters_of(self.model, known_masses).index
-        return parameters_of(model, known_masses)[names]
+        return parameters_of(model, self.problem.known_masses)[self.names]
+
+    @cached_property
+    def names(self) -> pd.Index:
+        """Names of the masses and coefficients that are identified."""
+        return parameters_of(self.model, self.problem.known_masses).index
 
     @cached_property
     def resolver(self) -> Resolver:
@@ -173,36 +195,34 @@ class _Comparison:
     @cached_property
     def masses_and_stiffnesses(self) -> pd.Index:
         """Names of those that are identified."""
-        names = parameters_of(self.model, self.problem.known_masses).index
-        is_mass = ~names.str.contains(":")
-        is_stiffness = names.str.match(r"storey \d+: s$")
-        return names[is_mass | is_stiffness]
+        is_mass = ~self.names.str.contains(":")
+        is_stiffness = self.names.str.match(r"storey \d+: s$")
+        return self.names[is_mass | is_stiffness]
 
-    def with_laws(
-        self, description: str, more: Laws, numbers: Statistic, watched: pd.Index
-    ) -> Alternative:
-        """The alternative that has some more laws.
+    def measure(self, numbers: Statistic, watched: pd.Index) -> _Measure:
+        """Some numbers, with their half-widths in the model itself."""
+        return _Measure(numbers, watched, _half_widths(self.resolver, numbers))
 
-        Both models are compared by some of their numbers.
-        """
+    def with_laws(self, description: str, more: Laws, measure: _Measure) -> Alternative:
+        """The alternative that has some more laws."""
         problem = self.problem.with_laws(more)
         estimate = least_squares(problem, self.data, self.forced)
         resolver = _of_few_pieces(
             least_squares_resolver(problem, estimate.order, self.data)
         )
-        here, there = numbers(self.model), numbers(estimate.model)
+        here = measure.numbers(self.model)
         numbers_beside = _Numbers(
             here,
-            there,
-            pd.Series(_half_widths(resolver, numbers), here.index),
-            pd.Series(_half_widths(self.resolver, numbers), here.index),
+            measure.numbers(estimate.model),
+            pd.Series(_half_widths(resolver, measure.numbers), here.index),
+            pd.Series(measure.half_widths, here.index),
         )
         squares = self.squares_of(estimate.model, problem, self.data)
         return self.alternative(
             description,
             ", ".join(more),
             numbers_beside,
-            watched,
+            measure.watched,
             squares,
             estimate.model,
         )
@@ -298,11 +318,19 @@ def _of_few_pieces(resolver: Resolver) -> Resolver:
 
 def _other_structures(comparison: _Comparison) -> Iterator[Alternative]:
     """A brace at each place where none is declared."""
-    numbers, watched = comparison.parameters, comparison.masses_and_stiffnesses
-    for site, description in _places_of_braces(comparison.problem).items():
+    places = _places_of_braces(comparison.problem)
+    if not places:
+        return
+    watched = comparison.masses_and_stiffnesses
+    try:
+        measure = comparison.measure(comparison.parameters, watched)
+    except NRFError:
+        # too few pieces of data for an interval
+        return
+    for site, description in places.items():
         brace = {site: (LinearElastic(), LinearViscous())}
         try:
-            yield comparison.with_laws(description, brace, numbers, watched)
+            yield comparison.with_laws(description, brace, measure)
         except NRFError:
             # these data cannot be solved with it, so they say nothing of it
             continue
@@ -338,7 +366,8 @@ def _dashpots_to_the_ground(comparison: _Comparison) -> Iterator[Alternative]:
     description = "dashpots from the floors to the ground"
     try:
         watched = damping_ratios(comparison.model).index
-        yield comparison.with_laws(description, dashpots, numbers, watched)
+        measure = comparison.measure(numbers, watched)
+        yield comparison.with_laws(description, dashpots, measure)
     except NRFError:
         return
 

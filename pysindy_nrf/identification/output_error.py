@@ -169,7 +169,7 @@ def output_error(
         low, high = noisy_fit.weighting.band
         if low >= high:
             return _start_kept("the records hold no motion in the band of the fit")
-        return _fit_if_better(noisy_fit, plain.u, halves or (start, start))
+        return _fit_if_better(noisy_fit, plain.u, start, halves or (start, start))
     except SimulationError as error:
         return _start_kept(error.what)
 
@@ -185,7 +185,10 @@ def _resolved_band(shots: Sequence[Shot], band: Band) -> tuple[float, float]:
 
 
 def _fit_if_better(
-    fit: FreeRunFit, first: np.ndarray, rivals: Sequence[ChainModel]
+    fit: FreeRunFit,
+    first: np.ndarray,
+    start: ChainModel,
+    rivals: Sequence[ChainModel],
 ) -> OutputErrorResult:
     """Fit to all data, if fits to each half predict the other half better.
 
@@ -194,6 +197,8 @@ def _fit_if_better(
     fit : FreeRunFit
     first : ndarray of shape (n_parameters,)
         First estimate.
+    start : ChainModel
+        By instruments from all data.
     rivals : sequence of two ChainModel
         By instruments from the first and from the second half.
     """
@@ -206,7 +211,7 @@ def _fit_if_better(
     for rival, fitted_rows, judged_rows in zip(
         rivals, rows_of_halves, reversed(rows_of_halves)
     ):
-        before.append(fit.error(rival, judged_rows))
+        before.append(_error_of_rival(fit, rival, start, judged_rows))
         refined = fit.solve(solution.u, fitted_rows, STEPS_OF_HALF, move=True)
         after.append(fit.error(refined.model, judged_rows))
 
@@ -219,6 +224,16 @@ def _fit_if_better(
         return OutputErrorResult(None, None, error_before, error_after, reason)
 
     return OutputErrorResult(solution, fit.rebuild, error_before, error_after)
+
+
+def _error_of_rival(
+    fit: FreeRunFit, rival: ChainModel, start: ChainModel, rows: Sequence[slice]
+) -> FreeRunError:
+    """Error of an estimate from one half; of that from all data if its run diverges."""
+    try:
+        return fit.error(rival, rows)
+    except SimulationError:
+        return fit.error(start, rows)
 
 
 def clearly_better(

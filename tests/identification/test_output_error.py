@@ -8,7 +8,8 @@ from chains import driven
 
 from pysindy_nrf import ChainModel, NRFRegressor, Site, excitation, laws, simulate
 from pysindy_nrf.equations import nrmse
-from pysindy_nrf.exceptions import BiasWarning
+from pysindy_nrf.exceptions import BiasWarning, SimulationError
+from pysindy_nrf.identification.output_error import output_error
 from pysindy_nrf.simulation import add_noise
 
 pytestmark = pytest.mark.slow
@@ -78,6 +79,23 @@ def test_records_of_a_quarter_second_keep_the_instrumental_estimate():
 
     with pytest.warns(BiasWarning, match="records are too short"):
         NRFRegressor(degree=1, estimation="simulation").fit(short)
+
+
+def test_a_half_whose_estimate_diverges_does_not_end_the_fit():
+    """Half a record may give negative damping; the whole one predicts better then."""
+    result = NRFRegressor(degree=1, estimation="iv").fit(measured(LINEAR, 1)).result_
+    grows = LINEAR.with_laws({1: laws.PowerSeries(1, [-5e3, 1e5])})
+    with pytest.raises(SimulationError):
+        simulate(grows, np.ones((4000, 2)), 1 / FS)
+    problem = result.problem
+    fits = []
+    for halves in ([grows, grows], None):
+        fits.append(
+            output_error(result.model, result.data, problem.layout, {}, halves=halves)
+        )
+    (fit, expected) = fits
+    assert fit.possible
+    np.testing.assert_allclose(fit.error_before, expected.error_before)
 
 
 def test_intervals_survive_saving(fits):

@@ -88,7 +88,7 @@ SINGLE = ("blind", "base", "acceleration")
 # Right answers in percent, by noise.
 TARGET = {0.0: 97.0, 0.01: 97.0, 0.05: 90.0}
 TARGET_ACCELERATION = 90.0
-SURE_RIGHT, RIGHT_SURE = 97.0, 60.0
+SURE_RIGHT, RIGHT_SURE = 98.0, 50.0
 
 
 # -- what to draw --------------------------------------------------------------

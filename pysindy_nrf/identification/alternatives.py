@@ -25,7 +25,7 @@ from ..chain.model import ChainModel
 from ..diagnosis.facts import Alternative, Move
 from ..diagnosis.force_delays import delays_of
 from ..diagnosis.open_alternatives import MUCH_WIDER
-from ..diagnosis.residual import residual_of
+from ..equations.errors import balance_sizes
 from ..exceptions import NRFError, NRFWarning
 from ..laws.base import ForceLaw
 from ..laws.elastic import LinearElastic, LinearViscous
@@ -38,7 +38,7 @@ from .intervals import (
     newey_west,
     parameters_of,
 )
-from .problem import Estimate, Problem, least_squares
+from .problem import Problem
 from .residual_along_runs import free_of_noise
 
 # Step of a change of the data for derivatives, as a share of the channel that changes;
@@ -133,6 +133,40 @@ class _Measure:
 
 
 @dataclass(frozen=True)
+class _Solved:
+    """A model that was solved from data, and the sums of their pieces.
+
+    Attributes
+    ----------
+    model : ChainModel
+    resolver : Resolver
+        Solves the model again on some pieces.
+    """
+
+    model: ChainModel
+    resolver: Resolver
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """Squared residuals, N^2, (n_pieces, n_dof); zero of an unknown equation."""
+        model, pieces = self.model, self.resolver.pieces
+        masses = dict(enumerate(model.masses, start=1))
+        squares = np.zeros((*pieces.shape, model.n_dof))
+        for dof in masses:
+            sizes = balance_sizes(dof, masses, model.coefficients, pieces)
+            if sizes is not None:
+                squares[:, dof - 1] = sizes.residual**2 * sizes.n_samples
+        return squares
+
+
+def _solved(problem: Problem, data: Dataset, forced: tuple[int, ...]) -> _Solved:
+    """The model of a problem by least squares; ``forced`` are the driven DOFs."""
+    order = problem.solve_order(forced, data.unknown)
+    resolver = _of_few_pieces(least_squares_resolver(problem, order, data))
+    return _Solved(resolver.model(resolver.pieces.sum()), resolver)
+
+
+@dataclass(frozen=True)
 class _Comparison:
     """What alternatives are compared with.
 
@@ -144,37 +178,28 @@ class _Comparison:
     forced: tuple[int, ...]
 
     @cached_property
-    def estimate(self) -> Estimate:
-        """The estimate without an alternative."""
-        return least_squares(self.problem, self.data, self.forced)
+    def solved(self) -> _Solved:
+        """The model without an alternative."""
+        return self.solve(self.problem, self.data)
 
     @property
     def model(self) -> ChainModel:
         """The model without an alternative."""
-        return self.estimate.model
+        return self.solved.model
 
-    @cached_property
+    @property
     def squares(self) -> np.ndarray:
         """Squared residuals of the model by piece and equation, N^2."""
-        return self.squares_of(self.model, self.problem, self.data)
+        return self.solved.squares
+
+    def solve(self, problem: Problem, data: Dataset) -> _Solved:
+        """A model with other laws, or from changed channels."""
+        return _solved(problem, data, self.forced)
 
     @cached_property
     def weights(self) -> np.ndarray:
         """Weight of each equation of motion: one over its mean squared residual."""
         return 1.0 / np.maximum(self.squares.sum(axis=0), np.finfo(float).tiny)
-
-    def squares_of(
-        self, model: ChainModel, problem: Problem, data: Dataset
-    ) -> np.ndarray:
-        """Squared residuals by piece and equation, N^2."""
-        residual = residual_of(model, data, problem.filters(data))
-        length = max(1, sum(map(len, residual.balance)) // _N_PIECES)
-        squares = []
-        for lines in residual.balance:
-            n_pieces = max(1, round(len(lines) / length))
-            pieces = np.array_split(lines, n_pieces)
-            squares += [np.nansum(piece**2, axis=0) for piece in pieces]
-        return np.array(squares)
 
     def parameters(self, model: ChainModel) -> pd.Series:
         """Masses and coefficients of a model that has those of the problem at least."""
@@ -186,13 +211,6 @@ class _Comparison:
         return parameters_of(self.model, self.problem.known_masses).index
 
     @cached_property
-    def resolver(self) -> Resolver:
-        """Solves the model again on pieces of the data."""
-        return _of_few_pieces(
-            least_squares_resolver(self.problem, self.estimate.order, self.data)
-        )
-
-    @cached_property
     def masses_and_stiffnesses(self) -> pd.Index:
         """Names of those that are identified."""
         is_mass = ~self.names.str.contains(":")
@@ -201,30 +219,24 @@ class _Comparison:
 
     def measure(self, numbers: Statistic, watched: pd.Index) -> _Measure:
         """Some numbers, with their half-widths in the model itself."""
-        return _Measure(numbers, watched, _half_widths(self.resolver, numbers))
+        return _Measure(numbers, watched, _half_widths(self.solved.resolver, numbers))
 
     def with_laws(self, description: str, more: Laws, measure: _Measure) -> Alternative:
         """The alternative that has some more laws."""
-        problem = self.problem.with_laws(more)
-        estimate = least_squares(problem, self.data, self.forced)
-        resolver = _of_few_pieces(
-            least_squares_resolver(problem, estimate.order, self.data)
-        )
+        solved = self.solve(self.problem.with_laws(more), self.data)
         here = measure.numbers(self.model)
         numbers_beside = _Numbers(
             here,
-            measure.numbers(estimate.model),
-            pd.Series(_half_widths(resolver, measure.numbers), here.index),
+            measure.numbers(solved.model),
+            pd.Series(_half_widths(solved.resolver, measure.numbers), here.index),
             pd.Series(measure.half_widths, here.index),
         )
-        squares = self.squares_of(estimate.model, problem, self.data)
         return self.alternative(
             description,
             ", ".join(more),
             numbers_beside,
             measure.watched,
-            squares,
-            estimate.model,
+            solved,
         )
 
     def alternative(
@@ -233,19 +245,15 @@ class _Comparison:
         place: str,
         numbers: _Numbers,
         watched: pd.Index,
-        squares: np.ndarray,
-        model: ChainModel,
+        solved: _Solved,
     ) -> Alternative:
-        """What an alternative does to the number that it moves most.
-
-        ``squares`` are its squared residuals by piece and equation, N^2.
-        """
+        """What an alternative does to the number that it moves most."""
         size = numbers.here[watched].abs()
         relative_change = (numbers.there - numbers.here)[watched] / size
         relative_width = numbers.half_width[watched] / size
         wider = numbers.wider_half_width[watched] / size
         parameter = str(np.maximum(relative_change.abs(), wider).idxmax())
-        after, before = squares.sum(axis=0), self.squares.sum(axis=0)
+        after, before = solved.squares.sum(axis=0), self.squares.sum(axis=0)
         unsolved = before > 0
         ratios = after[unsolved] / before[unsolved]
         return Alternative(
@@ -258,7 +266,7 @@ class _Comparison:
             float(np.sqrt(after.sum() / before.sum())) if unsolved.any() else 1.0,
             float(np.sqrt(ratios.mean())) if unsolved.any() else 1.0,
             numbers.moves,
-            model,
+            solved.model,
             self.model,
         )
 
@@ -433,13 +441,13 @@ def _with_change(comparison: _Comparison, change: _Change) -> Alternative | None
         at_best = _changed(comparison, change, best.amount)
 
     here = comparison.parameters(comparison.model)
+    there = comparison.parameters(at_best.model)
     return comparison.alternative(
         change.description.format(change.neutral + best.amount),
         change.place,
-        _Numbers(here, at_best.values, best.half_widths, 0.0 * here),
+        _Numbers(here, there, best.half_widths, 0.0 * here),
         comparison.masses_and_stiffnesses,
-        at_best.squares,
-        at_best.model,
+        at_best,
     )
 
 
@@ -473,7 +481,8 @@ def _best_change(
     if 0.5 * bend.sum() * (_TENTH * change.step) ** 2 < _FELT * squares:
         return None
     amount, spread = _minimum(slope, bend)
-    rate = (high.values - low.values) / (2 * step)
+    moved = comparison.parameters(high.model) - comparison.parameters(low.model)
+    rate = moved / (2 * step)
     return _BestChange(amount, _QUANTILE * rate.abs() * spread)
 
 
@@ -520,33 +529,11 @@ def _seconds_of_force(data: Dataset, dof: int) -> float:
     return float(2 * np.pi * ratio / np.linalg.norm(np.concatenate(force)))
 
 
-@dataclass(frozen=True)
-class _Changed:
-    """The estimate from changed channels.
-
-    Attributes
-    ----------
-    model : ChainModel
-    values : Series
-        Its masses and coefficients.
-    squares : ndarray of shape (n_pieces, n_dof)
-        Squared residuals, N^2, piece by piece.
-    """
-
-    model: ChainModel
-    values: pd.Series
-    squares: np.ndarray
-
-
-def _changed(comparison: _Comparison, change: _Change, amount: float) -> _Changed:
+def _changed(comparison: _Comparison, change: _Change, amount: float) -> _Solved:
+    """The model from changed channels."""
     segments = [change.apply(segment, amount) for segment in comparison.data.segments]
     data = replace(comparison.data, segments=segments)
-    model = least_squares(comparison.problem, data, comparison.forced).model
-    return _Changed(
-        model,
-        comparison.parameters(model),
-        comparison.squares_of(model, comparison.problem, data),
-    )
+    return comparison.solve(comparison.problem, data)
 
 
 def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
@@ -564,18 +551,17 @@ def _late_forces(comparison: _Comparison) -> Iterator[Alternative]:
         segments = [_with_force_in_time(s, dof, samples) for s in data.segments]
         shifted_data = replace(data, segments=segments)
         try:
-            model = least_squares(problem, shifted_data, comparison.forced).model
+            solved = comparison.solve(problem, shifted_data)
         except NRFError:
             continue
-        squares = comparison.squares_of(model, problem, shifted_data)
+        there = comparison.parameters(solved.model)
         side = "late" if samples > 0 else "early"
         yield comparison.alternative(
             f"{channel} logged {abs(samples):.3g} samples {side}",
             f"sensor {channel}",
-            _Numbers(here, comparison.parameters(model), 0.0 * here, 0.0 * here),
+            _Numbers(here, there, 0.0 * here, 0.0 * here),
             comparison.masses_and_stiffnesses,
-            squares,
-            model,
+            solved,
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Protocol
 
@@ -257,10 +258,10 @@ class Resolver:
                 "Use a longer record, or more records.",
             )
         try:
-            models = [
-                self.weighted_model(weights)
-                for weights in 1.0 - removed * np.eye(n_pieces)
-            ]
+            if removed == 1.0:
+                models = self.models_without_pieces
+            else:
+                models = self._models_without(removed)
         except IdentifiabilityError as error:
             raise IdentifiabilityError(
                 f"A single part of the data determines the estimate ({error.what})",
@@ -270,6 +271,16 @@ class Resolver:
         values = np.array([statistic(model).to_numpy(float) for model in models])
         scale = np.sqrt((n_pieces - 1) / n_pieces) / removed
         return (values - values.mean(axis=0)) * scale
+
+    @cached_property
+    def models_without_pieces(self) -> list[ChainModel]:
+        """Models of the data without one piece each."""
+        return self._models_without(1.0)
+
+    def _models_without(self, removed: float) -> list[ChainModel]:
+        """Models of the data without a share of one piece each."""
+        every_weights = 1.0 - removed * np.eye(len(self.record))
+        return [self.weighted_model(weights) for weights in every_weights]
 
     def covariance(self, statistic: Statistic) -> np.ndarray:
         """Covariance of statistics: delete-one-block jackknife with neighbours."""

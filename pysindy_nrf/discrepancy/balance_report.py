@@ -87,8 +87,9 @@ def _beyond_noise(
     errors = final.balance_errors
     if identified is None:
         return errors
-    beyond = identified.beside_noise.beyond(identified.unexplained)
-    return np.array([beyond.get(j, error) for j, error in enumerate(errors, start=1)])
+    unexplained = dict(enumerate(errors.tolist(), start=1))
+    beyond = unexplained | identified.beside_noise.beyond(unexplained)
+    return np.array([beyond[j] for j in unexplained])
 
 
 def _with_remainders(

@@ -61,24 +61,16 @@ def final_estimate(
     """
     problem = _problem_of(request, records, laws, band)
     method = _method_of(request.baseline.estimation)
-    every_law = [law for group in problem.laws.values() for law in group]
-    settings = InputSettings(
-        has_memory=any(law.has_memory for law in every_law),
-        needs_clock=problem.needs_clock,
-    )
-    try:
-        with warnings.catch_warnings(action="ignore", category=NRFWarning):
-            # the search has warned of the channels
-            data = method.read(Input(list(map(_with_base, records))), settings)
-    except NRFError:
+    data = _data_of(method, problem, records)
+    if data is None:
         return None
 
     freed = _with_free_shapes(problem.laws, request.problem.laws)
-    if not any(law.free_shape for group in freed.values() for law in group):
+    with_shapes = replace(problem, laws=freed, start=problem.laws)
+    if not with_shapes.has_free_shapes:
         return _estimate(method, problem, data)
 
     # intervals of coefficients would hold for the shapes of the search only
-    with_shapes = replace(problem, laws=freed, start=problem.laws)
     estimate = _estimate(method, with_shapes, data)
     if estimate is not None and not estimate.intervals_withheld:
         return estimate
@@ -87,6 +79,23 @@ def final_estimate(
     if fixed is None or estimate is None:
         return fixed
     return replace(fixed, doubts=(*fixed.doubts, estimate.intervals_withheld))
+
+
+def _data_of(
+    method: IdentificationMethod[Dataset], problem: Problem, records: Sequence[Record]
+) -> Dataset | None:
+    """The records as a method needs them; None if they cannot be read so."""
+    settings = InputSettings(
+        has_memory=problem.layout.has_memory,
+        needs_clock=problem.needs_clock,
+    )
+    with_base = [_with_base(record) for record in records]
+    try:
+        # the search has warned of the channels
+        with warnings.catch_warnings(action="ignore", category=NRFWarning):
+            return method.read(Input(with_base), settings)
+    except NRFError:
+        return None
 
 
 def _problem_of(

@@ -212,7 +212,7 @@ class _Comparison:
 
     @cached_property
     def masses_and_stiffnesses(self) -> pd.Index:
-        """Names of those that are identified."""
+        """Names of the masses and stiffnesses that are identified."""
         is_mass = ~self.names.str.contains(":")
         is_stiffness = self.names.str.match(r"storey \d+: s$")
         return self.names[is_mass | is_stiffness]

@@ -61,6 +61,8 @@ def test_a_record_cut_out_of_a_running_test_keeps_its_memory():
         assert low < true[name] < high
     # the search leaves next to nothing, whatever the scatter of the final estimate
     assert step.remainder < 0.05
+    # the free run is fitted only where the baseline asks for it
+    assert report.identified.method == "iv"
     assert report.verdict.state == "green"
 
 

@@ -120,11 +120,11 @@ class BalanceJudge:
         judged = course.judged
         stopped = self._why_stopped()
 
-        no_claim = why_no_claim(judged[final].model)
+        no_claim = why_no_claim(judged[final])
         if no_claim:
             final = 0
             stopped = wording.no_claim(no_claim)
-            unfit = why_no_claim(judged[0].model)
+            unfit = why_no_claim(judged[0])
             drafts = [] if unfit else [draft.refused() for draft in drafts]
             judged = judged[:1] if unfit else judged
 
@@ -245,8 +245,12 @@ class BalanceJudge:
 
     def _remarks(self) -> list[str]:
         """What else a reader should know of the records."""
-        contradictions = self.outcome.contradictions
-        return [wording.channels_disagree(contradictions)] if contradictions else []
+        remarks = []
+        if self.request.searches_heldout:
+            remarks.append(wording.HELDOUT_IS_SEARCHED)
+        if self.outcome.contradictions:
+            remarks.append(wording.channels_disagree(self.outcome.contradictions))
+        return remarks
 
 
 def _draft(

@@ -85,6 +85,18 @@ class BalanceLoop(
     request : LoopRequest
     """
 
+    def follow(self) -> LoopReport:
+        """All steps, one after the other.
+
+        Again with all records to search, where those to search do not determine the
+        declared model.
+        """
+        start = self.find_bands(self.split(self.prepare()))
+        effect_judge = EffectJudge(bool(self.request.heldout))
+        if effect_judge.leaves_open(start.first.model):
+            return BalanceLoop(self.request.searching_all()).follow()
+        return self.report(self.judge(self.search(start)))
+
     # -- prepare, split, find bands --------------------------------------------
 
     def prepare(self) -> PreparedRecords:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..chain.model import ChainModel
-from .fitted_model import FittedModel
+from .effect_judge import EFFECT_JUDGE
+from .heldout import JudgedModel
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,9 @@ class ClaimSettings:
 CLAIMS = ClaimSettings()
 
 
-def why_no_claim(model: FittedModel) -> str:
+def why_no_claim(judged: JudgedModel) -> str:
     """Why nothing may be claimed of a model; empty if something may."""
+    model = judged.model
     errors = model.errors_within
     if np.nanmax(errors) >= CLAIMS.hopeless:
         worst = int(np.nanargmax(errors))
@@ -46,6 +48,11 @@ def why_no_claim(model: FittedModel) -> str:
             cancelled.append(str(j))
     if cancelled:
         return f"an effect cancels the declared mass of DOF {', '.join(cancelled)}"
+    if np.isinf(judged.free_run_error):
+        return "the free run of the best model diverges"
+    if judged.free_run_error > EFFECT_JUDGE.no_free_run:
+        missed = f"{judged.free_run_error:.0f} %"
+        return f"the free run of the best model misses the motion by {missed}"
     return ""
 
 

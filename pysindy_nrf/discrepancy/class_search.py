@@ -324,11 +324,11 @@ class ClassSearch:
             return "a fit to all records explains as much without it"
         if self._is_explained_by_errors(finding, before, after):
             return "errors of the channels within their tolerances explain it"
-        if finding.is_fault:
-            return ""
         if self.tools.judge.contradicted_by_free_run(finding, state):
             return "with it the free run gets far worse"
-        if not state.effects or proposal.value >= CLASSES.beyond_chance:
+        if finding.is_fault or not state.effects:
+            return ""
+        if proposal.value >= CLASSES.beyond_chance:
             return ""
         by_noise = gain_by_noise(state, finding, self.tools.rng)
         if proposal.value - by_noise < CLASSES.least_of_later:

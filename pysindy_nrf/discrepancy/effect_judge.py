@@ -66,7 +66,8 @@ class EffectJudgeSettings:
     # 4,000 %, and on an earthquake with Bouc-Wen hysteresis, where it stays below 20 %.
     most_growth: float = 2.0
     good_free_run: float = 20.0
-    # Percent of the motion from which on a free run says nothing.
+    # Percent of the motion from which on a free run says nothing: no motion at all
+    # would miss as much.
     no_free_run: float = 100.0
 
 
@@ -180,16 +181,31 @@ class EffectJudge:
     def contradicted_by_free_run(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts gets far worse with a finding.
 
-        A fault changes the records, and so the motion that a free run is compared with.
+        That of a fault is compared with the records that are freed of it.
         """
-        if finding.is_fault or finding.after is None:
-            return False
+        assert finding.after is not None
         before = _free_run_error(state.model)
         if not before < EFFECT_JUDGE.no_free_run:
             return False
         after = _free_run_error(finding.after.model)
         limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
         return not after <= limit
+
+    def leaves_open(self, model: FittedModel) -> bool:
+        """Whether the searched records leave a model open that all records determine.
+
+        Over the records that judge its free run says nothing, and that of a fit to all
+        records follows. One record of few frequencies is such a case.
+        """
+        if not self.has_records:
+            return False
+        alone = _free_run_error(model)
+        if alone < EFFECT_JUDGE.no_free_run:
+            return False
+
+        of_all = _free_run_error(self.on_all_records(model))
+        is_far_better = not of_all > alone / EFFECT_JUDGE.most_growth
+        return of_all < EFFECT_JUDGE.no_free_run and is_far_better
 
     def prefers(
         self,

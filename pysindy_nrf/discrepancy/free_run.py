@@ -9,7 +9,7 @@ import numpy as np
 
 from ..chain.model import ChainModel
 from ..equations.errors import free_run_by_either
-from ..exceptions import NRFError
+from ..exceptions import DivergenceError, NRFError
 from ..records.dataset import BlockRows, Dataset, Segment
 from .excerpts import EXCERPTS
 
@@ -36,7 +36,7 @@ def free_run_error(
 ) -> float:
     """Free-run error of the displacements over windows of some blocks, percent NRMSE.
 
-    NaN where the model cannot run.
+    NaN where the model cannot run, infinite where its run diverges.
     """
     if (model.masses <= 0).any():
         return float("nan")
@@ -51,6 +51,8 @@ def free_run_error(
         for rows in _windows(segment, block, every):
             try:
                 run, *_ = free_run_by_either(model, segment, rows, segment.dt)
+            except DivergenceError:
+                return float("inf")
             except NRFError:
                 return float("nan")
             x = np.cumsum(segment.s[rows], axis=1)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..common import generator
-from ..exceptions import NRFError
+from ..exceptions import NRFError, RankWarning
 from ..identification.door import (
     RECORDS_WITH_GAPS,
     choose_method,
@@ -25,6 +26,7 @@ from ..laws.power_series import whole_number
 from ..laws.sensor import SensorFault
 from ..records.input_arrays import lacks_motion
 from ..records.record import Record
+from . import wording
 from .catalogue import LawOrClass, as_laws, default_catalogue, short_catalogue
 from .channel_errors import default_tolerances
 from .prepare import Band, as_records
@@ -59,6 +61,8 @@ class LoopRequest:
         As given.
     rng : Generator
     progress : bool or callable
+    searches_heldout : bool
+        Whether records that the user held out are among those to search.
     """
 
     records: list[Record]
@@ -73,6 +77,7 @@ class LoopRequest:
     random_state: RandomState
     rng: np.random.Generator
     progress: Progress
+    searches_heldout: bool = False
 
     @property
     def all_records(self) -> list[Record]:
@@ -88,6 +93,26 @@ class LoopRequest:
     def channels(self) -> tuple[str, ...]:
         """Covariates, with the motion of the base where it moves in all records."""
         return _with_base(self.all_records, self.covariates)
+
+    def searching_all(self) -> LoopRequest:
+        """The same with all records to search.
+
+        Warns
+        -----
+        RankWarning
+            The records to search alone do not determine the declared model.
+        """
+        warnings.warn(
+            RankWarning(
+                wording.HELDOUT_IS_SEARCHED,
+                "Search records that excite more frequencies, or judge the model on"
+                " records that the loop has not seen.",
+            ),
+            stacklevel=2,
+        )
+        return replace(
+            self, records=self.all_records, heldout=[], searches_heldout=True
+        )
 
     @property
     def faults(self) -> list[SensorFault]:

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from .report import Step
 
 NOTHING_IS_CLAIMED = "Nothing is claimed"
+HELDOUT_IS_SEARCHED = (
+    "The records to search do not determine the declared model, and those held out were"
+    " searched too: a quarter of each record judges the effects"
+)
 # Contradictions that are named.
 MAX_CONTRADICTIONS = 3
 

@@ -48,9 +48,6 @@ class FaultSettings:
     # Error reduction, dB, and size, as a share, of a fault that is worth trying.
     least_reduction: float = 0.5
     least_share: float = 0.03
-    # Share of the range of a scan beyond which the best value stands at its end, and is
-    # none: the scan ends within a thousandth of it.
-    end_of_range: float = 0.99
     # Evaluations of a scan.
     evaluations: int = 16
 
@@ -258,7 +255,7 @@ class _Scan:
         return freed.reduction_from(self.model).value
 
     def best(self) -> tuple[float, Suspect] | None:
-        """The best value and its error reduction; None if it is none, or too small."""
+        """The best value and its error reduction; None if it is too small."""
         if self.promise < FAULTS.worth_scanning:
             return None
 
@@ -268,9 +265,7 @@ class _Scan:
             options={"maxiter": FAULTS.evaluations},
         )
         value, reduction = float(best.x), -float(best.fun)
-        most = FAULTS.end_of_range * self.reach
-        is_value = self.least <= abs(value) < most
-        if reduction < FAULTS.least_reduction or not is_value:
+        if reduction < FAULTS.least_reduction or abs(value) < self.least:
             return None
         law = self.suspect.law.with_values([value])
         return reduction, replace(self.suspect, law=law)

@@ -59,7 +59,8 @@ def close_loop(
     catalogue : iterable of ForceLaw, optional
         Laws to try; all of :mod:`pysindy_nrf.laws` that can be an effect if None.
     heldout : Record or sequence of Record, optional
-        Records that judge the effects; a quarter of each record if None.
+        Records that judge the effects; a quarter of each record if None. They are
+        searched, too, if the others leave the declared model open.
     band : (float, float), optional
         Frequency band, Hz, outside of which no band is informative; the baseline's if
         None.
@@ -82,6 +83,12 @@ def close_loop(
     LoopReport
         ``.steps``, ``.table``, ``.stopped_because``, ``.model``, ``.to_html``,
         ``.to_markdown``.
+
+    Warns
+    -----
+    RankWarning
+        If records held out were searched, since the others do not determine the
+        declared model.
 
     Raises
     ------

@@ -73,10 +73,15 @@ class FaultSearch:
     ----------
     laws : sequence of SensorFault
         Faults that are tried.
+    only_witnessed : bool
+        Whether only those are tried that another channel contradicts.
     """
 
-    def __init__(self, laws: Sequence[SensorFault]) -> None:
+    def __init__(
+        self, laws: Sequence[SensorFault], only_witnessed: bool = False
+    ) -> None:
         self.laws = list(laws)
+        self.only_witnessed = only_witnessed
         self._fusion: list[FusionRecipe] | None = None
         self._contradictions: list[Contradiction] = []
 
@@ -87,7 +92,7 @@ class FaultSearch:
 
         data = state.model.spectra.data
         witnessed = self._witnessed(state.records, data)
-        alone = self._best_alone(state)
+        alone = [] if self.only_witnessed else self._best_alone(state)
         findings = []
         for suspect in [*witnessed[: FAULTS.suspects], *alone[: FAULTS.suspects]]:
             corrected = _corrected(state.records, state.model, suspect)

@@ -182,7 +182,7 @@ class BalanceLoop(
         places = places_of(with_all_storeys(others, chain.sites), chain, chain.sites)
         with self.progress(len(places)) as tick:
             tools = SearchTools(
-                # records of few frequencies tell no fault from a stiffness or a mass
+                # few frequencies do not separate a fault from a stiffness or a mass
                 FaultSearch(request.faults, only_witnessed=request.searches_heldout),
                 ChannelErrorTest(request.calibration),
                 EffectJudge(bool(request.heldout)),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..common.audit import constants_of, settings_of
 from ..diagnosis.evidence.settings import RESIDUAL
 from ..report.words import BAND_FOUND, band_text
+from .acceptance import ACCEPTANCE
 from .amplitude import AMPLITUDE
 from .bands import BANDS
 from .candidate_search import SEARCH
@@ -51,6 +52,7 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "scan": AXES,
     "search": SEARCH,
     "classes": CLASSES,
+    "acceptance": ACCEPTANCE,
     "names": NAMING,
     "dictionary": DICTIONARY,
     "growth": GROWTH,

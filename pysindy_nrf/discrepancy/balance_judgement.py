@@ -10,7 +10,8 @@ from . import wording
 from .bootstrap import SimulatedRecords, simulated
 from .catalogue import same_balance
 from .claims import why_no_claim
-from .class_search import ClassResult, ClassSearch, TriedEffect
+from .class_result import ClassResult, TriedEffect
+from .class_search import ClassSearch
 from .contradictions import Contradiction
 from .decision import Decision, FoundEffect
 from .effects import Effect, instants_of

@@ -7,18 +7,19 @@ does not gives way to the next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..exceptions import NRFError
 from . import judge
+from .acceptance import ACCEPTANCE, JudgedProposal, is_there, next_proposal
 from .candidate_search import polished
 from .channel_errors import ChannelErrorTest
+from .class_result import ClassResult
 from .constants import best_constant, state_with_means
 from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
-from .effects import Candidate, Effect, Finding, RankedFinding, SearchState
+from .effects import Candidate, Finding, RankedFinding, SearchState
 from .error_reduction import REDUCTION
 from .fitted_model import FittedModel
 from .judge import JUDGE
@@ -36,108 +37,20 @@ from .places import Place
 from .promises import Promise, effects_at, enrichment_of, promise_of
 from .sensor_faults import FaultSearch
 from .shifted_residual import SHIFT, shifted_models
-from .spectra import BalanceSpectra
 
 
 @dataclass(frozen=True)
 class ClassSettings:
-    """Effort of a search for classes, and what is asked of an effect."""
+    """Effort of a search for classes."""
 
     # Places whose names are tried; a class that is refused gives way to the next.
     places: int = 4
-    # Least error reduction of an outside force, or an inertia, dB: a fifth of what is
-    # left. One line or one resonance is soon found.
-    least_of_narrow: float = 2.0
-    # The same of any other later effect, dB: less is what an inexact law leaves.
-    least_of_later: float = 1.0
-    # Share of the force at its site that an effect changes at least: less is within
-    # the calibration of any sensor.
-    least_share: float = 0.01
     # Error reduction from which on an effect is not compared with a shifted residual,
     # dB; those of measured records came to 5.5 at most.
     beyond_chance: float = 6.0
 
 
 CLASSES = ClassSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class JudgedProposal:
-    """A proposal, and what another condition says of it."""
-
-    proposal: Proposal
-    judged: JudgedEffect
-
-    @property
-    def value(self) -> float:
-        """Error reduction, dB: of both records, if another record has judged it.
-
-        In one record of few frequencies classes and sites are much alike.
-        """
-        if self.judged.condition != "another record":
-            return self.proposal.value
-        return 0.5 * (self.proposal.value + self.judged.heldout.value)
-
-
-@dataclass(frozen=True, eq=False)
-class TriedEffect:
-    """An effect that was judged, with its naming.
-
-    Attributes
-    ----------
-    effect : Effect
-    naming : Naming
-    judged : JudgedEffect
-    position : int
-        Number of the claims that were accepted before it.
-    corrected : BalanceSpectra or None
-        Of a fault, the spectra of the records freed of it.
-    """
-
-    effect: Effect
-    naming: Naming
-    judged: JudgedEffect
-    position: int
-    corrected: BalanceSpectra | None = None
-
-
-@dataclass(frozen=True)
-class ClassResult:
-    """What a search found.
-
-    Attributes
-    ----------
-    first, state : SearchState
-        Before the search and at its end, with the means left in if it found a constant.
-    accepted : tuple of TriedEffect
-        In the order of the effects of the state.
-    refused : tuple of TriedEffect
-        What the judge refused.
-    last : sequence of RankedFinding
-        Candidates of the last round, the best first.
-    general : tuple of Finding
-        General laws of the last round: what they would still gain.
-    why_refused : str
-        What speaks against the best candidate of the last round.
-    """
-
-    first: SearchState
-    state: SearchState
-    accepted: tuple[TriedEffect, ...] = ()
-    refused: tuple[TriedEffect, ...] = ()
-    last: Sequence[RankedFinding] = ()
-    general: tuple[Finding, ...] = ()
-    why_refused: str = ""
-
-    @property
-    def effects(self) -> tuple[Effect, ...]:
-        """The effects in the order in which they were accepted."""
-        return self.state.effects
-
-    @property
-    def n_claims(self) -> int:
-        """Number of effects that do not only add to another."""
-        return sum(not effect.enriches for effect in self.effects)
 
 
 @dataclass(frozen=True)
@@ -191,7 +104,7 @@ class ClassSearch:
             accepted, result = self._first_that_holds(proposals, result)
             if accepted is None:
                 break
-            result = _with_accepted(result, *accepted)
+            result = result.with_accepted(*accepted)
         return self._with_constants(result, max_effects)
 
     def _with_constants(self, result: ClassResult, max_effects: int) -> ClassResult:
@@ -206,7 +119,7 @@ class ClassSearch:
                 break
             naming = Naming("outside force", finding.candidate.law.name)
             proposal = Proposal(finding, finding.reduction, naming)
-            result = _with_accepted(result, proposal, judged)
+            result = result.with_accepted(proposal, judged)
             state = result.state
         return result
 
@@ -255,15 +168,15 @@ class ClassSearch:
         there = []
         self.tools.judge.begin_round()
         for proposal in proposals:
-            if _is_there(proposal, state, self.tools.judge):
+            if is_there(proposal, state, self.tools.judge):
                 judged = self.tools.judge.judged(proposal.finding, state)
                 there.append(JudgedProposal(proposal, judged))
         while there:
-            best = _next(there, state)
+            best = next_proposal(there, state)
             there.remove(best)
             proposal, judged = best.proposal, best.judged
             if not judged.holds:
-                result = _with_refused(result, proposal, judged)
+                result = result.with_refused(proposal, judged)
                 why = why or _in_words(judged)
                 continue
             doubt = self._doubt(proposal, result)
@@ -331,7 +244,7 @@ class ClassSearch:
         if proposal.value >= CLASSES.beyond_chance:
             return ""
         by_noise = gain_by_noise(state, finding, self.tools.rng)
-        if proposal.value - by_noise < CLASSES.least_of_later:
+        if proposal.value - by_noise < ACCEPTANCE.least_of_later:
             return "noise alone makes it gain as much"
         if self._is_chance(proposal, state):
             return "a shifted residual gains as much"
@@ -393,7 +306,7 @@ class ClassSearch:
         first = replace(result.first, model=result.first.model.refitted(spectra))
         start = replace(result.state, model=result.state.model.refitted(spectra))
         self.tools.errors.forget()
-        return _with_state(replace(result, first=first), polished(start))
+        return replace(result, first=first).with_state(polished(start))
 
 
 def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
@@ -408,93 +321,11 @@ def _faults(findings: Sequence[Finding], state: SearchState) -> list[Proposal]:
     return proposals
 
 
-# -- decisions -----------------------------------------------------------------
-
-
-def _next(proposals: Sequence[JudgedProposal], state: SearchState) -> JudgedProposal:
-    """The proposal that comes next.
-
-    The best, one of several sites by what each of them brings; or a simpler one that
-    explains the same.
-    """
-    best = max(proposals, key=_value_of_each_site)
-    explaining = [p for p in proposals if _explains(p, best, state)]
-    return min([best, *explaining], key=_size)
-
-
-def _value_of_each_site(judged: JudgedProposal) -> float:
-    return judged.value / len(judged.proposal.finding.candidate.sites)
-
-
-def _size(judged: JudgedProposal) -> tuple[tuple[int, int], float]:
-    """Number of parameters; the better of two as large comes first."""
-    return judged.proposal.finding.n_parameters, -judged.value
-
-
-def _explains(
-    simpler: JudgedProposal, best: JudgedProposal, state: SearchState
-) -> bool:
-    """Whether a simpler proposal leaves of the best one nothing to be claimed.
-
-    What it loses is less than a further effect must bring, and beside it the best one
-    is not there.
-    """
-    of_best = best.proposal.finding
-    fewer = simpler.proposal.finding.n_parameters < of_best.n_parameters
-    nearly = best.value - simpler.value < CLASSES.least_of_later
-    if not (fewer and nearly and simpler.value > 0) or of_best.is_fault:
-        return False
-    beside = simpler.proposal.finding.after
-    assert beside is not None
-    new = of_best.new_effects(state.effects)
-    try:
-        both = beside.model.with_laws([(effect.site, effect.law) for effect in new])
-    except NRFError:
-        # their columns are the same
-        return True
-    reduction = both.reduction_from(beside.model)
-    return not judge.is_there(reduction, of_best.candidate.law)
-
-
 def _adds_to(other: Proposal, proposal: Proposal) -> bool:
     """Whether a proposal is of the class of another, at its site and further ones."""
     same_class = other.naming.effect_class == proposal.naming.effect_class
     sites = set(other.finding.candidate.sites)
     return same_class and bool(sites & set(proposal.finding.candidate.sites))
-
-
-def _is_there(
-    proposal: Proposal, state: SearchState, effect_judge: EffectJudge
-) -> bool:
-    """Whether an effect stands whichever fold is left out."""
-    finding, reduction = proposal.finding, proposal.reduction
-    law = finding.candidate.law
-    least = JUDGE.least_reduction
-    if proposal.naming.effect_class in ("inertial", "outside force"):
-        least = CLASSES.least_of_narrow
-    elif state.effects and not finding.is_fault and not _only_enriches(finding, state):
-        least = CLASSES.least_of_later
-    if not judge.is_there(reduction, law, least):
-        return False
-    if finding.is_fault:
-        return True
-    assert finding.after is not None
-    new = finding.new_effects(state.effects)
-    fitted = effect_judge.on_all_records(finding.after.model)
-    if not all(judge.differs_from_zero(fitted, each) for each in new):
-        return False
-    shares = judge.shares_of_force(finding, state)
-    # a dashpot matters beside other dampers, whatever the springs hold
-    matters = law.variable == "v" or max(shares.values()) >= CLASSES.least_share
-    return matters and not judge.takes_over(finding, shares)
-
-
-def _only_enriches(finding: Finding, state: SearchState) -> bool:
-    """Whether a finding only adds to effects that are there, or grows one anew."""
-    assert finding.after is not None
-    new = finding.new_effects(state.effects)
-    is_larger = len(finding.after.effects) > len(state.effects)
-    return all(effect.enriches for effect in new) or not is_larger
 
 
 def _in_words(judged: JudgedEffect) -> str:
@@ -506,68 +337,3 @@ def _in_words(judged: JudgedEffect) -> str:
 
 def _ranked(proposals: Sequence[Proposal]) -> list[RankedFinding]:
     return [RankedFinding(p.finding, p.reduction) for p in proposals]
-
-
-# -- results -------------------------------------------------------------------
-
-
-def _with_accepted(
-    result: ClassResult, proposal: Proposal, judged: JudgedEffect
-) -> ClassResult:
-    """The result with the effects of a proposal."""
-    after = proposal.finding.after
-    assert after is not None
-    known = {tried.effect: tried for tried in result.accepted}
-    accepted = []
-    for effect in after.effects:
-        tried = known.get(effect)
-        if tried is None:
-            tried = _tried(effect, proposal, judged, result)
-        accepted.append(tried)
-    refused = _without(result.refused, accepted[-1])
-    return replace(result, state=after, accepted=tuple(accepted), refused=refused)
-
-
-def _without(
-    refused: Iterable[TriedEffect], other: TriedEffect
-) -> tuple[TriedEffect, ...]:
-    """Refused effects but those of the class and site of another."""
-    place = other.naming.effect_class, other.effect.site
-    return tuple(
-        tried
-        for tried in refused
-        if (tried.naming.effect_class, tried.effect.site) != place
-    )
-
-
-def _tried(
-    effect: Effect, proposal: Proposal, judged: JudgedEffect, result: ClassResult
-) -> TriedEffect:
-    """An effect of a proposal that was judged."""
-    corrected = None
-    if effect.is_fault and proposal.finding.after is not None:
-        corrected = proposal.finding.after.model.spectra
-    return TriedEffect(effect, proposal.naming, judged, result.n_claims, corrected)
-
-
-def _with_refused(
-    result: ClassResult, proposal: Proposal, judged: JudgedEffect
-) -> ClassResult:
-    """The result with an effect that the judge refused, the best of its round."""
-    after = proposal.finding.after
-    assert after is not None
-    (effect, *_) = proposal.finding.new_effects(result.effects)
-    position = result.n_claims
-    is_claim = not _only_enriches(proposal.finding, result.state)
-    if not is_claim or any(tried.position == position for tried in result.refused):
-        return result
-    tried = _tried(effect, proposal, judged, result)
-    return replace(result, refused=(*_without(result.refused, tried), tried))
-
-
-def _with_state(result: ClassResult, state: SearchState) -> ClassResult:
-    """The result with effects whose shape parameters were refined."""
-    accepted = []
-    for tried, effect in zip(result.accepted, state.effects):
-        accepted.append(replace(tried, effect=effect))
-    return replace(result, state=state, accepted=tuple(accepted))

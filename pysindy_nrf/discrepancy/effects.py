@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..chain.sites import Site
@@ -164,6 +164,13 @@ class Finding:
             return []
         known = set(beside)
         return [effect for effect in self.after.effects if effect not in known]
+
+    def only_enriches(self, effects: Sequence[Effect]) -> bool:
+        """Whether it only adds to effects that are there, or grows one anew."""
+        assert self.after is not None
+        is_larger = len(self.after.effects) > len(effects)
+        new = self.new_effects(effects)
+        return all(effect.enriches for effect in new) or not is_larger
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,125 @@
+"""What a proposal must bring to be judged, and which of several comes next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..exceptions import NRFError
+from . import judge
+from .effect_judge import EffectJudge, JudgedEffect
+from .effects import SearchState
+from .judge import JUDGE
+from .naming import Proposal
+
+
+@dataclass(frozen=True)
+class AcceptanceSettings:
+    """What is asked of an effect."""
+
+    # Least error reduction of an outside force, or an inertia, dB: a fifth of what is
+    # left. One line or one resonance is soon found.
+    least_of_narrow: float = 2.0
+    # The same of any other later effect, dB: less is what an inexact law leaves.
+    least_of_later: float = 1.0
+    # Share of the force at its site that an effect changes at least: less is within
+    # the calibration of any sensor.
+    least_share: float = 0.01
+
+
+ACCEPTANCE = AcceptanceSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedProposal:
+    """A proposal, and what another condition says of it."""
+
+    proposal: Proposal
+    judged: JudgedEffect
+
+    @property
+    def value(self) -> float:
+        """Error reduction, dB: of both records, if another record has judged it.
+
+        In one record of few frequencies classes and sites are much alike.
+        """
+        if self.judged.condition != "another record":
+            return self.proposal.value
+        return 0.5 * (self.proposal.value + self.judged.heldout.value)
+
+
+def is_there(proposal: Proposal, state: SearchState, effect_judge: EffectJudge) -> bool:
+    """Whether an effect stands whichever fold is left out."""
+    finding, reduction = proposal.finding, proposal.reduction
+    law = finding.candidate.law
+    if not judge.is_there(reduction, law, _least_reduction(proposal, state)):
+        return False
+    if finding.is_fault:
+        return True
+    assert finding.after is not None
+    new = finding.new_effects(state.effects)
+    fitted = effect_judge.on_all_records(finding.after.model)
+    if not all(judge.differs_from_zero(fitted, each) for each in new):
+        return False
+    shares = judge.shares_of_force(finding, state)
+    # a dashpot matters beside other dampers, whatever the springs hold
+    matters = law.variable == "v" or max(shares.values()) >= ACCEPTANCE.least_share
+    return matters and not judge.takes_over(finding, shares)
+
+
+def _least_reduction(proposal: Proposal, state: SearchState) -> float:
+    """Error reduction that an effect must bring, dB."""
+    if proposal.naming.effect_class in ("inertial", "outside force"):
+        return ACCEPTANCE.least_of_narrow
+    finding = proposal.finding
+    enriches = finding.only_enriches(state.effects)
+    if state.effects and not (finding.is_fault or enriches):
+        return ACCEPTANCE.least_of_later
+    return JUDGE.least_reduction
+
+
+def next_proposal(
+    proposals: Sequence[JudgedProposal], state: SearchState
+) -> JudgedProposal:
+    """The proposal that comes next.
+
+    The best, one of several sites by what each of them brings; or a simpler one that
+    explains the same.
+    """
+    best = max(proposals, key=_value_of_each_site)
+    explaining = [p for p in proposals if _explains(p, best, state)]
+    return min([best, *explaining], key=_size)
+
+
+def _value_of_each_site(judged: JudgedProposal) -> float:
+    return judged.value / len(judged.proposal.finding.candidate.sites)
+
+
+def _size(judged: JudgedProposal) -> tuple[tuple[int, int], float]:
+    """Number of parameters; the better of two as large comes first."""
+    return judged.proposal.finding.n_parameters, -judged.value
+
+
+def _explains(
+    simpler: JudgedProposal, best: JudgedProposal, state: SearchState
+) -> bool:
+    """Whether a simpler proposal leaves of the best one nothing to be claimed.
+
+    What it loses is less than a further effect must bring, and beside it the best one
+    is not there.
+    """
+    of_best = best.proposal.finding
+    fewer = simpler.proposal.finding.n_parameters < of_best.n_parameters
+    nearly = best.value - simpler.value < ACCEPTANCE.least_of_later
+    if not (fewer and nearly and simpler.value > 0) or of_best.is_fault:
+        return False
+    beside = simpler.proposal.finding.after
+    assert beside is not None
+    new = of_best.new_effects(state.effects)
+    try:
+        both = beside.model.with_laws([(effect.site, effect.law) for effect in new])
+    except NRFError:
+        # their columns are the same
+        return True
+    reduction = both.reduction_from(beside.model)
+    return not judge.is_there(reduction, of_best.candidate.law)

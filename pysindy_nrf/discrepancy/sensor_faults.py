@@ -92,7 +92,10 @@ class FaultSearch:
 
         data = state.model.spectra.data
         witnessed = self._witnessed(state.records, data)
-        alone = [] if self.only_witnessed else self._best_alone(state)
+        alone = []
+        # channels that contradict each other make others look wrong
+        if not (witnessed or self.only_witnessed):
+            alone = self._best_alone(state)
         findings = []
         for suspect in [*witnessed[: FAULTS.suspects], *alone[: FAULTS.suspects]]:
             corrected = _corrected(state.records, state.model, suspect)

@@ -91,6 +91,13 @@ def test_no_sensor_is_accused_where_no_record_determines_the_chain():
     assert not any(site.startswith("sensor") for _, site in confirmed(report))
 
 
+def test_a_force_is_not_late_where_accelerometers_are_early():
+    """Their corners of 0.14 Hz make them lead the other channels by 2.2 ms."""
+    first, second = ordinary_case(9821, 30)
+    report = close_loop(first, heldout=second)
+    assert ("channel_delay", "sensor F1") not in confirmed(report)
+
+
 def test_what_a_law_misses_is_no_second_effect():
     """Accelerations alone: beside the damper a friction gains 1.2 dB on the second
     record, too.

@@ -166,7 +166,7 @@ class Finding:
         return [effect for effect in self.after.effects if effect not in known]
 
     def only_enriches(self, effects: Sequence[Effect]) -> bool:
-        """Whether it only adds to effects that are there, or grows one anew."""
+        """Whether it only adds to effects that are there, or grows one again."""
         assert self.after is not None
         is_larger = len(self.after.effects) > len(effects)
         new = self.new_effects(effects)

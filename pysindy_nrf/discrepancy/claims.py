@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..chain.model import ChainModel
-from .effect_judge import EFFECT_JUDGE
 from .heldout import JudgedModel
 
 
@@ -19,6 +18,9 @@ class ClaimSettings:
     hopeless: float = 80.0
     # An effect cancels a declared mass if a tenth of it is left.
     cancelled: float = 0.1
+    # Percent of the motion by which a free run of the same size and of any phase misses
+    # it: the square root of 2.
+    unrelated: float = 141.4
 
 
 CLAIMS = ClaimSettings()
@@ -50,7 +52,7 @@ def why_no_claim(judged: JudgedModel) -> str:
         return f"an effect cancels the declared mass of DOF {', '.join(cancelled)}"
     if np.isinf(judged.free_run_error):
         return "the free run of the best model diverges"
-    if judged.free_run_error > EFFECT_JUDGE.no_free_run:
+    if judged.free_run_error > CLAIMS.unrelated:
         missed = f"{judged.free_run_error:.0f} %"
         return f"the free run of the best model misses the motion by {missed}"
     return ""

@@ -56,11 +56,13 @@ def is_there(proposal: Proposal, state: SearchState, effect_judge: EffectJudge) 
         return False
     if finding.is_fault:
         return True
+
     assert finding.after is not None
     new = finding.new_effects(state.effects)
     fitted = effect_judge.on_all_records(finding.after.model)
     if not all(judge.differs_from_zero(fitted, each) for each in new):
         return False
+
     shares = judge.shares_of_force(finding, state)
     # a dashpot matters beside other dampers, whatever the springs hold
     matters = law.variable == "v" or max(shares.values()) >= ACCEPTANCE.least_share
@@ -71,6 +73,7 @@ def _least_reduction(proposal: Proposal, state: SearchState) -> float:
     """Error reduction that an effect must bring, dB."""
     if proposal.naming.effect_class in ("inertial", "outside force"):
         return ACCEPTANCE.least_of_narrow
+
     finding = proposal.finding
     enriches = finding.only_enriches(state.effects)
     if state.effects and not (finding.is_fault or enriches):
@@ -113,6 +116,7 @@ def _explains(
     nearly = best.value - simpler.value < ACCEPTANCE.least_of_later
     if not (fewer and nearly and simpler.value > 0) or of_best.is_fault:
         return False
+
     beside = simpler.proposal.finding.after
     assert beside is not None
     new = of_best.new_effects(state.effects)

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from scipy.fft import next_fast_len
 
 from ..chain.sites import Site
-from ..exceptions import ChannelError, ExcitationError
+from ..common.warn import warn_user
+from ..exceptions import ChannelError, ExcitationError, RankWarning
 from ..identification.problem import Problem
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import filters_of
+from . import wording
 from .balance_judgement import BalanceJudge, BalanceJudgement, BalanceOutcome
 from .balance_report import balance_report
 from .band_search import find_bands
@@ -94,8 +96,16 @@ class BalanceLoop(
         start = self.find_bands(self.split(self.prepare()))
         effect_judge = EffectJudge(bool(self.request.heldout))
         if effect_judge.leaves_open(start.first.model):
+            cure = (
+                "Search records that excite more frequencies, or judge the model on"
+                " records that the loop has not seen."
+            )
+            warn_user(RankWarning(wording.HELDOUT_IS_SEARCHED, cure))
             return BalanceLoop(self.request.searching_all()).follow()
-        return self.report(self.judge(self.search(start)))
+
+        outcome = self.search(start)
+        judgement = self.judge(outcome)
+        return self.report(judgement)
 
     # -- prepare, split, find bands --------------------------------------------
 

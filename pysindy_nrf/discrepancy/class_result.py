@@ -82,6 +82,7 @@ class ClassResult:
             if tried is None:
                 tried = self._tried(effect, proposal, judged)
             accepted.append(tried)
+
         refused = _without(self.refused, accepted[-1])
         return replace(self, state=after, accepted=tuple(accepted), refused=refused)
 
@@ -89,11 +90,13 @@ class ClassResult:
         """The result with an effect that the judge refused, the best of its round."""
         after = proposal.finding.after
         assert after is not None
+
         (effect, *_) = proposal.finding.new_effects(self.effects)
         position = self.n_claims
         is_claim = not proposal.finding.only_enriches(self.effects)
         if not is_claim or any(tried.position == position for tried in self.refused):
             return self
+
         tried = self._tried(effect, proposal, judged)
         return replace(self, refused=(*_without(self.refused, tried), tried))
 

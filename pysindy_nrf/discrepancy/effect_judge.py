@@ -78,9 +78,8 @@ class EffectJudgeSettings:
     least_fall: float = 0.7
     # Factor by which a fit to all records must lower the free-run error of one to the
     # searched records, where these leave it open. It is 1.7 at most in 7 pairs of
-    # measured tests of frames and bearings, 1.8 in 75 simulated ones with
-    # blows, noise and sweeps (benchmarks/battery), and 4 to 10,000 in 9 of 50 with one
-    # or few sines.
+    # measured tests of frames and bearings, 1.8 in 75 simulated ones with blows, noise
+    # and sweeps (benchmarks/battery), and 4 to 10,000 in 9 of 50 with one sine or few.
     far_better: float = 3.0
     # Percent of the motion from which on a free run says nothing: no motion at all
     # would miss as much.
@@ -207,8 +206,9 @@ class EffectJudge:
         limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
         if 100.0 * _size_of_unwitnessed_fault(finding) > before:
             limit = EFFECT_JUDGE.least_fall * before
-        freed = finding.after.model
-        return not _free_run_error(freed, freed.spectra.data) <= limit
+        model = finding.after.model
+        after = _free_run_error(model, model.spectra.data)
+        return not after <= limit
 
     def leaves_open(self, model: FittedModel) -> bool:
         """Whether the searched records leave a model open that all records determine.
@@ -218,13 +218,16 @@ class EffectJudge:
         """
         if not self.has_records:
             return False
+        # NaN where a mass is not positive
         alone = _free_run_error(model, model.spectra.data)
         if alone < EFFECT_JUDGE.good_free_run:
             return False
 
-        of_all = _free_run_error(self.on_all_records(model), model.spectra.data)
-        is_far_better = not of_all > alone / EFFECT_JUDGE.far_better
-        return of_all < EFFECT_JUDGE.no_free_run and is_far_better
+        fit_to_all = self.on_all_records(model)
+        of_all = _free_run_error(fit_to_all, model.spectra.data)
+        if np.isfinite(alone) and of_all > alone / EFFECT_JUDGE.far_better:
+            return False
+        return of_all < EFFECT_JUDGE.no_free_run
 
     def prefers(
         self,
@@ -302,13 +305,12 @@ def _stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
 
 def _size_of_unwitnessed_fault(finding: Finding) -> float:
     """What a fault without a witness changes of its channel, as a share of it."""
-    size = 0.0
-    for law, site in zip(finding.laws, finding.candidate.sites):
-        if isinstance(law, SensorFault) and law.order is not None:
-            data = finding.before.model.spectra.data
-            rate = mean_rate(data, int(site.channel[1:]))
-            size = abs(law.share) * rate**law.order
-    return 0.0 if finding.witnessed else size
+    law = finding.laws[0]
+    if finding.witnessed or not isinstance(law, SensorFault) or law.order is None:
+        return 0.0
+    dof = int(finding.candidate.sites[0].channel[1:])
+    rate = mean_rate(finding.before.model.spectra.data, dof)
+    return abs(law.share) * rate**law.order
 
 
 def _free_run_error(model: FittedModel, data: SearchData) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..common import generator
-from ..exceptions import NRFError, RankWarning
+from ..exceptions import NRFError
 from ..identification.door import (
     RECORDS_WITH_GAPS,
     choose_method,
@@ -26,7 +25,6 @@ from ..laws.power_series import whole_number
 from ..laws.sensor import SensorFault
 from ..records.input_arrays import lacks_motion
 from ..records.record import Record
-from . import wording
 from .catalogue import LawOrClass, as_laws, default_catalogue, short_catalogue
 from .channel_errors import default_tolerances
 from .prepare import Band, as_records
@@ -95,21 +93,7 @@ class LoopRequest:
         return _with_base(self.all_records, self.covariates)
 
     def searching_all(self) -> LoopRequest:
-        """The same with all records to search.
-
-        Warns
-        -----
-        RankWarning
-            The records to search alone do not determine the declared model.
-        """
-        warnings.warn(
-            RankWarning(
-                wording.HELDOUT_IS_SEARCHED,
-                "Search records that excite more frequencies, or judge the model on"
-                " records that the loop has not seen.",
-            ),
-            stacklevel=2,
-        )
+        """The same with all records to search."""
         return replace(
             self, records=self.all_records, heldout=[], searches_heldout=True
         )

@@ -96,6 +96,7 @@ class FaultSearch:
         # channels that contradict each other make others look wrong
         if not (witnessed or self.only_witnessed):
             alone = self._best_alone(state)
+
         findings = []
         for suspect in [*witnessed[: FAULTS.suspects], *alone[: FAULTS.suspects]]:
             corrected = _corrected(state.records, state.model, suspect)

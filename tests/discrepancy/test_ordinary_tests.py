@@ -53,9 +53,11 @@ def confirmed(report):
 def test_two_sines_determine_what_one_leaves_open(law):
     """The first alone gives masses of floors 3 and 4 that are wrong by 15 to 30 %."""
     first, second = sine_test(law, 6.9, 70.0, 1), sine_test(law, 4.8, 55.0, 2)
-    with pytest.warns(RankWarning, match="held out"):
+    with pytest.warns(RankWarning, match="held out") as caught:
         report = close_loop(first, heldout=second)
 
+    of_rank = [each for each in caught if each.category is RankWarning]
+    assert [each.filename for each in of_rank] == [__file__]
     assert confirmed(report) == [(law.name, "storey 1")]
     np.testing.assert_allclose(report.model.masses, MASSES, rtol=0.05)
     (step,) = report.steps

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..common.unit_system import UnitSystem
-from .gram_least_squares import held_out_residual, solved, unit_columns
+from .gram_least_squares import held_out_residual, solved
 from .sample_windows import FOLDS, LASTING
 
 # Share of the rms of the force, or of its gain, below which a fault does not matter.
@@ -92,7 +92,7 @@ def distortions_of(grams: ForceGrams, units: UnitSystem) -> list[str]:
     # what a function shares with the force is a gain, which noise makes, too
     gains = total[first:-1, -1] / total[-1, -1]
     without_gains = _without_gains(total, first, gains)
-    folds = unit_columns(without_gains @ grams.folds() @ without_gains.T)
+    folds = without_gains @ grams.folds() @ without_gains.T
 
     # a wrong zero or a drift is no fault of the force
     plain = np.r_[: grams.n_own, first - LASTING : first]

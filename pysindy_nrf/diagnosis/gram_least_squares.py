@@ -11,12 +11,12 @@ RANK = 1e-13
 
 
 def solved(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Coefficients of some columns.
+    """Coefficients of some columns, of the least norm where these are dependent.
 
     Parameters
     ----------
     grams : ndarray of shape (..., p + 1, p + 1)
-        Of [columns | right-hand side].
+        Of [columns | right-hand side], of any lengths.
     columns : ndarray of shape (k,)
         Numbers of the columns.
 
@@ -24,20 +24,30 @@ def solved(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
     -------
     ndarray of shape (..., k)
     """
-    matrix = grams[..., columns[:, None], columns]
-    target = grams[..., columns, -1]
     if not columns.size:
-        return target
+        return grams[..., columns, -1]
+
+    lengths = _lengths(grams)[..., columns]
+    matrix = grams[..., columns[:, None], columns]
+    matrix = matrix / lengths[..., :, None] / lengths[..., None, :]
+    target = grams[..., columns, -1] / lengths
     if _are_independent(matrix):
-        return np.linalg.solve(matrix, target[..., None])[..., 0]
+        return np.linalg.solve(matrix, target[..., None])[..., 0] / lengths
 
     out = np.empty_like(target)
     for index in np.ndindex(target.shape[:-1]):
         solution = linalg.lstsq(
             matrix[index], target[index], cond=RANK, check_finite=False
         )
-        out[index] = solution[0]
+        out[index] = solution[0] / lengths[index]
     return out
+
+
+def _lengths(grams: np.ndarray) -> np.ndarray:
+    """Lengths of columns, one of those that are zero."""
+    squares = np.einsum("...ii->...i", grams)
+    lengths = np.sqrt(np.maximum(squares, 0.0))
+    return np.where(lengths > 0, lengths, 1.0)
 
 
 def _are_independent(matrix: np.ndarray) -> bool:
@@ -73,11 +83,3 @@ def held_out_residual(folds: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """
     training = folds.sum(axis=-3, keepdims=True) - folds
     return left_over(folds, columns, solved(training, columns)).sum(axis=-1)
-
-
-def unit_columns(grams: np.ndarray) -> np.ndarray:
-    """Gram matrices (n_folds, p, p) of columns that have unit length in all folds."""
-    squares = np.einsum("...kii->...i", grams)
-    scale = np.sqrt(np.maximum(squares, 0.0))
-    scale[scale == 0] = 1.0
-    return grams / scale[..., None, :, None] / scale[..., None, None, :]

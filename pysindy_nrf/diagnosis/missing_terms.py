@@ -22,7 +22,6 @@ from .gram_least_squares import (
     held_out_residual,
     left_over,
     solved,
-    unit_columns,
 )
 from .sample_windows import FOLDS, LASTING, OFFERED, Window
 
@@ -250,7 +249,7 @@ def _judge(steps: Sequence[_StepGrams]) -> dict[str, _Judgement]:
     n_own = steps[0].n_own
     has_mass = np.array([step.has_mass for step in steps])
     enough = np.array([step.enough for step in steps])
-    folds = unit_columns(np.array([step.grams for step in steps]))
+    folds = np.array([step.grams for step in steps])
     total = folds.sum(axis=1)
 
     p = total.shape[-1] - 1

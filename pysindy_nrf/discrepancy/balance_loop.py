@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from scipy.fft import next_fast_len
 
+from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common.warn import warn_user
 from ..exceptions import ChannelError, ExcitationError, RankWarning
@@ -25,6 +26,7 @@ from .course import Course
 from .effect_judge import EffectJudge
 from .effects import SearchState
 from .excerpts import excerpts
+from .final_estimate import final_estimate
 from .fitted_model import fit_model
 from .folds import window_length
 from .places import places_of
@@ -94,7 +96,7 @@ class BalanceLoop(
         declared model.
         """
         start = self.find_bands(self.split(self.prepare()))
-        effect_judge = EffectJudge(bool(self.request.heldout))
+        effect_judge = EffectJudge(bool(self.request.heldout), self.estimated_model)
         if effect_judge.leaves_open(start.first.model):
             cure = (
                 "Search records that excite more frequencies, or judge the model on"
@@ -195,7 +197,7 @@ class BalanceLoop(
                 # few frequencies do not separate a fault from a stiffness or a mass
                 FaultSearch(request.faults, only_witnessed=request.searches_heldout),
                 ChannelErrorTest(request.calibration),
-                EffectJudge(bool(request.heldout)),
+                EffectJudge(bool(request.heldout), self.estimated_model),
                 request.rng,
                 tick,
             )
@@ -206,6 +208,19 @@ class BalanceLoop(
         return BalanceOutcome(
             measured, result.state.records or measured, result, search
         )
+
+    def estimated_model(self, state: SearchState) -> ChainModel | None:
+        """A state as the final estimate gives it; None if that cannot be made."""
+        assert state.records is not None
+        model = state.model
+        identified = final_estimate(
+            self.request,
+            state.records.searched,
+            model.laws,
+            model.spectra.band,
+            keeps_shapes=True,
+        )
+        return None if identified is None else identified.model
 
     # -- judge, report ---------------------------------------------------------
 

@@ -47,6 +47,7 @@ def final_estimate(
     records: Sequence[Record],
     laws: Mapping[Site, Sequence[ForceLaw]],
     band: Band,
+    keeps_shapes: bool = False,
 ) -> IdentificationResult | None:
     """The estimate of some laws from all samples; None if they cannot be fitted so.
 
@@ -58,6 +59,8 @@ def final_estimate(
     laws : mapping of Site to sequence of ForceLaw
     band : (float, float)
         Hz, of the search.
+    keeps_shapes : bool
+        Whether shape parameters stay as the search found them.
     """
     problem = _problem_of(request, records, laws, band)
     method = _method_of(request.baseline.estimation)
@@ -67,7 +70,7 @@ def final_estimate(
 
     freed = _with_free_shapes(problem.laws, request.problem.laws)
     with_shapes = replace(problem, laws=freed, start=problem.laws)
-    if not with_shapes.has_free_shapes:
+    if keeps_shapes or not with_shapes.has_free_shapes:
         return _estimate(method, problem, data)
 
     # intervals of coefficients would hold for the shapes of the search only

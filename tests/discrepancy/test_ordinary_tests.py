@@ -73,10 +73,14 @@ def test_records_of_many_frequencies_are_not_searched_when_held_out():
     assert report.steps[0].judged_by == "another record"
 
 
-@pytest.mark.parametrize(("seed", "number"), [(9501, 21), (9701, 21)])
-def test_a_large_gain_that_the_motion_does_not_show_is_none(seed, number):
-    """Gains of 60 and 84 % lower the error of the equations by 8 and 10 dB, and the
-    predicted motion is as far from the measured one as before, or diverges.
+@pytest.mark.parametrize(
+    ("seed", "number"), [(9501, 21), (9701, 21), (9821, 27), (9841, 21), (9841, 42)]
+)
+def test_a_gain_that_the_motion_does_not_show_is_none(seed, number):
+    """Gains of 6 to 84 % lower the error of the equations by up to 20 dB.
+
+    The predicted motion is as far from the measured one as before, or diverges; or
+    instruments predict it better without them.
     """
     first, second = ordinary_case(seed, number)
     report = close_loop(first, heldout=second)

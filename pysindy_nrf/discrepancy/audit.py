@@ -25,6 +25,7 @@ from .excerpts import EXCERPTS
 from .fitted_model import FIT
 from .folds import FOLDS
 from .free_run import FREE_RUN
+from .free_run_judge import FREE_RUN_JUDGE
 from .growth import GROWTH
 from .heldout import HELDOUT
 from .judge import JUDGE
@@ -58,6 +59,7 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "growth": GROWTH,
     "amplitudes": AMPLITUDE,
     "judge of effects": EFFECT_JUDGE,
+    "judge of free runs": FREE_RUN_JUDGE,
     "shifted residual": SHIFT,
     "signs": SIGNS,
     "judge": JUDGE,

@@ -29,6 +29,7 @@ from .excerpts import excerpts
 from .final_estimate import final_estimate
 from .fitted_model import fit_model
 from .folds import window_length
+from .free_run_judge import FreeRunJudge, leaves_open
 from .places import places_of
 from .prepare import PreparedRecords, prepare, with_corrected_channels
 from .report import LoopReport
@@ -96,8 +97,8 @@ class BalanceLoop(
         declared model.
         """
         start = self.find_bands(self.split(self.prepare()))
-        effect_judge = EffectJudge(bool(self.request.heldout), self.estimated_model)
-        if effect_judge.leaves_open(start.first.model):
+        effect_judge = EffectJudge(bool(self.request.heldout))
+        if leaves_open(start.first.model, effect_judge):
             cure = (
                 "Search records that excite more frequencies, or judge the model on"
                 " records that the loop has not seen."
@@ -197,7 +198,8 @@ class BalanceLoop(
                 # few frequencies do not separate a fault from a stiffness or a mass
                 FaultSearch(request.faults, only_witnessed=request.searches_heldout),
                 ChannelErrorTest(request.calibration),
-                EffectJudge(bool(request.heldout), self.estimated_model),
+                EffectJudge(bool(request.heldout)),
+                FreeRunJudge(self.estimated_model),
                 request.rng,
                 tick,
             )

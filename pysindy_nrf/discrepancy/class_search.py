@@ -22,6 +22,7 @@ from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
 from .effects import Candidate, Finding, RankedFinding, SearchState
 from .error_reduction import REDUCTION
 from .fitted_model import FittedModel
+from .free_run_judge import FreeRunJudge
 from .judge import JUDGE
 from .naming import (
     NAMING,
@@ -62,6 +63,7 @@ class SearchTools:
     faults : FaultSearch
     errors : ChannelErrorTest
     judge : EffectJudge
+    free_runs : FreeRunJudge
     rng : Generator
     progress : callable
     """
@@ -69,6 +71,7 @@ class SearchTools:
     faults: FaultSearch
     errors: ChannelErrorTest
     judge: EffectJudge
+    free_runs: FreeRunJudge
     rng: np.random.Generator
     progress: Callable[[], object]
 
@@ -167,6 +170,7 @@ class ClassSearch:
         state = result.state
         there = []
         self.tools.judge.begin_round()
+        self.tools.free_runs.begin_round()
         for proposal in proposals:
             if is_there(proposal, state, self.tools.judge):
                 judged = self.tools.judge.judged(proposal.finding, state)
@@ -237,7 +241,7 @@ class ClassSearch:
             return "a fit to all records explains as much without it"
         if self._is_explained_by_errors(finding, before, after):
             return "errors of the channels within their tolerances explain it"
-        if self.tools.judge.contradicted_by_free_run(finding, state):
+        if self.tools.free_runs.contradicts(finding, state):
             return "with it the free run gets far worse"
         if finding.is_fault or not state.effects:
             return ""

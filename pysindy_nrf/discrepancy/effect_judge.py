@@ -12,26 +12,21 @@ leaves open of the model without an effect is no evidence for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from ..chain.model import ChainModel
-from ..diagnosis.offsets import with_offsets
 from ..exceptions import NRFError
 from ..laws.base import ForceLaw
-from ..laws.sensor import SensorFault
 from ..records.dataset import BlockRows
 from .amplitude import NOT_JUDGED, OtherCondition, at_other_amplitudes
-from .contradictions import mean_rate
 from .effects import Effect, Finding, SearchState, instants_of
 from .error_reduction import ErrorReduction
 from .fitted_model import FittedModel
 from .folds import Split
-from .free_run import free_run_error
 from .heldout import steady_blocks
 from .search_data import SearchData
 from .spectra import BalanceSpectra
@@ -65,26 +60,6 @@ class EffectJudgeSettings:
     # Pieces of what is held out, for the standard error, and windows of each at least.
     n_pieces: int = 8
     windows_of_piece: float = 2.0
-    # Factor by which the held-out free run may get worse with an effect, and percent of
-    # the motion up to which it may miss it in any case: the state of a law with memory
-    # is not known where a held-out piece begins. Chosen on the two tests of the student
-    # frame, where hysteresis that is not there takes it from 18 to 39 and from 31 to
-    # 4,000 %, and on an earthquake with Bouc-Wen hysteresis, where it stays below 20 %.
-    most_growth: float = 2.0
-    good_free_run: float = 20.0
-    # Factor to which the free-run error must fall with a fault of a sensor that is
-    # larger than that error and has no witness: 3 dB. On the tests of
-    # tests/discrepancy/test_sensor_faults.py it falls to 0.001 to 0.24; on sines of
-    # benchmarks/battery/ordinary.py with a gain that is not there it rises to 1.6 to 4.
-    least_fall: float = 0.7
-    # Factor by which a fit to all records must lower the free-run error of one to the
-    # searched records, where these leave it open. It is 1.7 at most in 7 pairs of
-    # measured tests of frames and bearings, 1.8 in 75 simulated ones with blows, noise
-    # and sweeps (benchmarks/battery), and 4 to 10,000 in 9 of 50 with one sine or few.
-    far_better: float = 3.0
-    # Percent of the motion from which on a free run says nothing: no motion at all
-    # would miss as much.
-    no_free_run: float = 100.0
 
 
 EFFECT_JUDGE = EffectJudgeSettings()
@@ -123,23 +98,15 @@ class EffectJudge:
     ----------
     has_records : bool
         Whether complete records are held out.
-    final_estimate : callable
-        The model of a state as the final estimate gives it; None if it cannot be made.
     """
 
-    def __init__(
-        self,
-        has_records: bool,
-        final_estimate: Callable[[SearchState], ChainModel | None],
-    ) -> None:
+    def __init__(self, has_records: bool) -> None:
         self.has_records = has_records
-        self.final_estimate = final_estimate
         self._spectra: dict[
             tuple[BalanceSpectra, tuple[float, ...]], BalanceSpectra
         ] = {}
         self._every: dict[BalanceSpectra, BalanceSpectra] = {}
         self._on_all_records: dict[FittedModel, FittedModel] = {}
-        self._free_runs: dict[FittedModel, float] = {}
 
     def judged(self, finding: Finding, state: SearchState) -> JudgedEffect:
         """What another condition says of a finding added to a state."""
@@ -185,7 +152,6 @@ class EffectJudge:
     def begin_round(self) -> None:
         """Free the memory of the models of an earlier round."""
         self._on_all_records.clear()
-        self._free_runs.clear()
 
     def _all_records(self, spectra: BalanceSpectra) -> BalanceSpectra:
         """The same windows and bands on the records that judge as well."""
@@ -200,73 +166,6 @@ class EffectJudge:
             windows = spectra.windows.over(every.search, data=every.data)
             self._every[spectra] = spectra.with_windows(every, windows)
         return self._every[spectra]
-
-    def contradicted_by_free_run(self, finding: Finding, state: SearchState) -> bool:
-        """Whether the motion that the model predicts speaks against a finding.
-
-        It gets far worse; or it gets no better with a fault that it would show, and
-        that no other channel witnesses.
-        """
-        assert finding.after is not None
-        if finding.is_fault and not finding.witnessed:
-            return not self._improves_the_free_run(finding, state)
-
-        model, after = state.model, finding.after.model
-        before = _free_run_error(model.chain_model(), model)
-        if not before < EFFECT_JUDGE.no_free_run:
-            return False
-        limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
-        return not _free_run_error(after.chain_model(), after) <= limit
-
-    def _improves_the_free_run(self, finding: Finding, state: SearchState) -> bool:
-        """Whether the free run is better on records that are freed of a fault.
-
-        What noise does to one estimate looks like a fault. So the final estimate with
-        the fault is compared with the better one without it, of the search or final.
-        """
-        assert finding.after is not None
-        model = state.model
-        of_search = _free_run_error(model.chain_model(), model)
-        of_estimate = self._free_run_of_estimate(state)
-        # a run that misses more than no motion would, or fails, says no more than that
-        no_free_run = EFFECT_JUDGE.no_free_run
-        before = float(np.fmin.reduce([of_search, of_estimate, no_free_run]))
-
-        limit = max(EFFECT_JUDGE.most_growth * before, EFFECT_JUDGE.good_free_run)
-        would_show = 100.0 * _size_of_fault(finding) > before
-        if would_show or before == no_free_run:
-            limit = EFFECT_JUDGE.least_fall * before
-        return self._free_run_of_estimate(finding.after) <= limit
-
-    def _free_run_of_estimate(self, state: SearchState) -> float:
-        """Free-run error of the final estimate of a state, percent, once in a round.
-
-        That of the search if there is none; NaN if it cannot run.
-        """
-        model = state.model
-        if model not in self._free_runs:
-            estimate = self.final_estimate(state) or model.chain_model()
-            self._free_runs[model] = _free_run_error(estimate, model)
-        return self._free_runs[model]
-
-    def leaves_open(self, model: FittedModel) -> bool:
-        """Whether the searched records leave a model open that all records determine.
-
-        Over the records that judge, the free run of a fit to all records is far better
-        than that of the model. One record of few frequencies is such a case.
-        """
-        if not self.has_records:
-            return False
-        # NaN where a mass is not positive
-        alone = _free_run_error(model.chain_model(), model)
-        if alone < EFFECT_JUDGE.good_free_run:
-            return False
-
-        fit_to_all = self.on_all_records(model)
-        of_all = _free_run_error(fit_to_all.chain_model(), model)
-        if np.isfinite(alone) and of_all > alone / EFFECT_JUDGE.far_better:
-            return False
-        return of_all < EFFECT_JUDGE.no_free_run
 
     def prefers(
         self,
@@ -340,33 +239,6 @@ def _stands_beside_another(new: Iterable[Effect], state: SearchState) -> bool:
     """
     sites = {effect.site for effect in state.effects}
     return any(effect.site in sites and not effect.enriches for effect in new)
-
-
-def _size_of_fault(finding: Finding) -> float:
-    """What a fault changes of its channel, as a share of it."""
-    law = finding.laws[0]
-    if not isinstance(law, SensorFault) or law.order is None:
-        return 0.0
-    dof = int(finding.candidate.sites[0].channel[1:])
-    rate = mean_rate(finding.before.model.spectra.data, dof)
-    return abs(law.share) * rate**law.order
-
-
-def _free_run_error(chain_model: ChainModel, searched: FittedModel) -> float:
-    """Free-run error on what is held out of all samples of a search, percent.
-
-    Parameters
-    ----------
-    chain_model : ChainModel
-        That runs alone.
-    searched : FittedModel
-        Whose records it runs along, with the offsets that were found.
-    """
-    full = searched.spectra.data.full
-    dataset = full.data
-    if searched.offsets:
-        dataset = with_offsets(dataset, searched.offsets)
-    return free_run_error(chain_model, dataset, full.heldout)
 
 
 def _cut(

@@ -13,7 +13,6 @@ on DOF 1).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -280,14 +279,17 @@ class _Scan:
         return reduction, replace(self.suspect, law=law)
 
     def _bracket(self) -> tuple[float, float]:
-        """Values on both sides of the best of the start, its double, and so on."""
+        """Values on both sides of the best of the start, its double, and so on.
+
+        The last of these is beyond the range, so that no fault ends there.
+        """
         values = [0.0, self.start]
         while abs(values[-1]) < self.reach:
             values.append(2.0 * values[-1])
-        values[-1] = math.copysign(self.reach, self.start)
-        reductions = [self.reduction(value) for value in values[1:-1]]
-        best = 1 + int(np.argmax(reductions)) if reductions else 1
-        return values[best - 1], values[min(best + 1, len(values) - 1)]
+
+        best = 1 + int(np.argmax([self.reduction(value) for value in values[1:]]))
+        values.append(2.0 * values[-1])
+        return values[best - 1], values[best + 1]
 
 
 def _vertex(up: float, down: float) -> float:

@@ -117,6 +117,15 @@ def test_a_small_gain_of_a_force_is_found_where_it_stands_out(noise):
     assert step.parameters["e"] == pytest.approx(0.04, rel=0.2)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [-0.7, -0.62, 0.62, 0.92])
+def test_a_large_gain_is_measured_beyond_the_range_that_is_scanned(gain):
+    faulty = record(3, [1, 2, 3], 0.01, sensors={"sensor F2": laws.GainError(gain)})
+    step = close_loop(faulty, catalogue=RIVALS, max_steps=1).steps[0]
+    assert (step.law, step.site) == ("gain_error", "sensor F2")
+    assert step.parameters["e"] == pytest.approx(gain, rel=0.01)
+
+
 @pytest.mark.parametrize("left_out", [["velocity", "displacement"], ["velocity"]])
 def test_a_fault_that_a_user_wrote_is_tried_like_ours(left_out):
     """Where a floor has one kind of channel, and where two contradict each other."""

@@ -27,7 +27,8 @@ class SensorFault(ForceLaw):
     Attributes
     ----------
     scan : (float, float)
-        First step and range of the search for the coefficient, on that scale.
+        First step of the search for the coefficient, and the range that it covers at
+        least, on that scale.
     acts_on_derivatives : bool
         Whether the derivatives of the channel have the same fault; false for an offset.
     changes_scale : bool

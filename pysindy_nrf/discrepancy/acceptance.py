@@ -64,8 +64,10 @@ def is_there(proposal: Proposal, state: SearchState, effect_judge: EffectJudge) 
         return False
 
     shares = judge.shares_of_force(finding, state)
-    # a dashpot matters beside other dampers, whatever the springs hold
-    matters = law.variable == "v" or max(shares.values()) >= ACCEPTANCE.least_share
+    # a dashpot matters beside other dampers, whatever the springs hold, and one line
+    # beside what else is at its frequency
+    acts_apart = law.variable == "v" or law.narrow_band
+    matters = acts_apart or max(shares.values()) >= ACCEPTANCE.least_share
     return matters and not judge.takes_over(finding, shares)
 
 

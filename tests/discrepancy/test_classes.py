@@ -236,3 +236,22 @@ def test_two_sines_make_no_wrong_name_sure():
     report = close_loop(records[0], heldout=records[1])
     sure = {step.law for step in report.steps if step.confirmed and step.sure}
     assert sure <= {"cubic_stiffness"}
+
+
+def test_one_line_matters_beside_what_is_at_its_frequency():
+    """A harmonic force of 0.7 % of the random forces (rms), which no sensor makes."""
+    linear = [laws.LinearElastic(4e4), laws.LinearViscous(60.0)]
+    storeys = dict.fromkeys((1, 2, 3), linear)
+    hum = {"dof 2": [laws.HarmonicForce(12.0, A=1.0, B=0.0)]}
+    F = excitation.band_limited_random(
+        3, 30.0, 200.0, excited=[1, 2, 3], rms=100.0, band=(1, 40), random_state=4
+    )
+    run = simulate(ChainModel([10.0] * 3, {**storeys, **hum}), F, 1 / 200)
+    report = close_loop(add_noise(run, 0.002, random_state=5))
+
+    (step,) = report.steps
+    assert (step.effect_class, step.site) == ("outside force", "dof 2")
+    assert step.confirmed
+    assert step.parameters["frequency"] == pytest.approx(12.0, rel=1e-3)
+    amplitude = np.hypot(step.parameters["A"], step.parameters["B"])
+    assert amplitude == pytest.approx(1.0, rel=0.05)

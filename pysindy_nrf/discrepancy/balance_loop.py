@@ -199,7 +199,7 @@ class BalanceLoop(
                 FaultSearch(request.faults, only_witnessed=request.searches_heldout),
                 ChannelErrorTest(request.calibration),
                 EffectJudge(bool(request.heldout)),
-                FreeRunJudge(self.estimated_model),
+                FreeRunJudge(self.estimated_model, request.searches_heldout),
                 request.rng,
                 tick,
             )

@@ -59,10 +59,13 @@ class FreeRunJudge:
     ----------
     final_estimate : callable
         The model of a state as the final estimate gives it; None if it cannot be made.
+    must_improve : bool
+        Whether every effect must improve the free run: no record is left to judge it.
     """
 
-    def __init__(self, final_estimate: FinalEstimate) -> None:
+    def __init__(self, final_estimate: FinalEstimate, must_improve: bool) -> None:
         self.final_estimate = final_estimate
+        self.must_improve = must_improve
         self._of_estimates: dict[FittedModel, float] = {}
 
     def begin_round(self) -> None:
@@ -72,35 +75,32 @@ class FreeRunJudge:
     def contradicts(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts speaks against a finding.
 
-        It gets far worse; or it gets no better with a fault that it would show, and
-        that no other channel witnesses.
+        It gets far worse; or it gets no better where it must, and with a fault that it
+        would show and that no other channel witnesses. What noise does to one estimate
+        looks like an effect. So there the final estimate with the effect is compared
+        with the better one without it, of the search or final.
         """
-        if finding.is_fault and not finding.witnessed:
-            return not self._improves(finding, state)
-
         assert finding.after is not None
+        if finding.is_fault and not finding.witnessed:
+            limit = _limit_of_fault(finding, self._best_error(state))
+            return not self._error_of_estimate(finding.after) <= limit
+        if self.must_improve:
+            best = self._best_error(state)
+            return not self._error_of_estimate(finding.after) <= best
+
         before = _error_of_search(state)
         if not before < FREE_RUN_JUDGE.says_nothing:
             return False
         return not _error_of_search(finding.after) <= _limit(before)
 
-    def _improves(self, finding: Finding, state: SearchState) -> bool:
-        """Whether the free run is better on records that are freed of a fault.
+    def _best_error(self, state: SearchState) -> float:
+        """Free-run error of the better estimate of a state, percent.
 
-        What noise does to one estimate looks like a fault. So the final estimate with
-        the fault is compared with the better one without it, of the search or final.
+        That of no motion at all where both miss more, or fail.
         """
-        assert finding.after is not None
-        # a run that fails says no more than one that says nothing
         says_nothing = FREE_RUN_JUDGE.says_nothing
         errors = [_error_of_search(state), self._error_of_estimate(state), says_nothing]
-        before = float(np.fmin.reduce(errors))
-
-        limit = _limit(before)
-        would_show = 100.0 * _size_of(finding) > before
-        if would_show or before == says_nothing:
-            limit = FREE_RUN_JUDGE.least_fall * before
-        return self._error_of_estimate(finding.after) <= limit
+        return float(np.fmin.reduce(errors))
 
     def _error_of_estimate(self, state: SearchState) -> float:
         """Free-run error of the final estimate of a state, percent, once in a round.
@@ -137,6 +137,14 @@ def leaves_open(model: FittedModel, effect_judge: EffectJudge) -> bool:
 def _limit(before: float) -> float:
     """Free-run error up to which an effect does not spoil the run, percent."""
     return max(FREE_RUN_JUDGE.most_growth * before, FREE_RUN_JUDGE.good)
+
+
+def _limit_of_fault(finding: Finding, before: float) -> float:
+    """Free-run error up to which a fault of a sensor may be there, percent."""
+    would_show = 100.0 * _size_of(finding) > before
+    if would_show or before == FREE_RUN_JUDGE.says_nothing:
+        return FREE_RUN_JUDGE.least_fall * before
+    return _limit(before)
 
 
 def _size_of(finding: Finding) -> float:

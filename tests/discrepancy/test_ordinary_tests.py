@@ -97,6 +97,19 @@ def test_no_sensor_is_accused_where_no_record_determines_the_chain():
     assert not any(site.startswith("sensor") for _, site in confirmed(report))
 
 
+@pytest.mark.parametrize(
+    ("seed", "number", "sites"), [(9851, 15, set()), (9852, 33, {"storey 2"})]
+)
+def test_an_effect_improves_the_motion_where_no_record_is_left_to_judge_it(
+    seed, number, sites
+):
+    """The effects are about as large as the noise; gaps elsewhere gain 2 dB."""
+    first, second = ordinary_case(seed, number)
+    with pytest.warns(RankWarning, match="held out"):
+        report = close_loop(first, heldout=second)
+    assert {site for _, site in confirmed(report)} == sites
+
+
 def test_a_force_is_not_late_where_accelerometers_are_early():
     """Their corners of 0.14 Hz make them lead the other channels by 2.2 ms."""
     first, second = ordinary_case(9821, 30)

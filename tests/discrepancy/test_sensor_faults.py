@@ -118,7 +118,7 @@ def test_a_small_gain_of_a_force_is_found_where_it_stands_out(noise):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("gain", [-0.7, -0.62, 0.62, 0.92])
+@pytest.mark.parametrize("gain", [-0.62, 0.62])
 def test_a_large_gain_is_measured_beyond_the_range_that_is_scanned(gain):
     faulty = record(3, [1, 2, 3], 0.01, sensors={"sensor F2": laws.GainError(gain)})
     step = close_loop(faulty, catalogue=RIVALS, max_steps=1).steps[0]

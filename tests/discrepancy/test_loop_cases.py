@@ -188,7 +188,7 @@ def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain():
     ("forced", "rms", "added_laws"),
     [
         # none stands out
-        ([1, 2, 3, 4, 5], 36.0, [laws.CoulombFriction(9.0)] * 5),
+        ([1, 2, 3, 4], 36.0, [laws.CoulombFriction(9.0)] * 4),
         (
             [3],
             60.0,

@@ -44,7 +44,7 @@ def solved(grams: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def _lengths(grams: np.ndarray) -> np.ndarray:
-    """Lengths of columns, one of those that are zero."""
+    """Lengths of the columns; 1 for columns of zeros."""
     squares = np.einsum("...ii->...i", grams)
     lengths = np.sqrt(np.maximum(squares, 0.0))
     return np.where(lengths > 0, lengths, 1.0)

@@ -329,6 +329,7 @@ def check_units(law: ForceLaw, rng: np.random.Generator) -> None:
     """In other units of length, time and mass the coefficients give the same force."""
     sizes = {"m": 3.7, "s": 0.6, "kg": 1.9, "[u]": 2.3, "1": 1.0}
     sizes["N"] = sizes["kg"] * sizes["m"] / sizes["s"] ** 2
+    sizes["Hz"] = 1.0 / sizes["s"]
 
     motion = random_motion(law, rng)
     units = dict(zip(motion.covariates, covariate_units(law), strict=True))

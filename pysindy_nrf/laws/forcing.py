@@ -35,7 +35,7 @@ class HarmonicForce(_ExternalForce):
     """
 
     name = "harmonic_force"
-    shapes = (Shape("frequency", "1/s", 0.01, 2.0, "v/s"),)
+    shapes = (Shape("frequency", "Hz", 0.01, 2.0, "v/s"),)
     columns = (
         Term("A", "cos(2 pi frequency t)", "N"),
         Term("B", "sin(2 pi frequency t)", "N"),

@@ -21,11 +21,11 @@ from .dictionary import DICTIONARY
 from .effect_judge import EFFECT_JUDGE
 from .error_fit import ERROR_FIT
 from .error_reduction import REDUCTION
+from .estimate_judge import ESTIMATE_JUDGE
 from .excerpts import EXCERPTS
 from .fitted_model import FIT
 from .folds import FOLDS
 from .free_run import FREE_RUN
-from .free_run_judge import FREE_RUN_JUDGE
 from .growth import GROWTH
 from .heldout import HELDOUT
 from .judge import JUDGE
@@ -59,7 +59,7 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "growth": GROWTH,
     "amplitudes": AMPLITUDE,
     "judge of effects": EFFECT_JUDGE,
-    "judge of free runs": FREE_RUN_JUDGE,
+    "judge of estimates": ESTIMATE_JUDGE,
     "shifted residual": SHIFT,
     "signs": SIGNS,
     "judge": JUDGE,

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..exceptions import NRFError
+from ..identification.result import IdentificationResult
+from ..records.record import Record
 from . import wording
 from .bootstrap import SimulatedRecords, simulated
 from .catalogue import same_balance
@@ -15,10 +17,11 @@ from .class_search import ClassSearch
 from .contradictions import Contradiction
 from .decision import Decision, FoundEffect
 from .effects import Effect, instants_of
+from .final_estimate import final_estimate
 from .fitted_model import FittedModel
 from .heldout import HeldoutJudge, JudgedModel, search_errors
 from .judgement import Judgement
-from .prepare import PreparedRecords
+from .prepare import Band, PreparedRecords
 from .report import Step
 from .request import LoopRequest
 from .spectra import BalanceSpectra
@@ -73,11 +76,14 @@ class BalanceJudgement:
     outcome : BalanceOutcome
     noise : SimulatedRecords or None
         What the final model would have produced; None if it has no free run.
+    identified : IdentificationResult or None
+        The final estimate; None if it cannot be made.
     """
 
     judgement: Judgement
     outcome: BalanceOutcome
     noise: SimulatedRecords | None
+    identified: IdentificationResult | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +127,16 @@ class BalanceJudge:
         judged = course.judged
         stopped = self._why_stopped()
 
-        no_claim = why_no_claim(judged[final])
+        band = result.first.model.spectra.band
+        identified = self._estimate(judged[final].model, band)
+        no_claim = _why_no_claim(judged[final], identified)
         if no_claim:
             final = 0
             stopped = wording.no_claim(no_claim)
-            unfit = why_no_claim(judged[0])
+            # the search does not know where the balances hold information
+            alone = self.request.band or (None, None)
+            identified = self._estimate(judged[0].model, alone)
+            unfit = _why_no_claim(judged[0], identified)
             drafts = [] if unfit else [draft.refused() for draft in drafts]
             judged = judged[:1] if unfit else judged
 
@@ -134,12 +145,12 @@ class BalanceJudge:
             judged,
             final,
             [*stopped, *self._remarks()],
-            result.first.model.spectra.band,
+            band,
             result.last,
             bool(no_claim),
         )
         noise = self._drawn_from(judged[final].model)
-        return BalanceJudgement(judgement, self.outcome, noise)
+        return BalanceJudgement(judgement, self.outcome, noise, identified)
 
     # -- the course of the search, on all samples ------------------------------
 
@@ -222,7 +233,15 @@ class BalanceJudge:
             spectra = self.heldout.spectra_with_means(spectra)
         return model.refitted(spectra)
 
-    # -- words and noise ---------------------------------------------------
+    # -- final estimate, words, noise --------------------------------------
+
+    def _estimate(self, model: FittedModel, band: Band) -> IdentificationResult | None:
+        """The final estimate of the laws of a model."""
+        outcome = self.outcome
+        records: Sequence[Record] = self.request.records
+        if any(effect.is_fault for effect in outcome.result.effects):
+            records = outcome.records.searched
+        return final_estimate(self.request, records, model.chain_model().laws, band)
 
     def _why_stopped(self) -> list[str]:
         """Why the search added no further effect."""
@@ -252,6 +271,16 @@ class BalanceJudge:
         if self.outcome.contradictions:
             remarks.append(wording.channels_disagree(self.outcome.contradictions))
         return remarks
+
+
+def _why_no_claim(judged: JudgedModel, identified: IdentificationResult | None) -> str:
+    """Why nothing may be claimed of a model, by its final estimate where there is one.
+
+    Empty if something may.
+    """
+    if identified is None:
+        return why_no_claim(judged, judged.model.chain_model())
+    return why_no_claim(judged, identified.model)
 
 
 def _draft(

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 from scipy.fft import next_fast_len
 
-from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..common.warn import warn_user
 from ..exceptions import ChannelError, ExcitationError, RankWarning
 from ..identification.problem import Problem
+from ..identification.result import IdentificationResult
 from ..laws.base import ForceLaw
 from ..records.dataset import Dataset, Segment
 from ..records.zero_phase_filter import filters_of
@@ -25,11 +25,11 @@ from .class_search import ClassSearch, SearchTools
 from .course import Course
 from .effect_judge import EffectJudge
 from .effects import SearchState
+from .estimate_judge import EstimateJudge, leaves_open
 from .excerpts import excerpts
 from .final_estimate import final_estimate
 from .fitted_model import fit_model
 from .folds import window_length
-from .free_run_judge import FreeRunJudge, leaves_open
 from .places import places_of
 from .prepare import PreparedRecords, prepare, with_corrected_channels
 from .report import LoopReport
@@ -199,7 +199,7 @@ class BalanceLoop(
                 FaultSearch(request.faults, only_witnessed=request.searches_heldout),
                 ChannelErrorTest(request.calibration),
                 EffectJudge(bool(request.heldout)),
-                FreeRunJudge(self.estimated_model, request.searches_heldout),
+                EstimateJudge(self.estimate, request.searches_heldout),
                 request.rng,
                 tick,
             )
@@ -211,18 +211,14 @@ class BalanceLoop(
             measured, result.state.records or measured, result, search
         )
 
-    def estimated_model(self, state: SearchState) -> ChainModel | None:
-        """A state as the final estimate gives it; None if that cannot be made."""
+    def estimate(self, state: SearchState) -> IdentificationResult | None:
+        """The final estimate of a state; None if it cannot be made."""
         assert state.records is not None
         model = state.model
-        identified = final_estimate(
-            self.request,
-            state.records.searched,
-            model.laws,
-            model.spectra.band,
-            keeps_shapes=True,
+        records, band = state.records.searched, model.spectra.band
+        return final_estimate(
+            self.request, records, model.laws, band, keeps_shapes=True
         )
-        return None if identified is None else identified.model
 
     # -- judge, report ---------------------------------------------------------
 

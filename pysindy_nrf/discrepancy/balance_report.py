@@ -31,15 +31,14 @@ from ..identification.result import IdentificationResult
 from ..identification.wiring import wiring_error
 from ..records.dataset import Dataset
 from ..records.quality import Kind, QualityNote
-from ..records.record import Record
 from .balance_judgement import BalanceJudgement, BalanceOutcome
 from .effects import Finding
 from .excerpts import EXCERPTS
-from .final_estimate import final_estimate, with_final_estimate
+from .final_estimate import with_final_estimate
 from .fitted_model import FittedModel
 from .free_run import FREE_RUN
-from .judgement import Judgement, measured_records, report_of
-from .prepare import Band, PreparedRecords
+from .judgement import measured_records, report_of
+from .prepare import PreparedRecords
 from .report import LoopReport, Step
 from .request import LoopRequest
 
@@ -52,12 +51,7 @@ def balance_report(request: LoopRequest, concluded: BalanceJudgement) -> LoopRep
     pieces, filters, _ = final.data_with_offsets.diagnosed().cut()
 
     report = report_of(request, judgement, request.calibration, _visited(final))
-    identified = final_estimate(
-        request,
-        _records_of_estimate(request, outcome),
-        report.model.laws,
-        _band_of_estimate(request, judgement),
-    )
+    identified = concluded.identified
     report = with_final_estimate(report, identified)
     beyond_noise = _beyond_noise(final, identified)
     report = replace(
@@ -137,25 +131,6 @@ def _lack_of_fit(general: Sequence[Finding]) -> pd.DataFrame:
             rows.append((finding.candidate.site_names, name, reduction.value, error))
     columns = ["site", "general law", "reduction (dB)", "standard error"]
     return pd.DataFrame(rows, columns=columns).set_index(columns[:2])
-
-
-def _band_of_estimate(request: LoopRequest, judgement: Judgement) -> Band:
-    """The band of the search; that of the user if the search claims nothing.
-
-    It then does not know where the balances hold information.
-    """
-    if judgement.nothing_claimed:
-        return request.band or (None, None)
-    return judgement.band
-
-
-def _records_of_estimate(
-    request: LoopRequest, outcome: BalanceOutcome
-) -> Sequence[Record]:
-    """The records of the search, freed of the faults that were found."""
-    if any(effect.is_fault for effect in outcome.result.effects):
-        return outcome.records.searched
-    return request.records
 
 
 def _free_runs(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,10 +27,17 @@ class ClaimSettings:
 CLAIMS = ClaimSettings()
 
 
-def why_no_claim(judged: JudgedModel) -> str:
-    """Why nothing may be claimed of a model; empty if something may."""
-    model = judged.model
-    errors = model.errors_within
+def why_no_claim(judged: JudgedModel, reported: ChainModel) -> str:
+    """Why nothing may be claimed of a model; empty if something may.
+
+    Parameters
+    ----------
+    judged : JudgedModel
+        As the search fitted it.
+    reported : ChainModel
+        As the final estimate gives it.
+    """
+    errors = judged.model.errors_within
     if np.nanmax(errors) >= CLAIMS.hopeless:
         worst = int(np.nanargmax(errors))
         return (
@@ -37,13 +45,14 @@ def why_no_claim(judged: JudgedModel) -> str:
             f" {worst + 1}"
         )
 
-    known = model.spectra.data.known_masses
-    chain_model = model.chain_model()
-    masses = enumerate(chain_model.masses, 1)
-    if any(mass <= 0 and j not in known for j, mass in masses):
-        return f"masses came out not positive ({_in_words(chain_model)})"
+    known = judged.model.spectra.data.known_masses
+    wrong = wrong_masses(reported, known)
+    if wrong:
+        unit = reported.units.mass
+        masses = ", ".join(f"m{j} = {mass:.3g} {unit}" for j, mass in wrong.items())
+        return f"masses came out not positive ({masses})"
 
-    total = chain_model.total_masses
+    total = reported.total_masses
     cancelled = []
     for j, mass in known.items():
         if mass > 0 and total[j - 1] <= CLAIMS.cancelled * mass:
@@ -58,10 +67,7 @@ def why_no_claim(judged: JudgedModel) -> str:
     return ""
 
 
-def _in_words(model: ChainModel) -> str:
-    """Masses that no structure has."""
-    wrong = []
-    for j, mass in enumerate(model.masses, 1):
-        if mass <= 0:
-            wrong.append(f"m{j} = {mass:.3g} {model.units.mass}")
-    return ", ".join(wrong)
+def wrong_masses(model: ChainModel, known: Container[int]) -> dict[int, float]:
+    """Masses that no structure has, of those that are not known, kg by DOF."""
+    masses = enumerate(model.masses.tolist(), 1)
+    return {j: mass for j, mass in masses if mass <= 0 and j not in known}

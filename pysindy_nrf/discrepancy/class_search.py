@@ -21,8 +21,8 @@ from .constants import best_constant, state_with_means
 from .effect_judge import EFFECT_JUDGE, EffectJudge, JudgedEffect
 from .effects import Candidate, Finding, RankedFinding, SearchState
 from .error_reduction import REDUCTION
+from .estimate_judge import EstimateJudge
 from .fitted_model import FittedModel
-from .free_run_judge import FreeRunJudge
 from .judge import JUDGE
 from .naming import (
     NAMING,
@@ -63,7 +63,7 @@ class SearchTools:
     faults : FaultSearch
     errors : ChannelErrorTest
     judge : EffectJudge
-    free_runs : FreeRunJudge
+    estimates : EstimateJudge
     rng : Generator
     progress : callable
     """
@@ -71,7 +71,7 @@ class SearchTools:
     faults: FaultSearch
     errors: ChannelErrorTest
     judge: EffectJudge
-    free_runs: FreeRunJudge
+    estimates: EstimateJudge
     rng: np.random.Generator
     progress: Callable[[], object]
 
@@ -170,7 +170,7 @@ class ClassSearch:
         state = result.state
         there = []
         self.tools.judge.begin_round()
-        self.tools.free_runs.begin_round()
+        self.tools.estimates.begin_round()
         for proposal in proposals:
             if is_there(proposal, state, self.tools.judge):
                 judged = self.tools.judge.judged(proposal.finding, state)
@@ -229,7 +229,7 @@ class ClassSearch:
         return as_good
 
     def _doubt(self, proposal: Proposal, result: ClassResult) -> str:
-        """What speaks against a proposal: errors of channels, the free run, chance."""
+        """What speaks against a proposal: channels, final estimate, motion, chance."""
         state, finding = result.state, proposal.finding
         assert finding.after is not None
         before = self.tools.judge.on_all_records(state.model)
@@ -241,7 +241,9 @@ class ClassSearch:
             return "a fit to all records explains as much without it"
         if self._is_explained_by_errors(finding, before, after):
             return "errors of the channels within their tolerances explain it"
-        if self.tools.free_runs.contradicts(finding, state):
+        if self.tools.estimates.leaves_open(finding, state):
+            return "the final estimate does not determine it"
+        if self.tools.estimates.contradicts(finding, state):
             return "with it the free run gets far worse"
         if finding.is_fault or not state.effects:
             return ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ..chain.model import ChainModel
 from ..chain.sites import Site
 from ..laws.atoms import SumOfAtoms
 from ..laws.base import ForceLaw
@@ -68,6 +69,11 @@ class Effect:
     def is_constant(self) -> bool:
         """Whether it is a constant force, which the means alone show."""
         return self.law.variable == "1"
+
+    def law_in(self, model: ChainModel) -> ForceLaw:
+        """Its law with the values of a model, the last of its name at the site."""
+        laws = model.laws[self.site]
+        return next(law for law in reversed(laws) if law.name == self.law.name)
 
 
 def instants_of(effects: Iterable[Effect]) -> list[float]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..laws.base import ForceLaw
 from . import judge, wording
 from .decision import Decision, FoundEffect
 from .effects import Effect, Finding
@@ -69,7 +68,7 @@ def draft_step(
     units = model.chain.units
     intervals: dict[str, Interval] = {}
     if not effect.is_fault:
-        fitted = _fitted_law(model, effect)
+        fitted = effect.law_in(model.chain_model())
         intervals = effect_intervals(model, effect)
         without = model.without(effect.site, effect.law)
         share = judge.share_of_force(model, without, effect.site)
@@ -103,12 +102,6 @@ def draft_step(
     else:
         real = all((fitted.parameters[c] or 0.0) >= 0 for c in fitted.nonnegative)
     return StepDraft(effect, decision.confirmed, real and reduction.bound > 0, step)
-
-
-def _fitted_law(model: FittedModel, effect: Effect) -> ForceLaw:
-    """The law of an effect with its coefficients in a model."""
-    laws = model.chain_model().laws[effect.site]
-    return next(law for law in reversed(laws) if law.name == effect.law.name)
 
 
 def _other_families(

@@ -1,4 +1,8 @@
-"""The judge of motions: does a model with an effect still move like the structure?
+"""The judge of estimates: do the final estimate and the motion support an effect?
+
+The search fits equations of motion by least squares, which noise biases. An effect is
+reported with the final estimate. So that must have positive masses, and coefficients of
+the effect that differ from zero.
 
 The equations of motion may close with a model whose free run does not follow the
 measured motion. An effect must not spoil that run. A fault of a sensor that no other
@@ -8,23 +12,26 @@ judge it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..chain.model import ChainModel
 from ..diagnosis.offsets import with_offsets
+from ..identification.result import IdentificationResult
 from ..laws.sensor import SensorFault
+from .claims import wrong_masses
 from .contradictions import mean_rate
 from .effect_judge import EffectJudge
-from .effects import Finding, SearchState
+from .effects import Effect, Finding, SearchState
+from .error_reduction import REDUCTION
 from .fitted_model import FittedModel
 from .free_run import free_run_error
 
 
 @dataclass(frozen=True)
-class FreeRunJudgeSettings:
+class EstimateJudgeSettings:
     """What is asked of the free run over what is held out."""
 
     # Factor by which the held-out free run may get worse with an effect, and percent of
@@ -50,17 +57,17 @@ class FreeRunJudgeSettings:
     says_nothing: float = 100.0
 
 
-FREE_RUN_JUDGE = FreeRunJudgeSettings()
-FinalEstimate = Callable[[SearchState], ChainModel | None]
+ESTIMATE_JUDGE = EstimateJudgeSettings()
+FinalEstimate = Callable[[SearchState], IdentificationResult | None]
 
 
-class FreeRunJudge:
-    """Judges effects by the motion that a model predicts.
+class EstimateJudge:
+    """Judges effects by the final estimate, and by the motion that a model predicts.
 
     Parameters
     ----------
     final_estimate : callable
-        The model of a state as the final estimate gives it; None if it cannot be made.
+        The final estimate of a state; None if it cannot be made.
     must_improve : bool
         Whether every effect must improve the free run: no record is left to judge it.
     """
@@ -68,11 +75,29 @@ class FreeRunJudge:
     def __init__(self, final_estimate: FinalEstimate, must_improve: bool) -> None:
         self.final_estimate = final_estimate
         self.must_improve = must_improve
-        self._of_estimates: dict[FittedModel, float] = {}
+        self._estimates: dict[FittedModel, IdentificationResult | None] = {}
+        self._free_run_errors: dict[FittedModel, float] = {}
 
     def begin_round(self) -> None:
         """Forget the models of an earlier round."""
-        self._of_estimates.clear()
+        self._estimates.clear()
+        self._free_run_errors.clear()
+
+    def leaves_open(self, finding: Finding, state: SearchState) -> bool:
+        """Whether the final estimate does not determine a finding.
+
+        An unknown mass is not positive, or all coefficients of an effect are within two
+        standard errors of zero.
+        """
+        assert finding.after is not None
+        estimate = self._estimate(finding.after)
+        if finding.is_fault or estimate is None:
+            return False
+        if wrong_masses(estimate.model, estimate.problem.known_masses):
+            return True
+        errors = estimate.standard_errors()
+        new = finding.new_effects(state.effects)
+        return not all(_differs_from_zero(e, estimate.model, errors) for e in new)
 
     def contradicts(self, finding: Finding, state: SearchState) -> bool:
         """Whether the motion that the model predicts speaks against a finding.
@@ -92,7 +117,7 @@ class FreeRunJudge:
             return not self._error_of_estimate(finding.after) <= limit
 
         before = _error_of_search(state)
-        if not before < FREE_RUN_JUDGE.says_nothing:
+        if not before < ESTIMATE_JUDGE.says_nothing:
             return False
         return not _error_of_search(finding.after) <= _limit(before)
 
@@ -101,7 +126,7 @@ class FreeRunJudge:
 
         That of no motion at all where both miss more, or fail.
         """
-        says_nothing = FREE_RUN_JUDGE.says_nothing
+        says_nothing = ESTIMATE_JUDGE.says_nothing
         errors = [_error_of_search(state), self._error_of_estimate(state), says_nothing]
         return float(np.fmin.reduce(errors))
 
@@ -111,10 +136,18 @@ class FreeRunJudge:
         That of the search if there is none; NaN if it cannot run.
         """
         model = state.model
-        if model not in self._of_estimates:
-            estimate = self.final_estimate(state) or model.chain_model()
-            self._of_estimates[model] = _error_of(estimate, model)
-        return self._of_estimates[model]
+        if model not in self._free_run_errors:
+            estimate = self._estimate(state)
+            estimated = model.chain_model() if estimate is None else estimate.model
+            self._free_run_errors[model] = _error_of(estimated, model)
+        return self._free_run_errors[model]
+
+    def _estimate(self, state: SearchState) -> IdentificationResult | None:
+        """The final estimate of a state, made once in a round."""
+        model = state.model
+        if model not in self._estimates:
+            self._estimates[model] = self.final_estimate(state)
+        return self._estimates[model]
 
 
 def leaves_open(model: FittedModel, effect_judge: EffectJudge) -> bool:
@@ -127,26 +160,42 @@ def leaves_open(model: FittedModel, effect_judge: EffectJudge) -> bool:
         return False
     # NaN where a mass is not positive
     alone = _error_of(model.chain_model(), model)
-    if alone < FREE_RUN_JUDGE.good:
+    if alone < ESTIMATE_JUDGE.good:
         return False
 
     fit_to_all = effect_judge.on_all_records(model)
     of_all = _error_of(fit_to_all.chain_model(), model)
-    if np.isfinite(alone) and of_all > alone / FREE_RUN_JUDGE.far_better:
+    if np.isfinite(alone) and of_all > alone / ESTIMATE_JUDGE.far_better:
         return False
-    return of_all < FREE_RUN_JUDGE.says_nothing
+    return of_all < ESTIMATE_JUDGE.says_nothing
+
+
+def _differs_from_zero(
+    effect: Effect, model: ChainModel, errors: Mapping[str, float]
+) -> bool:
+    """Whether a coefficient of an effect is known to two standard errors.
+
+    It may be where its standard error is not known.
+    """
+    law = effect.law_in(model)
+    for term in law.terms():
+        value = law.parameters[term.symbol] or 0.0
+        error = errors.get(f"{effect.site}: {term.label}", 0.0)
+        if not abs(value) <= REDUCTION.sure_errors * error:
+            return True
+    return False
 
 
 def _limit(before: float) -> float:
     """Free-run error up to which an effect does not spoil the run, percent."""
-    return max(FREE_RUN_JUDGE.most_growth * before, FREE_RUN_JUDGE.good)
+    return max(ESTIMATE_JUDGE.most_growth * before, ESTIMATE_JUDGE.good)
 
 
 def _limit_of_fault(finding: Finding, before: float) -> float:
     """Free-run error up to which a fault of a sensor may be there, percent."""
     would_show = 100.0 * _size_of(finding) > before
-    if would_show or before == FREE_RUN_JUDGE.says_nothing:
-        return FREE_RUN_JUDGE.least_fall * before
+    if would_show or before == ESTIMATE_JUDGE.says_nothing:
+        return ESTIMATE_JUDGE.least_fall * before
     return _limit(before)
 
 

@@ -34,7 +34,6 @@ from .prepare import FUSION
 from .request import LoopRequest
 from .sensor_faults import FAULTS
 from .shape_axes import AXES
-from .shifted_residual import SHIFT
 from .signs import SIGNS
 from .windows import WINDOWS
 
@@ -60,7 +59,6 @@ ALL_SETTINGS: dict[str, DataclassInstance] = {
     "amplitudes": AMPLITUDE,
     "judge of effects": EFFECT_JUDGE,
     "judge of estimates": ESTIMATE_JUDGE,
-    "shifted residual": SHIFT,
     "signs": SIGNS,
     "judge": JUDGE,
     "channel errors": CHANNEL_ERRORS,

@@ -137,9 +137,8 @@ def forced_chain(*missing, extra=None, noise=0.01):
     return add_noise(record.replace(force=F), noise, random_state=0)
 
 
-@pytest.mark.parametrize("noise", [0.01, 0.05])
-def test_the_only_law_of_a_catalogue_is_the_name_where_noise_alone_bends_it(noise):
-    record = forced_chain(laws.CoulombFriction(20.0), noise=noise)
+def test_the_only_law_of_a_catalogue_is_the_name_where_noise_alone_bends_it():
+    record = forced_chain(laws.CoulombFriction(20.0), noise=0.05)
     report = close_loop(record, catalogue=[laws.CoulombFriction()])
     (step,) = report.steps
     assert (step.law, step.site, step.carries) == ("coulomb_friction", "storey 1", True)

@@ -116,7 +116,6 @@ def random_forces(n, seconds, forced, rms, band=(1, 35), fs=FS, seed=0):
             "one_sided_gap",
             {"k": 2e4, "gap": 1.0e-3},
         ),
-        ((3, 0), lambda s, v: 9e3 * s + 6.0 * v, "link_spring_dashpot", {"k": 9e3}),
         # the frame bends
         ((3, 1), lambda s, v: -2e3 * s, "bending_coupling", {"kb": 2e3}),
     ],
@@ -188,7 +187,7 @@ def test_a_wrong_gain_beside_a_cubic_spring_is_a_wrong_gain():
     ("forced", "rms", "added_laws"),
     [
         # none stands out
-        ([1, 2, 3, 4], 36.0, [laws.CoulombFriction(9.0)] * 4),
+        ([1, 2, 3], 36.0, [laws.CoulombFriction(9.0)] * 3),
         (
             [3],
             60.0,
@@ -412,7 +411,7 @@ def test_a_bouc_wen_hysteresis_is_not_mended_by_simpler_ones():
     ag = shaking[:, 0] * (t / 8 * np.exp(1 - t / 8)) ** 2
     truth, still = ChainModel([12.0, 9.0], {1: below, 2: above}), np.zeros((len(t), 2))
     record = simulate(truth, still, 1 / 200, base_acceleration=ag)
-    tried = [laws.Dahl(), laws.Jenkins(), laws.Iwan(), laws.BoucWen()]
+    tried = [laws.Dahl(), laws.Jenkins(), laws.BoucWen()]
     (step,) = loop(record, tried, 0.01, known_masses={1: 12.0, 2: 9.0}).steps
     assert (step.law, step.site) == ("bouc_wen", "storey 1")
     assert step.parameters["alpha"] == pytest.approx(4e4, rel=0.1)
@@ -439,21 +438,3 @@ def test_a_step_in_a_heldout_piece_is_judged_on_the_others(t0):
     assert first < t0 < last and last - first > 0.5
     low, high = step.intervals["dk"]
     assert low < -3e3 < high
-
-
-def test_two_harmonic_forces_on_one_floor_are_two_effects():
-    """Pumps of 4.3 and 9.7 Hz on floor 1, of which no force channel knows."""
-    storey = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]
-    F = random_forces(3, 16.0, 3, 60.0, band=(0.5, 30), fs=400.0, seed=1)
-    t = np.arange(len(F)) / 400.0
-    pumps = np.zeros_like(F)
-    for frequency in (4.3, 9.7):
-        pumps[:, 0] += 25.0 * np.sin(2 * np.pi * frequency * t)
-    truth = ChainModel([10.0] * 3, {1: storey, 2: storey, 3: storey})
-    record = simulate(truth, F + pumps, 1 / 400).replace(force=F)
-
-    steps = loop(record, [laws.HarmonicForce(), laws.CubicStiffness()], 0.01).steps
-    claims = [(step.law, step.site) for step in steps if step.confirmed]
-    assert claims == [("harmonic_force", "dof 1")] * 2
-    frequencies = sorted(step.parameters["frequency"] for step in steps)
-    assert frequencies == pytest.approx([4.3, 9.7], rel=1e-3)

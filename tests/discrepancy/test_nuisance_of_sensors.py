@@ -56,12 +56,8 @@ def test_wrong_zeros_are_notes_and_no_effects():
     assert places == {"dof 1", "dof 2"}
 
 
-@pytest.mark.parametrize(
-    "law",
-    [laws.OneSidedGap(gap=5e-4, k=4e4), laws.QuadraticStiffness(k2=1e6)],
-    ids=lambda law: law.name,
-)
-def test_laws_that_see_the_zero_are_found_beside_wrong_ones(law):
+def test_a_law_that_sees_the_zero_is_found_beside_wrong_ones():
+    law = laws.OneSidedGap(gap=5e-4, k=4e4)
     clean = clean_test(law)
     for record in (clean, with_wrong_zeros(clean)):
         report = close_loop(noisy(record), catalogue=TRIED)

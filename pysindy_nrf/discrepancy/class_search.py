@@ -241,7 +241,7 @@ class ClassSearch:
             return "a fit to all records explains as much without it"
         if self._is_explained_by_errors(finding, before, after):
             return "errors of the channels within their tolerances explain it"
-        if self.tools.estimates.leaves_open(finding, state):
+        if self.tools.estimates.is_undetermined(finding, state):
             return "the final estimate does not determine it"
         if self.tools.estimates.contradicts(finding, state):
             return "with it the free run gets far worse"

@@ -83,18 +83,21 @@ class EstimateJudge:
         self._estimates.clear()
         self._free_run_errors.clear()
 
-    def leaves_open(self, finding: Finding, state: SearchState) -> bool:
-        """Whether the final estimate does not determine a finding.
+    def is_undetermined(self, finding: Finding, state: SearchState) -> bool:
+        """Whether the final estimate does not determine a law.
 
         An unknown mass is not positive, or all coefficients of an effect are within two
         standard errors of zero.
         """
+        if finding.is_fault:
+            return False
         assert finding.after is not None
         estimate = self._estimate(finding.after)
-        if finding.is_fault or estimate is None:
+        if estimate is None:
             return False
         if wrong_masses(estimate.model, estimate.problem.known_masses):
             return True
+
         errors = estimate.standard_errors()
         new = finding.new_effects(state.effects)
         return not all(_differs_from_zero(e, estimate.model, errors) for e in new)
@@ -108,12 +111,11 @@ class EstimateJudge:
         compared with the better estimate without it, of the search or final.
         """
         assert finding.after is not None
-        if finding.is_fault and not finding.witnessed:
-            limit = _limit_of_fault(finding, self._best_error(state))
-            return not self._error_of_estimate(finding.after) <= limit
-
-        if self.must_improve:
+        has_no_witness = finding.is_fault and not finding.witnessed
+        if has_no_witness or self.must_improve:
             limit = self._best_error(state)
+            if has_no_witness:
+                limit = _limit_of_fault(finding, limit)
             return not self._error_of_estimate(finding.after) <= limit
 
         before = _error_of_search(state)

@@ -67,7 +67,8 @@ def is_there(proposal: Proposal, state: SearchState, effect_judge: EffectJudge) 
     # a dashpot matters beside other dampers, whatever the springs hold, and one line
     # beside what else is at its frequency
     acts_apart = law.variable == "v" or law.narrow_band
-    return acts_apart or max(shares.values()) >= ACCEPTANCE.least_share
+    matters = acts_apart or max(shares.values()) >= ACCEPTANCE.least_share
+    return matters and not judge.takes_over(finding, shares)
 
 
 def _least_reduction(proposal: Proposal, state: SearchState) -> float:

@@ -65,6 +65,12 @@ def differs_from_zero(model: FittedModel, effect: Effect) -> bool:
     return bool((np.abs(values[0]) > REDUCTION.sure_errors * errors).any())
 
 
+def takes_over(finding: Finding, shares: dict[Site, float]) -> bool:
+    """Whether a law at a site without laws takes more force than the storey there."""
+    laws = finding.before.model.laws
+    return any(share > 1 and not laws.get(site) for site, share in shares.items())
+
+
 def reduction_over(finding: Finding, state: SearchState) -> ErrorReduction | None:
     """Error reduction of a finding over a state, whatever effects it replaces."""
     if finding.after is None:

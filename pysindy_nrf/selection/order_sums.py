@@ -300,6 +300,12 @@ class OrderSums:
             solution = solve(grams, solve_order, known_masses, optimizer)
         return solution, solve_order, grams
 
+    @property
+    def fewest_equations(self) -> int:
+        """Equations in the smallest training side, one for each sample and DOF."""
+        sides = [self.side(fold, TRAIN) for fold in range(self.folds.n_folds)]
+        return int(min(side.counts.sum() for side in sides))
+
     def held_out(self, fold: Fold) -> FoldSide:
         """Sums of the test side of a fold."""
         return self.side(fold, TEST)

@@ -211,7 +211,9 @@ class _Elimination:
         self.full = sums.uniform_order(degree)
         self.order = self.full
         errors = errors_on_folds(sums, self.full)
-        if not np.isfinite(errors).all():
+        n_terms = sum(self.full.layout.counts.values())
+        # fewer equations than terms have many solutions, and rounding chooses one
+        if sums.fewest_equations < n_terms or not np.isfinite(errors).all():
             what = "The whole series cannot be fitted on every fold"
             raise NRFError(what, "Use fewer folds or a lower degree.")
         # what was left out, the candidate, its held-out errors

@@ -12,8 +12,6 @@ from measured import folder
 
 from pysindy_nrf import NRFRegressor, Record, close_loop, laws
 
-pytestmark = pytest.mark.slow
-
 
 def loop(record, baseline=None, catalogue=None):
     """No band, no trim: the loop gets channels, units and known masses."""
@@ -53,6 +51,7 @@ def test_emps_has_friction_and_an_offset():
     assert "onstant" not in report.verdict.sentence
 
 
+@pytest.mark.slow
 def test_dry_friction_acts_against_the_ground():
     """Lathourakis and Cicirello (2024): the mass rubs on a frame that stands still.
 
@@ -82,6 +81,7 @@ def test_bouc_wen_benchmark_gives_the_published_parameters():
     assert linear["k"] == pytest.approx(5e4, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_strongly_shaken_frame_yields():
     """Storey 3 is seen and refused: held-out time speaks against it."""
     report = frame("fbgm152s3")
@@ -95,6 +95,7 @@ def test_a_strongly_shaken_frame_yields():
     assert (np.diff([step.error_after for step in effects]) <= 0).all()
 
 
+@pytest.mark.slow
 def test_an_effect_takes_over_no_spring():
     """Sliders beside -214 N/m, where the storey has 420, explained the search and not
     what was held out.

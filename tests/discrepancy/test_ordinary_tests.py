@@ -15,8 +15,6 @@ MASSES = np.array([28.0, 22.0, 16.0, 16.0])
 STIFFNESS = (1.0e5, 1.8e5, 1.0e5, 1.8e5)
 DAMPING = (90.0, 45.0, 35.0, 90.0)
 
-pytestmark = pytest.mark.slow
-
 
 def sine_test(law, frequency, rms, seed):
     """Floor 2 driven from rest, with a law in storey 1 and 1 % of noise."""
@@ -61,6 +59,7 @@ def test_two_sines_determine_what_one_leaves_open():
     assert not step.sure
 
 
+@pytest.mark.slow
 def test_a_gain_that_the_motion_does_not_show_is_none():
     """A gain of 60 % lowers the error of the equations by 8 dB.
 
@@ -71,6 +70,7 @@ def test_a_gain_that_the_motion_does_not_show_is_none():
     assert not any(site.startswith("sensor") for _, site in confirmed(report))
 
 
+@pytest.mark.slow
 def test_no_sensor_is_accused_where_no_record_determines_the_chain():
     """A delay of the force of 2.5 ms takes an error from 80 to 4 %, in the balance at
     the other end of the chain.
@@ -81,6 +81,7 @@ def test_no_sensor_is_accused_where_no_record_determines_the_chain():
     assert not any(site.startswith("sensor") for _, site in confirmed(report))
 
 
+@pytest.mark.slow
 def test_an_effect_improves_the_motion_where_no_record_is_left_to_judge_it():
     """The effect is about as large as the noise; a gap in storey 1 gains 2 dB."""
     first, second = ordinary_case(9852, 33)
@@ -89,6 +90,7 @@ def test_an_effect_improves_the_motion_where_no_record_is_left_to_judge_it():
     assert {site for _, site in confirmed(report)} == {"storey 2"}
 
 
+@pytest.mark.slow
 def test_a_force_is_not_late_where_accelerometers_are_early():
     """Their corners of 0.14 Hz make them lead the other channels by 2.2 ms."""
     first, second = ordinary_case(9821, 30)
@@ -96,6 +98,7 @@ def test_a_force_is_not_late_where_accelerometers_are_early():
     assert ("channel_delay", "sensor F1") not in confirmed(report)
 
 
+@pytest.mark.slow
 def test_nothing_is_claimed_of_a_model_that_does_not_follow_the_motion():
     first, second = ordinary_case(9701, 24)
     report = close_loop(first, heldout=second)

@@ -52,11 +52,11 @@ def test_a_stage_in_a_closed_loop_whose_position_alone_is_measured():
     assert fits["ls"].masses_[0] < 0.95 * 95.1089
 
 
-@pytest.mark.parametrize("quarter", [0, 1, 3])
+@pytest.mark.parametrize("quarter", [1, 3])
 def test_a_short_test_of_the_stage(quarter):
     """Least squares is 19 to 26 % off, with intervals as wide.
 
-    In the third quarter it stays: the first free run never turns.
+    In the first and third quarter it may stay: free runs hardly turn there.
     """
     measured.folder("emps")
     friction = [laws.LinearViscous(), laws.CoulombFriction(), laws.ConstantForce()]

@@ -1,8 +1,8 @@
 """The judge of estimates: do the final estimate and the motion support an effect?
 
-The search fits equations of motion by least squares, which noise biases. An effect is
-reported with the final estimate. So that must have positive masses, and coefficients of
-the effect that differ from zero.
+The search fits equations of motion by least squares, which noise biases, but the report
+gives the final estimate. That estimate must have positive masses, and at least one
+coefficient of the effect must differ from zero in it.
 
 The equations of motion may close with a model whose free run does not follow the
 measured motion. An effect must not spoil that run. A fault of a sensor that no other
@@ -175,9 +175,9 @@ def leaves_open(model: FittedModel, effect_judge: EffectJudge) -> bool:
 def _differs_from_zero(
     effect: Effect, model: ChainModel, errors: Mapping[str, float]
 ) -> bool:
-    """Whether a coefficient of an effect is known to two standard errors.
+    """Whether a coefficient of an effect exceeds two standard errors.
 
-    It may be where its standard error is not known.
+    True where its standard error is not known.
     """
     law = effect.law_in(model)
     for term in law.terms():

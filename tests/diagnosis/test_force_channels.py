@@ -91,6 +91,22 @@ def test_a_distortion_that_explains_little_is_no_accusation(sound):
     assert doubts(record)["forces"] == []
 
 
+@pytest.mark.parametrize("frequency", [5.5, 6.6, 7.5])
+def test_a_sine_that_grows_from_rest_is_no_distortion(frequency):
+    """Cubic laws fit the start of a sine badly, which is no fault of the force."""
+    t = np.arange(0, 40, 1 / 256)
+    F = np.zeros((len(t), 3))
+    F[:, 1] = 1000 * np.sin(2 * np.pi * frequency * t) * np.clip(t / 3, 0, 1)
+    storeys = {}
+    for i, stiffness in enumerate((3.0e6, 2.3e6, 2.3e6), 1):
+        storeys[i] = [laws.LinearElastic(stiffness), laws.LinearViscous(2600.0)]
+    truth = ChainModel([1040.0, 1060.0, 1060.0], storeys)
+    record = add_noise(simulate(truth, F, 1 / 256), 0.005, random_state=1)
+
+    with warnings.catch_warnings(action="ignore"):
+        assert not NRFRegressor().fit(record).data_warnings_["forces"]
+
+
 def interpolated(force):
     samples = np.arange(len(force))
     return np.interp(samples, samples[::4], force[::4])

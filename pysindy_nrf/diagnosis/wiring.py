@@ -18,8 +18,9 @@ import numpy as np
 import pandas as pd
 
 from ..chain.model import ChainModel
-from ..equations.errors import balance_errors, inertia_size
+from ..equations.errors import balance_errors
 from ..equations.normal_equations import NormalEquations
+from ..equations.solution import DOUBTFUL_MASS, Solution
 from ..exceptions import NRFError, NRFWarning
 from ..records.checks.alignment import channel_alignment
 from ..records.record import MATRICES, Record
@@ -62,6 +63,10 @@ class Fitted(Protocol):
     def grams(self) -> NormalEquations:
         """The normal equations."""
 
+    @property
+    def solution(self) -> Solution:
+        """What is known of the solve."""
+
 
 Solve = Callable[[list[Record]], Fitted]
 
@@ -89,14 +94,18 @@ class Closure:
     Parameters
     ----------
     impossible : bool
-        Whether the solve failed, or a mass is not positive although its inertia is
-        larger than what its balance leaves. The sign of a smaller one says nothing.
+        Whether the solve failed, or a mass is not positive although the part of its
+        inertia that no other term imitates is larger than what its balance leaves. The
+        sign of a smaller one says nothing.
     errors : ndarray of shape (n_dof,)
         Percent NRMSE by DOF.
+    noise_decides : bool
+        Whether noise decides one of the masses, and with it all that follow.
     """
 
     impossible: bool
     errors: np.ndarray
+    noise_decides: bool = False
 
     @property
     def size(self) -> float:
@@ -345,14 +354,25 @@ def _closure(records: list[Record], solve: Solve, known: Collection[int]) -> Clo
         except NRFError:
             return Closure(True, np.full(records[0].n_dof, np.inf))
     balances = balance_errors(fitted.model, fitted.grams).drop("pooled")
-    impossible = False
-    for j, mass in enumerate(fitted.model.masses, 1):
-        if mass > 0 or j in known:
-            continue
-        inertia = inertia_size(j, mass, fitted.grams)
-        impossible |= inertia > balances["residual"].get(f"dof {j}", 0.0)
     errors = balances["error"].to_numpy(dtype=float)
-    return Closure(bool(impossible), np.maximum(errors, _LEAST_ERROR))
+    noise = fitted.solution.mass_noise
+    return Closure(
+        _is_impossible(fitted, known),
+        np.maximum(errors, _LEAST_ERROR),
+        max(noise.values(), default=0.0) > DOUBTFUL_MASS,
+    )
+
+
+def _is_impossible(fitted: Fitted, known: Collection[int]) -> bool:
+    """Whether a mass that is solved for is not positive, and noise is not the reason.
+
+    Where it is not known what noise does, it is not the reason.
+    """
+    noise = fitted.solution.mass_noise
+    for j, mass in enumerate(fitted.model.masses, 1):
+        if mass <= 0 and j not in known and noise.get(j, 0.0) < DOUBTFUL_MASS:
+            return True
+    return False
 
 
 def _most_promising(
@@ -386,7 +406,7 @@ def _closing_balances(closure: Closure, as_wired: Closure) -> np.ndarray:
 
 def _closes_better(closure: Closure, as_wired: Closure) -> bool:
     """Whether all balances close with a mapping, or one does and none pays for it."""
-    if closure.impossible:
+    if closure.impossible or closure.noise_decides:
         return False
     closes = _closing_balances(closure, as_wired)
     telling = closure.size < as_wired.size - np.log(TELLING_FALL)

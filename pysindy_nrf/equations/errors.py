@@ -114,15 +114,6 @@ def balance_sizes(
     return Sizes(float(residual), float(reference), float(storey), of, float(n_samples))
 
 
-def inertia_size(dof: int, mass: float, grams: NormalEquations) -> float:
-    """Rms of the inertia ``m a`` of a DOF in its equation, N."""
-    above = tuple(range(dof, grams.layout.n_dof + 1))
-    dofs = above if above in grams.groups else (dof,)
-    weights = np.zeros((grams.matrices[dofs].shape[-1], 1))
-    weights[grams.positions(dofs).mass] = mass
-    return float(grams.norms(dofs, weights)[0] / grams.sizes[dofs] ** 0.5)
-
-
 def residual_weights(
     masses: Mapping[int, PerBlock],
     coefficients: Mapping[Site, np.ndarray],

@@ -123,6 +123,17 @@ class Solution:
         return fitted
 
     @property
+    def mass_noise(self) -> dict[int, float]:
+        """Residual over the part of each inertia that no other column imitates.
+
+        By DOF, of the masses that were solved for; near one, noise decides.
+        """
+        noise: dict[int, float] = {}
+        for fit in self.fits:
+            noise.update(zip(fit.step.masses, fit.mass_noise))
+        return noise
+
+    @property
     def dependent(self) -> list[str]:
         """Columns that depend on each other, in words, step by step."""
         return [fit.dependent for fit in self.fits if fit.dependent]

@@ -31,9 +31,12 @@ EDGE = 0.5
 MAX_SAMPLES = 16384
 # Cycles of that frequency in a record, fewer of which say nothing.
 MIN_CYCLES = 8
-# Rms of a drift over that of the displacement, from which on it is looked at. White
-# noise of a tenth of the displacement has less below a fiftieth of the sampling rate.
+# Rms of the slow part of a displacement, as a share of the displacement, from which on
+# it is looked at.
 LEAST_SHARE = 3e-3
+# Times the largest such share of a force or an acceleration, at least: half of the
+# power of the slow part, or more, is then not driven.
+ABOVE_DRIVEN = 2.0**0.5
 # What the equations of motion leave without the drift, over what they leave with it.
 # Permanent displacements of a storey that yields are no drift: they leave more.
 LEFT_WITHOUT_DRIFT = 0.5
@@ -125,12 +128,14 @@ def _slow_part(segment: Segment, record: Record) -> Drift | None:
         return None
 
     edge = EDGE * lowest
+    of_drivers = max(_share_below(line, edge, dt) for line in driven.T)
+    least = max(LEAST_SHARE, ABOVE_DRIVEN * of_drivers)
     displacements = np.cumsum(_averaged(segment.s[rows], n_averaged), axis=1)
     sizes = {}
     for j, line in enumerate(displacements.T, 1):
-        slow = _rms_below(line, edge, dt)
-        if f"x{j}" in record.measured and slow > LEAST_SHARE * line.std():
-            sizes[j] = slow
+        slow = _share_below(line, edge, dt)
+        if f"x{j}" in record.measured and slow > least:
+            sizes[j] = slow * float(line.std())
     return Drift(edge, sizes) if sizes else None
 
 
@@ -157,11 +162,11 @@ def _driven_from(line: np.ndarray, dt: float) -> float:
     return float(f[np.searchsorted(reached, DRIVEN_FROM)])
 
 
-def _rms_below(line: np.ndarray, edge: float, dt: float) -> float:
-    """Rms of the part of a signal below a frequency, its mean aside."""
+def _share_below(line: np.ndarray, edge: float, dt: float) -> float:
+    """Rms of the part of a signal below a frequency over its rms, its mean aside."""
     f, power = _powers(line, dt)
     share = power[f < edge].sum() / power.sum() if power.sum() > 0 else 0.0
-    return float(line.std() * np.sqrt(share))
+    return float(np.sqrt(share))
 
 
 # -- data without them ---------------------------------------------------------------

@@ -62,6 +62,7 @@ def test_free_runs_of_other_forces_are_close_or_said():
     assert far_off.startswith("chain 36, cubic") and far_off.endswith(", said")
 
 
+@pytest.mark.slow
 def test_no_row_of_the_foundation_fails():
     printed = run("foundation", "--quick")
     assert not lines_with(printed, "| FAIL |")
@@ -87,6 +88,7 @@ def speed(tmp_path_factory):
     return printed, table.read_text()
 
 
+@pytest.mark.slow
 def test_the_speed_table_compares_all(speed):
     _, table = speed
     for method in METHODS:
@@ -116,6 +118,7 @@ def test_careless_measurements_are_named_and_clean_ones_are_not():
     assert missed <= 1
 
 
+@pytest.mark.slow
 def test_no_ordinary_mistake_is_silent_and_no_clean_test_is_accused():
     printed = run("verdicts", "--quick")
     (silent,) = lines_with(printed, "green, off and not named")
@@ -132,6 +135,7 @@ def test_a_case_of_the_verdicts_runs_again():
     assert "RED: " in printed
 
 
+@pytest.mark.slow
 def test_intervals_under_narrow_excitation_hold_the_truth():
     chosen = ("--chains", "first mode only", "--estimations", "auto")
     printed = run("interval_coverage", "--quick", "--jobs", "1", *chosen)
@@ -153,6 +157,7 @@ def worst_mass_error(printed: str, method: str) -> float:
     return float(columns[0].split()[0])
 
 
+@pytest.mark.slow
 def test_instruments_recover_masses_that_raw_channels_lose(capsys):
     options = "--seconds 4 --seeds 1 --repetitions 2 --jobs 1 --only".split()
     for title in ("hammer", "intervals", "frequency response"):
@@ -184,6 +189,7 @@ def test_measured_records_are_searched_without_a_band():
     assert "refused" not in printed
 
 
+@pytest.mark.slow
 def test_public_records_by_defaults_stand_beside_published_numbers():
     """Silverbox within 1 % of its output, the mass of EMPS within 1 % of 95.11 kg."""
     for name in ("silverbox_multisine", "emps"):

@@ -11,7 +11,7 @@ from pysindy_nrf import laws
 DOCS = Path(__file__).parents[1] / "docs"
 CODE_BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([\w./-]+\.(?:md|py))\)")
-LONG = {"closing_the_loop.md", "coming_from_pysindy.md"}
+LONG = {"closing_the_loop.md", "fewer_sensors.md", "shaker_test.md"}
 WITH_A_TEST_OF_THEIR_OWN = {"add_your_own_law.md", "fleet.md"}
 
 
@@ -19,7 +19,7 @@ def pages_with_code():
     for page in sorted(DOCS.glob("*.md")):
         has_code = CODE_BLOCK.search(page.read_text("utf-8"))
         if has_code and page.name not in WITH_A_TEST_OF_THEIR_OWN:
-            marks = [pytest.mark.examples] if page.name in LONG else []
+            marks = [pytest.mark.slow] if page.name in LONG else []
             yield pytest.param(page, id=page.stem, marks=marks)
 
 

@@ -16,6 +16,7 @@ NOTEBOOKS = sorted((FOLDER / "notebooks").glob("*.ipynb"))
 # The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them
 # too, and so does the gallery.
 SHORT = {"plot_coming_from_pysindy", "plot_paper_2dof_damper_force"}
+LONG_NOTEBOOKS = {"measured_positioning_stage", "paper_two_floors"}
 RUN_ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
 SMALLEST_PICTURE = 5000  # bytes; an empty one has fewer
 
@@ -26,7 +27,13 @@ def stem_of(path):
     return path.stem
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=stem_of)
+def notebooks_to_run():
+    for path in NOTEBOOKS:
+        marks = [pytest.mark.slow] if path.stem in LONG_NOTEBOOKS else []
+        yield pytest.param(path, id=path.stem, marks=marks)
+
+
+@pytest.mark.parametrize("path", list(notebooks_to_run()))
 def test_the_notebook_runs(path, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     if path.stem.startswith("measured_"):

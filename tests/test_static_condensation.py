@@ -29,6 +29,7 @@ def record(blind=(2,), dofs=(4,), fs=500.0):
     return measured.replace(**channels)
 
 
+@pytest.mark.slow
 def test_a_floor_without_a_sensor_is_refused_with_the_way_out():
     with pytest.raises(IdentifiabilityError, match="Add a sensor"):
         NRFRegressor(degree=1).fit(record(fs=100.0))

@@ -289,6 +289,7 @@ def test_emps_has_the_published_mass(emps, spoken):
     assert 16 <= data["balance_error_percent"]["dof 1"] <= 18
 
 
+@pytest.mark.slow
 def test_a_power_series_in_place_of_friction_diverges(emps, spoken):
     assert run(emps + QUIET) == ExitCode.RED
     data = spoken()

@@ -62,6 +62,7 @@ def test_forces_take_the_file_of_the_mapping_and_have_a_verdict(here, capsys):
         assert "verdict" in Path("nrf_output/forces.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_damage_and_compare_write_pages(here, capsys):
     pytest.importorskip("jinja2")
     pytest.importorskip("plotly")

@@ -56,6 +56,7 @@ def test_wrong_zeros_are_notes_and_no_effects():
     assert places == {"dof 1", "dof 2"}
 
 
+@pytest.mark.slow
 def test_a_law_that_sees_the_zero_is_found_beside_wrong_ones():
     law = laws.OneSidedGap(gap=5e-4, k=4e4)
     clean = clean_test(law)

@@ -126,7 +126,13 @@ def test_a_large_gain_is_measured_beyond_the_range_that_is_scanned(gain):
     assert step.parameters["e"] == pytest.approx(gain, rel=0.01)
 
 
-@pytest.mark.parametrize("left_out", [["velocity", "displacement"], ["velocity"]])
+@pytest.mark.parametrize(
+    "left_out",
+    [
+        pytest.param(["velocity", "displacement"], marks=pytest.mark.slow),
+        ["velocity"],
+    ],
+)
 def test_a_fault_that_a_user_wrote_is_tried_like_ours(left_out):
     """Where a floor has one kind of channel, and where two contradict each other."""
     faulty = record(3, [1, 2, 3], 0.01, sensors={"sensor a3": laws.GainError(0.2)})

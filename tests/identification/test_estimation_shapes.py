@@ -78,6 +78,7 @@ def test_a_declared_harmonic_force_is_found_at_any_frequency(name):
     assert np.hypot(*law.values) == pytest.approx(10.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_several_frequencies_are_found_one_after_the_other():
     """Two on one floor and one on another; beside them a gap of unknown width."""
     top = Site("dof 2")
@@ -133,6 +134,7 @@ def fitted_slider(uy):
     return NRFRegressor(degree=1, laws=declared).fit(record).result_
 
 
+@pytest.mark.slow
 def test_a_shape_is_found_beyond_the_range_of_its_search():
     # the range begins at a hundredth of the rms of the drift
     result = fitted_slider(uy=3e-5)
@@ -145,6 +147,7 @@ def test_a_shape_is_found_beyond_the_range_of_its_search():
     assert result.facts.shapes_at_ends == ()
 
 
+@pytest.mark.slow
 def test_a_shape_that_ends_where_its_search_ends_is_a_doubt():
     """A slider that yields at once is dry friction: no yield drift fits it."""
     result = fitted_slider(uy=1e-9)

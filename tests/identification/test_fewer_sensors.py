@@ -98,6 +98,7 @@ def test_the_error_of_the_free_run_is_the_noise(noisy_fit):
     assert "free run predicts the motion to 2" in str(noisy_fit.verdict())
 
 
+@pytest.mark.slow
 def test_channels_correct_the_hidden_motion_of_a_frame_with_a_brace():
     """A brace that the model lacks: the channels show most of what its run misses."""
     brace = {"ground 3": laws.LinkSpringDashpot(1e4, 0.0)}
@@ -141,7 +142,7 @@ def test_a_known_mass_scales_a_shaken_chain(clean):
 @pytest.mark.parametrize(
     ("n", "seed"),
     [
-        pytest.param(4, 52, id="narrow valley"),
+        pytest.param(4, 52, id="narrow valley", marks=pytest.mark.slow),
         pytest.param(4, 173, id="set of modes"),
         pytest.param(5, 32, id="lost mode", marks=pytest.mark.slow),
     ],
@@ -162,6 +163,7 @@ def test_the_right_chain_is_reached(n, seed):
     assert worst(parameters(model.model_), parameters(truth)) < 0.05
 
 
+@pytest.mark.slow
 def test_a_rival_chain_withholds_intervals():
     """A third of a second, half as much noise as motion: other chains fit as well."""
     noisy = add_noise(pushed(frame(2)).window(0, 0.3), 0.5, random_state=5)

@@ -57,6 +57,7 @@ def test_channels_and_drawings_together_are_sharper_than_drawings(record, drawin
     assert (np.abs(table.estimate / true - 1) < 1.5 * half).all()
 
 
+@pytest.mark.slow
 def test_ties_and_known_values_hold_to_six_digits(record, drawings):
     ties = {
         "storey *: v": Parameter(equal_to="storey 1: v"),

@@ -69,7 +69,10 @@ def test_a_problem_survives_pickling():
     assert again.laws == problem.laws
 
 
-@pytest.mark.parametrize("estimation", ["ls", "iv", "auto", "simulation"])
+@pytest.mark.parametrize(
+    "estimation",
+    ["ls", "iv", "auto", pytest.param("simulation", marks=pytest.mark.slow)],
+)
 def test_a_constant_force_is_refused_in_a_band_without_0_hz(estimation):
     laws_of_sites = {i: [laws.PowerSeries(1)] for i in (1, 2, 3)}
     laws_of_sites["dof 2"] = [laws.ConstantForce()]

@@ -75,6 +75,7 @@ def test_steps_of_a_loop_are_drawn():
     )
 
 
+@pytest.mark.slow
 def test_modes_swing_by_cosines_of_one_slowed_clock(model):
     """A mode takes a cycle of 0.8 s times the fastest frequency over its own."""
 

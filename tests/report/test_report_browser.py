@@ -189,6 +189,7 @@ def test_the_background_follows_the_scheme(browser, size, scheme):
     assert (sum(browser.run(BACKGROUND)) > 600) == (scheme == "light")
 
 
+@pytest.mark.slow
 def test_all_figures_are_printed_in_light(browser):
     """For the paper they are drawn anew."""
     browser.open(PHONE, "dark")
@@ -201,6 +202,7 @@ def test_all_figures_are_printed_in_light(browser):
     assert browser.errors == []
 
 
+@pytest.mark.slow
 def test_the_summary_is_one_page_of_paper(browser):
     browser.open(DESK)
     assert browser.wait(lambda: browser.run(ALL_DRAWN))
@@ -223,6 +225,7 @@ def test_the_keyboard_reaches_the_content(browser):
     assert browser.wait(lambda: browser.run("return location.hash") == "#main")
 
 
+@pytest.mark.slow
 def test_modes_move_until_they_are_stopped(browser):
     """Stopped, they stand at their largest deflection."""
     browser.open(DESK)
@@ -250,6 +253,7 @@ def column(table, number):
     return values
 
 
+@pytest.mark.slow
 def test_a_table_is_sorted_by_mouse_and_by_key(browser):
     browser.open(DESK)
     table = browser.find("#measured table")
@@ -282,6 +286,7 @@ def test_a_table_is_copied_with_all_digits(browser):
     assert [float(row[1]) for row in cells] == list(loop_report().model.masses)
 
 
+@pytest.mark.slow
 def test_a_surface_turns_by_drag_by_arrow_keys_and_by_buttons(browser):
     browser.open(PHONE)
     place = browser.scroll_to(".turns")

@@ -40,6 +40,7 @@ def test_shares_of_a_linear_storey_are_nearly_its_spring(summary):
     assert table.loc["m1", "share"] != table.loc["m1", "share"]
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_tests():
     """The scatter of twelve noisy tests of one frame, within its own uncertainty."""
     storey = laws.PowerSeries(1, [60.0, 1e5])

@@ -171,6 +171,7 @@ def followed(X, F):
     return NRFRegressor(degree=1, dt=1 / FS, varying="auto").fit(X, F).time_variation_
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 def test_constant_structures_are_called_changing_no_more_often_than_stated():
     runs = 80

@@ -122,6 +122,24 @@ def test_blows_that_only_push_accuse_neither_force_nor_channels(milliseconds):
     assert verdict.state != "red"
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_one_sine_accuses_no_channel(seed):
+    """It leaves a mass negative: noise decides it, and no channel is reversed."""
+    t = np.arange(0, 40, 1 / 256)
+    F = np.zeros((len(t), 3))
+    F[:, 1] = 1000 * np.sin(2 * np.pi * 2.2 * t) * np.clip(t / 3, 0, 1)
+    storeys = {
+        1: spring_and_dashpot(2.2e6, 4000.0),
+        2: spring_and_dashpot(1.0e6, 2000.0),
+        3: spring_and_dashpot(2.7e6, 4000.0),
+    }
+    clean = simulate(ChainModel([1100.0, 870.0, 1040.0], storeys), F, 1 / 256)
+    record = add_noise(clean, 0.005, random_state=seed)
+    verdict = NRFRegressor(degree=1).fit(record).verdict()
+    assert verdict.state == "red"
+    assert not kinds(verdict) & {"quality", "channel", "wiring"}
+
+
 def test_a_chaotic_motion_is_said_and_its_parameters_are_right():
     """Ueda's oscillator: a cubic spring under a cosine (1979), by SciPy."""
     t = np.arange(0.0, 100.0, 0.02)

@@ -88,14 +88,14 @@ class OpenAlternatives:
 
     @classmethod
     def among(
-        cls, alternatives: Iterable[Alternative], unexplained: Mapping[int, float]
+        cls, alternatives: Iterable[Alternative], remaining: Mapping[int, float]
     ) -> OpenAlternatives:
         """Those among all alternatives.
 
-        ``unexplained`` is the share of each equation of motion that the model leaves,
-        percent.
+        ``remaining`` is the share of each equation of motion that the model leaves,
+        percent, beyond noise where that is known.
         """
-        leaves_something = max(unexplained.values(), default=0.0) >= EXPLAINED
+        leaves_something = max(remaining.values(), default=0.0) >= EXPLAINED
         still_open, better = [], set()
         for alternative in alternatives:
             fits_better = leaves_something and alternative.residual_share < BETTER_FIT

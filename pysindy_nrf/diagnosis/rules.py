@@ -287,7 +287,7 @@ def unseen_drifts(facts: Facts) -> list[Reason]:
 
 def open_alternatives(facts: Facts) -> list[Reason]:
     """Other structures and channels that the data do not exclude."""
-    among = OpenAlternatives.among(facts.alternatives, facts.unexplained)
+    among = OpenAlternatives.among(facts.alternatives, facts.remaining)
     reasons = []
     for alternative in among.alternatives:
         is_better = alternative.description in among.better

@@ -2,7 +2,8 @@
 
 Noise as strong as that of the channels is added to the records once more. What it adds
 to the fused motion, and with it to the residual, is what the noise that was measured
-has left there.
+has left there. Noise also acts through the estimate: an equation that takes a force
+from another one keeps the error of that force.
 """
 
 from __future__ import annotations
@@ -38,6 +39,8 @@ LEAST_SHARE = 0.01
 N_UNRESOLVED = 1
 # Times what noise leaves that is taken for noise: one draw shows it to a fifth.
 TIMES_NOISE = 1.2
+# Standard errors of the estimate that are taken for noise.
+ERRORS = 2.0
 # A verdict on the same data is the same, so its noise is.
 _SEED = 0
 
@@ -51,7 +54,8 @@ class BesideNoise:
     left_over : dict of int to LeftOver
         By DOF. Where some octaves hold far more than noise they alone are counted.
     noise : dict of int to float
-        What noise would leave at all frequencies, percent of the force.
+        What noise would leave at all frequencies, by itself and through the estimate,
+        percent of the force.
     """
 
     left_over: dict[int, LeftOver] = field(default_factory=dict)
@@ -66,7 +70,12 @@ class BesideNoise:
         return beyond
 
 
-def beside_noise(problem: Problem, model: ChainModel, data: Dataset) -> BesideNoise:
+def beside_noise(
+    problem: Problem,
+    model: ChainModel,
+    data: Dataset,
+    half_samples: Sequence[ChainModel] = (),
+) -> BesideNoise:
     """What a model leaves of each equation of motion, and what noise would leave.
 
     Parameters
@@ -75,6 +84,8 @@ def beside_noise(problem: Problem, model: ChainModel, data: Dataset) -> BesideNo
     model : ChainModel
     data : Dataset
         Fused from records.
+    half_samples : sequence of ChainModel
+        Models that differ from the estimate by one standard error.
 
     Returns
     -------
@@ -85,10 +96,16 @@ def beside_noise(problem: Problem, model: ChainModel, data: Dataset) -> BesideNo
         return BesideNoise()
     with warnings.catch_warnings(action="ignore", category=NRFWarning):
         of_noise, step = _residual_of_noise(problem, model, data)
-    residual = residual_of(model, data, problem.filters(data))
+    filters = problem.filters(data)
+    residual = residual_of(model, data, filters)
     n_octaves = _number_of_octaves([*of_noise, *residual.balance])
     noise = _powers_by_octave(of_noise, step, n_octaves)
     powers = _powers_by_octave(residual.balance, step, n_octaves)
+    for other in half_samples:
+        beside = residual_of(other, data, filters).balance
+        of_error = [there - here for there, here in zip(beside, residual.balance)]
+        power = _powers_by_octave(of_error, step, n_octaves)
+        noise += ERRORS**2 * power / len(half_samples)
 
     known = BesideNoise()
     for j, reference in enumerate(residual.reference["reference"][: model.n_dof]):

@@ -350,7 +350,7 @@ class IdentificationResult(PlainState):
         self, table: pd.DataFrame, of: AskedFor, level: float
     ) -> tuple[AmbiguousInterval, ...]:
         """Intervals of a table that alternatives widen, or that they forbid."""
-        among = OpenAlternatives.among(self.alternatives, self.unexplained)
+        among = OpenAlternatives.among(self.alternatives, self.remaining)
         if not among.alternatives or table["lower"].isna().all():
             return ()
         known_masses = self.intervals.resolver.known_masses
@@ -450,21 +450,24 @@ class IdentificationResult(PlainState):
             return self.channel_runs
         data = self.require_data("Fit again to run the model over its data.")
         filters = self.problem.filters(data)
-        return free_runs(self.model, data, filters, beside=self.half_sample_models)
+        return free_runs(self.model, data, filters, beside=self._sensitive_models)
 
     @cached_property
     def half_sample_models(self) -> tuple[ChainModel, ...]:
         """Models that differ from the estimate by about one standard error.
 
-        Empty for chains of springs and dashpots, and where there are none.
+        Empty where there are none.
         """
-        if not may_be_sensitive(self.model):
-            return ()
         try:
             return half_sample_models(self.intervals.resolver)
         except NRFError:
             # the data are gone
             return ()
+
+    @property
+    def _sensitive_models(self) -> tuple[ChainModel, ...]:
+        """Half-sample models whose free runs may differ much."""
+        return self.half_sample_models if may_be_sensitive(self.model) else ()
 
     def spread_of_run(
         self, run: Record, run_beside: Callable[[ChainModel], Record]
@@ -483,7 +486,7 @@ class IdentificationResult(PlainState):
         float
             By one standard error of the parameters; NaN where that is not known.
         """
-        return spread_of(run, self.half_sample_models, run_beside)
+        return spread_of(run, self._sensitive_models, run_beside)
 
     @property
     def unexplained(self) -> dict[int, float]:
@@ -511,10 +514,16 @@ class IdentificationResult(PlainState):
         if self.data is None or self.motions:
             return BesideNoise()
         try:
-            return beside_noise(self.problem, self.model, self.data)
+            half_samples = self.half_sample_models
+            return beside_noise(self.problem, self.model, self.data, half_samples)
         except NRFError:
             # a stretch of these records is no record by itself
             return BesideNoise()
+
+    @property
+    def remaining(self) -> dict[int, float]:
+        """What each equation keeps, percent, beyond noise where that is known."""
+        return {**self.unexplained, **self.beside_noise.beyond(self.unexplained)}
 
     @cached_property
     def kinds_of_nonlinearity(self) -> dict[str, str]:

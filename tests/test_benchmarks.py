@@ -129,6 +129,13 @@ def test_no_ordinary_mistake_is_silent_and_no_clean_test_is_accused():
         assert len(lines_with(printed, f"| {kind} |")) == 1, kind
 
 
+@pytest.mark.slow
+def test_unusual_loads_accuse_nothing_and_hide_nothing():
+    printed = run("unusual_loads", "--quick")
+    (counts,) = lines_with(printed, "| all |")
+    assert counts == "| all | 2 | 0 | 0 | 0 | 2 |"
+
+
 def test_a_case_of_the_verdicts_runs_again():
     printed = run("verdicts", "--case", "reversed sign", "1")
     assert printed.startswith('--case "reversed sign" 1: red')

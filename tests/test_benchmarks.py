@@ -95,6 +95,7 @@ def test_the_speed_table_compares_all(speed):
         assert len(lines_with(table, method)) == 2, method
 
 
+@pytest.mark.slow
 def test_speed_loses_no_digit_and_no_memory(speed):
     printed, _ = speed
     exact = lines_with(printed, "QR reference") + lines_with(printed, "memory")
@@ -111,6 +112,7 @@ def test_a_pair_of_each_kind_is_judged_right():
     assert shares["nothing"] == ["100.0", "100.0"]
 
 
+@pytest.mark.slow
 def test_careless_measurements_are_named_and_clean_ones_are_not():
     printed = run("careless", "--quick", "--jobs", "1")
     assert "2 clean records, 0 accused" in printed
@@ -185,6 +187,7 @@ def test_estimates_stay_above_the_cramer_rao_bound_and_near_it():
     assert 0.3 < np.sqrt(np.mean(of_masses**2)) / bound < 3.0
 
 
+@pytest.mark.slow
 def test_measured_records_are_searched_without_a_band():
     """One effect of one damper and of two cyclic runs."""
     measured.folder("mr_damper_cyclic")
@@ -215,6 +218,7 @@ def test_the_effect_of_a_damper_test_makes_all_others_better():
     assert "further effects: 0" in printed
 
 
+@pytest.mark.slow
 def test_half_of_a_record_shows_the_effect_of_the_whole():
     measured.folder("friction_damper_with_backlash")
     assert "Kept: 1 of 1" in run("robustness", "--quick")
@@ -256,10 +260,12 @@ def test_a_filter_with_known_first_values_finds_the_masses():
         assert float(column.split(",")[0]) < 1
 
 
+@pytest.mark.slow
 def test_masses_and_terms_beside_pysindy_are_printed():
     assert run("pysindy_table", "--quick").count("| roof | 2 % |") == 7
 
 
+@pytest.mark.slow
 def test_a_sensor_on_top_identifies_a_linear_chain():
     """Without noise to 1e-6, with half a percent of it to two percent."""
     printed = run("fewer_sensors", "--quick", "--runs", "1")

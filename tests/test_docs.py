@@ -11,7 +11,12 @@ from pysindy_nrf import laws
 DOCS = Path(__file__).parents[1] / "docs"
 CODE_BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([\w./-]+\.(?:md|py))\)")
-LONG = {"closing_the_loop.md", "fewer_sensors.md", "shaker_test.md"}
+LONG = {
+    "classroom.md",
+    "closing_the_loop.md",
+    "fewer_sensors.md",
+    "shaker_test.md",
+}
 WITH_A_TEST_OF_THEIR_OWN = {"add_your_own_law.md", "fleet.md"}
 
 

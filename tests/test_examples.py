@@ -16,7 +16,13 @@ NOTEBOOKS = sorted((FOLDER / "notebooks").glob("*.ipynb"))
 # The others take half a minute to minutes each; PYSINDY_NRF_ALL_EXAMPLES=1 runs them
 # too, and so does the gallery.
 SHORT = {"plot_coming_from_pysindy", "plot_paper_2dof_damper_force"}
-LONG_NOTEBOOKS = {"measured_positioning_stage", "paper_two_floors"}
+LONG_NOTEBOOKS = {
+    "from_pysindy",
+    "incomplete_excitation",
+    "measured_positioning_stage",
+    "paper_two_floors",
+    "shaker_test",
+}
 RUN_ALL = os.environ.get("PYSINDY_NRF_ALL_EXAMPLES")
 SMALLEST_PICTURE = 5000  # bytes; an empty one has fewer
 

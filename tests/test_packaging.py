@@ -68,6 +68,7 @@ def test_every_citation_of_the_paper_is_in_its_bibliography():
     assert cited == listed
 
 
+@pytest.mark.slow
 @pytest.mark.examples
 def test_the_paper_prints_the_numbers_that_its_script_computes(monkeypatch):
     pytest.importorskip("matplotlib")

@@ -250,7 +250,10 @@ def test_exit_codes_are_those_of_the_page():
 
 @pytest.mark.parametrize(
     ("package", "extra", "kind"),
-    [("matplotlib", "plot", "png"), ("jinja2", "report", "html")],
+    [
+        pytest.param("matplotlib", "plot", "png", marks=pytest.mark.slow),
+        ("jinja2", "report", "html"),
+    ],
 )
 def test_without_an_extra_the_rest_is_written_and_the_extra_named(
     here, capsys, monkeypatch, demo_file, package, extra, kind
@@ -379,6 +382,7 @@ def test_a_reader_that_leaves_is_no_error(here):
     assert code == 0
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_loses_no_results(here, demo_file):
     line, errors, code = first_line("identify", demo_file, "--degree", "1")
     assert line == "What was measured\n"

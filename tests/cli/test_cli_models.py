@@ -268,6 +268,7 @@ def emps(here):
     return ["identify", path, *maps, "--band", "0,20"]
 
 
+@pytest.mark.slow
 def test_emps_is_understood_and_cared_for(emps, capsys):
     assert run(emps + ["--degree", "1", "--no-figures"]) == 0
     text = capsys.readouterr().out

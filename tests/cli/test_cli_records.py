@@ -347,6 +347,7 @@ def test_report_of_a_model_over_records(here, needs_pages, demo_file, truth_file
     assert page.lstrip().lower().startswith("<!doctype html")
 
 
+@pytest.mark.slow
 def test_report_of_what_json_printed(here, needs_pages, capsys, demo_file):
     command = ["identify", demo_file, "--degree", "1", "--no-figures", "--json"]
     assert run(command) == 0

@@ -81,6 +81,7 @@ def test_damage_and_compare_write_pages(here, capsys):
     assert f'class="verdict {verdict["state"]}"' in shown
 
 
+@pytest.mark.slow
 def test_own_laws_are_read_from_a_file_also_for_saved_models(here, capsys):
     Path("rubber.py").write_text(LAW)
     law = "storey 2=linear_elastic+linear_viscous+house_rubber"

@@ -236,7 +236,7 @@ run(sys.argv[2:])
 
 
 # The same files as before, and others.
-@pytest.mark.parametrize("degree", ["1", "2"])
+@pytest.mark.parametrize("degree", ["1", pytest.param("2", marks=pytest.mark.slow)])
 def test_a_run_that_is_killed_while_it_moves_its_results_leaves_no_mixture(
     results, degree
 ):

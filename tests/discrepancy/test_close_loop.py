@@ -277,6 +277,7 @@ def first_name(effect, catalogue, noise):
     return report.steps[0]
 
 
+@pytest.mark.slow
 def test_a_name_is_not_sure_beside_another_that_is_nearly_as_good():
     """Noise in the rate rounds friction: a low power of the rate is rounded, too."""
     alike = [laws.RegularizedFriction(), laws.PowerLawDamping()]

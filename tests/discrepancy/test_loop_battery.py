@@ -166,6 +166,7 @@ def test_nothing_is_added_to_springs_that_are_declared():
     assert loop(case, degree=3).steps == []
 
 
+@pytest.mark.slow
 def test_a_force_that_relaxes_is_not_taken_for_late_forces():
     """A branch that relaxes within the sweep delays what the floors feel."""
     case = make_case(**specifications("two", 4, seed=91)[3])

@@ -35,6 +35,7 @@ def assert_intervals_hold(model, other):
     assert (estimates[shown.index] <= shown["upper"]).all()
 
 
+@pytest.mark.slow
 def test_a_stage_in_a_closed_loop_whose_position_alone_is_measured():
     """EMPS; Janot, Gautier and Brunot publish 95.1089 kg, 203.5 N s/m, 20.39 N."""
     measured.folder("emps")

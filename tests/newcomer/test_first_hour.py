@@ -290,8 +290,10 @@ def verdict_by_proposed_mapping(file, capsys):
     return code, json.loads(capsys.readouterr().out)
 
 
-RIGHT = [german, american, suffixes, excel, tdms, matlab, french, labview]
-RIGHT += [measuring_program, structure, three_rows, attributes, directions, compressed]
+RIGHT = [german, american, suffixes, tdms, matlab, french, labview]
+RIGHT += [three_rows, attributes, directions, compressed]
+for vendor in (excel, measuring_program, structure):
+    RIGHT.append(pytest.param(vendor, marks=pytest.mark.slow))
 
 
 @pytest.mark.usefixtures("in_folder")

@@ -94,6 +94,7 @@ def test_a_fit_adds_little_to_the_plotting_library():
     assert own_size(text) < 0.3 * MEGABYTE
 
 
+@pytest.mark.slow
 def test_a_tall_building_adds_little_to_the_plotting_library():
     storey = [laws.LinearElastic(1e5), laws.LinearViscous(60.0)]
     floors = ChainModel([10.0] * 10, {j: storey for j in range(1, 11)})

@@ -158,6 +158,7 @@ SIGHTS = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn_without_an_error(browser):
     """Plane figures are drawn before anybody scrolls to them."""
     browser.open(PHONE, "dark")

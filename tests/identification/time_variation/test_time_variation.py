@@ -184,6 +184,7 @@ def test_constant_structures_are_called_changing_no_more_often_than_stated():
     assert alarms <= binom.ppf(0.999, runs, variation.false_alarm_rate)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pysindy_nrf.exceptions.NRFWarning")
 def test_bands_hold_the_truth_as_often_as_they_say():
     rng = np.random.default_rng(66)

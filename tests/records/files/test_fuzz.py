@@ -17,6 +17,7 @@ MAX_MEMORY = 1500  # MB
 FILES_OF_A_READER = 6
 
 
+@pytest.mark.slow
 def test_damaged_files_of_every_reader():
     from fuzzing.targets import TARGETS
 

@@ -320,12 +320,13 @@ class Facts:
     doubts: tuple[str, ...] = ()
     units: UnitSystem = TRANSLATION
 
-    # -- a model -------------------------------------------------------------------
-
     @property
     def remaining(self) -> dict[int, float]:
         """What each equation keeps, percent, beyond noise where that is known."""
         return {**self.unexplained, **self.beyond_noise}
+
+
+# -- a model -------------------------------------------------------------------
 
 
 def facts_of_model(

@@ -23,9 +23,9 @@ LARGEST_SIZE = 1.0
 # them apart: blows that only push have no gain of their own for the pull.
 DISTINCT = 0.01
 # Percent of the residual that a function must remove: most of it, because laws that the
-# model lacks look like a distortion too, in a smaller part. Distorted
-# forces of tests/diagnosis/test_force_channels.py: 68 to 95 %; beside a friction damper
-# that the model lacks 11 %.
+# model lacks look like a distortion too, in a smaller part. Distorted forces of
+# tests/diagnosis/test_force_channels.py: 68 to 95 %; beside a friction damper that the
+# model lacks 11 %.
 LEAST_REDUCTION = 50.0
 
 PUSH_AND_PULL, SATURATION, DEAD_BAND, DRIFT = range(4)

@@ -140,6 +140,30 @@ def test_one_sine_accuses_no_channel(seed):
     assert not kinds(verdict) & {"quality", "channel", "wiring"}
 
 
+def test_what_errors_of_the_estimate_leave_is_no_other_structure():
+    """Floor 3 keeps the error of a force that one sine on floor 2 hardly determines."""
+    t = np.arange(0, 64, 1 / 128)
+    F = np.zeros((len(t), 3))
+    F[:, 1] = 1270 * np.sin(2 * np.pi * 4.1 * t) * np.clip(t / 2, 0, 1)
+    storeys = {
+        1: spring_and_dashpot(2.1e6, 2500.0),
+        2: spring_and_dashpot(1.7e6, 2000.0),
+        3: spring_and_dashpot(1.2e6, 1500.0),
+    }
+    truth = ChainModel([1200.0, 1000.0, 800.0], storeys)
+    clean = simulate(truth, F, 1 / 128).replace(velocity=None)
+    fitted = NRFRegressor(degree=1).fit(add_noise(clean, 0.005, random_state=3))
+
+    verdict = fitted.verdict()
+    assert "interval" in kinds(verdict)
+    assert not kinds(verdict) & {"alternative", "residual", "unexplained"}
+    table = fitted.confidence_intervals().set_index("parameter")
+    # NaN where they are withheld
+    masses = table.loc[["m1", "m2", "m3"]]
+    assert not (masses["lower"] > truth.masses).any()
+    assert not (masses["upper"] < truth.masses).any()
+
+
 def test_a_chaotic_motion_is_said_and_its_parameters_are_right():
     """Ueda's oscillator: a cubic spring under a cosine (1979), by SciPy."""
     t = np.arange(0.0, 100.0, 0.02)

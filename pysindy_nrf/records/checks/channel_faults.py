@@ -54,6 +54,9 @@ BESIDE_MAINS = 2.0
 # its share of the rms.
 MAINS_OVER_SURROUNDINGS = 1000.0
 MIN_HUM = 0.01
+# Harmonics of another line that may lie at the frequency of the mains: those of a load
+# of 5 Hz and more.
+MAX_HARMONIC = 10
 
 
 @dataclass(frozen=True)
@@ -359,24 +362,39 @@ def _hum(channel: Channel) -> QualityNote | None:
     if not visible:
         return None
     power = np.abs(np.fft.rfft(channel.y * hann(n_samples))) ** 2
-    f = np.arange(len(power)) * fs / n_samples
     for mains in visible:
-        lines_off = (f - mains) * n_samples / fs
-        at_mains = np.abs(lines_off) < MAINS_LINES
-        beside = np.abs(f - mains) < BESIDE_MAINS
-        below = np.median(power[beside & (lines_off < -MAINS_LINES)])
-        above = np.median(power[beside & (lines_off > MAINS_LINES)])
-        surroundings = max(below, above) * at_mains.sum()
-        hum = power[at_mains].sum()
-        share = np.sqrt(hum / power.sum())
-        if hum > MAINS_OVER_SURROUNDINGS * surroundings and share > MIN_HUM:
+        hum = _power_of_line(power, mains, n_samples / fs)
+        share = float(np.sqrt(hum / power.sum()))
+        if share > MIN_HUM and not _is_harmonic(power, mains, n_samples / fs):
             return channel.note(
                 "hum",
-                float(share),
+                share,
                 f"holds a line at {mains:g} Hz, {100 * share:.2g} % of it: hum of the"
                 " mains. Ground it, or give a band (band=) without it.",
             )
     return None
+
+
+def _power_of_line(power: np.ndarray, frequency: float, seconds: float) -> float:
+    """Power of a line of a spectrum; zero where it does not stand out."""
+    f = np.arange(len(power)) / seconds
+    lines_off = (f - frequency) * seconds
+    in_line = np.abs(lines_off) < MAINS_LINES
+    beside = np.abs(f - frequency) < BESIDE_MAINS
+    below = np.median(power[beside & (lines_off < -MAINS_LINES)])
+    above = np.median(power[beside & (lines_off > MAINS_LINES)])
+    surroundings = max(below, above) * in_line.sum()
+    of_line = float(power[in_line].sum())
+    return of_line if of_line > MAINS_OVER_SURROUNDINGS * surroundings else 0.0
+
+
+def _is_harmonic(power: np.ndarray, mains: float, seconds: float) -> bool:
+    """Whether a line is a multiple of another one: of the load, or of its response."""
+    for harmonic in range(2, MAX_HARMONIC + 1):
+        of_load = _power_of_line(power, mains / harmonic, seconds)
+        if of_load > MIN_HUM**2 * power.sum():
+            return True
+    return False
 
 
 CHECKS: tuple[Callable[[Channel], QualityNote | None], ...] = (

@@ -126,6 +126,33 @@ def test_shares_count_samples():
     assert table["share"][0] == pytest.approx(3000 / 8000, abs=0.01)
 
 
+def driven_by_a_sine(frequency):
+    """Two floors of which the lower one hardens, 8 s in a steady state."""
+    hard = [laws.PowerSeries(1, [60.0, 1e5]), laws.CubicStiffness(3e10)]
+    soft = laws.PowerSeries(1, [60.0, 1e5])
+    truth = ChainModel([10.0, 12.0], {"storey 1": hard, "storey 2": soft})
+    t = np.arange(10_000) / 1000.0
+    F = np.zeros((len(t), 2))
+    F[:, 1] = 300.0 * np.sin(2 * np.pi * frequency * t)
+    steady = simulate(truth, F, 1e-3).rows(slice(2000, 10_000))
+    return add_noise(steady, 1e-3, random_state=0)
+
+
+def test_a_harmonic_of_the_load_is_no_hum():
+    """The fifth harmonic of 10 Hz lies at 50 Hz, that of 12 Hz at 60 Hz."""
+    for frequency in (10.0, 12.0):
+        record = driven_by_a_sine(frequency)
+        assert "hum" not in {note.kind for note in channel_notes(record)}
+
+
+def test_hum_beside_a_sine_is_named():
+    record = driven_by_a_sine(11.0)
+    displacement = record.displacement.copy()
+    displacement[:, 1] = with_hum(displacement[:, 1])
+    notes = channel_notes(record.replace(displacement=displacement))
+    assert [(note.kind, note.channel) for note in notes] == [("hum", "x2")]
+
+
 def test_the_jumps_of_dry_friction_are_no_spikes():
     """The acceleration of a mass that sticks and slips jumps by 2 Fc / m at every
     turn.

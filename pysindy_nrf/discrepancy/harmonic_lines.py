@@ -27,7 +27,8 @@ THINNED_FROM = 3
 def missing_lines(model: FittedModel, dof: int) -> list[float]:
     """Frequencies at which a force may be missing from the balance of a DOF, Hz.
 
-    From what the search may see of the longest record, all samples of it.
+    From what the search may see of the longest record, all samples of it. None above
+    the band of the search, where no equation of motion is read.
     """
     data = model.spectra.data.full
     highest = float(model.spectra.windows.edges[-1])
@@ -45,7 +46,7 @@ def missing_lines(model: FittedModel, dof: int) -> list[float]:
         rows[model.layout.slices[site]] = np.vstack(columns)
 
     known = dof in data.known_masses
-    return balance_lines(
+    lines = balance_lines(
         rows,
         model.layout,
         model.solution(),
@@ -55,6 +56,7 @@ def missing_lines(model: FittedModel, dof: int) -> list[float]:
         known,
         driven_at(stretch.segment),
     )
+    return [line for line in lines if line <= highest]
 
 
 @dataclass(frozen=True)

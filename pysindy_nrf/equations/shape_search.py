@@ -24,7 +24,7 @@ from .solution import Solution
 from .spectral_lines import (
     balance_lines,
     driven_at,
-    driving_frequency,
+    driving_lines,
     spectral_lines,
 )
 
@@ -32,7 +32,7 @@ __all__ = [
     "ShapeSearch",
     "balance_lines",
     "driven_at",
-    "driving_frequency",
+    "driving_lines",
     "estimate_shapes",
     "spectral_lines",
 ]

@@ -12,7 +12,7 @@ from pysindy_nrf import (
     laws,
     simulate,
 )
-from pysindy_nrf.equations.shape_search import driving_frequency, spectral_lines
+from pysindy_nrf.equations.shape_search import driving_lines, spectral_lines
 from pysindy_nrf.simulation import add_noise
 
 
@@ -69,18 +69,26 @@ def test_a_record_cut_out_of_a_running_test_keeps_its_memory():
 def test_a_harmonic_test_hides_no_harmonic_force():
     t = np.arange(12000) / 1000
     drive = np.sin(2 * np.pi * 1.5 * t)
-    assert driving_frequency(drive[None], 1e-3) == pytest.approx(1.5, abs=0.05)
+    assert driving_lines(drive[None], 1e-3) == pytest.approx((1.5,), abs=0.05)
 
     odd_harmonics = np.sign(np.cos(2 * np.pi * 1.5 * t))
     hidden = 0.3 * np.sin(2 * np.pi * 7.9 * t)
-    first = spectral_lines(odd_harmonics + hidden, 1e-3, 3, 1.5)[0]
+    first = spectral_lines(odd_harmonics + hidden, 1e-3, 3, (1.5,))[0]
     assert first == pytest.approx(7.9, abs=0.05)
     assert abs(first / 1.5 - round(first / 1.5)) > 0.05
 
 
+def test_two_sines_drive_at_two_frequencies():
+    t = np.arange(12000) / 1000
+    drive = np.sin(2 * np.pi * 1.5 * t) + 0.8 * np.cos(2 * np.pi * 4.0 * t)
+    assert driving_lines(drive[None], 1e-3) == pytest.approx((1.5, 4.0), abs=0.05)
+
+
 def test_noise_drives_at_no_frequency():
     noise = np.random.default_rng(0).standard_normal((1, 12000))
-    assert np.isnan(driving_frequency(noise, 1e-3))
+    assert driving_lines(noise, 1e-3) == ()
+    low_passed = np.convolve(noise[0], np.ones(250))[None]
+    assert driving_lines(low_passed, 1e-3) == ()
 
 
 def test_an_error_on_pieces_without_a_force_has_a_reference():

@@ -50,6 +50,9 @@ CLEAN_MEASURED = 1e-4
 CLEAN_CONTRADICTION = 2e-3
 # Power over that of white noise from which on a spectral line is motion.
 CLEAR_LINE = 4.0
+# Corner of the high-pass as a share of the lowest frequency of the motion: it takes the
+# square of that, 0.25 %, of a velocity there.
+CORNER = 0.05
 # Distances of the knots that may be worse one after the other before the search stops.
 # One worse step is no end: a blow may show on the finest knots alone.
 WORSE_STEPS = 2
@@ -389,14 +392,16 @@ def _high_pass(channels: Channels, known: DofKnowledge, levels: np.ndarray) -> f
         return 0.0
     if known.high_pass is not None:
         return known.high_pass
-    return _lowest_frequency(channels, levels)
+    return _lowest_corner(channels, levels)
 
 
-def _lowest_frequency(channels: Channels, levels: np.ndarray) -> float:
-    """Half the lowest frequency, cycles per sample, at which velocity or acceleration
-    rises out of its noise.
+def _lowest_corner(channels: Channels, levels: np.ndarray) -> float:
+    """Corner of the high-pass, cycles per sample, far below the lowest motion.
+
+    That is the lowest frequency at which velocity or acceleration rises out of its
+    noise.
     """
-    lowest = []
+    corners = []
     for order in (1, 2):
         channel = channels[order]
         if channel is None or not np.any(channel):
@@ -407,10 +412,10 @@ def _lowest_frequency(channels: Channels, levels: np.ndarray) -> float:
         noise_density = 2 * levels[order] ** 2
         clear = np.flatnonzero(density[1:] > CLEAR_LINE * noise_density)
         if not clear.size:
-            lowest.append(f[1])
+            corners.append(0.5 * f[1])
         elif clear[0] == 0:
             # the signal reaches below the first line: only the record's length limits
-            lowest.append(2.0 / n)
+            corners.append(1.0 / n)
         else:
-            lowest.append(f[1 + clear[0]])
-    return 0.5 * min(lowest)
+            corners.append(CORNER * f[1 + clear[0]])
+    return float(min(corners))

@@ -17,9 +17,17 @@ from smooth_motions import (
     with_noise,
 )
 
-from pysindy_nrf import KinematicSmoother, NRFRegressor, Record, laws
+from pysindy_nrf import (
+    ChainModel,
+    KinematicSmoother,
+    NRFRegressor,
+    Record,
+    laws,
+    simulate,
+)
 from pysindy_nrf.exceptions import ChannelError
 from pysindy_nrf.records import integrate, to_features
+from pysindy_nrf.simulation import add_noise
 
 
 @pytest.mark.parametrize("kind", ["random", "hammer"])
@@ -200,6 +208,20 @@ def test_any_number_of_floors_and_short_records_are_fused(n_dof, n):
     noisy = motion.noisy(0.05, 0)
     fused = KinematicSmoother().transform_record(noisy.record("ax"))
     assert (rms(fused.displacement - motion.x) < rms(noisy.x - motion.x)).all()
+
+
+@pytest.mark.parametrize("n_samples", [997, 1000])
+def test_velocities_and_accelerations_of_two_lines_keep_their_size(n_samples):
+    """The high-pass that stands for the missing displacement lies far below them."""
+    storey = [laws.LinearElastic(2.189e6), laws.LinearViscous(3950.0)]
+    truth = ChainModel([1432.0], {1: storey})
+    t = np.arange(n_samples) / 62.0
+    F = 1000 * (np.sin(2 * np.pi * 5.0 * t) + np.sin(2 * np.pi * 6.0 * t))
+    record = simulate(truth, F[:, None], 1 / 62.0).replace(displacement=None)
+    for noise in (0.0, 0.01):
+        noisy = add_noise(record, noise, random_state=0)
+        fitted = NRFRegressor(degree=1).fit(noisy)
+        assert fitted.model_.masses == pytest.approx(truth.masses, rel=0.01)
 
 
 def test_a_resting_floor_does_no_harm():
